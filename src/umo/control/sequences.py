@@ -1,0 +1,168 @@
+"""Sequences: application code as `async def` functions that the cycle itself advances, one step a period.
+
+There is no asyncio loop: `coroutine.send` once per period, before the root's `control`. What a sequence may
+await is here, and the motions built on it; anything else is a TypeError.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Awaitable, Callable, Coroutine, Generator
+from typing import Any, Protocol
+
+from umo.errors import Cancelled, TimeExpired
+from umo.objects.units import seconds as in_seconds
+
+
+class Tick(Protocol):
+    """What each period tells the sequences."""
+
+    @property
+    def period(self) -> float: ...
+    @property
+    def ticks(self) -> int: ...
+
+
+Sequence = Coroutine[Any, Any, Any]
+
+
+class _NextPeriod:
+    def __await__(self) -> Generator[None, Tick, Tick]:
+        return (yield)
+
+
+def next_period() -> Awaitable[Tick]:
+    """Until the next period; returns its tick: `period` in s and `ticks` consumed (1, or more after a miss)."""
+    return _NextPeriod()
+
+
+async def wait(duration: str | float) -> None:
+    """A time in s (or "20 ms"), rounded up to whole periods; missed periods count."""
+    await _pass(lambda: False, in_seconds(duration))
+
+
+async def until(condition: Callable[[], bool], timeout: str | float | None = None) -> None:
+    """Until the condition, asked once per period and at once, is true; TimeExpired after `timeout` (s or text)."""
+    if condition():
+        return
+    limit = math.inf if timeout is None else in_seconds(timeout)
+    if not await _pass(condition, limit):
+        name = getattr(condition, "__name__", "condition").replace("<lambda>", "the condition")
+        raise TimeExpired(f"{name} did not come true within {limit:g} s")
+
+
+async def _pass(condition: Callable[[], bool], limit: float) -> bool:
+    """Let periods pass until the condition is true (True) or the limit in s is over (False)."""
+    passed = 0
+    whole_periods = math.inf if limit > 0 else 0  # known with the first tick
+    while passed < whole_periods:
+        tick = await _NextPeriod()
+        passed += tick.ticks
+        if condition():
+            return True
+        if math.isfinite(limit):
+            whole_periods = math.ceil(limit / tick.period - 1e-9)
+    return False
+
+
+class _Together:
+    def __init__(self, sequences: tuple[Sequence, ...]) -> None:
+        self._tasks = [Task(sequence) for sequence in sequences]
+
+    def __await__(self) -> Generator[None, Tick, tuple[Any, ...]]:
+        try:
+            tick: Tick | None = None
+            while True:
+                for task in self._tasks:
+                    task.advance(tick)
+                if all(task.done for task in self._tasks):
+                    return tuple(task.result for task in self._tasks)
+                tick = yield
+        finally:
+            for task in self._tasks:
+                task.cancel()
+
+
+def together(*sequences: Sequence) -> Awaitable[tuple[Any, ...]]:
+    """Run the sequences side by side; their results. The first failure cancels the rest and is raised."""
+    return _Together(sequences)
+
+
+class Task:
+    """A sequence under way."""
+
+    def __init__(self, sequence: Sequence) -> None:
+        if not isinstance(sequence, Coroutine):
+            raise TypeError(f"{sequence!r} is no sequence; call an `async def` function")
+        self._sequence = sequence
+        self.done = False
+        self.result: Any = None
+
+    def advance(self, tick: Tick | None) -> None:
+        """One step; the first one takes None. What the sequence raises comes out here."""
+        if self.done:
+            return
+        try:
+            awaited = self._sequence.send(tick)
+        except StopIteration as end:
+            self.done, self.result = True, end.value
+            return
+        except BaseException:
+            self.done = True
+            raise
+        if awaited is not None:
+            self.cancel()
+            raise TypeError(f"a sequence awaited {awaited!r}; only what umo.control offers can be awaited")
+
+    def cancel(self) -> None:
+        """Throw Cancelled in; the sequence may clean up, and may not go on."""
+        if self.done:
+            return
+        self.done = True
+        try:
+            self._sequence.throw(Cancelled())
+        except (Cancelled, StopIteration):
+            return
+        self._sequence.close()  # it awaited again: GeneratorExit ends it
+
+
+class Sequences:
+    """All sequences that run side by side on one machine."""
+
+    def __init__(self) -> None:
+        self._tasks: list[tuple[Task, bool]] = []
+
+    def start(self, sequence: Sequence) -> Task:
+        task = Task(sequence)
+        self._tasks.append((task, True))
+        return task
+
+    def advance(self, tick: Tick) -> None:
+        """One step of each, in the order started; the first error cancels nothing else and is raised."""
+        if not self._tasks:
+            return
+        tasks, self._tasks = self._tasks, []
+        try:
+            while tasks:
+                task, fresh = tasks.pop(0)
+                task.advance(None if fresh else tick)
+                if not task.done:
+                    self._tasks.append((task, False))
+        finally:
+            self._tasks.extend(tasks)
+
+    def cancel(self) -> None:
+        """On stop: Cancelled into each, the last started first; the first error is raised after all."""
+        errors = []
+        while self._tasks:
+            task, fresh = self._tasks.pop()
+            if fresh:
+                task._sequence.close()  # never begun: there is nothing to clean up
+                task.done = True
+                continue
+            try:
+                task.cancel()
+            except Exception as error:
+                errors.append(error)
+        if errors:
+            raise errors[0]

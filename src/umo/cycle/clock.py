@@ -1,0 +1,58 @@
+"""The cycle's clock: seconds, counted by the timer on whichever channel the wiring put it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+
+class Clock:
+    """Counts the timer's ticks; time stands still between them, so a run in virtual time repeats exactly."""
+
+    __slots__ = ("dt", "missed", "now", "number", "on_tick", "period", "ticks")
+
+    def __init__(self, period: float) -> None:
+        self.period = period
+        """The sampling period in s."""
+        self.ticks = 1
+        """Ticks that the last read of the timer consumed."""
+        self.missed = 0
+        """What the last read of the timer returned."""
+        self.number = 0
+        """Ticks since connecting."""
+        self.now = 0.0
+        self.dt = period
+        self.on_tick: Callable[[], None] = _nothing
+        """Called when the timer has returned: the period begins."""
+
+    def advance(self, missed: int) -> None:
+        """The timer was read: 0 after it blocked for one tick, else the ticks that had already passed."""
+        self.missed = missed
+        self.ticks = missed if missed > 1 else 1
+        self.number += self.ticks
+        self.now = self.number * self.period
+        self.dt = self.ticks * self.period
+        self.on_tick()
+
+
+def _nothing() -> None:
+    pass
+
+
+class WallClock(Clock):
+    """For machines without a timer: wall-clock seconds since connecting."""
+
+    __slots__ = ("_source", "_start")
+
+    def __init__(self, source: Callable[[], float] = time.monotonic) -> None:
+        super().__init__(0.0)
+        self._source = source
+        self._start = source()
+
+    @property
+    def now(self) -> float:
+        return self._source() - self._start
+
+    @now.setter
+    def now(self, value: float) -> None:
+        """Only the base class sets it, to 0 at the start."""

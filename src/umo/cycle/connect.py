@@ -1,0 +1,158 @@
+"""Connecting a machine to its hardware, and leaving it safely (design.md section 3, rule 9)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Generic, TypeVar
+
+from umo.cycle.clock import Clock, WallClock
+from umo.cycle.forms import make_image
+from umo.cycle.image import Image
+from umo.cycle.machine import ConnectedMachine
+from umo.cycle.signals import StopFlag
+from umo.drivers.contract import Direction, Driver
+from umo.errors import DeclarationError, DriverError, Failure, StopError
+from umo.objects import Atomic, Compound
+from umo.wiring import Wired, resolve
+
+C = TypeVar("C", bound=Compound)
+
+
+class connect(Generic[C]):
+    """Connect a machine: `with connect(machine, "wiring/simulated.toml") as m:`.
+
+    `wiring` is a TOML file, its contents as a dict, or None: everything on simulated channels at 1 ms.
+    `options` go to every driver that takes one of that name (`seed=1`).
+
+    Entering checks the wiring (WiringError lists every fault), opens the drivers, initialises every object at
+    its default, arms the circuits' watchdogs, then takes one sample. Leaving resets every actuator, in the
+    order of the root's `stopping`, then finalises in reverse order; one failure never stops the rest, and
+    StopError lists by path what could not be brought to its default. After a failed entry the same is
+    done to everything that was initialised.
+    """
+
+    def __init__(self, root: C, wiring: Path | str | Mapping[str, Any] | None = None, **options: Any) -> None:
+        if root._parent is not None:
+            raise DeclarationError(f"{root.path} is a part of a machine; connect the whole machine")
+        self.root = root
+        self._wiring = wiring
+        self._options = options
+        self.stop = StopFlag()
+        self.wired: Wired
+        self.machine: ConnectedMachine
+        self._restore: list[Callable[[], object]] = []
+        self._opened: list[tuple[str, Driver]] = []
+        self._initialized: list[int] = []  # slots
+
+    @property
+    def image(self) -> Image:
+        """The process image."""
+        return self.machine.image
+
+    def driver(self, name: str) -> Driver:
+        """The open driver of that name in the wiring."""
+        return self.wired.drivers[name]
+
+    def __enter__(self) -> C:
+        if self.root.connected:
+            raise DeclarationError(f"{type(self.root).__name__} is connected already")
+        self._opened, self._initialized = [], []
+        self.wired = resolve(self.root, self._wiring, self._options)
+        self._restore = [wire.apply().apply for wire in self.wired.wires]
+        self._restore += [parameter.apply().apply for parameter in self.wired.parameters]
+        clock = WallClock() if self.wired.period is None else Clock(self.wired.period)
+        self.machine = ConnectedMachine(self.root, make_image(self.wired.wires, clock, self.wired.timer), self.stop)
+        self.stop.install()
+        try:
+            self._start()
+        except BaseException as error:
+            self._leave(error)
+            raise
+        return self.root
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._leave(error)
+
+    def _start(self) -> None:
+        for name, driver in self.wired.drivers.items():
+            self._opened.append((name, driver))
+            _open(name, driver)
+        for slot in self._declared_order():
+            self._initialized.append(slot)
+            failures = self.image.try_each([slot], "initialize")
+            if failures:
+                raise DriverError("could not be initialised", failures)
+        for name, limit in self.wired.watchdogs.items():
+            self.wired.drivers[name].watchdog(limit)
+        self.image.sample()
+
+    def _leave(self, cause: BaseException | None) -> None:
+        """Everything back to its default, everything given back; what was not reached is raised at the end."""
+        try:
+            failures = self._cancel_sequences()
+            unreached = self.image.try_each(self._stopping_order(), "reset")
+            failures += self._finalize() + self._close()
+        finally:
+            self.machine.disconnect()
+            self.image.disconnect()
+            for undo in reversed(self._restore):
+                undo()
+            self.stop.restore()
+        if unreached:
+            raise StopError("not brought to their defaults", [*unreached, *failures]) from cause
+        if failures:
+            raise DriverError("could not be given back", failures) from cause
+
+    def _cancel_sequences(self) -> list[Failure]:
+        try:
+            self.machine.sequences.cancel()
+        except Exception as error:
+            return [Failure("application", "-", f"{type(error).__name__} while stopping: {error}")]
+        return []
+
+    def _finalize(self) -> list[Failure]:
+        failures = []
+        for slot in reversed(self._initialized):
+            wire = self.image.wires[slot]
+            try:
+                wire.driver.finalize(wire.channel)
+            except Exception as error:
+                failures.append(Failure(wire.item.path, wire.channel.text, f"not finalised: {error}"))
+        return failures
+
+    def _close(self) -> list[Failure]:
+        failures = []
+        for name, driver in reversed(self._opened):
+            try:
+                driver.close()
+            except Exception as error:
+                failures.append(Failure(f"driver {name}", "-", f"not closed: {error}"))
+        return failures
+
+    def _declared_order(self) -> list[int]:
+        return [self.image.slot_of[id(item)] for item in self.root.atoms()]
+
+    def _stopping_order(self) -> list[int]:
+        """The initialised actuators: those the root's `stopping` names in its order, then the rest as declared."""
+        order: dict[int, None] = {}
+        for path in self.root.stopping:
+            node = self.root.find(path)
+            for item in [node] if isinstance(node, Atomic) else node.atoms():  # type: ignore[attr-defined]
+                order[self.image.slot_of[id(item)]] = None
+        order |= dict.fromkeys(self._declared_order())
+        initialized = set(self._initialized)
+        items = self.image.items
+        return [s for s in order if s in initialized and items[s].direction is Direction.OUTPUT]
+
+
+def _open(name: str, driver: Driver) -> None:
+    try:
+        driver.open()
+    except DriverError as error:
+        raise DriverError(f"driver {name}: {error}", error.failures) from error
+    except Exception as error:
+        raise DriverError(f"driver {name} could not be opened: {type(error).__name__}: {error}") from error

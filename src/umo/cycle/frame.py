@@ -1,0 +1,54 @@
+"""One finished period, shown to observers."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from typing import Any
+
+from umo.cycle.image import Image
+
+log = logging.getLogger("umo")
+
+
+class Frame:
+    """What one period was: a view of the live image, valid during the call of the observer."""
+
+    __slots__ = ("execution", "image", "missed", "number", "time")
+
+    def __init__(self, image: Image) -> None:
+        self.image = image
+        self.number = 0
+        """Ticks since connecting."""
+        self.time = 0.0
+        """s on the cycle's clock."""
+        self.missed = 0
+        """Ticks that had already passed when the timer was read."""
+        self.execution = 0.0
+        """s of wall-clock time from the timer's return to the end of `update`."""
+
+    @property
+    def values(self) -> Any:
+        """The value of each object, in the order of `image.items`."""
+        return self.image.values
+
+    @property
+    def raws(self) -> Any:
+        return self.image.raws
+
+    @property
+    def quality(self) -> Any:
+        return self.image.quality
+
+
+Observer = Callable[[Frame], None]
+
+
+def show(frame: Frame, observers: list[Observer]) -> None:
+    """Observers cannot hurt what they watch: one that raises is logged and watched no more."""
+    for observer in tuple(observers):
+        try:
+            observer(frame)
+        except Exception:
+            observers.remove(observer)
+            log.exception("observer %r failed and was disabled", observer)

@@ -1,0 +1,49 @@
+"""Running a machine: the loop that a program may also write out itself (design.md section 6)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Coroutine, Iterable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from umo.cycle.connect import connect
+from umo.cycle.frame import Observer
+from umo.errors import DeclarationError
+from umo.objects import Compound, DigitalSensor
+
+C = TypeVar("C", bound=Compound)
+Application = Callable[[C], Coroutine[Any, Any, Any]]
+
+
+def run(
+    machine: C,
+    wiring: Path | str | Mapping[str, Any] | None = None,
+    application: Application[C] | None = None,
+    *,
+    observers: Iterable[Observer] = (),
+    **options: Any,
+) -> Any:
+    """Connect the machine, run the application's sequence to its end, leave safely; what the sequence returned.
+
+    Without an application the machine's `control` runs until SIGINT or SIGTERM. After a signal the result is
+    None. Errors of the application, the control code and the devices come out after the actuators have been
+    brought to their defaults. `options` go to the drivers, as for `connect`.
+    """
+    connection = connect(machine, wiring, **options)
+    with connection as m:
+        connection.machine.observers.extend(observers)
+        return drive(m, application)
+
+
+def drive(m: C, application: Application[C] | None = None) -> Any:
+    """The loop itself, on a connected machine: until the application ends, or a stop is asked for."""
+    timer = m.children().get("timer")
+    if not isinstance(timer, DigitalSensor):
+        raise DeclarationError(f"{type(m).__name__} has no `timer`; a machine that runs has a DigitalSensor named so")
+    task = None if application is None else m.start(application(m))
+    while m.running and not (task is not None and task.done):
+        timer.read()
+        m.sample()
+        m.control()
+        m.update()
+    return task.result if task is not None and task.done else None

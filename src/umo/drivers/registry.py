@@ -1,0 +1,37 @@
+"""Finding a driver's class by name: entry points of the group `umo.drivers`, or `module:Class`.
+
+A driver is imported only when it is named, and never replaced by another.
+"""
+
+from __future__ import annotations
+
+import importlib
+from importlib.metadata import EntryPoint, entry_points
+
+from umo.drivers.contract import Driver
+from umo.errors import WiringError, did_you_mean
+
+GROUP = "umo.drivers"
+
+
+def known() -> dict[str, EntryPoint]:
+    """The registered drivers by name; none is imported."""
+    return {point.name: point for point in sorted(entry_points(group=GROUP))}
+
+
+def find(name: str) -> type[Driver]:
+    """The driver class of a registered name or of `module:Class`; WiringError otherwise."""
+    if ":" in name:
+        module, _, attribute = name.partition(":")
+    elif name in (points := known()):
+        module, attribute = points[name].module, points[name].attr
+    else:
+        names = ", ".join(points)
+        raise WiringError(f"no driver {name!r}{did_you_mean(name, points)}; known: {names}, or module:Class")
+    try:
+        found = getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise WiringError(f"driver {name!r} cannot be imported: {error}") from error
+    if not (isinstance(found, type) and issubclass(found, Driver)):
+        raise WiringError(f"{name!r} is no umo driver")
+    return found

@@ -1,0 +1,99 @@
+"""The real-time clock of Linux as a sensor: the paper's `Timer_Input` (section 5.3) on timerfd_create(2)."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import select
+import sys
+from collections.abc import Callable
+
+from umo.drivers.contract import Channel, Direction, Driver
+from umo.errors import DriverError
+
+CLOCK_MONOTONIC = 1
+TFD_NONBLOCK = os.O_NONBLOCK if hasattr(os, "O_NONBLOCK") else 0
+TFD_CLOEXEC = getattr(os, "O_CLOEXEC", 0)
+
+
+class _Timespec(ctypes.Structure):
+    _fields_ = [("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long)]
+
+
+class _Itimerspec(ctypes.Structure):
+    _fields_ = [("interval", _Timespec), ("value", _Timespec)]
+
+
+class Ticker:
+    """A grid of periods on the monotonic clock. `expired` is injected by tests.
+
+    `expired(block)` returns how many ticks have passed since it was last asked; with block=False possibly 0,
+    with block=True at least 1.
+    """
+
+    def __init__(self, period: float, expired: Callable[[bool], int] | None = None) -> None:
+        self.period = period
+        self._expired = expired or self._read
+        self._late = 0  # ticks that passed between the wake-up and the look at the counter
+        self._fd = -1
+
+    def start(self) -> None:
+        """The first tick comes one period from now."""
+        if not sys.platform.startswith("linux"):
+            raise DriverError("real time needs Linux (timerfd); virtual time works everywhere")
+        libc = ctypes.CDLL(None, use_errno=True)
+        self._fd = libc.timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK | TFD_CLOEXEC)
+        whole, part = divmod(round(self.period * 1e9), 1_000_000_000)
+        spec = _Itimerspec(_Timespec(whole, part), _Timespec(whole, part))
+        if self._fd < 0 or libc.timerfd_settime(self._fd, 0, ctypes.byref(spec), None) < 0:
+            number = ctypes.get_errno()
+            raise DriverError(f"timerfd: {os.strerror(number)} (period {self.period:g} s)")
+
+    def wait(self) -> int:
+        """The paper's meaning exactly: ticks that have passed since the last call, at once; if none, block
+        for the next one and return 0. The grid stays where it was after a miss."""
+        passed = self._late + self._expired(False)
+        self._late = 0
+        if passed:
+            return passed
+        self._late = self._expired(True) - 1
+        return 0
+
+    def close(self) -> None:
+        if self._fd >= 0:
+            os.close(self._fd)
+            self._fd = -1
+
+    def _read(self, block: bool) -> int:
+        if block:
+            select.select([self._fd], [], [])
+        try:
+            return int.from_bytes(os.read(self._fd, 8), sys.byteorder)
+        except BlockingIOError:
+            return 0
+
+
+class TimerFd(Driver):
+    """One channel, the tick; `read` blocks until the next sampling period and returns the ticks missed."""
+
+    def __init__(self) -> None:
+        self._ticker: Ticker | None = None
+
+    def channel(self, text: str) -> Channel:
+        return Channel("tick", Direction.INPUT, 63)
+
+    def initialize(self, channel: Channel, default: int | None) -> None:
+        self._ticker = Ticker(self.period)
+        self._ticker.start()
+
+    def finalize(self, channel: Channel) -> None:
+        if self._ticker is not None:
+            self._ticker.close()
+
+    def reset(self, channel: Channel, default: int | None) -> None:
+        """A timer has no faults to clear, and its grid never moves."""
+
+    def read(self, channel: Channel) -> int:
+        if self._ticker is None:
+            raise DriverError("the timer is not running")
+        return self._ticker.wait()

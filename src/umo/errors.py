@@ -1,0 +1,140 @@
+"""Every error of umo, named by who is at fault.
+
+UmoError
+|-- DeclarationError (TypeError)     the declaration: a wrong child, default, range or unit
+|-- WiringError (ValueError)         the wiring: every fault found, each with its file and key
+|   `-- ChannelError                 a channel's text, with the forms its driver knows
+|-- RangeError (ValueError)          a value beyond its object's range, NaN or infinite
+|-- StateError (TypeError)           a state of another two-state type
+|-- PathError (LookupError)          a path that names no object of the machine
+|-- NotConnected (RuntimeError)      a value was asked of an object outside `connect`
+|-- DriverError (OSError)            the device: every path and channel that failed
+|   `-- StopError                    outputs that could not be brought to their defaults
+|-- BadInput (RuntimeError)          a control law was fed by a sensor that is not GOOD
+|-- Busy (RuntimeError)              a second motion was asked of a busy axis
+|-- TimeExpired (TimeoutError)       a condition did not come true in its time
+|-- TaskFailed (RuntimeError)        the machine could not do its work: base of a station's own errors
+`-- AlreadyRunning (RuntimeError)    another process runs this machine
+Cancelled (BaseException)            thrown into sequences when the machine stops
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+
+class UmoError(Exception):
+    """Base of everything umo raises on purpose."""
+
+
+class DeclarationError(UmoError, TypeError):
+    """The declaration of the machine is wrong."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One fault of a wiring: where (file and key) and what."""
+
+    file: str
+    key: str
+    message: str
+
+    def __str__(self) -> str:
+        return f"{self.file}: {self.key}: {self.message}" if self.key else f"{self.file}: {self.message}"
+
+
+class WiringError(UmoError, ValueError):
+    """The wiring does not fit the machine; `faults` lists everything that was found."""
+
+    def __init__(self, message: str, faults: Sequence[Fault] = ()) -> None:
+        super().__init__("\n".join([message, *map(str, faults)]) if faults else message)
+        self.faults = tuple(faults)
+
+
+class ChannelError(WiringError):
+    """A channel's text is of no form that its driver knows."""
+
+    def __init__(self, text: str, forms: Iterable[str]) -> None:
+        forms = list(forms)
+        self.text = text
+        super().__init__(f"no channel {text!r}{did_you_mean(text, forms)}; the forms are: {', '.join(forms)}")
+
+
+class RangeError(UmoError, ValueError):
+    """The value lies beyond the range of its object, or is not finite; nothing was changed."""
+
+
+class StateError(UmoError, TypeError):
+    """The value is no state of the object's two-state type; nothing was changed."""
+
+
+class PathError(UmoError, LookupError):
+    """No object of the machine has this path."""
+
+
+class NotConnected(UmoError, RuntimeError):
+    """The object has no hardware behind it outside `with connect(...)`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """One object that its driver could not serve."""
+
+    path: str
+    channel: str
+    cause: str
+
+    def __str__(self) -> str:
+        return f"{self.path} (channel {self.channel}): {self.cause}"
+
+
+class DriverError(UmoError, OSError):
+    """A device failed; `failures` names every path and channel concerned.
+
+    A driver raises it with a message alone; the process image adds the failures.
+    """
+
+    def __init__(self, message: str, failures: Sequence[Failure] = ()) -> None:
+        super().__init__("\n  ".join([message, *map(str, failures)]))
+        self.failures = tuple(failures)
+
+
+class StopError(DriverError):
+    """These outputs could not be brought to their defaults."""
+
+
+class BadInput(UmoError, RuntimeError):
+    """A control law was given a sensor whose quality it does not accept."""
+
+    def __init__(self, path: str, quality: object) -> None:
+        super().__init__(f"{path} is {quality}")
+        self.path = path
+        self.quality = quality
+
+
+class Busy(UmoError, RuntimeError):
+    """The axis is already in motion."""
+
+
+class TimeExpired(UmoError, TimeoutError):
+    """A condition did not come true within its time."""
+
+
+class TaskFailed(UmoError, RuntimeError):
+    """The machine could not do what it was asked; stations derive their own errors from this."""
+
+
+class AlreadyRunning(UmoError, RuntimeError):
+    """Another process runs this machine."""
+
+
+class Cancelled(BaseException):
+    """Thrown into a sequence when the machine stops or when a sequence beside it failed."""
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """The nearest of the known names as a phrase to append to a message; empty if none is near."""
+    near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
+    return f" (did you mean {near[0]!r}?)" if near else ""

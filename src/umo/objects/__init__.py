@@ -1,0 +1,49 @@
+"""The four atomic objects and Compound: the boundary between the electrical and the control subsystem."""
+
+from umo.objects.actuators import BinaryActuator, DigitalActuator
+from umo.objects.atomic import Atomic, Binary, Digital
+from umo.objects.compound import Compound
+from umo.objects.node import Node
+from umo.objects.quality import Quality
+from umo.objects.sensors import BinarySensor, DigitalSensor
+from umo.objects.states import (
+    CompleteIncomplete,
+    EnableDisable,
+    FrontBack,
+    HighLow,
+    LeftRight,
+    OnOff,
+    OpenClosed,
+    PassFail,
+    Rotation,
+    TwoState,
+    UpDown,
+    ZeroOne,
+)
+from umo.objects.vector import Vector
+
+__all__ = [
+    "Atomic",
+    "Binary",
+    "BinaryActuator",
+    "BinarySensor",
+    "CompleteIncomplete",
+    "Compound",
+    "Digital",
+    "DigitalActuator",
+    "DigitalSensor",
+    "EnableDisable",
+    "FrontBack",
+    "HighLow",
+    "LeftRight",
+    "Node",
+    "OnOff",
+    "OpenClosed",
+    "PassFail",
+    "Quality",
+    "Rotation",
+    "TwoState",
+    "UpDown",
+    "Vector",
+    "ZeroOne",
+]

@@ -1,0 +1,140 @@
+"""The two atomic actuators (the paper's Listing 2)."""
+
+from __future__ import annotations
+
+from typing import Literal, cast
+
+from umo.drivers.contract import Direction
+from umo.errors import DeclarationError, RangeError
+from umo.objects.atomic import Binary, Digital, S, _finite
+
+
+class BinaryActuator(Binary[S]):
+    """One output bit: a valve, a relay, a step input. EPICS bo, Modbus coil, OPC UA TwoState, BACnet BO."""
+
+    __slots__ = ("_default",)
+
+    direction = Direction.OUTPUT
+
+    def __init__(self, states: type[S], *, one: S, default: S, synchronous: bool = True) -> None:
+        super().__init__(states, one, synchronous)
+        if type(default) is not states:
+            raise DeclarationError(f"default={default!r} is no state of {states.__name__}")
+        self._default = default
+
+    @property
+    def default(self) -> S:
+        """The safe state: written when the machine is connected, reset and left."""
+        return self._default
+
+    @property
+    def pending(self) -> S:
+        """The state last written, sent by the next `update`."""
+        return self._state(self._image.pending[self._slot])
+
+    def write(self, value: S) -> bool:
+        """Take a new state: synchronous for the next `update`, asynchronous at once. True: taken as given.
+
+        Raises StateError for a state of another type and changes nothing; asynchronous also DriverError.
+        """
+        image, slot = self._image, self._slot
+        if value is self._one:
+            image.pending[slot] = 1.0
+            image.pending_raws[slot] = 0 if self._inverted else 1
+        elif value is self._zero:
+            image.pending[slot] = 0.0
+            image.pending_raws[slot] = 1 if self._inverted else 0
+        else:
+            self._level(value)  # raises
+        return True if self._synchronous else image.send(slot)
+
+    def update(self) -> bool:
+        """Synchronous: send the pending state; True when the driver accepted it. Asynchronous: True."""
+        return self._image.update_some((self._slot,)) if self._synchronous else True
+
+    def read(self) -> S:
+        """The state last accepted by the hardware."""
+        return self._state(self._image.values[self._slot])
+
+    def _default_value(self) -> float:
+        return float(self._level(self._default))
+
+
+class DigitalActuator(Digital):
+    """A group of output bits: a DAC, a PWM duty cycle. EPICS ao, Modbus holding register, BACnet AO.
+
+    `limits` says what happens beyond the range: "raise" (RangeError, nothing changes) or "clamp" (the
+    nearest bound is taken and `write` returns False). NaN and infinities always raise.
+    """
+
+    __slots__ = ("_clamp", "_default")
+
+    direction = Direction.OUTPUT
+
+    def __init__(
+        self,
+        units: str,
+        *,
+        default: float,
+        minimum: float,
+        maximum: float,
+        resolution: float,
+        zero_offset: float = 0.0,
+        limits: Literal["raise", "clamp"] = "raise",
+        synchronous: bool = True,
+    ) -> None:
+        super().__init__(units, minimum, maximum, resolution, zero_offset, synchronous)
+        if limits not in ("raise", "clamp"):
+            raise DeclarationError(f'limits={limits!r} is neither "raise" nor "clamp"')
+        self._default = _finite("default", default)
+        self._clamp = limits == "clamp"
+        if not self._minimum <= self._default <= self._maximum:
+            raise DeclarationError(f"default {default:g} is outside {minimum:g} to {maximum:g} {units}")
+
+    @property
+    def default(self) -> float:
+        """The safe value: written when the machine is connected, reset and left."""
+        return self._default
+
+    @property
+    def limits(self) -> Literal["raise", "clamp"]:
+        return "clamp" if self._clamp else "raise"
+
+    @property
+    def pending(self) -> float:
+        """The value last written, sent by the next `update`."""
+        return cast(float, self._image.pending[self._slot])
+
+    def write(self, value: float) -> bool:
+        """Take a new value in `units`: synchronous for the next `update`, asynchronous at once.
+
+        True: taken as given (rounding to the resolution is no change); False: clamped. Raises RangeError
+        beyond the range under limits="raise" and for what is not a finite number, and changes nothing;
+        asynchronous also DriverError.
+        """
+        if value.__class__ is not float:
+            value = self._number(value)
+        if not self._minimum <= value <= self._maximum:
+            return self._write_beyond(value)
+        image, slot = self._image, self._slot
+        image.pending[slot] = value
+        image.pending_raws[slot] = round((value - self._zero_offset) / self._resolution)  # scaling.to_raw
+        return True if self._synchronous else image.send(slot)
+
+    def update(self) -> bool:
+        """Synchronous: send the pending value; True when the driver accepted it. Asynchronous: True."""
+        return self._image.update_some((self._slot,)) if self._synchronous else True
+
+    def read(self) -> float:
+        """The value last accepted by the hardware, in `units`, as written (not as quantised)."""
+        return cast(float, self._image.values[self._slot])
+
+    def _write_beyond(self, value: float) -> bool:
+        value = self._number(value)
+        if not self._clamp:
+            raise RangeError(f"{self.path}: {value:g} {self._units} is outside {self._minimum:g} to {self._maximum:g}")
+        self.write(self._minimum if value < self._minimum else self._maximum)
+        return False
+
+    def _default_value(self) -> float:
+        return self._default

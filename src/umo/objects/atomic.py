@@ -1,0 +1,229 @@
+"""What the four atomic objects share (the paper's section 4.5 suggests the hierarchy itself)."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, ClassVar, Generic, NamedTuple, TypeVar, cast
+
+from umo.drivers.contract import Direction
+from umo.errors import DeclarationError, RangeError, StateError
+from umo.objects.link import Unconnected
+from umo.objects.node import Node
+from umo.objects.quality import Quality
+from umo.objects.states import TwoState
+from umo.objects.units import check_unit, convert
+
+if TYPE_CHECKING:
+    from umo.objects.link import Image
+
+S = TypeVar("S", bound=TwoState)
+
+
+class Atomic(Node):
+    """An object with one value: an actuator or sensor together with its electronics and circuit (section 4.4)."""
+
+    __slots__ = ("_image", "_slot", "_synchronous")
+
+    direction: ClassVar[Direction]
+    """OUTPUT: an actuator, with `write` and `update`. INPUT: a sensor, with `sample`."""
+    _image: Image
+
+    def __init__(self, synchronous: bool) -> None:
+        self._parent = None
+        self._name = ""
+        self._synchronous = synchronous
+        self._slot = -1
+        self._disconnect()
+
+    @property
+    def synchronous(self) -> bool:
+        """Whether the object moves with the sampling period (`sample`, `update`) or at every call."""
+        return self._synchronous
+
+    @property
+    def raw(self) -> int:
+        """The integer at the hardware: sensors as last read, actuators as last accepted."""
+        return cast(int, self._image.raws[self._slot])
+
+    @property
+    def time(self) -> float:
+        """When the value was read or accepted, in s on the cycle's clock."""
+        return cast(float, self._image.times[self._slot])
+
+    @property
+    def quality(self) -> Quality:
+        return Quality(self._image.quality[self._slot])
+
+    @property
+    def connected(self) -> bool:
+        return not isinstance(self._image, Unconnected)
+
+    def reset(self) -> None:
+        """At once, also when synchronous: actuators go to their default, sensors clear their circuit's faults."""
+        self._image.reset_some((self._slot,))
+
+    def describe(self) -> str:
+        """Range and units in a few characters, for tables."""
+        raise NotImplementedError
+
+    def _connect(self, image: Image, slot: int) -> None:
+        self._image = image
+        self._slot = slot
+
+    def _disconnect(self) -> None:
+        self._image = cast("Image", Unconnected(self))
+
+    def _shown(self) -> str:
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        name = f"{type(self).__name__} {self.path}".rstrip()
+        now = f" = {self._shown()} {self.quality}" if self.connected else ""
+        return f"<{name}{now}; {self.describe()}>"
+
+
+class Binary(Atomic, Generic[S]):
+    """A single bit with a logical meaning (section 4.4)."""
+
+    __slots__ = ("_inverted", "_one", "_states", "_zero")
+
+    def __init__(self, states: type[S], one: S, synchronous: bool) -> None:
+        if not (isinstance(states, type) and issubclass(states, TwoState)) or states is TwoState:
+            raise DeclarationError(f"{states!r} is no two-state type")
+        if type(one) is not states:
+            raise DeclarationError(f"one={one!r} is no state of {states.__name__}")
+        super().__init__(synchronous)
+        self._states = states
+        self._one: S = one
+        self._zero: S = next(state for state in states if state is not one)
+        self._inverted = False
+
+    @property
+    def states(self) -> type[S]:
+        return self._states
+
+    @property
+    def one(self) -> S:
+        """The state of the electrical 1 (before an inversion in the wiring)."""
+        return self._one
+
+    @property
+    def zero(self) -> S:
+        return self._zero
+
+    def describe(self) -> str:
+        return f"{self._one}=1 {self._zero}=0"
+
+    def _level(self, state: S) -> int:
+        if state is self._one:
+            return 1
+        if state is self._zero:
+            return 0
+        raise StateError(
+            f"{self.path or type(self).__name__}: {state!r} is no state of {self._states.__name__} "
+            f"({self._one} or {self._zero})"
+        )
+
+    def _state(self, level: float) -> S:
+        return self._one if level else self._zero
+
+    def _shown(self) -> str:
+        return str(self._state(self._image.values[self._slot]))
+
+
+class Calibration(NamedTuple):
+    """Range and scale of a digital object: as declared, or as a wiring entry overrides them."""
+
+    minimum: float
+    maximum: float
+    resolution: float
+    zero_offset: float
+
+
+class Digital(Atomic):
+    """A group of bits with a numeric meaning (section 4.4)."""
+
+    __slots__ = ("_maximum", "_minimum", "_resolution", "_units", "_zero_offset")
+
+    def __init__(
+        self,
+        units: str,
+        minimum: float,
+        maximum: float,
+        resolution: float,
+        zero_offset: float,
+        synchronous: bool,
+    ) -> None:
+        super().__init__(synchronous)
+        self._units = check_unit(units)
+        self._minimum, self._maximum, self._resolution, self._zero_offset = (
+            _finite(name, number)
+            for name, number in (
+                ("minimum", minimum),
+                ("maximum", maximum),
+                ("resolution", resolution),
+                ("zero_offset", zero_offset),
+            )
+        )
+        if self._resolution == 0:
+            raise DeclarationError("resolution is 0; it is the change of the value for one bit")
+        if self._minimum >= self._maximum:
+            raise DeclarationError(f"minimum {minimum:g} is not below maximum {maximum:g}")
+
+    @property
+    def units(self) -> str:
+        return self._units
+
+    @property
+    def minimum(self) -> float:
+        return self._minimum
+
+    @property
+    def maximum(self) -> float:
+        return self._maximum
+
+    @property
+    def resolution(self) -> float:
+        """The change of the value for one bit; negative where the circuit counts the other way."""
+        return self._resolution
+
+    @property
+    def zero_offset(self) -> float:
+        """The value of raw 0."""
+        return self._zero_offset
+
+    @property
+    def calibration(self) -> Calibration:
+        return Calibration(self._minimum, self._maximum, self._resolution, self._zero_offset)
+
+    def _calibrate(self, calibration: Calibration) -> None:
+        self._minimum, self._maximum, self._resolution, self._zero_offset = calibration
+
+    def read_in(self, unit: str) -> float:
+        """`read()` in another unit of the same dimension."""
+        return convert(self.read(), self._units, unit)
+
+    def read(self) -> float:
+        raise NotImplementedError
+
+    def describe(self) -> str:
+        return f"{self._minimum:g} to {self._maximum:g} {self._units} by {abs(self._resolution):.6g}"
+
+    def _number(self, value: float) -> float:
+        """A plain finite float; a bool, a text or a state is refused."""
+        name = self.path or type(self).__name__
+        if isinstance(value, bool) or not hasattr(value, "__float__"):
+            raise RangeError(f"{name}: {value!r} is no number in {self._units}")
+        number = float(value)
+        if not math.isfinite(number):
+            raise RangeError(f"{name}: {number} is not finite")
+        return number
+
+    def _shown(self) -> str:
+        return f"{self._image.values[self._slot]:.6g} {self._units}"
+
+
+def _finite(name: str, number: float) -> float:
+    if isinstance(number, bool) or not isinstance(number, int | float) or not math.isfinite(number):
+        raise DeclarationError(f"{name}={number!r} is not a finite number")
+    return float(number)

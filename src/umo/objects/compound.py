@@ -1,0 +1,216 @@
+"""Compound objects: objects made of objects (the paper's sections 4.4 and 5.3, Listing 6)."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+from collections.abc import Coroutine, Iterator, Mapping
+from functools import cache
+from types import MappingProxyType, UnionType
+from typing import (
+    TYPE_CHECKING,
+    Any,
+    ClassVar,
+    Union,
+    cast,
+    dataclass_transform,
+    final,
+    get_args,
+    get_origin,
+)
+
+from umo.errors import DeclarationError, PathError, did_you_mean
+from umo.objects.atomic import Atomic, Binary
+from umo.objects.link import Unconnected
+from umo.objects.node import Node
+
+if TYPE_CHECKING:
+    from umo.objects.link import Machine, Task
+
+
+@dataclass_transform(kw_only_default=True, eq_default=False, field_specifiers=(dataclasses.field,))
+class Compound(Node):
+    """Base of compound objects: annotate a field for each part, give the parts as keywords.
+
+        class ServoAxis(Compound):
+            motor: DigitalActuator
+            encoder: DigitalSensor
+            speed: float = 100.0        # a number is a parameter that a wiring may set
+
+    Parts may also stand in lists and dicts (frozen at construction). A class's own state belongs in `setup`.
+    """
+
+    stopping: ClassVar[tuple[str, ...]] = ()
+    """Paths below this object in the order in which they are brought to their defaults; the rest follows."""
+    longest_period: ClassVar[str | float | None] = None
+    """The longest sampling period that this object's `control` is meant for, in s or as "2 ms"."""
+
+    _children: Mapping[str, Node] = MappingProxyType({})
+    _fixed: frozenset[str] = frozenset()  # the fields that hold parts
+    _machine: Machine
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        dataclasses.dataclass(eq=False, repr=False, kw_only=True)(cls)
+        for field in dataclasses.fields(cls):  # type: ignore[arg-type]
+            if hasattr(Compound, field.name) or field.name.startswith("_"):
+                raise DeclarationError(f"{cls.__name__}.{field.name}: the name is taken; choose another")
+
+    @final
+    def __post_init__(self) -> None:
+        self._parent = None
+        self._name = ""
+        self._disconnect()
+        hints = _hints(type(self))  # type: ignore[arg-type]
+        children: dict[str, Node] = {}
+        fixed = set()
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            frozen, parts = _parts(field.name, getattr(self, field.name))
+            _check_type(f"{type(self).__name__}.{field.name}", frozen, hints.get(field.name, Any))
+            if parts:
+                object.__setattr__(self, field.name, frozen)
+                children.update(parts)
+                fixed.add(field.name)
+        for name, child in children.items():
+            child._adopt(self, name)
+        self._children, self._fixed = MappingProxyType(children), frozenset(fixed)
+        for path in self.stopping:
+            self.find(path)
+        self.setup()
+
+    def setup(self) -> None:
+        """Called once the parts are in place: make here what the class keeps for itself."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if name in self._fixed:
+            raise DeclarationError(f"{self.path or type(self).__name__}.{name} is a part; parts are fixed")
+        if isinstance(value, Node) and name != "_parent" and value._parent is None and self._fixed:
+            raise DeclarationError(f"{type(self).__name__}.{name}: declare an object as an annotated field")
+        object.__setattr__(self, name, value)
+
+    # The tree --------------------------------------------------------------------------------------
+
+    def walk(self) -> Iterator[Node]:
+        """Every object below this one, in declared order, a compound before its parts."""
+        for child in self._children.values():
+            yield child
+            if isinstance(child, Compound):
+                yield from child.walk()
+
+    def atoms(self) -> Iterator[Atomic]:
+        """Every atomic object below this one, in declared order."""
+        return (node for node in self.walk() if isinstance(node, Atomic))
+
+    def children(self) -> Mapping[str, Node]:
+        """The parts by name; a part in a list or dict is named `axes.0`."""
+        return self._children
+
+    def find(self, path: str) -> Node:
+        """The object at a path below this one, such as "z.motor"; PathError with the nearest one otherwise."""
+        start = f"{self.path}." if self.path else ""
+        known = {node.path.removeprefix(start): node for node in self.walk()}
+        if path not in known:
+            raise PathError(f"no object {path!r} in {self.path or type(self).__name__}{did_you_mean(path, known)}")
+        return known[path]
+
+    # One period ------------------------------------------------------------------------------------
+
+    def sample(self) -> bool:
+        """Read every synchronous sensor below; True if all are GOOD. DriverError lists what failed."""
+        return self._machine.sample(self)
+
+    def update(self) -> bool:
+        """Send every synchronous actuator below; True when all were accepted, else DriverError."""
+        return self._machine.update(self)
+
+    def reset(self) -> None:
+        """Every object below, at once: actuators to their defaults, sensors clear their circuit's faults."""
+        self._machine.reset(self)
+
+    def start(self, sequence: Coroutine[Any, Any, Any]) -> Task:
+        """Let a sequence run beside the others, from the next period on; its error comes out of `control`."""
+        return self._machine.start(sequence)
+
+    @property
+    def connected(self) -> bool:
+        return not isinstance(self._machine, Unconnected)
+
+    @property
+    def running(self) -> bool:
+        """False once the machine is asked to stop (SIGINT, SIGTERM) or is not connected."""
+        return self.connected and self._machine.running
+
+    @property
+    def period(self) -> float:
+        """The sampling period in s."""
+        return self._machine.period
+
+    @property
+    def dt(self) -> float:
+        """The time since the period before in s: the ticks that the timer consumed, times the period."""
+        return self._machine.dt
+
+    @property
+    def now(self) -> float:
+        """Seconds on the cycle's clock."""
+        return self._machine.now
+
+    def _connect(self, machine: Machine) -> None:
+        self._machine = machine
+        # `m.control()` drives the whole part; the class's own override stays reachable for `super()`
+        self.__dict__["control"] = lambda: machine.control(self)
+
+    def _disconnect(self) -> None:
+        self._machine = cast("Machine", Unconnected(self))
+        self.__dict__.pop("control", None)
+
+    def __repr__(self) -> str:
+        name = f"{type(self).__name__} {self.path}".rstrip()
+        return f"<{name}: {', '.join(self._children) or 'no parts'}>"
+
+
+@cache
+def _hints(cls: type) -> dict[str, Any]:
+    hints: dict[str, Any] = {}
+    for base in reversed(cls.__mro__):
+        if issubclass(base, Compound) and base is not Compound:
+            try:
+                hints |= inspect.get_annotations(base, eval_str=True)
+            except NameError:  # a class declared inside a function, under postponed annotations
+                continue
+    return hints
+
+
+def _parts(name: str, value: object) -> tuple[object, dict[str, Node]]:
+    """The value frozen, and the objects in it by name."""
+    if isinstance(value, Node):
+        return value, {name: value}
+    frozen: object
+    if isinstance(value, list | tuple):
+        named, frozen = {f"{name}.{i}": item for i, item in enumerate(value)}, tuple(value)
+    elif isinstance(value, Mapping):
+        named, frozen = {f"{name}.{key}": item for key, item in value.items()}, MappingProxyType(dict(value))
+    else:
+        return value, {}
+    parts = {key: item for key, item in named.items() if isinstance(item, Node)}
+    if parts and len(parts) < len(named):
+        raise DeclarationError(f"{name} mixes objects with other things: {next(k for k in named if k not in parts)}")
+    return (frozen, parts) if parts else (value, {})
+
+
+def _check_type(where: str, value: object, hint: Any) -> None:
+    """Declaration mistakes that a type checker would have found, for those who run none."""
+    origin, args = get_origin(hint) or hint, get_args(hint)
+    if origin in (list, tuple) and isinstance(value, tuple):
+        for item in value:
+            _check_type(where, item, args[0] if args else object)
+    elif origin is dict and isinstance(value, Mapping):
+        for item in value.values():
+            _check_type(where, item, args[1] if args else object)
+    elif isinstance(origin, type) and issubclass(origin, Node):
+        if not isinstance(value, origin):
+            raise DeclarationError(f"{where} wants a {origin.__name__}, not {value!r}")
+        if isinstance(value, Binary) and args and isinstance(args[0], type) and value.states is not args[0]:
+            raise DeclarationError(f"{where} wants {args[0].__name__}, not {value.states.__name__}")
+    elif isinstance(value, Node) and hint is not Any and get_origin(hint) not in (Union, UnionType):
+        raise DeclarationError(f"{where} is annotated {hint}, which is no place for {value!r}")

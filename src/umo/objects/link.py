@@ -1,0 +1,90 @@
+"""What a connected object holds on to: the process image and the running machine, seen from the objects.
+
+The image is made in `umo.cycle`, above this layer; these protocols are the whole of what objects know of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Coroutine, Sequence
+from typing import TYPE_CHECKING, Any, NoReturn, Protocol
+
+from umo.errors import NotConnected
+from umo.objects.scaling import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from umo.objects.compound import Compound
+    from umo.objects.node import Node
+
+    class Live(Protocol):
+        """A flat sequence of plain numbers, one for each object: a list or a memoryview."""
+
+        def __getitem__(self, slot: int, /) -> Any: ...
+        def __setitem__(self, slot: int, value: Any, /) -> None: ...
+
+
+class Image(Protocol):
+    """The process image: an object's slot is an index into each of these."""
+
+    values: Live
+    """Sensors: the value last kept. Actuators: the value last accepted by the hardware."""
+    pending: Live
+    """Actuators: the value written and not yet sent."""
+    raws: Live
+    """The raw integers that belong to `values`."""
+    pending_raws: Live
+    quality: Live
+    times: Live
+    """Seconds on the cycle's clock."""
+
+    def send(self, slot: int) -> bool: ...
+    def read_now(self, slot: int) -> Any: ...
+    def sample_some(self, slots: Sequence[int]) -> bool: ...
+    def update_some(self, slots: Sequence[int]) -> bool: ...
+    def reset_some(self, slots: Sequence[int]) -> None: ...
+    def set_referenced(self, slot: int, referenced: bool) -> None: ...
+    def put_pending(self, slots: slice | IntArray, values: FloatArray, raws: IntArray) -> None: ...
+    def get_values(self, slots: slice | IntArray) -> FloatArray: ...
+
+
+class Task(Protocol):
+    """A started sequence."""
+
+    @property
+    def done(self) -> bool: ...
+    @property
+    def result(self) -> Any: ...
+    def cancel(self) -> None: ...
+
+
+class Machine(Protocol):
+    """The connected machine, seen from its compounds."""
+
+    @property
+    def period(self) -> float: ...
+    @property
+    def dt(self) -> float: ...
+    @property
+    def now(self) -> float: ...
+    @property
+    def running(self) -> bool: ...
+    def sample(self, part: Compound) -> bool: ...
+    def control(self, part: Compound) -> None: ...
+    def update(self, part: Compound) -> bool: ...
+    def reset(self, part: Compound) -> None: ...
+    def start(self, sequence: Coroutine[Any, Any, Any]) -> Task: ...
+
+
+class Unconnected:
+    """Stands for the image and the machine outside `connect`: whatever is asked of it raises NotConnected."""
+
+    __slots__ = ("_owner",)
+
+    def __init__(self, owner: Node) -> None:
+        self._owner = owner
+
+    def __getattr__(self, name: str) -> NoReturn:
+        owner = self._owner
+        raise NotConnected(
+            f"{owner.path or type(owner).__name__} is not connected; "
+            "use it inside `with connect(machine, wiring) as m:`"
+        )

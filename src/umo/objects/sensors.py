@@ -1,0 +1,98 @@
+"""The two atomic sensors (the paper's Listing 3)."""
+
+from __future__ import annotations
+
+from typing import Literal, cast
+
+from umo.drivers.contract import Direction
+from umo.errors import DeclarationError
+from umo.objects.atomic import Binary, Digital, S
+from umo.objects.units import seconds
+
+
+class BinarySensor(Binary[S]):
+    """One input bit: a switch, a light barrier. EPICS bi, Modbus discrete input, OPC UA TwoState, BACnet BI."""
+
+    __slots__ = ("_max_age",)
+
+    direction = Direction.INPUT
+
+    def __init__(
+        self,
+        states: type[S],
+        *,
+        one: S,
+        synchronous: bool = True,
+        on_error: Literal["raise", "hold"] = "raise",
+        max_age: str | float | None = None,
+    ) -> None:
+        super().__init__(states, one, synchronous)
+        self._max_age = _hold(on_error, max_age)
+
+    def sample(self) -> bool:
+        """Synchronous: read the hardware and keep the state; True if its quality is GOOD. Asynchronous: True."""
+        return self._image.sample_some((self._slot,)) if self._synchronous else True
+
+    def read(self) -> S:
+        """Synchronous: the state kept by the last `sample`. Asynchronous: reads the hardware now."""
+        image = self._image
+        return self._state(image.values[self._slot] if self._synchronous else image.read_now(self._slot))
+
+
+class DigitalSensor(Digital):
+    """A group of input bits: a counter, an ADC. EPICS ai, Modbus input register, OPC UA AnalogItem, BACnet AI.
+
+    `incremental=True`: the value is UNREFERENCED until homing calls `referenced()`. `on_error="hold"` keeps
+    the last value, STALE, for `max_age` (s, or a text such as "50 ms") when the device fails.
+    """
+
+    __slots__ = ("_incremental", "_max_age")
+
+    direction = Direction.INPUT
+
+    def __init__(
+        self,
+        units: str,
+        *,
+        minimum: float,
+        maximum: float,
+        resolution: float,
+        zero_offset: float = 0.0,
+        synchronous: bool = True,
+        incremental: bool = False,
+        on_error: Literal["raise", "hold"] = "raise",
+        max_age: str | float | None = None,
+    ) -> None:
+        super().__init__(units, minimum, maximum, resolution, zero_offset, synchronous)
+        self._incremental = incremental
+        self._max_age = _hold(on_error, max_age)
+
+    @property
+    def incremental(self) -> bool:
+        return self._incremental
+
+    def sample(self) -> bool:
+        """Synchronous: read the hardware and keep the value; True if its quality is GOOD. Asynchronous: True."""
+        return self._image.sample_some((self._slot,)) if self._synchronous else True
+
+    def read(self) -> float:
+        """The value in `units`. Synchronous: kept by the last `sample`. Asynchronous: reads the hardware now."""
+        image = self._image
+        if self._synchronous:
+            return cast(float, image.values[self._slot])
+        return cast(float, image.read_now(self._slot))
+
+    def referenced(self, known: bool = True) -> None:
+        """Homing has proved (or, with False, lost) what the count means."""
+        if not self._incremental:
+            raise DeclarationError(f"{self.path} is not declared incremental")
+        self._image.set_referenced(self._slot, known)
+
+
+def _hold(on_error: str, max_age: str | float | None) -> float | None:
+    """The longest time in s that a last value is held; None: a failing device raises at once."""
+    if on_error not in ("raise", "hold"):
+        raise DeclarationError(f'on_error={on_error!r} is neither "raise" nor "hold"')
+    if (on_error == "hold") != (max_age is not None):
+        raise DeclarationError('on_error="hold" and max_age go together')
+    return None if max_age is None else seconds(max_age)

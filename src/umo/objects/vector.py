@@ -1,0 +1,169 @@
+"""Many like objects moved at once, with the same verbs as one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
+
+import numpy as np
+
+from umo.drivers.contract import Direction
+from umo.errors import DeclarationError, RangeError, StateError
+from umo.objects.actuators import BinaryActuator, DigitalActuator
+from umo.objects.atomic import Atomic, Binary, Digital
+from umo.objects.scaling import FloatArray, IntArray, to_raws
+from umo.objects.sensors import BinarySensor, DigitalSensor
+from umo.objects.states import TwoState
+
+if TYPE_CHECKING:
+    from umo.objects.link import Image
+
+A = TypeVar("A", bound=Atomic)
+
+
+class Vector(Generic[A]):
+    """Like objects side by side: `motors = Vector(axis.motor for axis in m.axes)`, `motors.write(array)`.
+
+    Like means: the same atomic kind, the same units or two-state type, all synchronous or none. Values are
+    float64 arrays in the order given; of binary objects 1.0 is the state declared `one` (before an inversion
+    in the wiring), and `write` takes states: one for all, or a sequence. Make it before or after connecting.
+    """
+
+    def __init__(self, objects: Iterable[A]) -> None:
+        self._objects = tuple(objects)
+        if not self._objects:
+            raise DeclarationError("a Vector needs at least one object")
+        if len(set(map(id, self._objects))) < len(self._objects):
+            raise DeclarationError("an object stands twice in the Vector")
+        likes = {_likeness(item) for item in self._objects}
+        if len(likes) > 1:
+            raise DeclarationError(f"a Vector holds like objects, not {' and '.join(map(str, sorted(likes)))}")
+        self._plan: _Plan | None = None
+
+    def __len__(self) -> int:
+        return len(self._objects)
+
+    def __iter__(self) -> Iterator[A]:
+        return iter(self._objects)
+
+    def __getitem__(self, index: int) -> A:
+        return self._objects[index]
+
+    def read(self) -> FloatArray:
+        """The values, a new array of shape (n,); asynchronous sensors are read from the hardware now."""
+        plan = self._planned()
+        if not self._objects[0].synchronous and self._objects[0].direction is Direction.INPUT:
+            plan.image.sample_some(plan.all_slots)
+        return plan.image.get_values(plan.slots)
+
+    def write(self, values: FloatArray | Sequence[float] | float | TwoState | Sequence[TwoState]) -> bool:
+        """Take new values: an array of shape (n,) or one value for all. All or nothing: RangeError changes none.
+
+        True: all taken as given; False: some were clamped (limits="clamp"). Synchronous for the next
+        `update`, asynchronous at once.
+        """
+        if self._objects[0].direction is not Direction.OUTPUT:
+            raise DeclarationError(f"{self!r} holds sensors; only actuators are written")
+        plan = self._planned()
+        numbers, taken = self._levels(values) if plan.limits is None else plan.limits.check(self._objects, values)
+        plan.image.put_pending(plan.slots, numbers, to_raws(numbers, plan.resolution, plan.zero_offset))
+        if not self._objects[0].synchronous:
+            plan.image.update_some(plan.all_slots)
+        return taken
+
+    def sample(self) -> bool:
+        """Synchronous sensors: read the hardware now, these alone; True if all are GOOD."""
+        plan = self._planned()
+        return plan.image.sample_some(plan.all_slots) if self._objects[0].synchronous else True
+
+    def update(self) -> bool:
+        """Synchronous actuators: send what is pending now, of these alone."""
+        plan = self._planned()
+        return plan.image.update_some(plan.all_slots) if self._objects[0].synchronous else True
+
+    def _planned(self) -> _Plan:
+        image = self._objects[0]._image
+        if self._plan is None or self._plan.image is not image:
+            self._plan = _Plan(image, self._objects)
+        return self._plan
+
+    def _levels(self, states: Any) -> tuple[FloatArray, bool]:
+        first = cast("Binary[Any]", self._objects[0])
+        each = [states] * len(self) if isinstance(states, TwoState) else list(states)
+        if len(each) != len(self):
+            raise StateError(f"{len(each)} states for {len(self)} objects")
+        one, zero = first.one, first.zero
+        if all(item.one is one for item in cast("tuple[Binary[Any], ...]", self._objects)):
+            levels = [1.0 if state is one else 0.0 if state is zero else first._level(state) for state in each]
+        else:
+            levels = [
+                float(item._level(state))
+                for item, state in zip(cast("tuple[Binary[Any], ...]", self._objects), each, strict=True)
+            ]
+        return np.array(levels), True
+
+    def __repr__(self) -> str:
+        return f"<Vector of {len(self)}: {self._objects[0].path} ... {self._objects[-1].path}>"
+
+
+class _Plan:
+    """Where the objects stand in one image, and their scales as arrays."""
+
+    def __init__(self, image: Image, objects: Sequence[Atomic]) -> None:
+        self.image = image
+        image.values  # noqa: B018  (NotConnected before anything is indexed)
+        self.all_slots = [item._slot for item in objects]
+        self.slots = _as_slice(self.all_slots)
+        self.limits: _Limits | None = None
+        if isinstance(objects[0], Digital):
+            digitals = cast("Sequence[Digital]", objects)
+            self.resolution = np.array([item.resolution for item in digitals])
+            self.zero_offset = np.array([item.zero_offset for item in digitals])
+            self.limits = _Limits(digitals)
+        else:
+            inverted = np.array([cast("Binary[Any]", item)._inverted for item in objects])
+            self.resolution = np.where(inverted, -1.0, 1.0)
+            self.zero_offset = np.where(inverted, 1.0, 0.0)
+
+
+class _Limits:
+    def __init__(self, objects: Sequence[Digital]) -> None:
+        self.minimum = np.array([item.minimum for item in objects])
+        self.maximum = np.array([item.maximum for item in objects])
+        self.clamps = np.array([isinstance(item, DigitalActuator) and item.limits == "clamp" for item in objects])
+
+    def check(self, objects: Sequence[Atomic], values: Any) -> tuple[FloatArray, bool]:
+        """The values to take and whether they are those given."""
+        given = np.asarray(values)
+        if given.dtype.kind not in "fiu" or given.shape not in ((), self.minimum.shape):
+            raise RangeError(f"{given.dtype} of shape {given.shape} is no array of {len(objects)} numbers")
+        numbers = np.broadcast_to(given.astype(np.float64, copy=False), self.minimum.shape)
+        inside = (numbers >= self.minimum) & (numbers <= self.maximum)  # False for NaN
+        if inside.all():
+            return numbers, True
+        refused = ~np.isfinite(numbers) | ~(inside | self.clamps)
+        if refused.any():
+            index = int(np.argmax(refused))
+            item = cast(Digital, objects[index])
+            raise RangeError(
+                f"{item.path}: {numbers[index]:g} {item.units} is outside {item.minimum:g} to {item.maximum:g}; "
+                f"{int(refused.sum())} of {len(objects)} values refused, none taken"
+            )
+        return np.clip(numbers, self.minimum, self.maximum), False
+
+
+def _likeness(item: Atomic) -> str:
+    for kind in (BinaryActuator, DigitalActuator, BinarySensor, DigitalSensor):
+        if isinstance(item, kind):
+            what = item.units if isinstance(item, Digital) else cast("Binary[Any]", item).states.__name__
+            return f"{'' if item.synchronous else 'asynchronous '}{kind.__name__}({what})"
+    raise DeclarationError(f"a Vector holds atomic objects, not {item!r}")
+
+
+def _as_slice(slots: list[int]) -> slice | IntArray:
+    """A slice where the stride is constant (numpy then makes no copy), else the indices."""
+    steps = {b - a for a, b in pairwise(slots)} or {1}
+    if len(steps) == 1 and (step := steps.pop()) > 0:
+        return slice(slots[0], slots[-1] + 1, step)
+    return np.array(slots, dtype=np.int64)

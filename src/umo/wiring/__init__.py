@@ -1,0 +1,6 @@
+"""Wiring: which object is on which driver's channel."""
+
+from umo.wiring.resolve import check, resolve
+from umo.wiring.resolved import Parameter, Wire, Wired
+
+__all__ = ["Parameter", "Wire", "Wired", "check", "resolve"]

@@ -1,0 +1,303 @@
+"""From a wiring as written to one that fits its machine: the lint behind `umo check` and `connect`.
+
+All faults are found in one run, each with its file and key.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import math
+from collections.abc import Hashable, Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import ConfigDict, ValidationError, create_model
+
+from umo.drivers import registry
+from umo.drivers.contract import Channel, Direction, Driver
+from umo.errors import DeclarationError, Fault, WiringError, did_you_mean
+from umo.objects import Atomic, Compound, Digital, DigitalActuator, DigitalSensor
+from umo.objects.atomic import Calibration
+from umo.objects.scaling import to_raw
+from umo.objects.units import seconds
+from umo.wiring.resolved import Parameter, Wire, Wired
+from umo.wiring.source import Entry, Source, pydantic_faults, read
+
+DEFAULT_PERIOD = "1 ms"
+RESERVED = ("type", "timeout", "watchdog")
+
+
+def check(root: Compound, wiring: Path | str | Mapping[str, Any] | None = None) -> list[Fault]:
+    """Every fault of the wiring; empty if it fits the machine. Nothing is opened."""
+    return list(_Resolver(root, wiring, {}).run()[1])
+
+
+def resolve(
+    root: Compound, wiring: Path | str | Mapping[str, Any] | None, options: Mapping[str, Any] | None = None
+) -> Wired:
+    """The wiring checked and put together; WiringError lists every fault. Nothing is opened."""
+    wired, faults = _Resolver(root, wiring, options or {}).run()
+    if faults:
+        raise WiringError(f"{len(faults)} fault{'s' * (len(faults) > 1)} in the wiring", faults)
+    return wired
+
+
+class _Resolver:
+    def __init__(
+        self, root: Compound, wiring: Path | str | Mapping[str, Any] | None, options: Mapping[str, Any]
+    ) -> None:
+        self.root = root
+        self.options = options
+        self.unused = set(options)
+        self.items = {item.path: item for item in root.atoms()}
+        self.source: Source = read(_all_simulated(self.items) if wiring is None else wiring)
+        self.drivers: dict[str, Driver | None] = {}
+        self.taken: dict[tuple[str, Hashable], str] = {}
+
+    def run(self) -> tuple[Wired, list[Fault]]:
+        if not self.source.entries and self.source.faults and self.source.faults[0].key == "":
+            return Wired({}, []), self.source.faults  # there was nothing to read
+        timer = self.items.get("timer")
+        period = self._period(timer)
+        watchdogs = self._make_drivers(period)
+        wires = [wire for path, item in self.items.items() if (wire := self._wire(path, item)) is not None]
+        for path in self.source.entries.keys() - self.items.keys():
+            self.source.fault(f'wire."{path}"', f"the machine has no such object{did_you_mean(path, self.items)}")
+        self._check_periods(period)
+        parameters = [p for key, value in self.source.parameters.items() if (p := self._parameter(key, value))]
+        for name in sorted(self.unused):
+            self.source.fault("", f"no driver of this wiring takes the option {name!r}")
+        drivers = {name: driver for name, driver in self.drivers.items() if driver is not None}
+        return Wired(drivers, wires, period, timer, parameters, watchdogs), self.source.faults
+
+    # Drivers -------------------------------------------------------------------------------------------
+
+    def _make_drivers(self, period: float | None) -> dict[str, float]:
+        """One driver for each name that is in use or declared; the watchdogs' times by name."""
+        watchdogs = {}
+        for name in dict.fromkeys([*self.source.drivers, *(e.driver for e in self.source.entries.values())]):
+            table = self.source.drivers.get(name, {"type": name})
+            driver = self.drivers[name] = self._make_driver(name, table) if table else None
+            if driver is None:
+                continue
+            driver.period = period or 0.0
+            timeout = self._duration(f"drivers.{name}.timeout", table.get("timeout"))
+            driver.timeout = timeout or 10 * (period or 0.1)
+            watchdog = self._duration(f"drivers.{name}.watchdog", table.get("watchdog"))
+            if watchdog is not None and type(driver).watchdog is Driver.watchdog:
+                self.source.fault(f"drivers.{name}.watchdog", f"{table['type']} has no watchdog of its own")
+            elif watchdog is not None:
+                watchdogs[name] = watchdog
+        return watchdogs
+
+    def _make_driver(self, name: str, table: dict[str, Any]) -> Driver | None:
+        declared = name in self.source.drivers
+        try:
+            cls = registry.find(table["type"])
+        except WiringError as error:
+            if declared:
+                self.source.fault(f"drivers.{name}.type", str(error))
+            else:
+                names = [*self.source.drivers, *registry.known()]
+                message = f"no driver {name!r}{did_you_mean(name, names)}; known: {', '.join(names)}"
+                for path in [p for p, entry in self.source.entries.items() if entry.driver == name]:
+                    self.source.fault(f'wire."{path}".driver', message)
+            return None
+        signature = inspect.signature(cls, eval_str=True).parameters
+        given = {key: value for key, value in table.items() if key not in RESERVED}
+        given |= {key: value for key, value in self.options.items() if key in signature}
+        self.unused -= signature.keys()
+        try:
+            return cls(**_validated(cls, signature, given))
+        except ValidationError as error:
+            for key, message in pydantic_faults(error, [*signature, *RESERVED]):
+                self.source.fault(f"drivers.{name}.{key}", message)
+        except (ValueError, TypeError, OSError) as error:
+            self.source.fault(f"drivers.{name}", str(error))
+        return None
+
+    # Wires ---------------------------------------------------------------------------------------------
+
+    def _wire(self, path: str, item: Atomic) -> Wire | None:
+        key = f'wire."{path}"'
+        entry = self.source.entries.get(path)
+        if entry is None:
+            if not any(fault.key.startswith(key) for fault in self.source.faults):
+                self.source.fault(key, 'is not wired; what is not built yet is { driver = "simulated" }')
+            return None
+        driver = self.drivers[entry.driver]
+        if driver is None:
+            return None  # reported with the driver
+        try:
+            channel = driver.channel(path if entry.channel is None else entry.channel)
+        except (ValueError, OSError) as error:
+            self.source.fault(f"{key}.channel", str(error))
+            return None
+        self._check_place(key, path, entry.driver, channel)
+        self._check_direction(key, item, channel)
+        if not isinstance(item, Digital):
+            for name in ("resolution", "zero_offset", "minimum", "maximum"):
+                if getattr(entry, name) is not None:
+                    self.source.fault(f"{key}.{name}", "is for digital objects; this one is binary")
+            return Wire(item, driver, channel, None, bool(entry.inverted))
+        if entry.inverted is not None:
+            self.source.fault(f"{key}.inverted", "is for binary objects; use a negative resolution")
+        calibration = self._calibration(key, item, entry)
+        self._check_raws(key, calibration, channel)
+        return Wire(item, driver, channel, calibration)
+
+    def _check_place(self, key: str, path: str, driver: str, channel: Channel) -> None:
+        for place in channel.places:
+            other = self.taken.setdefault((driver, place), path)
+            if other != path:
+                self.source.fault(key, f"channel {channel.text!r} of {driver} is already that of {other}")
+                return
+
+    def _check_direction(self, key: str, item: Atomic, channel: Channel) -> None:
+        if item.direction not in channel.direction:
+            actuator = item.direction is Direction.OUTPUT
+            kind = "an actuator" if actuator else "a sensor"
+            has = "an input" if actuator else "an output"
+            self.source.fault(f"{key}.channel", f"is {kind}, but channel {channel.text!r} is {has}")
+
+    def _calibration(self, key: str, item: Digital, entry: Entry) -> Calibration:
+        """The declared range and scale with the entry's overrides; a range may be narrowed, never widened."""
+        declared = item.calibration
+        override = {name: value for name in declared._fields if (value := getattr(entry, name)) is not None}
+        for name, value in override.items():
+            if not math.isfinite(value) or (name == "resolution" and value == 0):
+                self.source.fault(f"{key}.{name}", f"{value} is no {name}")
+                return declared
+        calibration = declared._replace(**{name: float(value) for name, value in override.items()})
+        for name in ("minimum", "maximum"):
+            value = getattr(calibration, name)
+            if not declared.minimum <= value <= declared.maximum:
+                text = f"{value:g} widens the declared range {declared.minimum:g} to {declared.maximum:g} {item.units}"
+                self.source.fault(f"{key}.{name}", text)
+        if calibration.minimum >= calibration.maximum:
+            self.source.fault(key, f"minimum {calibration.minimum:g} is not below maximum {calibration.maximum:g}")
+        if isinstance(item, DigitalActuator) and not calibration.minimum <= item.default <= calibration.maximum:
+            self.source.fault(key, f"the default {item.default:g} {item.units} is outside the narrowed range")
+        return calibration
+
+    def _check_raws(self, key: str, calibration: Calibration, channel: Channel) -> None:
+        ends = [to_raw(v, calibration.resolution, calibration.zero_offset) for v in calibration[:2]]
+        if not channel.lowest <= min(ends) <= max(ends) <= channel.highest:
+            self.source.fault(
+                key,
+                f"the range needs raw values {min(ends)} to {max(ends)}, channel {channel.text!r} "
+                f"has {channel.bits} bits: {channel.lowest} to {channel.highest}",
+            )
+
+    # Time and parameters -------------------------------------------------------------------------------
+
+    def _period(self, timer: Atomic | None) -> float | None:
+        for path, entry in self.source.entries.items():
+            if path != "timer" and entry.period is not None:
+                self.source.fault(f'wire."{path}".period', "belongs to the timer")
+        if timer is None:
+            return None
+        key = 'wire."timer"'
+        if not isinstance(timer, DigitalSensor) or timer.synchronous or timer.units != "sampling_period":
+            self.source.fault(key, "timer is no asynchronous DigitalSensor in sampling_period")
+        wired = self.source.entries.get("timer")
+        if wired is None:
+            return None
+        if wired.period is None:
+            self.source.fault(f"{key}.period", 'is missing, such as "1 ms"')
+        return self._duration(f"{key}.period", wired.period)
+
+    def _duration(self, key: str, value: Any) -> float | None:
+        if value is None:
+            return None
+        try:
+            if isinstance(value, bool) or not isinstance(value, str | int | float):
+                raise DeclarationError(f'{value!r} is no duration; write for example "20 ms"')
+            duration = seconds(value)
+        except DeclarationError as error:
+            self.source.fault(key, str(error))
+            return None
+        if duration == 0:
+            self.source.fault(key, "is 0")
+            return None
+        return duration
+
+    def _check_periods(self, period: float | None) -> None:
+        for node in [self.root, *self.root.walk()]:
+            if period is None or not isinstance(node, Compound) or node.longest_period is None:
+                continue
+            longest = seconds(node.longest_period)
+            if period > longest * (1 + 1e-9):
+                name = node.path or type(node).__name__
+                self.source.fault(
+                    'wire."timer".period', f"{period * 1e3:g} ms is longer than {name} allows ({longest * 1e3:g} ms)"
+                )
+
+    def _parameter(self, key: str, value: Any) -> Parameter | None:
+        """A number on a compound, or on a control law that hangs on it, by dotted attribute path."""
+        *path, name = key.split(".")
+        owner: Any = self.root
+        for step in path:
+            owner = _child(owner, step)
+        known = _parameters(self.root)
+        if owner is None or key not in known:
+            where = f"parameters.{key!r}"
+            self.source.fault(where, f"no such parameter{did_you_mean(key, known)}")
+            return None
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            self.source.fault(f"parameters.{key!r}", f"is a finite number, not {value!r}")
+            return None
+        return Parameter(owner, name, float(value))
+
+
+def _child(owner: Any, name: str) -> Any:
+    if isinstance(owner, tuple):
+        return owner[int(name)] if name.isdigit() and int(name) < len(owner) else None
+    return owner.get(name) if isinstance(owner, Mapping) else getattr(owner, name, None)
+
+
+def _parameters(root: Compound) -> dict[str, float]:
+    """Every number that a wiring may set, by its path: number fields of compounds and of their control laws."""
+    found: dict[str, float] = {}
+    for node in [root, *root.walk()]:
+        if not isinstance(node, Compound):
+            continue
+        prefix = f"{node.path}." if node.path else ""
+        found |= _numbers(node, prefix)
+        for name, law in vars(node).items():
+            if not name.startswith("_") and dataclasses.is_dataclass(law) and not isinstance(law, Compound):
+                found |= _numbers(law, f"{prefix}{name}.")
+    return found
+
+
+def _numbers(thing: Any, prefix: str) -> dict[str, float]:
+    values = ((field.name, getattr(thing, field.name, None)) for field in dataclasses.fields(thing))
+    return {
+        f"{prefix}{name}": float(value)
+        for name, value in values
+        if isinstance(value, int | float) and not isinstance(value, bool) and not name.startswith("_")
+    }
+
+
+def _validated(cls: type[Driver], signature: Mapping[str, inspect.Parameter], given: dict[str, Any]) -> dict[str, Any]:
+    """The options checked against the constructor's annotations."""
+    fields: dict[str, Any] = {
+        name: (
+            Any if p.annotation is inspect.Parameter.empty else p.annotation,
+            ... if p.default is inspect.Parameter.empty else p.default,
+        )
+        for name, p in signature.items()
+        if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD)
+    }
+    config = ConfigDict(extra="forbid", arbitrary_types_allowed=True, strict=True)
+    model = create_model(f"{cls.__name__}Options", __config__=config, **fields)
+    checked = model.model_validate(given)
+    return {name: getattr(checked, name) for name in given}
+
+
+def _all_simulated(items: Mapping[str, Atomic]) -> dict[str, Any]:
+    wire: dict[str, dict[str, Any]] = {path: {"driver": "simulated"} for path in items}
+    if "timer" in wire:
+        wire["timer"]["period"] = DEFAULT_PERIOD
+    return {"wire": wire}

@@ -1,0 +1,68 @@
+"""A wiring that fits its machine: every object on its channel, every number checked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from umo.drivers.contract import Channel, Driver
+from umo.objects.atomic import Atomic, Binary, Calibration, Digital
+
+
+@dataclass(frozen=True, slots=True)
+class Wire:
+    """One object on one channel. `calibration` holds for digital objects, `inverted` for binary ones."""
+
+    item: Atomic
+    driver: Driver
+    channel: Channel
+    calibration: Calibration | None = None
+    inverted: bool = False
+
+    @property
+    def scale(self) -> tuple[float, float]:
+        """Resolution and zero offset; a binary channel's level is its raw value or, inverted, 1 - raw."""
+        if self.calibration is not None:
+            return self.calibration.resolution, self.calibration.zero_offset
+        return (-1.0, 1.0) if self.inverted else (1.0, 0.0)
+
+    def apply(self) -> Wire:
+        """Set the object to this wire's calibration; returns the wire that restores what it had."""
+        if isinstance(self.item, Digital):
+            before = Wire(self.item, self.driver, self.channel, self.item.calibration)
+            if self.calibration is not None:
+                self.item._calibrate(self.calibration)
+            return before
+        assert isinstance(self.item, Binary)
+        before = Wire(self.item, self.driver, self.channel, None, self.item._inverted)
+        self.item._inverted = self.inverted
+        return before
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A number of the control code that the wiring sets (the paper's section 2.1: only gains need adjusting)."""
+
+    owner: object
+    name: str
+    value: float
+
+    def apply(self) -> Parameter:
+        """Set it; returns the parameter that restores what it was."""
+        before = Parameter(self.owner, self.name, getattr(self.owner, self.name))
+        setattr(self.owner, self.name, self.value)
+        return before
+
+
+@dataclass(frozen=True, slots=True)
+class Wired:
+    """Everything `connect` needs."""
+
+    drivers: dict[str, Driver]
+    wires: list[Wire]
+    """In declared order."""
+    period: float | None = None
+    """The sampling period in s; None for a machine without a timer."""
+    timer: Atomic | None = None
+    parameters: list[Parameter] = field(default_factory=list)
+    watchdogs: dict[str, float] = field(default_factory=dict)
+    """Seconds by driver name."""

@@ -1,0 +1,138 @@
+"""Reading a wiring: TOML to flat entries by object path, every fault with its file and key."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, StrictBool, StrictFloat, StrictInt, StrictStr, ValidationError
+
+from umo.errors import Fault, did_you_mean
+
+Number = StrictInt | StrictFloat
+SECTIONS = ("drivers", "wire", "parameters")
+
+
+class Entry(BaseModel):
+    """One line of `[wire]`: an object on a driver's channel, and what this circuit changes of its declaration."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    driver: StrictStr
+    channel: StrictStr | None = None
+    """Without one the channel is named by the object's path."""
+    inverted: StrictBool | None = None
+    """Binary objects: the electrical level is the other one."""
+    resolution: Number | None = None
+    zero_offset: Number | None = None
+    minimum: Number | None = None
+    maximum: Number | None = None
+    period: StrictStr | Number | None = None
+    """The timer: the sampling period, s or a text such as "1 ms"."""
+
+
+@dataclass
+class Source:
+    """A wiring as written: entries by path, drivers' tables by name, parameters, and what was wrong."""
+
+    file: str
+    entries: dict[str, Entry] = field(default_factory=dict)
+    drivers: dict[str, dict[str, Any]] = field(default_factory=dict)
+    parameters: dict[str, Any] = field(default_factory=dict)
+    faults: list[Fault] = field(default_factory=list)
+
+    def fault(self, key: str, message: str) -> None:
+        self.faults.append(Fault(self.file, key, message))
+
+
+def read(wiring: Path | str | Mapping[str, Any]) -> Source:
+    """The wiring of a TOML file, or of its contents as a mapping; nothing is raised, faults are collected."""
+    if isinstance(wiring, Mapping):
+        source, data = Source("wiring"), wiring
+    else:
+        source, data = Source(str(wiring)), {}
+        try:
+            data = tomllib.loads(Path(wiring).read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            source.fault("", "no such file")
+        except (OSError, ValueError) as error:  # TOML and UTF-8 errors are ValueErrors
+            source.fault("", f"cannot be read: {error}")
+    for key in data:
+        if key not in SECTIONS:
+            source.fault(str(key), f"unknown section{did_you_mean(str(key), SECTIONS)}; known: {', '.join(SECTIONS)}")
+    _read_drivers(source, _table(source, data, "drivers"))
+    for path, table in _flat(_table(source, data, "wire")):
+        _read_entry(source, path, table)
+    source.parameters = dict(_leaves(_table(source, data, "parameters")))
+    return source
+
+
+def _table(source: Source, data: Mapping[str, Any], section: str) -> Mapping[str, Any]:
+    table = data.get(section, {})
+    if isinstance(table, Mapping):
+        return table
+    source.fault(section, f"is a table, not {table!r}")
+    return {}
+
+
+def _read_drivers(source: Source, tables: Mapping[str, Any]) -> None:
+    for name, table in tables.items():
+        if not isinstance(table, Mapping):
+            source.fault(f"drivers.{name}", f"is a table, not {table!r}")
+        elif not isinstance(table.get("type"), str):
+            source.fault(f"drivers.{name}.type", "is missing: a driver's name, or module:Class")
+            source.drivers[name] = {}  # its objects need not be reported as well
+        else:
+            source.drivers[name] = dict(table)
+
+
+def _read_entry(source: Source, path: str, table: Any) -> None:
+    key = f'wire."{path}"'
+    if not isinstance(table, Mapping):
+        source.fault(key, f'is a table such as {{ driver = "simulated" }}, not {table!r}')
+        return
+    if path in source.entries:
+        source.fault(key, "is wired twice")
+        return
+    try:
+        source.entries[path] = Entry.model_validate(dict(table))
+    except ValidationError as error:
+        for fault in pydantic_faults(error, list(Entry.model_fields)):
+            source.fault(f"{key}.{fault[0]}", fault[1])
+
+
+def pydantic_faults(error: ValidationError, known: list[str]) -> Iterator[tuple[str, str]]:
+    """(key, message) for each key that is wrong."""
+    seen = set()
+    for detail in error.errors():
+        key = str(detail["loc"][0]) if detail["loc"] else ""
+        if key in seen:
+            continue
+        seen.add(key)
+        if detail["type"] == "extra_forbidden":
+            yield key, f"unknown key{did_you_mean(key, known)}; known: {', '.join(known)}"
+        elif detail["type"] == "missing":
+            yield key, "is missing"
+        else:
+            yield key, f"{detail['msg'][0].lower()}{detail['msg'][1:]}, not {detail['input']!r}"
+
+
+def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Entries by path, whether written `"z.motor" = {...}`, `z.motor = {...}` or `[wire."z.motor"]`."""
+    for key, value in table.items():
+        path = f"{prefix}{key}"
+        if isinstance(value, Mapping) and value and all(isinstance(item, Mapping) for item in value.values()):
+            yield from _flat(value, f"{path}.")
+        else:
+            yield path, value
+
+
+def _leaves(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
