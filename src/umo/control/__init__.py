@@ -1,0 +1,26 @@
+"""Control laws and sequences. Control laws take objects, not numbers: a bad input raises BadInput."""
+
+from umo.control.claim import Claim
+from umo.control.inputs import UNREFERENCED, state_of, value_of
+from umo.control.profile import Profile, Setpoint
+from umo.control.regulation import Hysteresis
+from umo.control.sequences import next_period, together, until, wait
+from umo.control.servo import Servo
+from umo.control.stepping import STEPS_PER_PERIOD, Stepping
+
+__all__ = [
+    "STEPS_PER_PERIOD",
+    "UNREFERENCED",
+    "Claim",
+    "Hysteresis",
+    "Profile",
+    "Servo",
+    "Setpoint",
+    "Stepping",
+    "next_period",
+    "state_of",
+    "together",
+    "until",
+    "value_of",
+    "wait",
+]

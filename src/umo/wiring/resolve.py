@@ -272,7 +272,7 @@ def _parameters(root: Compound) -> dict[str, float]:
 
 
 def _numbers(thing: Any, prefix: str) -> dict[str, float]:
-    values = ((field.name, getattr(thing, field.name, None)) for field in dataclasses.fields(thing))
+    values = ((field.name, getattr(thing, field.name, None)) for field in dataclasses.fields(thing) if field.init)
     return {
         f"{prefix}{name}": float(value)
         for name, value in values

@@ -1,0 +1,79 @@
+"""Jerk-limited motion profiles, through ruckig (time-optimal, any starting state)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import inf
+from typing import Any, NamedTuple
+
+from ruckig import InputParameter, Result, Ruckig, RuckigError, Trajectory
+
+from umo.errors import RangeError
+
+
+class Setpoint(NamedTuple):
+    """Where the axis should be now, in its units, per s and per s squared."""
+
+    position: float
+    velocity: float
+    acceleration: float
+
+
+@dataclass
+class Profile:
+    """A path from where the axis is to its target within these limits, asked for one period at a time."""
+
+    velocity: float
+    """Largest speed, units per s."""
+    acceleration: float
+    """Largest acceleration, units per s squared."""
+    jerk: float
+    """Largest jerk, units per s cubed."""
+    setpoint: Setpoint = field(default=Setpoint(0.0, 0.0, 0.0), init=False)
+    _planner: Any = field(default_factory=lambda: Ruckig(1), init=False, repr=False)
+    _trajectory: Any = field(default_factory=lambda: Trajectory(1), init=False, repr=False)
+    _elapsed: float = field(default=0.0, init=False)
+    _duration: float = field(default=0.0, init=False)
+
+    def hold(self, position: float, velocity: float = 0.0) -> None:
+        """Begin at this position and speed; `to` plans from here."""
+        self.setpoint = Setpoint(position, velocity, 0.0)
+        self._duration = 0.0
+
+    def to(self, target: float, *, velocity: float = inf) -> float:
+        """Plan from the present setpoint to rest at the target; the duration in s.
+
+        `velocity` lowers the largest speed for this path. RangeError when a number is not finite or a limit
+        not positive.
+        """
+        plan = InputParameter(1)
+        plan.current_position = [self.setpoint.position]
+        plan.current_velocity = [self.setpoint.velocity]
+        plan.current_acceleration = [self.setpoint.acceleration]
+        plan.target_position = [target]
+        plan.max_velocity = [min(velocity, self.velocity)]
+        plan.max_acceleration = [self.acceleration]
+        plan.max_jerk = [self.jerk]
+        try:
+            result = self._planner.calculate(plan, self._trajectory)
+        except RuckigError as error:
+            raise RangeError(f"no path to {target!r}: {str(error).strip()}") from None
+        if result not in (Result.Working, Result.Finished):
+            raise RangeError(f"no path to {target!r} within {self!r}: {result.name}")
+        self._elapsed = 0.0
+        self._duration = float(self._trajectory.duration)
+        return self._duration
+
+    @property
+    def done(self) -> bool:
+        return self._elapsed >= self._duration
+
+    def step(self, dt: float) -> Setpoint:
+        """The setpoint `dt` s further on; at the end it stays at the target."""
+        if self._duration:
+            self._elapsed += dt
+            position, velocity, acceleration = self._trajectory.at_time(min(self._elapsed, self._duration))
+            self.setpoint = Setpoint(position[0], velocity[0], acceleration[0])
+            if self.done:
+                self._duration = 0.0
+        return self.setpoint

@@ -1,0 +1,88 @@
+"""A servo: PID in the standard form, with what real axes need (Astrom and Murray, Feedback Systems, ch. 11)."""
+
+from __future__ import annotations
+
+from collections.abc import Container
+from dataclasses import dataclass, field
+from math import copysign, inf
+
+from umo.control.inputs import value_of
+from umo.objects import DigitalActuator, DigitalSensor, Quality
+
+
+@dataclass
+class Servo:
+    """u = gain (e + 1/integral_time int(e) dt - derivative_time dy/dt) + feed-forward, e = setpoint - y.
+
+    The derivative acts on the measured value, through a first-order filter. Anti-windup: the integral stands
+    while `write` says that the value was not taken as given, and is led back to what the actuator's `read`
+    shows was really accepted. All times in s; gains hold at any sampling period that is short beside them.
+    """
+
+    sensor: DigitalSensor
+    actuator: DigitalActuator
+    gain: float
+    """Actuator units for one sensor unit."""
+    integral_time: float = inf
+    derivative_time: float = 0.0
+    filter_time: float = 0.0
+    """Time constant of the derivative's filter."""
+    feed_forward: float = 0.0
+    """Actuator units for one sensor unit per second of setpoint velocity."""
+    inertia: float = 0.0
+    """Actuator units for one sensor unit per second squared of setpoint acceleration."""
+    friction: float = 0.0
+    """Actuator units that overcome dry friction; given with the sign of the setpoint velocity."""
+    error: float = field(default=0.0, init=False)
+    """The last setpoint minus value, in sensor units."""
+    _integral: float = field(default=0.0, init=False)
+    _last: float | None = field(default=None, init=False)
+    _rate: float = field(default=0.0, init=False)
+    _asked: float | None = field(default=None, init=False)
+
+    def begin(self) -> None:
+        """Forget the past: before the servo takes an axis over, or after its sensor was referenced."""
+        self._integral = self._rate = self.error = 0.0
+        self._last = self._asked = None
+
+    def control(
+        self,
+        setpoint: float,
+        velocity: float = 0.0,
+        acceleration: float = 0.0,
+        *,
+        dt: float,
+        accept: Container[Quality] = (),
+    ) -> bool:
+        """One period of `dt` s: read, compute, write. False when the actuator was at its limit.
+
+        Raises BadInput when the sensor's quality is neither GOOD nor accepted.
+        """
+        value = value_of(self.sensor, accept)
+        self.error = setpoint - value
+        self._track(dt)
+        integral_step = self.gain * self.error * dt / self.integral_time
+        output = (
+            self.gain * (self.error - self.derivative_time * self._filtered_rate(value, dt))
+            + self._integral
+            + integral_step
+            + self.feed_forward * velocity
+            + self.inertia * acceleration
+            + (copysign(self.friction, velocity) if velocity else 0.0)
+        )
+        taken = self.actuator.write(output)
+        if taken or integral_step * output < 0:
+            self._integral += integral_step
+        self._asked = output
+        return taken
+
+    def _track(self, dt: float) -> None:
+        """Lead the integral back by what the actuator did not accept of the last output."""
+        if self._asked is not None and (refused := self.actuator.read() - self._asked):
+            self._integral += refused * min(1.0, dt / self.integral_time)
+
+    def _filtered_rate(self, value: float, dt: float) -> float:
+        rate = 0.0 if self._last is None else (value - self._last) / dt
+        self._rate += (rate - self._rate) * dt / (self.filter_time + dt)
+        self._last = value
+        return self._rate

@@ -1,0 +1,40 @@
+"""A motor behind a step and a direction output (the paper's DIO-StepperDrive-StepperMotor, section 4.4)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from umo.objects import BinaryActuator, Rotation, UpDown
+
+STEPS_PER_PERIOD = 0.4
+"""The most that a profile should ask for: a step takes two periods, and a reversal one more."""
+
+
+@dataclass
+class Stepping:
+    """Turns a position in steps, a real number, into edges: a phase accumulator.
+
+    UP and DOWN last at least one period each, and the direction has stood at the hardware for at least one
+    period before UP. CW counts upwards.
+    """
+
+    step: BinaryActuator[UpDown]
+    direction: BinaryActuator[Rotation]
+    count: int = field(default=0, init=False)
+    """Steps sent, with their sign."""
+
+    def control(self, position: float) -> bool:
+        """One period towards `position` in steps; True once it is within half a step and the output is DOWN."""
+        if self.step.read() is UpDown.UP:
+            self.step.write(UpDown.DOWN)
+            return False
+        due = position - self.count
+        if abs(due) <= 0.5:
+            return True
+        wanted = Rotation.CW if due > 0 else Rotation.CCW
+        if self.direction.read() is not wanted:
+            self.direction.write(wanted)
+            return False
+        self.step.write(UpDown.UP)
+        self.count += 1 if due > 0 else -1
+        return False

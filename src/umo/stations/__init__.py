@@ -1,0 +1,1 @@
+"""Stations that ship with umo; `umo run NAME` finds them here."""

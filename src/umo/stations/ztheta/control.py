@@ -1,0 +1,145 @@
+"""The compound objects of the z-theta manipulator and how they act (the paper's Listing 6 and section 5.4).
+
+Each control function is a member of the object that it belongs to; the axes have files of their own.
+"""
+
+from __future__ import annotations
+
+from umo import BinaryActuator, BinarySensor, Compound, DigitalSensor, OnOff, PassFail, TimeExpired
+from umo.control import Hysteresis, state_of, together, until, wait
+
+from .errors import GripError, HomingError
+from .thetaaxis import StepOutput, ThetaAxis
+from .zaxis import ZAxis
+
+__all__ = ["Counterweight", "Gripper", "Manipulator", "StepOutput", "ThetaAxis", "ZAxis"]
+
+
+class Counterweight(Compound):
+    """A pneumatic cylinder carries the arm: its pressure is kept within a band."""
+
+    vacuum: BinaryActuator[OnOff]
+    pressure: DigitalSensor
+
+    def setup(self) -> None:
+        self.regulator = Hysteresis(self.pressure, self.vacuum, OnOff.ON, low=742.0, high=762.0)
+
+    def control(self) -> None:
+        self.regulator.control()
+
+    async def carry(self) -> None:
+        """Until the pressure carries the arm."""
+        try:
+            await until(lambda: self.pressure.read() >= self.regulator.low, timeout=5.0)
+        except TimeExpired:
+            raise HomingError(f"the counterweight stays at {self.pressure.read():.0f} counts") from None
+
+
+class Gripper(Compound):
+    """A suction cup: PASS of the pressure switch proves that it holds a part."""
+
+    vacuum: BinaryActuator[OnOff]
+    pressure: BinarySensor[PassFail]
+    seal_time: float = 0.3
+    """How long the vacuum may take to build, s."""
+    loss_time: float = 0.02
+    """How long the switch may fail before a held part counts as lost, s."""
+
+    def setup(self) -> None:
+        self.holding = False
+        self._failing = 0.0
+
+    def control(self) -> None:
+        if not self.holding or state_of(self.pressure) is PassFail.PASS:
+            self._failing = 0.0
+            return
+        self._failing += self.dt
+        if self._failing > self.loss_time:
+            self.holding = False
+            raise GripError("the part was lost: the vacuum failed while it was held")
+
+    async def grip(self) -> bool:
+        """Vacuum on; whether the switch passed within `seal_time`. If not, the vacuum is off again."""
+        self.vacuum.write(OnOff.ON)
+        try:
+            await until(lambda: state_of(self.pressure) is PassFail.PASS, timeout=self.seal_time)
+        except TimeExpired:
+            self.vacuum.write(OnOff.OFF)
+            return False
+        self.holding = True
+        return True
+
+    def let_go(self) -> None:
+        """Vacuum off."""
+        self.holding = False
+        self.vacuum.write(OnOff.OFF)
+
+
+class Manipulator(Compound):
+    """The overhead manipulator. Heights are of the z encoder, um."""
+
+    z: ZAxis
+    theta: ThetaAxis
+    counterweight: Counterweight
+    gripper: Gripper
+    pressure_solenoid: BinaryActuator[OnOff]
+    timer: DigitalSensor
+    pick_height: float = 59_800.0
+    """The cup presses a part that lies on the courier."""
+    clearance: float = 4_000.0
+    """Above `pick_height` the arm goes slowly."""
+    touch_speed: float = 10_000.0
+    """um per s."""
+    turn_height: float = 80_000.0
+    """A part hangs free here."""
+    transit_height: float = 112_000.0
+    """The courier may move."""
+    courier_time: float = 1.0
+    """How long the courier takes to bring the next part, s."""
+    puff_time: float = 0.05
+    """How long the pressure blows a part off the cup, s."""
+
+    stopping = ("z.motor", "theta", "counterweight", "pressure_solenoid", "z", "gripper")
+    longest_period = "10 ms"
+
+    def setup(self) -> None:
+        self.task = "idle"
+        self.placed = 0
+        self.parts_total = 0
+
+    async def home(self) -> None:
+        """Carry the arm, then find both axes' references."""
+        await self.counterweight.carry()
+        await together(self.z.home(), self.theta.home())
+
+    async def ready(self, angle: float) -> None:
+        """Up, out of the courier's way, and turned to where parts are picked."""
+        await self.z.move_to(self.transit_height)
+        await together(self.theta.move_to(angle), wait(self.courier_time))
+
+    async def pick(self) -> None:
+        """Grip the part under the cup and lift it; one retry, then GripError."""
+        if not (await self._try_grip() or await self._try_grip()):
+            raise GripError("no part was gripped in 2 tries: none is under the cup, or the cup leaks")
+        await self.z.move_to(self.turn_height)
+
+    async def place(self) -> None:
+        """Put the part down and blow it off the cup."""
+        await self.z.move_to(self.pick_height + self.clearance)
+        await self.z.move_to(self.pick_height, speed=self.touch_speed)
+        self.gripper.let_go()
+        self.pressure_solenoid.write(OnOff.ON)
+        await wait(self.puff_time)
+        self.pressure_solenoid.write(OnOff.OFF)
+        await until(lambda: state_of(self.gripper.pressure) is PassFail.FAIL, timeout=1.0)
+        await self.z.move_to(self.pick_height + self.clearance, speed=self.touch_speed)
+
+    async def _try_grip(self) -> bool:
+        """Down to the part and grip it; if nothing is held, up again, and time for the courier."""
+        await self.z.move_to(self.pick_height + self.clearance)
+        await self.z.move_to(self.pick_height, speed=self.touch_speed)
+        if await self.gripper.grip():
+            return True
+        await self.z.move_to(self.transit_height)
+        await wait(self.courier_time)
+        return False

@@ -1,0 +1,184 @@
+"""The courier of the plant, and the plant's own report on what became of the parts.
+
+Control sees neither. The courier brings one part after another under the cup; a part is taken away once it has
+been lifted by the cup, released, lies still, and z is above `CLEAR_UM`. The first one comes when z has risen
+above `CLEAR_UM` for the first time, so that homing over the low stop meets no part.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from .devices import STEP
+
+CLEAR_UM = 100_000.0
+"""z above which the courier moves, um."""
+TRAVEL = 0.7
+"""Duration of every journey of the courier, s; it has settled 0.1 s later."""
+SETTLE = 0.1
+QUIET = 0.05
+"""How long a released part must have lain still before the courier leaves, s."""
+STILL_UM = 5.0
+"""A part that moves up or down by less in one physics step lies still, um."""
+LIFT_UM = 5_000.0
+"""A part counts as lifted once it has risen by so much, um."""
+TOLERANCE_UM = 200.0
+"""Distance between the centre of a placed part and where it ought to be, um."""
+TOLERANCE_DEG = 1.0
+"""Yaw and height have their tolerances too: this, and `TOLERANCE_UM`."""
+
+
+class Pose(NamedTuple):
+    """A part on the courier, seen from above, the theta axis at the origin.
+
+    x to the right and y to the back, um; yaw clockwise (as positive theta), deg; height of the centre, um.
+    """
+
+    x: float
+    y: float
+    yaw: float
+    height: float
+
+    def turned(self) -> Pose:
+        """This pose turned by +90 deg about the theta axis: an off-centre part swings around it."""
+        return Pose(self.y, -self.x, self.yaw + 90.0, self.height)
+
+
+@dataclass(frozen=True, slots=True)
+class PartReport:
+    """What became of one part. Errors are None until it has been delivered and lifted."""
+
+    index: int
+    delivered: bool
+    lifted: bool
+    start: Pose | None
+    final: Pose | None
+    error_um: float | None
+    error_deg: float | None
+    placed: bool
+
+    def __str__(self) -> str:
+        if self.error_um is None or self.error_deg is None:
+            return f"part {self.index}: {'not lifted' if self.delivered else 'not delivered'}"
+        verdict = "placed" if self.placed else "not placed"
+        return f"part {self.index}: {verdict}, {self.error_um:.0f} um and {self.error_deg:.3f} deg off"
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """The truth about every part, in the order of delivery."""
+
+    parts: tuple[PartReport, ...]
+
+    @property
+    def placed(self) -> int:
+        return sum(part.placed for part in self.parts)
+
+    def __str__(self) -> str:
+        return "\n".join(map(str, self.parts))
+
+
+class _Part:
+    """What the courier remembers of one part."""
+
+    def __init__(self) -> None:
+        self.start: Pose | None = None
+        self.final: Pose | None = None
+        self.lifted = False
+        self.held = False
+
+
+class Courier:
+    """Where the courier ought to be, and what it saw. Positions in m along its track.
+
+    `stops` are its positions with each part under the cup, `look` gives the true pose of a part.
+    """
+
+    def __init__(
+        self, stops: Sequence[float], look: Callable[[int], Pose], *, park: float, absent: bool = False
+    ) -> None:
+        self._stops = [*stops, -park]
+        self._parts = [_Part() for _ in stops]
+        self._look = look
+        self._absent = absent
+        self._from = self._to = park
+        self._moving = False
+        self._clock = 0.0
+        self._quiet = 0.0
+        self._height = 0.0
+        self.current = -1
+        """Index of the part under the cup or on its way to it; -1 before the first one."""
+        self.present = False
+        """The current part stands under the cup."""
+
+    @property
+    def lifted(self) -> bool:
+        """The current part has been lifted by the cup."""
+        return self.present and self._parts[self.current].lifted
+
+    def stop(self, part: int) -> float:
+        """Where the courier stands with the part under the cup, m."""
+        return self._stops[part]
+
+    def target(self, z_um: float) -> float:
+        """Where the courier ought to be after one physics step."""
+        if self._moving:
+            return self._travel()
+        if self.current < 0 and z_um > CLEAR_UM and not self._absent:
+            self._depart()
+        return self._to
+
+    def _depart(self) -> None:
+        self.current += 1
+        self.present = False
+        self._from, self._to = self._to, self._stops[self.current]
+        self._moving = True
+        self._clock = self._quiet = 0.0
+
+    def _travel(self) -> float:
+        self._clock += STEP
+        if self._clock < TRAVEL:  # the smoothest way: least jerk
+            s = self._clock / TRAVEL
+            return self._from + (self._to - self._from) * s * s * s * (10.0 + s * (6.0 * s - 15.0))
+        if self._clock >= TRAVEL + SETTLE:
+            self._moving = False
+            self.present = self.current < len(self._parts)
+        return self._to
+
+    def watch(self, height: float, *, z_um: float, held: bool) -> None:
+        """See how high the current part's centre is, um; once a physics step while a part is present."""
+        part = self._parts[self.current]
+        if part.start is None:
+            part.start = self._look(self.current)
+        part.held = held
+        still = abs(height - self._height) < STILL_UM
+        self._height = height
+        if not part.lifted:
+            part.lifted = held and height - part.start.height > LIFT_UM
+        elif held or not still or z_um <= CLEAR_UM:
+            self._quiet = 0.0
+        else:
+            self._quiet += STEP
+            if self._quiet >= QUIET:
+                part.final = self._look(self.current)
+                self._depart()
+
+    def report(self) -> Report:
+        if self.present and self._parts[self.current].lifted:
+            self._parts[self.current].final = self._look(self.current)
+        return Report(tuple(_judge(i, part) for i, part in enumerate(self._parts)))
+
+
+def _judge(index: int, part: _Part) -> PartReport:
+    start, final = part.start, part.final
+    if start is None or final is None:
+        return PartReport(index, start is not None, part.lifted, start, final, None, None, False)
+    goal = start.turned()
+    error_um = math.hypot(final.x - goal.x, final.y - goal.y)
+    error_deg = abs((final.yaw - goal.yaw + 180.0) % 360.0 - 180.0)
+    lies_flat = not part.held and abs(final.height - goal.height) <= TOLERANCE_UM
+    placed = lies_flat and error_um <= TOLERANCE_UM and error_deg <= TOLERANCE_DEG
+    return PartReport(index, True, True, start, final, error_um, error_deg, placed)

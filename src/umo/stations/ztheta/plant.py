@@ -1,0 +1,268 @@
+"""The z-theta station's hardware as a driver: a MuJoCo model behind the five functions, in raw integers only.
+
+| channel | direction, bits | meaning of the level |
+| --- | --- | --- |
+| dac:z | output, 12 signed | z motor, volts = raw * 10 / 2047, saturating at 10 V; positive lifts |
+| pwm:z | output, 16 signed | the same by duty cycle, wired the other way round: volts = -raw * 10 / 32767 |
+| dio:step, dio:direction | output, 1 | theta steps 0.225 deg on UP; direction 1 = CW from above = theta grows |
+| dio:z_index, dio:theta_index | output, 1 | 1 = the next index pulse loads the preset, zeroes the count |
+| dio:counterweight | output, 1 | 1 = valve open, the pressure rises; 0 = it stays, with a slow leak |
+| dio:vacuum, dio:pressure | output, 1 | suction valve of the cup; release puff |
+| counter:z, counter:theta | input, 16 / 24 signed | encoder counts: 0 at power-up, wrapping |
+| adc:counterweight | input, 10 | pressure in the counterbalance cylinder, 80 Pa a count |
+| dio:gripper | input, 1 | pressure switch of the cup: 1 = FAIL, 0 = PASS (above 30 kPa) |
+| tick | input, 31 | the timer: lets one period of physics pass, returns how many were missed |
+
+Heights are those of the cup's tip, which is what z counts. The stops are at 54.5 and 129.5 mm and at 271 deg
+either way. The top of a part stands at 60.0 mm: the cup takes and leaves it at 59.8 mm, pressing by 0.2 mm
+(0.05 to 0.3 mm do; from 0.3 mm above it is already drawn up). z at rest with its valve closed and 0 V stays
+where it is while the pressure is between 680 and 820 counts; 752 carry the arm exactly.
+
+Levels take effect at the next physics step of 1 ms. The truth (`z_um`, `theta_deg`, `report()`) is for tests
+and observers; no channel carries it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, cast
+
+from umo.drivers.contract import Channel, Direction, Driver, IntArray
+from umo.errors import ChannelError, DriverError, WiringError, did_you_mean
+
+from .courier import Report
+from .devices import STEP
+
+if TYPE_CHECKING:
+    from umo.drivers.timerfd import Ticker
+
+    from .physics import Physics
+
+FAULTS = (
+    "no-part",
+    "leaky-cup",
+    "stalled-theta",
+    "dead-z-encoder",
+    "dead-theta-encoder",
+    "no-courier",
+    "dropped-part",
+)
+"""The courier comes empty; the cup never builds its vacuum; the rotor is blocked; a count is frozen; no courier
+comes; the seal breaks while a lifted part is turned."""
+MOST_PARTS = 6
+
+
+@dataclass(frozen=True)
+class PlantChannel(Channel):
+    """A channel with its place in the plant's list of levels."""
+
+    index: int = -1
+
+
+def _channels() -> dict[str, PlantChannel]:
+    """Every channel by its text, outputs first, in the order of `Plant.advance`."""
+    lines = ["step", "direction", "z_index", "theta_index", "counterweight", "vacuum", "pressure"]
+    outputs = {"dac:z": 12, "pwm:z": 16} | {f"dio:{line}": 1 for line in lines}
+    inputs = {"counter:z": 16, "counter:theta": 24, "adc:counterweight": 10, "dio:gripper": 1, "tick": 31}
+    signed = {"dac:z", "pwm:z", "counter:theta"}
+    return {
+        text: PlantChannel(text, Direction.OUTPUT if text in outputs else Direction.INPUT, bits, text in signed, index)
+        for index, (text, bits) in enumerate((outputs | inputs).items())
+    }
+
+
+CHANNELS = _channels()
+RANGES = [(channel.lowest, channel.highest) for channel in CHANNELS.values()]
+DAC, PWM, INPUTS, TICK = (CHANNELS[text].index for text in ("dac:z", "pwm:z", "counter:z", "tick"))
+
+
+class Plant(Driver):
+    """The station, simulated.
+
+    `seed` decides where everything starts, `parts` (1 to 6) how many the courier carries, `preset` what the z
+    counter loads at its index (raw 58117 is 121,999.4 um), `faults` which of `FAULTS` it has. With `realtime`
+    the tick keeps pace with the wall clock. The first `open` builds the machine; a later one finds it where it
+    was left, with its circuits switched on afresh (counts at 0). After `close` it can still be advanced.
+    """
+
+    def __init__(
+        self,
+        *,
+        seed: int = 0,
+        parts: int = 3,
+        realtime: bool = False,
+        preset: int = 58117,
+        faults: Sequence[str] = (),
+    ) -> None:
+        if not 1 <= parts <= MOST_PARTS:
+            raise WiringError(f"the courier carries 1 to {MOST_PARTS} parts, not {parts}")
+        if not 0 <= preset < 1 << 16:
+            raise WiringError(f"the preset {preset} does not fit the 16 bits of the z counter")
+        for fault in faults:
+            if fault not in FAULTS:
+                known = ", ".join(FAULTS)
+                raise WiringError(f"no fault {fault!r}{did_you_mean(fault, FAULTS)}; the faults are: {known}")
+        self._seed, self._parts, self._preset, self._faults = seed, parts, preset, frozenset(faults)
+        self._realtime = realtime
+        self._ticker: Ticker | None = None
+        self._ticking = False
+        self._physics: Physics | None = None
+        self._steps = 1
+        self._drive: int | None = None
+        self._levels = [0] * len(CHANNELS)
+
+    # The five functions -------------------------------------------------------------------------
+
+    def channel(self, text: str) -> PlantChannel:
+        try:
+            return CHANNELS[text]
+        except KeyError:
+            raise ChannelError(text, CHANNELS) from None
+
+    def finalize(self, channel: Channel) -> None:
+        if cast("PlantChannel", channel).index == self._drive:
+            self._drive = None
+
+    def read(self, channel: Channel) -> int:
+        """The level of an input; of an output, DriverError. Reading `tick` lets one period pass."""
+        index = cast("PlantChannel", channel).index
+        if index < INPUTS:
+            raise DriverError(f"{channel.text} is an output and cannot be read")
+        return self._tick() if index == TICK else self._levels[index]
+
+    def write(self, channel: Channel, raw: int) -> None:
+        """Set an output. The z drives saturate; anything but 0 and 1 on a line is a DriverError."""
+        self._put(cast("PlantChannel", channel), raw)
+
+    def read_many(self, channels: Sequence[Channel], out: IntArray) -> None:
+        levels = self._levels
+        out[:] = [
+            levels[channel.index] if INPUTS <= channel.index < TICK else self.read(channel)
+            for channel in cast("Sequence[PlantChannel]", channels)
+        ]
+
+    def write_many(self, channels: Sequence[Channel], raws: IntArray) -> None:
+        for channel, raw in zip(cast("Sequence[PlantChannel]", channels), raws.tolist(), strict=True):
+            self._put(channel, raw)
+
+    def _put(self, channel: PlantChannel, raw: int) -> None:
+        index = channel.index
+        lowest, highest = RANGES[index]
+        if index <= PWM:
+            self._claim(index)
+            raw = min(max(raw, lowest), highest)
+        elif index >= INPUTS:
+            raise DriverError(f"{channel.text} is an input and cannot be written")
+        elif not lowest <= raw <= highest:
+            raise DriverError(f"{channel.text} takes 0 or 1, not {raw}")
+        if self._physics is None:
+            raise DriverError("the plant is not open")
+        self._levels[index] = raw
+
+    def _claim(self, index: int) -> None:
+        """The z motor listens to the drive that was initialized first, until that one is finalized."""
+        if self._drive is None:
+            self._drive = index
+        elif self._drive != index:
+            raise DriverError("dac:z and pwm:z drive the same motor; initialize only one of them")
+
+    # Opening and time ---------------------------------------------------------------------------
+
+    def open(self) -> None:
+        """Switch the circuits on; the first time, build the machine. DriverError without MuJoCo."""
+        self._steps = self._whole_steps()
+        if self._realtime:
+            from umo.drivers.timerfd import Ticker
+
+            self._ticker = Ticker(self._steps * STEP)
+        if self._physics is None:
+            self._physics = self._build()
+        else:
+            self._physics.power_up()
+        self._levels[:] = [0] * len(CHANNELS)
+        self._drive = None
+        self._refresh(self._physics)
+
+    def close(self) -> None:
+        if self._ticker is not None:
+            self._ticker.close()
+        self._ticker, self._ticking = None, False
+
+    def _whole_steps(self) -> int:
+        """Physics steps in a period; without a timer (period 0) one."""
+        period = self.period or STEP
+        steps = round(period / STEP)
+        if steps < 1 or abs(steps * STEP - period) > 1e-9:
+            raise DriverError(f"the plant's period is a whole number of ms, not {period * 1e3:g} ms")
+        return steps
+
+    def _build(self) -> Physics:
+        try:
+            from .physics import Physics
+        except ModuleNotFoundError as error:
+            if (error.name or "").partition(".")[0] != "mujoco":
+                raise
+            raise DriverError('the plant needs MuJoCo: pip install "umo[plant]"') from error
+        return Physics(seed=self._seed, parts=self._parts, preset=self._preset, faults=self._faults)
+
+    def _tick(self) -> int:
+        """The timer: the periods missed. In virtual time one period passes and none is ever missed."""
+        if self._ticker is None:
+            self.advance()
+            return 0
+        if not self._ticking:
+            self._ticker.start()
+            self._ticking = True
+        missed = self._ticker.wait()
+        self.advance(max(missed, 1))
+        return missed
+
+    def advance(self, periods: int = 1) -> None:
+        """Let the physics run on for so many periods under the levels as they are; after `close` too."""
+        physics = self._opened()
+        dac, pwm, step, direction, z_index, theta_index, valve, vacuum, puff = self._levels[:INPUTS]
+        volts = -pwm * (10.0 / 32767) if self._drive == PWM else dac * (10.0 / 2047)
+        volts = min(max(volts, -10.0), 10.0)
+        for _ in range(periods * self._steps):
+            physics.step(volts, step, direction, z_index, theta_index, valve, vacuum, puff)
+        self._refresh(physics)
+
+    def _refresh(self, physics: Physics) -> None:
+        self._levels[INPUTS:TICK] = (
+            physics.z_counter.raw,
+            physics.theta_counter.raw,
+            physics.counterbalance.raw,
+            physics.gripper.raw,
+        )
+
+    def _opened(self) -> Physics:
+        if self._physics is None:
+            raise DriverError("the plant is not open")
+        return self._physics
+
+    # Truth, for tests and observers -------------------------------------------------------------
+
+    @property
+    def z_um(self) -> float:
+        """Height of the cup's tip, um."""
+        return self._opened().z_um
+
+    @property
+    def theta_deg(self) -> float:
+        """Angle of the theta axis, deg."""
+        return self._opened().theta_deg
+
+    @property
+    def vacuum_kpa(self) -> float:
+        """Vacuum in the cup, kPa."""
+        return self._opened().gripper.vacuum / 1e3
+
+    @property
+    def physics(self) -> Physics:
+        """The model itself, for rendering."""
+        return self._opened()
+
+    def report(self) -> Report:
+        """What became of every part so far."""
+        return self._opened().courier.report()
