@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from umo.errors import ChannelError, DriverError, WiringError
 pytest.importorskip("mujoco")
 
 from umo.stations.ztheta import courier, plant
-from umo.stations.ztheta.devices import Counter, Counterbalance, Gripper, StepDrive
+from umo.stations.ztheta.devices import Counter, Counterbalance, Gripper
 from umo.stations.ztheta.plant import CHANNELS, FAULTS, Plant
 
 BALANCED, SUNK = 3, 0
@@ -376,21 +376,29 @@ def test_a_step_is_0_225_degrees_and_clockwise_is_positive(steps: int) -> None:
     assert moved == pytest.approx(machine.theta_deg - before, abs=0.002)
 
 
-def test_a_step_needs_a_rising_edge_seen_by_the_physics() -> None:
-    drive = StepDrive(0.0)
-    drive.torque(0, 1, 0.0)
-    fields = [drive._field for step in (1, 1, 0, 0, 1) if drive.torque(step, 1, 0.0) is not None]
-    assert [round(f / math.radians(0.225)) for f in fields] == [1, 1, 1, 1, 2]
+def _steps_taken(machine: Plant, levels: Sequence[tuple[int, int]], *, advance: bool = True) -> int:
+    """Steps that the drive makes of (step, direction) levels, each pair written in one transfer."""
+    channels = [machine.channel("dio:step"), machine.channel("dio:direction")]
+    before = machine.physics.drive._field
+    for pair in levels:
+        machine.write_many(channels, np.array(pair, np.int64))
+        if advance:
+            machine.advance()
+    machine.advance()
+    return round((machine.physics.drive._field - before) / math.radians(0.225))
+
+
+def test_every_rising_edge_is_one_step() -> None:
+    assert _steps_taken(opened(), [(0, 1), (1, 1), (1, 1), (0, 1), (0, 1), (1, 1)]) == 2
+
+
+def test_edges_within_one_physics_step_are_not_lost() -> None:
+    assert _steps_taken(opened(), [(0, 1), (1, 1), (0, 1), (1, 1), (0, 1), (1, 1)], advance=False) == 3
 
 
 def test_a_direction_written_together_with_up_comes_too_late_for_that_step() -> None:
-    drive = StepDrive(0.0)
-    drive.torque(0, 1, 0.0)
-    drive.torque(1, 0, 0.0)
-    assert drive._field > 0
-    drive.torque(0, 0, 0.0)
-    drive.torque(1, 0, 0.0)
-    assert drive._field == pytest.approx(0.0, abs=1e-12)
+    assert _steps_taken(opened(), [(0, 1), (1, 0)]) == 1
+    assert _steps_taken(opened(), [(0, 1), (1, 0), (0, 0), (1, 0)]) == 0
 
 
 def test_over_driven_the_motor_loses_whole_electrical_cycles_and_the_encoder_shows_it() -> None:

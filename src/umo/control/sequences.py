@@ -10,7 +10,7 @@ import math
 from collections.abc import Awaitable, Callable, Coroutine, Generator
 from typing import Any, Protocol
 
-from umo.errors import Cancelled, TimeExpired
+from umo.errors import Cancelled, TaskFailed, TimeExpired
 from umo.objects.units import seconds as in_seconds
 
 
@@ -61,6 +61,8 @@ async def _pass(condition: Callable[[], bool], limit: float) -> bool:
         if condition():
             return True
         if math.isfinite(limit):
+            if not tick.period:
+                raise TaskFailed("a machine without a timer has no periods to count seconds in")
             whole_periods = math.ceil(limit / tick.period - 1e-9)
     return False
 
@@ -78,9 +80,13 @@ class _Together:
                 if all(task.done for task in self._tasks):
                     return tuple(task.result for task in self._tasks)
                 tick = yield
-        finally:
-            for task in self._tasks:
-                task.cancel()
+        except BaseException as failure:
+            errors = _cancel_all(self._tasks)
+            if errors and isinstance(failure, Cancelled | GeneratorExit):
+                raise errors[0] from None
+            for error in errors:
+                failure.add_note(f"and while a sequence beside it was cancelled: {error!r}")
+            raise
 
 
 def together(*sequences: Sequence) -> Awaitable[tuple[Any, ...]]:
@@ -126,6 +132,17 @@ class Task:
         self._sequence.close()  # it awaited again: GeneratorExit ends it
 
 
+def _cancel_all(tasks: list[Task]) -> list[BaseException]:
+    """The last started first; an error in the cleaning up of one does not spare the others."""
+    errors: list[BaseException] = []
+    for task in reversed(tasks):
+        try:
+            task.cancel()
+        except BaseException as error:  # even SystemExit: the outputs are still to be reset
+            errors.append(error)
+    return errors
+
+
 class Sequences:
     """All sequences that run side by side on one machine."""
 
@@ -153,16 +170,9 @@ class Sequences:
 
     def cancel(self) -> None:
         """On stop: Cancelled into each, the last started first; the first error is raised after all."""
-        errors = []
-        while self._tasks:
-            task, fresh = self._tasks.pop()
-            if fresh:
-                task._sequence.close()  # never begun: there is nothing to clean up
-                task.done = True
-                continue
-            try:
-                task.cancel()
-            except Exception as error:
-                errors.append(error)
+        errors: list[BaseException] = []
+        while self._tasks:  # cleaning up may start more
+            tasks, self._tasks = self._tasks, []
+            errors += _cancel_all([task for task, _ in tasks])
         if errors:
             raise errors[0]

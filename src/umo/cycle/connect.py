@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Generic, TypeVar
@@ -60,11 +61,19 @@ class connect(Generic[C]):
             raise DeclarationError(f"{type(self.root).__name__} is connected already")
         self._opened, self._initialized = [], []
         self.wired = resolve(self.root, self._wiring, self._options)
-        self._restore = [wire.apply().apply for wire in self.wired.wires]
-        self._restore += [parameter.apply().apply for parameter in self.wired.parameters]
-        clock = WallClock() if self.wired.period is None else Clock(self.wired.period)
-        self.machine = ConnectedMachine(self.root, make_image(self.wired.wires, clock, self.wired.timer), self.stop)
+        self._restore = []
         self.stop.install()
+        try:
+            for wire in self.wired.wires:
+                self._restore.append(wire.apply().apply)  # one by one: the next may fail
+            for parameter in self.wired.parameters:
+                self._restore.append(parameter.apply().apply)
+            clock = WallClock() if self.wired.period is None else Clock(self.wired.period)
+            image = make_image(self.wired.wires, clock, self.wired.timer)
+            self.machine = ConnectedMachine(self.root, image, self.stop)
+        except BaseException:
+            self._give_back()
+            raise
         try:
             self._start()
         except BaseException as error:
@@ -80,14 +89,14 @@ class connect(Generic[C]):
     def _start(self) -> None:
         for name, driver in self.wired.drivers.items():
             self._opened.append((name, driver))
-            _open(name, driver)
+            _try(name, "opened", driver.open)
         for slot in self._declared_order():
             self._initialized.append(slot)
             failures = self.image.try_each([slot], "initialize")
             if failures:
                 raise DriverError("could not be initialised", failures)
         for name, limit in self.wired.watchdogs.items():
-            self.wired.drivers[name].watchdog(limit)
+            _try(name, "given its watchdog", partial(self.wired.drivers[name].watchdog, limit))
         self.image.sample()
 
     def _leave(self, cause: BaseException | None) -> None:
@@ -99,18 +108,24 @@ class connect(Generic[C]):
         finally:
             self.machine.disconnect()
             self.image.disconnect()
-            for undo in reversed(self._restore):
-                undo()
-            self.stop.restore()
+            self._give_back()
         if unreached:
             raise StopError("not brought to their defaults", [*unreached, *failures]) from cause
         if failures:
             raise DriverError("could not be given back", failures) from cause
 
+    def _give_back(self) -> None:
+        """Calibrations, parameters and signal handlers as they were."""
+        try:
+            for undo in reversed(self._restore):
+                undo()
+        finally:
+            self.stop.restore()
+
     def _cancel_sequences(self) -> list[Failure]:
         try:
             self.machine.sequences.cancel()
-        except Exception as error:
+        except BaseException as error:  # whatever it is, the outputs are still to be reset
             return [Failure("application", "-", f"{type(error).__name__} while stopping: {error}")]
         return []
 
@@ -149,10 +164,10 @@ class connect(Generic[C]):
         return [s for s in order if s in initialized and items[s].direction is Direction.OUTPUT]
 
 
-def _open(name: str, driver: Driver) -> None:
+def _try(name: str, what: str, call: Callable[[], None]) -> None:
     try:
-        driver.open()
+        call()
     except DriverError as error:
         raise DriverError(f"driver {name}: {error}", error.failures) from error
     except Exception as error:
-        raise DriverError(f"driver {name} could not be opened: {type(error).__name__}: {error}") from error
+        raise DriverError(f"driver {name} could not be {what}: {type(error).__name__}: {error}") from error

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
+from operator import index
 from typing import Any, cast
 
 import numpy as np
@@ -150,7 +151,7 @@ class Image(ABC):
         wire = self.wires[slot]
         failures: list[Failure] = []
         try:
-            raw = wire.driver.read(wire.channel)
+            self.raws[slot] = raw = index(wire.driver.read(wire.channel))
         except Exception as error:
             self._fail_input(slot, _cause(error), failures)
         else:
@@ -315,6 +316,7 @@ class Image(ABC):
         for driver, group in self._by_driver(slots):
             start, stop = group[0], group[-1] + 1
             buffer = np.zeros(len(group), np.int64) if inputs else self.pending_raws_array[start:stop]
+            buffer.flags.writeable = inputs  # what is pending is not the driver's to change
             block = Block(driver, self._channels(group), start, buffer)
             block.scales = self.scales[start:stop]
             blocks.append(block)

@@ -9,28 +9,50 @@ from typing import Any
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
+_flags: dict[StopFlag, bool] = {}  # every connected machine's, and whether it was connected in the main thread
+_before: dict[int, Any] = {}  # the handlers from before the first of those
+
 
 class StopFlag:
-    """`requested` becomes true at the first signal; further ones change nothing, so resetting is not interrupted."""
+    """`requested` becomes true at the first signal; further ones change nothing, so resetting is not interrupted.
+
+    One signal stops every machine of the process. Python handles signals in the main thread alone: while no
+    machine was connected there, the flags are only set by `request`.
+    """
 
     def __init__(self) -> None:
         self.requested = False
         self.signal: int | None = None
-        self._before: dict[int, Any] = {}
 
     def install(self) -> None:
-        """Python delivers signals to the main thread alone; elsewhere the flag is only set by `request`."""
-        if threading.current_thread() is threading.main_thread():
-            self._before = {number: signal.signal(number, self._caught) for number in SIGNALS}
+        """Listen from now on."""
+        self.requested, self.signal = False, None
+        _flags[self] = _in_main_thread()
+        if _flags[self] and not _before:
+            _before.update({number: signal.signal(number, _caught) for number in SIGNALS})
 
     def restore(self) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-        self._before = {}
+        """Listen no more; the last machine to leave gives the handlers back, whichever was connected first."""
+        _flags.pop(self, None)
+        if _in_main_thread() and not any(_flags.values()):
+            while _before:
+                number, handler = _before.popitem()
+                signal.signal(number, signal.SIG_DFL if handler is None else handler)
 
-    def request(self) -> None:
-        self.requested = True
-
-    def _caught(self, number: int, frame: FrameType | None) -> None:
+    def request(self, number: int | None = None) -> None:
         self.signal = self.signal or number
         self.requested = True
+
+
+def request_stop(number: int | None = None) -> None:
+    """Ask every connected machine of this process to stop, as a signal does."""
+    for flag in tuple(_flags):
+        flag.request(number)
+
+
+def _caught(number: int, frame: FrameType | None) -> None:
+    request_stop(number)
+
+
+def _in_main_thread() -> bool:
+    return threading.current_thread() is threading.main_thread()

@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from enum import Flag
+from operator import index
 
 import numpy as np
 import numpy.typing as npt
@@ -91,7 +92,7 @@ class Driver(ABC):
     def read_many(self, channels: Sequence[Channel], out: IntArray) -> None:
         """Read all the channels into `out`, in place: the sensors of one period. One transfer on a bus."""
         for i, channel in enumerate(channels):
-            out[i] = self.read(channel)
+            out[i] = index(self.read(channel))  # numpy alone would truncate a float
 
     def write_many(self, channels: Sequence[Channel], raws: IntArray) -> None:
         """Write all the channels: the actuators of one period. `raws` is the caller's; copy, never keep."""

@@ -30,7 +30,7 @@ def find(name: str) -> type[Driver]:
         raise WiringError(f"no driver {name!r}{did_you_mean(name, points)}; known: {names}, or module:Class")
     try:
         found = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError) as error:
+    except Exception as error:  # a module may raise anything
         raise WiringError(f"driver {name!r} cannot be imported: {error}") from error
     if not (isinstance(found, type) and issubclass(found, Driver)):
         raise WiringError(f"{name!r} is no umo driver")

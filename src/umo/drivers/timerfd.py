@@ -44,6 +44,8 @@ class Ticker:
         libc = ctypes.CDLL(None, use_errno=True)
         self._fd = libc.timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK | TFD_CLOEXEC)
         whole, part = divmod(round(self.period * 1e9), 1_000_000_000)
+        if not (whole or part):  # which timerfd takes for "never"
+            raise DriverError(f"timerfd: no period of {self.period:g} s; wire a timer with its period")
         spec = _Itimerspec(_Timespec(whole, part), _Timespec(whole, part))
         if self._fd < 0 or libc.timerfd_settime(self._fd, 0, ctypes.byref(spec), None) < 0:
             number = ctypes.get_errno()

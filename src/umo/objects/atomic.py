@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, ClassVar, Generic, NamedTuple, TypeVar, cast
 
+import numpy as np
+
 from umo.drivers.contract import Direction
 from umo.errors import DeclarationError, RangeError, StateError
 from umo.objects.link import Unconnected
@@ -212,9 +214,12 @@ class Digital(Atomic):
     def _number(self, value: float) -> float:
         """A plain finite float; a bool, a text or a state is refused."""
         name = self.path or type(self).__name__
-        if isinstance(value, bool) or not hasattr(value, "__float__"):
+        if isinstance(value, bool | np.bool_) or not hasattr(value, "__float__"):
             raise RangeError(f"{name}: {value!r} is no number in {self._units}")
-        number = float(value)
+        try:
+            number = float(value)
+        except (TypeError, ValueError, OverflowError) as error:  # an array of many, an integer beyond floats
+            raise RangeError(f"{name}: no number in {self._units} ({error})") from None
         if not math.isfinite(number):
             raise RangeError(f"{name}: {number} is not finite")
         return number

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-from collections.abc import Coroutine, Iterator, Mapping
+from collections.abc import Collection, Coroutine, Iterator, Mapping
 from functools import cache
 from types import MappingProxyType, UnionType
 from typing import (
@@ -193,9 +193,17 @@ def _parts(name: str, value: object) -> tuple[object, dict[str, Node]]:
     else:
         return value, {}
     parts = {key: item for key, item in named.items() if isinstance(item, Node)}
-    if parts and len(parts) < len(named):
+    if len(parts) < len(named) and any(map(_holds_objects, named.values())):
         raise DeclarationError(f"{name} mixes objects with other things: {next(k for k in named if k not in parts)}")
+    if parts and (len(parts) < len(value) or any("." in key.removeprefix(f"{name}.") for key in parts)):
+        raise DeclarationError(f"{name}: the keys of parts are different texts without a dot")
     return (frozen, parts) if parts else (value, {})
+
+
+def _holds_objects(value: object) -> bool:
+    if isinstance(value, Mapping):
+        value = value.values()
+    return isinstance(value, Node) or (isinstance(value, Collection) and any(isinstance(v, Node) for v in value))
 
 
 def _check_type(where: str, value: object, hint: Any) -> None:

@@ -6,6 +6,7 @@ pint is imported with the first declaration, not with umo: it costs 0.2 s (notes
 from __future__ import annotations
 
 import math
+import re
 from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +24,9 @@ def registry() -> UnitRegistry[Any]:
     units: UnitRegistry[Any] = UnitRegistry()
     units.define("sampling_period = [sampling]")
     return units
+
+
+_DURATION = re.compile(r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*([^\W\d]+)")  # pint would calculate "9**9**9 s"
 
 
 @lru_cache(maxsize=1024)
@@ -53,13 +57,14 @@ def convert(value: float, source: str, target: str) -> float:
 
 def seconds(duration: str | float) -> float:
     """A duration in s, from a number of seconds or a text such as "20 ms"; finite and not negative."""
-    if isinstance(duration, str):
-        try:
-            value = float(registry().Quantity(duration).to("s").magnitude)
-        except Exception:
-            raise DeclarationError(f'{duration!r} is no duration; write for example "20 ms"') from None
-    else:
-        value = float(duration)
+    try:
+        if isinstance(duration, str):
+            number, unit = _DURATION.fullmatch(duration.strip()).groups()  # type: ignore[union-attr]
+            value = convert(float(number), unit, "s")
+        else:
+            value = float(duration)
+    except (AttributeError, TypeError, ValueError, OverflowError):
+        raise DeclarationError(f'{duration!r} is no duration; write for example "20 ms"') from None
     if not math.isfinite(value) or value < 0:
         raise DeclarationError(f"{duration!r} is no duration: it must be finite and not negative")
     return value

@@ -113,6 +113,8 @@ class _Plan:
     def __init__(self, image: Image, objects: Sequence[Atomic]) -> None:
         self.image = image
         image.values  # noqa: B018  (NotConnected before anything is indexed)
+        if any(item._image is not image for item in objects):
+            raise DeclarationError("a Vector holds objects of one machine")
         self.all_slots = [item._slot for item in objects]
         self.slots = _as_slice(self.all_slots)
         self.limits: _Limits | None = None

@@ -1,0 +1,26 @@
+"""For the tests of your own machine: a scripted circuit, virtual time, and the loop in one call.
+
+    def test_the_valve_closes_when_the_pressure_is_high():
+        box = Scripted()
+        wiring = {
+            "drivers": {"box": box, "clock": VirtualTimer()},
+            "wire": {
+                "timer": {"driver": "clock", "period": "1 ms"},
+                "pressure": {"driver": "box"},
+                "valve": {"driver": "box"},
+            },
+        }
+        with connect(press(), wiring) as m:
+            put(m.pressure, 6.5)
+            periods(m, 2)
+            assert m.valve.read() is OpenClosed.CLOSED
+
+In a wiring given as a dict a driver's table may be the driver itself, made beforehand, or hold it as its
+`type` beside a `timeout` or `watchdog`. No test sleeps: time is a wired device.
+"""
+
+from umo.testing.loop import periods, put
+from umo.testing.scripted import Call, Scripted
+from umo.testing.virtual import VirtualTimer
+
+__all__ = ["Call", "Scripted", "VirtualTimer", "periods", "put"]

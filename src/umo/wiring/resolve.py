@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-import math
+import sys
 from collections.abc import Hashable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import ConfigDict, ValidationError, create_model
 
 from umo.drivers import registry
@@ -25,6 +26,7 @@ from umo.wiring.resolved import Parameter, Wire, Wired
 from umo.wiring.source import Entry, Source, pydantic_faults, read
 
 DEFAULT_PERIOD = "1 ms"
+INT64 = np.iinfo(np.int64)
 RESERVED = ("type", "timeout", "watchdog")
 
 
@@ -62,7 +64,7 @@ class _Resolver:
         period = self._period(timer)
         watchdogs = self._make_drivers(period)
         wires = [wire for path, item in self.items.items() if (wire := self._wire(path, item)) is not None]
-        for path in self.source.entries.keys() - self.items.keys():
+        for path in sorted(self.source.entries.keys() - self.items.keys()):
             self.source.fault(f'wire."{path}"', f"the machine has no such object{did_you_mean(path, self.items)}")
         self._check_periods(period)
         parameters = [p for key, value in self.source.parameters.items() if (p := self._parameter(key, value))]
@@ -93,6 +95,11 @@ class _Resolver:
 
     def _make_driver(self, name: str, table: dict[str, Any]) -> Driver | None:
         declared = name in self.source.drivers
+        given = {key: value for key, value in table.items() if key not in RESERVED}
+        if isinstance(table["type"], Driver):
+            for key in given:
+                self.source.fault(f"drivers.{name}.{key}", "is for a driver's type; this driver is made already")
+            return table["type"]
         try:
             cls = registry.find(table["type"])
         except WiringError as error:
@@ -104,17 +111,17 @@ class _Resolver:
                 for path in [p for p, entry in self.source.entries.items() if entry.driver == name]:
                     self.source.fault(f'wire."{path}".driver', message)
             return None
-        signature = inspect.signature(cls, eval_str=True).parameters
-        given = {key: value for key, value in table.items() if key not in RESERVED}
-        given |= {key: value for key, value in self.options.items() if key in signature}
-        self.unused -= signature.keys()
+        signature: Mapping[str, inspect.Parameter] = {}
         try:
+            signature = inspect.signature(cls, eval_str=True).parameters
+            given |= {key: value for key, value in self.options.items() if key in signature}
+            self.unused -= signature.keys()
             return cls(**_validated(cls, signature, given))
         except ValidationError as error:
             for key, message in pydantic_faults(error, [*signature, *RESERVED]):
                 self.source.fault(f"drivers.{name}.{key}", message)
-        except (ValueError, TypeError, OSError) as error:
-            self.source.fault(f"drivers.{name}", str(error))
+        except Exception as error:  # of the driver's constructor
+            self.source.fault(f"drivers.{name}", str(error) or repr(error))
         return None
 
     # Wires ---------------------------------------------------------------------------------------------
@@ -131,8 +138,8 @@ class _Resolver:
             return None  # reported with the driver
         try:
             channel = driver.channel(path if entry.channel is None else entry.channel)
-        except (ValueError, OSError) as error:
-            self.source.fault(f"{key}.channel", str(error))
+        except Exception as error:  # most are ChannelErrors
+            self.source.fault(f"{key}.channel", str(error) or repr(error))
             return None
         self._check_place(key, path, entry.driver, channel)
         self._check_direction(key, item, channel)
@@ -165,11 +172,10 @@ class _Resolver:
         """The declared range and scale with the entry's overrides; a range may be narrowed, never widened."""
         declared = item.calibration
         override = {name: value for name in declared._fields if (value := getattr(entry, name)) is not None}
-        for name, value in override.items():
-            if not math.isfinite(value) or (name == "resolution" and value == 0):
-                self.source.fault(f"{key}.{name}", f"{value} is no {name}")
-                return declared
-        calibration = declared._replace(**{name: float(value) for name, value in override.items()})
+        if override.get("resolution") == 0:
+            self.source.fault(f"{key}.resolution", "is 0; it is the change of the value for one bit")
+            return declared
+        calibration = declared._replace(**override)
         for name in ("minimum", "maximum"):
             value = getattr(calibration, name)
             if not declared.minimum <= value <= declared.maximum:
@@ -182,12 +188,17 @@ class _Resolver:
         return calibration
 
     def _check_raws(self, key: str, calibration: Calibration, channel: Channel) -> None:
-        ends = [to_raw(v, calibration.resolution, calibration.zero_offset) for v in calibration[:2]]
-        if not channel.lowest <= min(ends) <= max(ends) <= channel.highest:
+        try:
+            ends = [to_raw(v, calibration.resolution, calibration.zero_offset) for v in calibration[:2]]
+        except OverflowError:
+            self.source.fault(key, f"the resolution {calibration.resolution:g} makes raw values beyond any channel")
+            return
+        lowest, highest = max(channel.lowest, INT64.min), min(channel.highest, INT64.max)
+        if not lowest <= min(ends) <= max(ends) <= highest:
             self.source.fault(
                 key,
                 f"the range needs raw values {min(ends)} to {max(ends)}, channel {channel.text!r} "
-                f"has {channel.bits} bits: {channel.lowest} to {channel.highest}",
+                f"has {channel.bits} bits: {lowest} to {highest}",
             )
 
     # Time and parameters -------------------------------------------------------------------------------
@@ -201,6 +212,8 @@ class _Resolver:
         key = 'wire."timer"'
         if not isinstance(timer, DigitalSensor) or timer.synchronous or timer.units != "sampling_period":
             self.source.fault(key, "timer is no asynchronous DigitalSensor in sampling_period")
+        elif timer._max_age is not None:
+            self.source.fault(key, 'timer cannot hold: time would stand still; on_error="raise"')
         wired = self.source.entries.get("timer")
         if wired is None:
             return None
@@ -245,7 +258,7 @@ class _Resolver:
             where = f"parameters.{key!r}"
             self.source.fault(where, f"no such parameter{did_you_mean(key, known)}")
             return None
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
             self.source.fault(f"parameters.{key!r}", f"is a finite number, not {value!r}")
             return None
         return Parameter(owner, name, float(value))

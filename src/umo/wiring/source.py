@@ -6,13 +6,14 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, StrictBool, StrictFloat, StrictInt, StrictStr, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictStr, ValidationError
 
+from umo.drivers.contract import Driver
 from umo.errors import Fault, did_you_mean
 
-Number = StrictInt | StrictFloat
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 SECTIONS = ("drivers", "wire", "parameters")
 
 
@@ -30,7 +31,7 @@ class Entry(BaseModel):
     zero_offset: Number | None = None
     minimum: Number | None = None
     maximum: Number | None = None
-    period: StrictStr | Number | None = None
+    period: Any = None
     """The timer: the sampling period, s or a text such as "1 ms"."""
 
 
@@ -79,10 +80,14 @@ def _table(source: Source, data: Mapping[str, Any], section: str) -> Mapping[str
 
 
 def _read_drivers(source: Source, tables: Mapping[str, Any]) -> None:
+    """A table for each name; where the wiring is a mapping, a driver made beforehand may be its type or stand
+    for the whole table (tests, see umo.testing)."""
     for name, table in tables.items():
-        if not isinstance(table, Mapping):
+        if isinstance(table, Driver):
+            source.drivers[name] = {"type": table}
+        elif not isinstance(table, Mapping):
             source.fault(f"drivers.{name}", f"is a table, not {table!r}")
-        elif not isinstance(table.get("type"), str):
+        elif not isinstance(table.get("type"), str | Driver):
             source.fault(f"drivers.{name}.type", "is missing: a driver's name, or module:Class")
             source.drivers[name] = {}  # its objects need not be reported as well
         else:

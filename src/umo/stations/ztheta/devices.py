@@ -50,9 +50,7 @@ class Counter:
 class StepDrive:
     """A step-and-direction drive and its motor: `TORQUE * sin(TEETH * (field - rotor))`.
 
-    1,600 steps a revolution (0.225 deg), 32 to an electrical cycle of 7.2 deg. A step is taken on the rising
-    edge of `step`, in the direction that stood one physics step before it: a direction written together with
-    UP comes too late, and that step goes the old way.
+    1,600 steps a revolution (0.225 deg), 32 to an electrical cycle of 7.2 deg.
     """
 
     TORQUE = 0.0135
@@ -65,15 +63,10 @@ class StepDrive:
         # The driver powers up in the phase nearest to the rotor.
         self._angle = angle
         self._field = round(rotor / angle) * angle
-        self._step = 0
-        self._direction = 0
 
-    def torque(self, step: int, direction: int, rotor: float) -> float:
-        """Torque on the rotor in N m; positive turns theta up. Angles in rad, levels as on the wires."""
-        if step and not self._step:
-            self._field += self._angle if self._direction else -self._angle
-        self._step = step
-        self._direction = direction
+    def torque(self, steps: int, rotor: float) -> float:
+        """Torque on the rotor (at `rotor` rad) in N m after that many more steps; positive turns theta up."""
+        self._field += steps * self._angle
         return self.TORQUE * math.sin(self.TEETH * (self._field - rotor))
 
 

@@ -111,19 +111,18 @@ class Physics:
     def step(
         self,
         volts: float,
-        step: int,
-        direction: int,
+        steps: int,
         z_index: int,
         theta_index: int,
         valve: int,
         vacuum: int,
         puff: int,
     ) -> None:
-        """Advance everything by 1 ms under these levels."""
+        """Advance everything by 1 ms under these levels; `steps` were sent to theta since the last one."""
         qpos, courier, gripper = self._qpos, self.courier, self.gripper
         z_um = qpos.item(self._z) * 1e6
         theta = qpos.item(self._theta)
-        torque = self.drive.torque(step, direction, theta)
+        torque = self.drive.torque(steps, theta)
         if self._drops:
             self._drop(theta)
         force = gripper.step(vacuum, puff, self._lip.item(0) >= 6.0)

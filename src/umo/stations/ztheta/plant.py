@@ -18,8 +18,9 @@ either way. The top of a part stands at 60.0 mm: the cup takes and leaves it at 
 (0.05 to 0.3 mm do; from 0.3 mm above it is already drawn up). z at rest with its valve closed and 0 V stays
 where it is while the pressure is between 680 and 820 counts; 752 carry the arm exactly.
 
-Levels take effect at the next physics step of 1 ms. The truth (`z_um`, `theta_deg`, `report()`) is for tests
-and observers; no channel carries it.
+Levels take effect at the next physics step of 1 ms. Each rising edge of dio:step makes a step, in the direction
+that stood before the transfer: a direction written together with UP is too late, that step goes the old way.
+The truth (`z_um`, `theta_deg`, `report()`) is for tests and observers; no channel carries it.
 """
 
 from __future__ import annotations
@@ -74,7 +75,9 @@ def _channels() -> dict[str, PlantChannel]:
 
 CHANNELS = _channels()
 RANGES = [(channel.lowest, channel.highest) for channel in CHANNELS.values()]
-DAC, PWM, INPUTS, TICK = (CHANNELS[text].index for text in ("dac:z", "pwm:z", "counter:z", "tick"))
+DAC, PWM, STEP_LINE, DIRECTION, INPUTS, TICK = (
+    CHANNELS[text].index for text in ("dac:z", "pwm:z", "dio:step", "dio:direction", "counter:z", "tick")
+)
 
 
 class Plant(Driver):
@@ -111,6 +114,7 @@ class Plant(Driver):
         self._steps = 1
         self._drive: int | None = None
         self._levels = [0] * len(CHANNELS)
+        self._pulses = 0
 
     # The five functions -------------------------------------------------------------------------
 
@@ -133,7 +137,7 @@ class Plant(Driver):
 
     def write(self, channel: Channel, raw: int) -> None:
         """Set an output. The z drives saturate; anything but 0 and 1 on a line is a DriverError."""
-        self._put(cast("PlantChannel", channel), raw)
+        self._put(cast("PlantChannel", channel), raw, self._levels[DIRECTION])
 
     def read_many(self, channels: Sequence[Channel], out: IntArray) -> None:
         levels = self._levels
@@ -143,10 +147,12 @@ class Plant(Driver):
         ]
 
     def write_many(self, channels: Sequence[Channel], raws: IntArray) -> None:
+        stood = self._levels[DIRECTION]
         for channel, raw in zip(cast("Sequence[PlantChannel]", channels), raws.tolist(), strict=True):
-            self._put(channel, raw)
+            self._put(channel, raw, stood)
 
-    def _put(self, channel: PlantChannel, raw: int) -> None:
+    def _put(self, channel: PlantChannel, raw: int, stood: int) -> None:
+        """One output; `stood` is the direction before this transfer, in which a rising edge makes a step."""
         index = channel.index
         lowest, highest = RANGES[index]
         if index <= PWM:
@@ -158,6 +164,8 @@ class Plant(Driver):
             raise DriverError(f"{channel.text} takes 0 or 1, not {raw}")
         if self._physics is None:
             raise DriverError("the plant is not open")
+        if index == STEP_LINE and raw > self._levels[index]:
+            self._pulses += 1 if stood else -1
         self._levels[index] = raw
 
     def _claim(self, index: int) -> None:
@@ -181,6 +189,7 @@ class Plant(Driver):
         else:
             self._physics.power_up()
         self._levels[:] = [0] * len(CHANNELS)
+        self._pulses = 0
         self._drive = None
         self._refresh(self._physics)
 
@@ -221,11 +230,13 @@ class Plant(Driver):
     def advance(self, periods: int = 1) -> None:
         """Let the physics run on for so many periods under the levels as they are; after `close` too."""
         physics = self._opened()
-        dac, pwm, step, direction, z_index, theta_index, valve, vacuum, puff = self._levels[:INPUTS]
+        dac, pwm, _, _, z_index, theta_index, valve, vacuum, puff = self._levels[:INPUTS]
+        steps, self._pulses = self._pulses, 0
         volts = -pwm * (10.0 / 32767) if self._drive == PWM else dac * (10.0 / 2047)
         volts = min(max(volts, -10.0), 10.0)
         for _ in range(periods * self._steps):
-            physics.step(volts, step, direction, z_index, theta_index, valve, vacuum, puff)
+            physics.step(volts, steps, z_index, theta_index, valve, vacuum, puff)
+            steps = 0
         self._refresh(physics)
 
     def _refresh(self, physics: Physics) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
+
 from umo import BinaryActuator, Compound, DigitalSensor, EnableDisable, Rotation, UpDown
-from umo.control import STEPS_PER_PERIOD, UNREFERENCED, Claim, Profile, Stepping, until, value_of, wait
+from umo.control import STEPS_PER_PERIOD, UNREFERENCED, Claim, Profile, Stepping, next_period, until, value_of, wait
 
 from .errors import AxisError, HomingError
 
@@ -95,8 +97,19 @@ class ThetaAxis(Compound):
         limit = STEPS_PER_PERIOD * self.step_angle / self.period
         await wait(self.profile.to(angle, velocity=min(speed, limit)))
         await until(lambda: abs(self.commanded - angle) <= self.step_angle, timeout=1.0)
-        if self._watched:
-            await until(lambda: abs(value_of(self.encoder) - angle) < 2 * self.step_angle, timeout=1.0)
+        if self._watched and await self._count_lost_steps():
+            await self._travel(angle, speed)
+
+    async def _count_lost_steps(self) -> int:
+        """Once the rotor has come to rest: the whole steps that the encoder misses; they are counted from now on."""
+        for _ in range(math.ceil(0.5 / self.period)):
+            if abs(value_of(self.encoder) - self.commanded) < 0.6 * self.step_angle:
+                return 0
+            await next_period()
+        lost = round((value_of(self.encoder) - self.commanded) / self.step_angle)
+        self._offset += lost * self.step_angle
+        self.profile.hold(self.commanded)
+        return lost
 
     async def _synchronize(self) -> None:
         """Let the rotor come to rest; then count from where the encoder says that it is."""

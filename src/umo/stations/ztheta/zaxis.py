@@ -9,7 +9,6 @@ from umo.control import UNREFERENCED, Claim, Profile, Servo, until, value_of, wa
 
 from .errors import AxisError, HomingError
 
-
 JUMP = 5_000.0
 """No arm moves so far in a period, um: the counter was loaded with its preset, or wrapped at its width."""
 
@@ -34,7 +33,7 @@ class ZAxis(Compound):
     """Where the upper end stop stands, um."""
     search_speed: float = 20_000.0
     """Speed of homing, um per s."""
-    following_error: float = 3_000.0
+    following_error: float = 500.0
     """Largest distance between setpoint and encoder, um; beyond it the axis does not follow."""
 
     def setup(self) -> None:
@@ -63,7 +62,7 @@ class ZAxis(Compound):
         else:
             self.servo.control(*self.profile.step(self.dt), dt=self.dt)
             if abs(self.servo.error) > self.following_error:
-                raise AxisError(f"z does not follow: {self.servo.error / 1e3:.1f} mm behind its setpoint")
+                raise AxisError(f"z does not follow: {self.servo.error / 1e3:.2f} mm behind its setpoint")
 
     async def move_to(self, position: float, *, speed: float | None = None) -> None:
         """To a position in um, at most `speed` um per s, jerk-limited; ends when the encoder has arrived."""

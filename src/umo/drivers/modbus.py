@@ -1,0 +1,160 @@
+"""Modbus TCP devices: fieldbus couplers, PLCs, drives, and the served z-theta plant."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Literal, cast
+
+import numpy as np
+
+from umo.drivers._modbus_plan import (
+    HIGHEST_ADDRESS,
+    ModbusChannel,
+    Plan,
+    parse,
+    plan_reads,
+    plan_writes,
+)
+from umo.drivers.contract import Channel, Driver, IntArray
+from umo.errors import DriverError, WiringError
+
+if TYPE_CHECKING:
+    from umo.drivers._modbus_link import Link
+
+_MOST_PLANS = 256
+_LONGEST_WATCHDOG = 65.535
+
+
+class _NoWatchdog(DriverError, NotImplementedError):
+    """This device has no watchdog, as any driver without one says it, and a DriverError besides."""
+
+
+class Modbus(Driver):
+    """One unit of a Modbus TCP device.
+
+    Channels: `coil:N` and `holding:N[:TYPE]` (both directions), `discrete:N` and `input:N[:TYPE]` (inputs);
+    TYPE is uint16 (as it stands), int16, uint32 or int32, the last two in registers N and N + 1. N is the
+    protocol's address, 0 to 65535, counted from 0; many manuals count from 1 and put the table before it.
+
+    Options:
+        host, port, unit: the device; a name in place of an address is looked up once, when opened.
+        word_order: which word of a 32-bit value has the lower address, the "big" (high) or the "little".
+        watchdog_register: the holding register that takes the watchdog's time in ms, if there is one.
+        bridge_gaps: read over up to 16 unused registers or 64 unused bits where that saves a request. Off
+            as it stands, since a device may answer exception 2 to an address that it does not have.
+
+    All channels of a period move in as few requests as their addresses allow: the cells of one table that
+    follow each other in one request, up to the protocol's maxima. Writes never touch a cell that was not
+    named. A single coil or register is written by function 5 or 6, more by 15 or 16: each is what the
+    most devices know. A request that fails ends the call; those before it have been carried out.
+
+    Each call, with all of its requests and a new connection where one is needed, ends within `timeout`.
+    Nothing is sent twice: after a write that timed out, nobody knows whether the device took it. After any
+    failure but an exception answer the connection is closed, and the next call opens it again.
+    """
+
+    def __init__(
+        self,
+        *,
+        host: str = "127.0.0.1",
+        port: int = 502,
+        unit: int = 1,
+        word_order: Literal["big", "little"] = "big",
+        watchdog_register: int | None = None,
+        bridge_gaps: bool = False,
+    ) -> None:
+        _within("port", port, 1, 65535)
+        _within("unit", unit, 0, 255)
+        if word_order not in ("big", "little"):
+            raise WiringError(f"word_order is 'big' or 'little', not {word_order!r}")
+        if watchdog_register is not None:
+            _within("watchdog_register", watchdog_register, 0, HIGHEST_ADDRESS)
+        self._host, self._port, self._unit = host, port, unit
+        self._little = word_order == "little"
+        self._watchdog_register = watchdog_register
+        self._bridge_gaps = bridge_gaps
+        self._link: Link | None = None
+        self._reads: dict[tuple[Channel, ...], Plan] = {}
+        self._writes: dict[tuple[Channel, ...], Plan] = {}
+
+    def channel(self, text: str) -> ModbusChannel:
+        return parse(text, little=self._little)
+
+    def open(self) -> None:
+        """Connect, within `timeout`."""
+        try:
+            from umo.drivers._modbus_link import Link
+        except ModuleNotFoundError as error:
+            if (error.name or "").partition(".")[0] != "pymodbus":
+                raise
+            raise DriverError('the modbus driver needs pymodbus: pip install "umo[modbus]"') from None
+        self._link = Link(self._host, self._port, self._unit)
+        self._link.begin(self.timeout)
+
+    def close(self) -> None:
+        if self._link is not None:
+            self._link.close()
+            self._link = None
+
+    def read(self, channel: Channel) -> int:
+        out = np.empty(1, np.int64)
+        self.read_many((channel,), out)
+        return int(out[0])
+
+    def write(self, channel: Channel, raw: int) -> None:
+        self._write((channel,), [raw])
+
+    def read_many(self, channels: Sequence[Channel], out: IntArray) -> None:
+        plan = _planned(self._reads, channels, self._plan_reads)
+        link = self._begin()
+        for request in plan:
+            request.decode(link.read(request), out)
+
+    def write_many(self, channels: Sequence[Channel], raws: IntArray) -> None:
+        self._write(channels, raws.tolist())
+
+    def watchdog(self, seconds: float) -> None:
+        """Write the time, in ms, into the watchdog's register; 0 turns most watchdogs off."""
+        if self._watchdog_register is None:
+            raise _NoWatchdog(f"Modbus {self._host}:{self._port} was given no watchdog_register")
+        if not 0 <= seconds <= _LONGEST_WATCHDOG:
+            raise DriverError(f"a watchdog of {seconds:g} s does not fit its register (0 to 65.535 s)")
+        milliseconds = max(round(seconds * 1000), 1 if seconds else 0)
+        self.write(self.channel(f"holding:{self._watchdog_register}"), milliseconds)
+
+    def _write(self, channels: Sequence[Channel], raws: list[int]) -> None:
+        plan = _planned(self._writes, channels, plan_writes)
+        # All values are encoded before the first is sent: one that does not fit leaves the device alone.
+        cells = [request.encode(raws) for request in plan]
+        link = self._begin()
+        for request, values in zip(plan, cells, strict=True):
+            link.write(request, values)
+
+    def _begin(self) -> Link:
+        if self._link is None:
+            raise DriverError(f"Modbus {self._host}:{self._port} is not open")
+        self._link.begin(self.timeout)
+        return self._link
+
+    def _plan_reads(self, channels: Sequence[ModbusChannel]) -> Plan:
+        return plan_reads(channels, bridge_gaps=self._bridge_gaps)
+
+
+def _planned(
+    plans: dict[tuple[Channel, ...], Plan],
+    channels: Sequence[Channel],
+    make: Callable[[Sequence[ModbusChannel]], Plan],
+) -> Plan:
+    """The plan for these channels, made once; a machine has few groups of them, the bound is for others."""
+    key = tuple(channels)
+    plan = plans.get(key)
+    if plan is None:
+        if len(plans) >= _MOST_PLANS:
+            plans.clear()
+        plan = plans[key] = make(cast("Sequence[ModbusChannel]", key))
+    return plan
+
+
+def _within(name: str, value: int, least: int, most: int) -> None:
+    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+        raise WiringError(f"{name} is a whole number from {least} to {most}, not {value!r}")

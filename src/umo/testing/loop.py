@@ -1,0 +1,42 @@
+"""Short hands for tests of a connected machine."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Protocol, cast, runtime_checkable
+
+from umo.errors import DeclarationError
+from umo.objects import Atomic, Binary, BinarySensor, Compound, DigitalSensor, TwoState
+from umo.objects.scaling import to_raw
+
+if TYPE_CHECKING:
+    from umo.cycle.image import Image
+
+
+@runtime_checkable
+class _Settable(Protocol):
+    def set(self, channel: str, reading: int, /) -> None: ...
+
+
+def put(sensor: BinarySensor[Any] | DigitalSensor, value: float | TwoState) -> None:
+    """What a sensor on a simulated or scripted channel measures from now on: a value in its units, or a state.
+
+    It goes through the wired scaling, so it also serves beyond the range (`OUT_OF_RANGE`); the sensor shows
+    it with the next `sample`, an asynchronous one with the next `read`.
+    """
+    image = cast("Image", sensor._image)
+    wire = image.wires[sensor._slot]
+    if not isinstance(wire.driver, _Settable):
+        raise DeclarationError(f"{sensor.path}: nothing can be put on a {type(wire.driver).__name__} channel")
+    level = sensor._level(cast(Any, value)) if isinstance(sensor, Binary) else sensor._number(cast(float, value))
+    wire.driver.set(wire.channel.text, to_raw(level, *wire.scale))
+
+
+def periods(machine: Compound, count: int = 1) -> None:
+    """Run that many periods of the loop on a connected machine: timer (if it has one), sample, control, update."""
+    timer = machine.children().get("timer")
+    for _ in range(count):
+        if isinstance(timer, Atomic):
+            timer.read()  # type: ignore[attr-defined]  # every atomic object reads
+        machine.sample()
+        machine.control()
+        machine.update()

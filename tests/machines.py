@@ -1,0 +1,75 @@
+"""Small machines and wirings that many tests share."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from umo import (
+    BinaryActuator,
+    BinarySensor,
+    Compound,
+    DigitalActuator,
+    DigitalSensor,
+    Driver,
+    OnOff,
+    PassFail,
+)
+from umo.testing import VirtualTimer
+
+
+def timer() -> DigitalSensor:
+    return DigitalSensor("sampling_period", minimum=0.0, maximum=99_999.9, resolution=1.0, synchronous=False)
+
+
+def actuator(**changes: Any) -> DigitalActuator:
+    return DigitalActuator("V", **({"default": 0.0, "minimum": -10.0, "maximum": 10.0, "resolution": 0.5} | changes))
+
+
+def sensor(**changes: Any) -> DigitalSensor:
+    return DigitalSensor("mm", **({"minimum": 0.0, "maximum": 100.0, "resolution": 0.5} | changes))
+
+
+def relay(**changes: Any) -> BinaryActuator[OnOff]:
+    return BinaryActuator(OnOff, **({"one": OnOff.ON, "default": OnOff.OFF} | changes))
+
+
+def switch(**changes: Any) -> BinarySensor[PassFail]:
+    return BinarySensor(PassFail, **({"one": PassFail.FAIL} | changes))
+
+
+class Bench(Compound):
+    """One of each, and a timer."""
+
+    timer: DigitalSensor
+    motor: DigitalActuator
+    encoder: DigitalSensor
+    valve: BinaryActuator[OnOff]
+    limit: BinarySensor[PassFail]
+
+
+def bench(**changes: Any) -> Bench:
+    parts = {"motor": actuator(), "encoder": sensor(), "valve": relay(), "limit": switch()} | changes
+    return Bench(timer=timer(), **parts)
+
+
+def wired(
+    machine: Compound,
+    box: Driver,
+    *,
+    clock: Driver | None = None,
+    entries: dict[str, dict[str, Any]] | None = None,
+    **drivers: Any,
+) -> dict[str, Any]:
+    """Everything on `box`, the timer on `clock` at 1 ms; `entries` change single lines by path."""
+    wire: dict[str, dict[str, Any]] = {
+        item.path: {"driver": "clock", "period": "1 ms"} if item.path == "timer" else {"driver": "box"}
+        for item in machine.atoms()
+    }
+    for path, entry in (entries or {}).items():
+        wire[path] = wire.get(path, {}) | entry
+    return {"drivers": {"box": box, "clock": clock or VirtualTimer(), **drivers}, "wire": wire}
+
+
+def failed(error: BaseException) -> list[str]:
+    """The paths that an error of the drivers names."""
+    return [failure.path for failure in error.failures]  # type: ignore[attr-defined]

@@ -1,0 +1,263 @@
+/* A Modbus TCP device made with libmodbus, for the tests of umo's driver: another hand at the other end.
+ *
+ *     modbus_peer [PORT] [N:FAULT[=VALUE] ...]
+ *
+ * Serves a map of known values on 127.0.0.1 (a free port without PORT, or 0), says "port N", then logs each
+ * request, before it is answered, as "request FUNCTION ADDRESS COUNT [VALUES...]". The N-th request (from 1;
+ * 0 is every one) meets its fault:
+ *     close        the connection is closed in place of an answer
+ *     hangup       answered, then the connection is closed ("closed" is logged)
+ *     exit         the device is gone: no answer, no connection, nobody listens
+ *     silent       never answered
+ *     late=MS      answered after MS milliseconds
+ *     exception=N  answered by exception N
+ *     truncate=N   the first N bytes of the answer, then the connection is closed
+ *     fewer        a well-formed answer with one register, or eight bits, less than was asked for
+ *     echo=N       the N-th byte of the answer is changed (8: the address confirmed, 9: its low byte, ...)
+ *     function=N   a well-formed answer to another function
+ *     transaction  answered under another transaction's number only
+ *     stale        first the answer of another transaction, with other values, then the right one
+ *     unasked      the right answer twice ("twice" is logged after the second)
+ *     split=MS     the answer in two pieces, MS milliseconds apart
+ *     trickle=MS   one byte of an answer to somebody else, every MS milliseconds, until the client leaves
+ *     garbage      bytes that are no Modbus, then the connection is closed
+ */
+#include <errno.h>
+#include <modbus.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/prctl.h>
+#include <sys/select.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#define BITS 4500
+#define REGISTERS 500
+#define HEADER 7 /* the MBAP header: transaction, protocol, length, unit */
+
+static modbus_t *context;
+static modbus_mapping_t *map;
+static long requests;
+static int faults;
+static char **fault;
+
+static void pause_ms(int ms) { usleep((useconds_t)ms * 1000); }
+
+static int word(const uint8_t *bytes) { return bytes[0] << 8 | bytes[1]; }
+
+static void fill(void)
+{
+    map = modbus_mapping_new(BITS, BITS, REGISTERS, REGISTERS);
+    for (int i = 0; i < BITS; i++) {
+        map->tab_bits[i] = i % 3 == 0;
+        map->tab_input_bits[i] = i % 7 < 3;
+    }
+    for (int i = 0; i < REGISTERS; i++) {
+        map->tab_registers[i] = (uint16_t)(i * 40503);
+        map->tab_input_registers[i] = (uint16_t)(i * 25717 + 32768);
+    }
+}
+
+/* The fault of this request: its name and value, or NULL. */
+static const char *meets(int *value)
+{
+    static char name[32];
+    for (int i = 0; i < faults; i++) {
+        long n;
+        *value = 0;
+        if (sscanf(fault[i], "%ld:%31[a-z]=%d", &n, name, value) >= 2 && (n == requests || n == 0))
+            return name;
+    }
+    return NULL;
+}
+
+static void log_request(const uint8_t *query)
+{
+    int function = query[HEADER], count = 1;
+    const uint8_t *body = query + HEADER + 1;
+    printf("request %d %d", function, word(body));
+    if (function == 5 || function == 6) {
+        printf(" 1 %d", function == 5 ? word(body + 2) != 0 : word(body + 2));
+    } else {
+        count = word(body + 2);
+        printf(" %d", count);
+        for (int i = 0; i < count && function == 15; i++)
+            printf(" %d", body[5 + i / 8] >> i % 8 & 1);
+        for (int i = 0; i < count && function == 16; i++)
+            printf(" %d", word(body + 5 + 2 * i));
+    }
+    printf("\n");
+    fflush(stdout);
+}
+
+/* What libmodbus answers, caught in place of being sent, so that it can be spoiled. */
+static int answer_of(const uint8_t *query, int length, int exception, uint8_t *answer)
+{
+    int pair[2], own = modbus_get_socket(context), size;
+    if (socketpair(AF_UNIX, SOCK_STREAM, 0, pair) != 0)
+        exit(2);
+    modbus_set_socket(context, pair[0]);
+    if (exception)
+        modbus_reply_exception(context, query, (unsigned)exception);
+    else
+        modbus_reply(context, query, length, map);
+    size = (int)recv(pair[1], answer, MODBUS_TCP_MAX_ADU_LENGTH, 0);
+    modbus_set_socket(context, own);
+    close(pair[0]);
+    close(pair[1]);
+    return size;
+}
+
+static int put(int client, const uint8_t *bytes, int size)
+{
+    return (int)send(client, bytes, (size_t)size, MSG_NOSIGNAL);
+}
+
+static void shorten(uint8_t *answer, int *size)
+{
+    int less = answer[HEADER] <= 2 ? 1 : 2;
+    *size -= less;
+    answer[5] = (uint8_t)(answer[5] - less);
+    answer[HEADER + 1] = (uint8_t)(answer[HEADER + 1] - less);
+}
+
+static void other_transaction(const uint8_t *answer, int size, int client)
+{
+    uint8_t other[MODBUS_TCP_MAX_ADU_LENGTH];
+    memcpy(other, answer, (size_t)size);
+    other[1] = (uint8_t)(other[1] - 1);
+    memset(other + HEADER + 2, 0x55, (size_t)(size - HEADER - 2));
+    put(client, other, size);
+}
+
+static void trickle(int client, int ms)
+{
+    /* A header of 255 bytes to come, for a transaction that nobody began. */
+    static const uint8_t header[HEADER] = {0xff, 0xfe, 0, 0, 0, 0xff, 1};
+    for (int i = 0; put(client, i < HEADER ? header + i : header + 2, 1) == 1; i++)
+        pause_ms(ms);
+}
+
+/* Answer one request; 0 when the connection is to be closed. */
+static int serve(int client, const uint8_t *query, int length, int listener)
+{
+    uint8_t answer[MODBUS_TCP_MAX_ADU_LENGTH];
+    int value, size;
+    const char *name = meets(&value);
+    if (name == NULL)
+        name = "";
+    if (strcmp(name, "close") == 0)
+        return 0;
+    if (strcmp(name, "exit") == 0) {
+        close(listener);
+        close(client);
+        exit(0);
+    }
+    if (strcmp(name, "silent") == 0)
+        return 1;
+    if (strcmp(name, "trickle") == 0)
+        return trickle(client, value), 0;
+    if (strcmp(name, "garbage") == 0)
+        return put(client, (const uint8_t *)"HTTP/1.0 400 Bad Request\r\n\r\n", 28), 0;
+    size = answer_of(query, length, strcmp(name, "exception") == 0 ? value : 0, answer);
+    if (strcmp(name, "truncate") == 0)
+        return put(client, answer, value), 0;
+    if (strcmp(name, "transaction") == 0)
+        return other_transaction(answer, size, client), 1;
+    if (strcmp(name, "late") == 0)
+        pause_ms(value);
+    if (strcmp(name, "fewer") == 0)
+        shorten(answer, &size);
+    if (strcmp(name, "echo") == 0)
+        answer[value] ^= 0x01;
+    if (strcmp(name, "function") == 0)
+        answer[HEADER] = (uint8_t)value;
+    if (strcmp(name, "stale") == 0)
+        other_transaction(answer, size, client);
+    if (strcmp(name, "split") == 0) {
+        put(client, answer, 5);
+        pause_ms(value);
+        return put(client, answer + 5, size - 5), 1;
+    }
+    put(client, answer, size);
+    if (strcmp(name, "unasked") == 0) {
+        put(client, answer, size);
+        printf("twice\n");
+        fflush(stdout);
+    }
+    return strcmp(name, "hangup") != 0;
+}
+
+static void turn(int client, int listener, fd_set *known)
+{
+    uint8_t query[MODBUS_TCP_MAX_ADU_LENGTH];
+    int length, stays, value;
+    const char *name;
+    modbus_set_socket(context, client);
+    length = modbus_receive(context, query);
+    if (length == 0)
+        return;
+    stays = length > 0;
+    if (stays) {
+        requests++;
+        log_request(query);
+        stays = serve(client, query, length, listener);
+    }
+    if (!stays) {
+        name = meets(&value);
+        close(client);
+        FD_CLR(client, known);
+        if (length > 0 && name != NULL && strcmp(name, "hangup") == 0) {
+            printf("closed\n");
+            fflush(stdout);
+        }
+    }
+}
+
+static int accept_one(int listener)
+{
+    int yes = 1, client = accept(listener, NULL, NULL);
+    if (client >= 0)
+        setsockopt(client, IPPROTO_TCP, TCP_NODELAY, &yes, sizeof yes);
+    return client;
+}
+
+int main(int count, char **arguments)
+{
+    struct sockaddr_in address;
+    socklen_t size = sizeof address;
+    fd_set known, ready;
+    int listener, client;
+    signal(SIGPIPE, SIG_IGN);
+    prctl(PR_SET_PDEATHSIG, SIGKILL); /* never outlive the tests */
+    fault = arguments + 2;
+    faults = count - 2;
+    context = modbus_new_tcp("127.0.0.1", count > 1 ? atoi(arguments[1]) : 0);
+    listener = context ? modbus_tcp_listen(context, 4) : -1;
+    if (listener < 0 || getsockname(listener, (struct sockaddr *)&address, &size) != 0) {
+        fprintf(stderr, "modbus_peer: %s\n", modbus_strerror(errno));
+        return 1;
+    }
+    fill();
+    printf("port %d\n", ntohs(address.sin_port));
+    fflush(stdout);
+    FD_ZERO(&known);
+    FD_SET(listener, &known);
+    for (;;) {
+        ready = known;
+        if (select(FD_SETSIZE, &ready, NULL, NULL, NULL) < 0)
+            return 1;
+        for (int fd = 0; fd < FD_SETSIZE; fd++) {
+            if (!FD_ISSET(fd, &ready))
+                continue;
+            if (fd != listener)
+                turn(fd, listener, &known);
+            else if ((client = accept_one(listener)) >= 0)
+                FD_SET(client, &known);
+        }
+    }
+}

@@ -1,0 +1,555 @@
+"""The Modbus driver against a device made with libmodbus (tests/peers/modbus_peer.c): another hand wrote the
+other end. Its channels and plans as pure functions are in test_modbus_plan.py."""
+
+from __future__ import annotations
+
+import logging
+import os
+import select
+import shutil
+import socket
+import struct
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import umo.drivers.modbus as modbus
+from peers.modbus_map import CELL, coil, discrete, holding, input_register, value
+from umo.drivers import _modbus_link
+from umo.drivers._modbus_plan import plan_reads
+from umo.drivers.contract import Driver
+from umo.drivers.modbus import Modbus
+from umo.errors import DriverError, WiringError
+
+SOURCE = Path(__file__).parent / "peers" / "modbus_peer.c"
+PATIENT = 10.0  # for calls that are to succeed, on however busy a machine
+HASTY = 0.05  # for calls that are to time out
+
+
+# The peer -----------------------------------------------------------------------------------------
+
+
+class Peer:
+    """A running modbus_peer and what it logged."""
+
+    def __init__(self, program: Path, faults: Sequence[str], port: int) -> None:
+        self.process = subprocess.Popen([program, str(port), *faults], stdout=subprocess.PIPE)
+        assert self.process.stdout is not None
+        self._pipe = self.process.stdout.fileno()
+        self._text = ""
+        self.port = int(self.wait_for("port").split()[1])
+
+    def wait_for(self, word: str) -> str:
+        """The first line that begins with the word; waits until it is there."""
+        while True:
+            for line in self._text.split("\n")[:-1]:
+                if line.startswith(word):
+                    return line
+            self._take(PATIENT)
+
+    def requests(self) -> list[tuple[int, ...]]:
+        """All requests so far: function, address, count and the values of a write."""
+        while self._take(0.0):
+            pass
+        lines = (line.split() for line in self._text.split("\n")[:-1])
+        return [tuple(map(int, words)) for first, *words in lines if first == "request"]
+
+    def stop(self) -> None:
+        self.process.kill()
+        self.process.wait()
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+
+    def _take(self, timeout: float) -> bool:
+        if not select.select([self._pipe], [], [], timeout)[0]:
+            assert timeout == 0.0, f"the peer said no more than {self._text!r}"
+            return False
+        data = os.read(self._pipe, 65536)
+        assert data or timeout == 0.0, f"the peer ended after {self._text!r}"
+        self._text += data.decode()
+        return bool(data)
+
+
+Start = Callable[..., Peer]
+Connect = Callable[..., Modbus]
+
+
+@pytest.fixture(scope="session")
+def peer_program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None or shutil.which("pkg-config") is None:
+        pytest.skip("the libmodbus peer needs a C compiler and pkg-config")
+    flags = subprocess.run(["pkg-config", "--cflags", "--libs", "libmodbus"], capture_output=True, text=True)
+    if flags.returncode:
+        pytest.skip("the libmodbus peer needs Debian's libmodbus-dev")
+    program = tmp_path_factory.mktemp("peer") / "modbus_peer"
+    subprocess.run([compiler, "-O1", "-o", program, SOURCE, *flags.stdout.split()], check=True)
+    return program
+
+
+@pytest.fixture
+def start(peer_program: Path) -> Iterator[Callable[..., Peer]]:
+    """start(*faults, port=0): a peer, stopped at the end."""
+    peers: list[Peer] = []
+
+    def start(*faults: str, port: int = 0) -> Peer:
+        peers.append(Peer(peer_program, faults, port))
+        return peers[-1]
+
+    yield start
+    for peer in peers:
+        peer.stop()
+
+
+@pytest.fixture
+def connected() -> Iterator[Callable[..., Modbus]]:
+    """connected(peer, **options): an open driver, closed at the end."""
+    drivers: list[Modbus] = []
+
+    def connected(peer: Peer, **options: Any) -> Modbus:
+        driver = Modbus(port=peer.port, **options)
+        driver.timeout = PATIENT
+        drivers.append(driver)
+        driver.open()
+        return driver
+
+    yield connected
+    for driver in drivers:
+        driver.close()
+
+
+def read(driver: Driver, *texts: str) -> list[int]:
+    out = np.full(len(texts), -99, np.int64)
+    driver.read_many([driver.channel(text) for text in texts], out)
+    return out.tolist()
+
+
+def write(driver: Driver, **raws: int) -> None:
+    """write(driver, coil_3=1): the underscore stands for the colon."""
+    channels = [driver.channel(name.replace("_", ":")) for name in raws]
+    driver.write_many(channels, np.array(list(raws.values()), np.int64))
+
+
+# Options -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"port": 0},
+        {"port": "502"},
+        {"unit": 256},
+        {"unit": True},
+        {"word_order": "middle"},
+        {"watchdog_register": 65536},
+    ],
+)
+def test_an_option_beyond_its_range_is_a_wiring_error_before_anything_is_opened(options: Any) -> None:
+    with pytest.raises(WiringError, match=next(iter(options))):
+        Modbus(**options)
+
+
+# Values and requests against the peer -------------------------------------------------------------
+
+
+@pytest.mark.parametrize("order", ["big", "little"])
+def test_every_type_of_channel_reads_what_the_device_holds(start: Start, connected: Connect, order: str) -> None:
+    driver = connected(start(), word_order=order)
+    texts = ["coil:3", "coil:4", "discrete:8", "discrete:10"]
+    texts += [f"{table}:{i}:{kind}" for table in ("holding", "input") for i, kind in enumerate(modbus_types(), 3)]
+    wanted = [
+        value(channel, CELL[channel.table.name], little=order == "little") for channel in map(driver.channel, texts)
+    ]
+    assert read(driver, *texts) == wanted
+    assert [driver.read(driver.channel(text)) for text in texts] == wanted
+    assert min(wanted) < 0 < max(wanted)
+
+
+def modbus_types() -> list[str]:
+    return ["uint16", "int16", "uint32", "int32", "int16", "int32"]
+
+
+@pytest.mark.parametrize("order", ["big", "little"])
+def test_every_type_of_channel_keeps_what_was_written(start: Start, connected: Connect, order: str) -> None:
+    driver = connected(start(), word_order=order)
+    texts = ["coil:1", "holding:0", "holding:1:int16", "holding:2:uint32", "holding:4:int32", "holding:9:int16"]
+    channels = [driver.channel(text) for text in texts]
+    for raws in ([c.lowest for c in channels], [c.highest for c in channels], [1, 2, -3, 0x12345678, -2, 7]):
+        driver.write_many(channels, np.array(raws, np.int64))
+        assert read(driver, *texts) == raws
+        for channel, raw in zip(channels, raws, strict=True):
+            driver.write(channel, raw)
+            assert driver.read(channel) == raw
+
+
+@pytest.mark.parametrize(("order", "words"), [("big", (0x1234, 0x5678)), ("little", (0x5678, 0x1234))])
+def test_the_word_order_is_the_one_asked_for(
+    start: Start, connected: Connect, order: str, words: tuple[int, int]
+) -> None:
+    peer = start()
+    driver = connected(peer, word_order=order)
+    driver.write(driver.channel("holding:6:uint32"), 0x12345678)
+    assert peer.requests() == [(16, 6, 2, *words)]
+
+
+def test_a_period_takes_one_request_for_each_run_of_a_table(start: Start, connected: Connect) -> None:
+    peer = start()
+    driver = connected(peer)
+    read(driver, "input:3", "discrete:0", "input:1:int32", "input:0", "input:9", "discrete:1")
+    assert peer.requests() == [(4, 0, 4), (2, 0, 2), (4, 9, 1)]
+    write(driver, coil_2=1, holding_0=7, coil_0=1, coil_1=0, holding_1=8, coil_4=1)
+    assert peer.requests()[3:] == [(15, 0, 3, 1, 0, 1), (16, 0, 2, 7, 8), (5, 4, 1, 1)]
+
+
+def test_a_gap_is_read_over_only_when_asked(start: Start, connected: Connect) -> None:
+    peer = start()
+    texts = ["holding:0", "holding:17", "holding:35", "coil:0", "coil:65", "coil:131"]
+    wanted = [holding(0), holding(17), holding(35), coil(0), coil(65), coil(131)]
+    assert read(connected(peer), *texts) == wanted
+    assert len(peer.requests()) == 6
+    assert read(connected(peer, bridge_gaps=True), *texts) == wanted
+    assert peer.requests()[6:] == [(3, 0, 18), (3, 35, 1), (1, 0, 66), (1, 131, 1)]
+
+
+def test_what_exceeds_the_protocol_s_maxima_is_split(start: Start, connected: Connect) -> None:
+    peer = start()
+    driver = connected(peer)
+    words, bits, longs = range(300), range(4100), range(0, 126, 2)
+    assert read(driver, *(f"input:{i}" for i in words)) == [input_register(i) for i in words]
+    assert read(driver, *(f"discrete:{i}" for i in bits)) == [discrete(i) for i in bits]
+    assert len(read(driver, *(f"holding:{i}:int32" for i in longs))) == 63
+    reads = [(4, 0, 125), (4, 125, 125), (4, 250, 50), (2, 0, 2000), (2, 2000, 2000), (2, 4000, 100)]
+    assert peer.requests() == [*reads, (3, 0, 124), (3, 124, 2)]
+    driver.write_many([driver.channel(f"holding:{i}") for i in words], np.arange(300))
+    driver.write_many([driver.channel(f"coil:{i}") for i in bits], np.arange(4100) % 2)
+    writes = [request[:3] for request in peer.requests()[8:]]
+    assert writes[:3] == [(16, 0, 123), (16, 123, 123), (16, 246, 54)]
+    assert writes[3:] == [(15, 0, 1968), (15, 1968, 1968), (15, 3936, 164)]
+    assert read(driver, *(f"holding:{i}" for i in words)) == list(words)
+    assert read(driver, *(f"coil:{i}" for i in bits)) == [i % 2 for i in bits]
+
+
+def test_a_single_cell_is_written_by_the_simple_functions(start: Start, connected: Connect) -> None:
+    peer = start()
+    driver = connected(peer)
+    driver.write(driver.channel("coil:7"), 1)
+    driver.write(driver.channel("holding:7:int16"), -2)
+    driver.write(driver.channel("holding:7:int32"), -2)
+    assert peer.requests() == [(5, 7, 1, 1), (6, 7, 1, 65534), (16, 7, 2, 65535, 65534)]
+
+
+def test_an_output_comes_up_at_its_default_with_no_other_level_and_is_reset_to_it(
+    start: Start, connected: Connect
+) -> None:
+    peer = start()
+    driver = connected(peer)
+    output, sensor = driver.channel("coil:3"), driver.channel("input:3")
+    driver.initialize(output, 1)
+    driver.initialize(sensor, None)
+    driver.reset(output, 0)
+    driver.reset(sensor, None)
+    driver.finalize(output)
+    assert peer.requests() == [(5, 3, 1, 1), (5, 3, 1, 0)]
+
+
+def test_a_value_that_does_not_fit_sends_nothing_at_all(start: Start, connected: Connect) -> None:
+    peer = start()
+    driver = connected(peer)
+    with pytest.raises(DriverError, match="65536 does not fit"):
+        write(driver, coil_0=1, holding_0=65536)
+    with pytest.raises(DriverError, match="2 does not fit coil 0: it takes 0 to 1"):
+        write(driver, coil_0=2)
+    with pytest.raises(DriverError, match="discrete:0 is an input"):
+        write(driver, discrete_0=1)
+    assert peer.requests() == []
+
+
+def test_the_watchdog_takes_its_time_in_ms_where_the_device_has_a_register_for_it(
+    start: Start, connected: Connect
+) -> None:
+    peer = start()
+    driver = connected(peer, watchdog_register=400)
+    for seconds in (0.2, 0.0001, 0.0, 65.535):
+        driver.watchdog(seconds)
+    assert peer.requests() == [(6, 400, 1, ms) for ms in (200, 1, 0, 65535)]
+    for seconds in (-1.0, 65.6, float("nan")):
+        with pytest.raises(DriverError, match="does not fit its register"):
+            driver.watchdog(seconds)
+
+
+@pytest.mark.parametrize("kind", [DriverError, NotImplementedError])
+def test_a_watchdog_without_a_register_is_refused_like_one_that_does_not_exist(
+    kind: type[Exception],
+) -> None:
+    with pytest.raises(kind, match="watchdog_register"):
+        Modbus().watchdog(0.2)
+
+
+def test_a_plan_is_made_once_and_the_number_of_plans_is_bounded(start: Start, connected: Connect) -> None:
+    driver = connected(start())
+    with patch.object(modbus, "plan_reads", wraps=plan_reads) as planning:
+        for _ in range(3):
+            read(driver, "coil:1", "coil:2")
+        assert planning.call_count == 1
+    for i in range(600):
+        read(driver, f"coil:{i}")
+    assert len(driver._reads) <= 256
+
+
+# Failures -----------------------------------------------------------------------------------------
+
+AT_READ = [
+    ("close", "the device closed the connection"),
+    ("silent", "timed out (50 ms)"),
+    ("late=120", "timed out (50 ms)"),
+    ("trickle=5", "timed out (50 ms)"),
+    ("exception=1", "exception 1, illegal function"),
+    ("exception=2", "exception 2, illegal data address"),
+    ("exception=4", "exception 4, device failure"),
+    ("truncate=3", "the device closed the connection"),
+    ("truncate=12", "the device closed the connection"),
+    ("fewer", "a short answer (3 of 4)"),
+    ("echo=8", "a short or malformed answer"),
+    ("function=3", "an answer to function 3 in place of 4"),
+    ("function=99", "a short or malformed answer"),
+    ("transaction", "timed out (50 ms)"),
+    ("garbage", "the device closed the connection"),
+]
+READING = [f"input:{i}" for i in range(4)]
+
+
+@pytest.mark.parametrize(("fault", "words"), AT_READ)
+def test_a_failed_read_says_where_and_why_and_the_next_call_works_again(
+    start: Start, connected: Connect, fault: str, words: str
+) -> None:
+    peer = start(f"2:{fault}")
+    driver = connected(peer)
+    wanted = [input_register(i) for i in range(4)]
+    assert read(driver, *READING) == wanted
+    driver.timeout = HASTY if "timed out" in words else PATIENT
+    with pytest.raises(DriverError) as caught:
+        read(driver, *READING)
+    where = f"Modbus 127.0.0.1:{peer.port} unit 1: reading input registers 0 to 3: "
+    assert str(caught.value).startswith(where)
+    assert words in str(caught.value)
+    driver.timeout = PATIENT
+    assert read(driver, *READING) == wanted
+    assert peer.requests() == [(4, 0, 4)] * 3, "nothing was sent twice"
+
+
+def test_an_answer_under_the_number_of_the_request_before_the_first_is_no_answer(
+    start: Start, connected: Connect
+) -> None:
+    driver = connected(start("1:transaction"))  # transaction 0, which pymodbus lets through as a wild card
+    with pytest.raises(DriverError, match="malformed"):
+        read(driver, *READING)
+
+
+def test_bits_that_are_missing_from_an_answer_are_noticed(start: Start, connected: Connect) -> None:
+    driver = connected(start("1:fewer"))
+    with pytest.raises(DriverError, match=r"reading discrete inputs 0 to 19: a short answer"):
+        read(driver, *(f"discrete:{i}" for i in range(20)))
+
+
+AT_WRITE = [
+    ({"coil_2": 1}, "echo=9", "writing coil 2: the answer confirms something else (address 3, [True])"),
+    ({"holding_2": 9}, "echo=11", "writing holding register 2: the answer confirms something else (address 2, [8])"),
+    ({"coil_2": 1, "coil_3": 1}, "echo=11", "writing coils 2 to 3: the answer confirms something else"),
+    ({"holding_2": 1, "holding_3": 1}, "echo=9", "writing holding registers 2 to 3: the answer confirms"),
+    ({"holding_2": 9}, "exception=3", "writing holding register 2: exception 3, illegal data value"),
+    ({"holding_2": 9}, "truncate=10", "writing holding register 2: the device closed the connection"),
+    ({"holding_2": 9}, "silent", "writing holding register 2: timed out"),
+    ({"holding_2": 9}, "function=16", "writing holding register 2: an answer to function 16 in place of 6"),
+]
+
+
+@pytest.mark.parametrize(("raws", "fault", "words"), AT_WRITE)
+def test_a_write_that_was_not_confirmed_as_sent_has_failed(
+    start: Start, connected: Connect, raws: dict[str, int], fault: str, words: str
+) -> None:
+    peer = start(f"1:{fault}")
+    driver = connected(peer)
+    driver.timeout = HASTY if fault == "silent" else PATIENT
+    with pytest.raises(DriverError) as caught:
+        write(driver, **raws)
+    assert words in str(caught.value)
+    driver.timeout = PATIENT
+    write(driver, **raws)
+    assert len(peer.requests()) == 2, "the failed write was not repeated by itself"
+
+
+def test_an_exception_answer_keeps_the_connection(start: Start, connected: Connect) -> None:
+    driver = connected(start("1:exception=2"))
+    with pytest.raises(DriverError):
+        read(driver, *READING)
+    with patch.object(_modbus_link._Client, "_dial", side_effect=AssertionError):
+        assert read(driver, *READING)
+
+
+def test_a_late_answer_is_never_taken_for_a_later_one(start: Start, connected: Connect) -> None:
+    driver = connected(start("1:late=120"))
+    driver.timeout = HASTY
+    with pytest.raises(DriverError, match="timed out"):
+        read(driver, "holding:1")
+    driver.timeout = PATIENT
+    assert read(driver, "holding:2") == [holding(2)]
+    assert read(driver, "holding:3") == [holding(3)]
+
+
+def test_an_answer_to_another_request_is_passed_over(start: Start, connected: Connect) -> None:
+    driver = connected(start("2:stale"))
+    assert [read(driver, f"holding:{i}") for i in (1, 2, 3)] == [[holding(i)] for i in (1, 2, 3)]
+
+
+def test_an_answer_in_two_pieces_is_one_answer(start: Start, connected: Connect) -> None:
+    driver = connected(start("1:split=5"))
+    assert read(driver, *READING) == [input_register(i) for i in range(4)]
+
+
+def test_what_came_in_unasked_is_thrown_away_with_its_connection(start: Start, connected: Connect) -> None:
+    peer = start("1:unasked")
+    driver = connected(peer)
+    assert read(driver, "holding:1") == [holding(1)]
+    peer.wait_for("twice")
+    assert read(driver, "holding:2") == [holding(2)]
+
+
+def test_a_connection_that_the_device_closed_meanwhile_is_opened_again_without_a_failure(
+    start: Start, connected: Connect
+) -> None:
+    peer = start("1:hangup")
+    driver = connected(peer)
+    assert read(driver, "holding:1") == [holding(1)]
+    peer.wait_for("closed")
+    assert read(driver, "holding:2") == [holding(2)]
+
+
+def test_a_device_that_goes_away_is_named_and_used_again_when_it_is_back(start: Start, connected: Connect) -> None:
+    peer = start("2:exit")
+    driver = connected(peer)
+    assert read(driver, "holding:1") == [holding(1)]
+    with pytest.raises(DriverError, match="reading holding register 1: the device closed the connection"):
+        read(driver, "holding:1")
+    peer.process.wait()
+    for _ in range(2):
+        with pytest.raises(DriverError, match=f"127.0.0.1:{peer.port} unit 1: connecting: connection refused"):
+            read(driver, "holding:1")
+    start(port=peer.port)
+    assert read(driver, "holding:1") == [holding(1)]
+
+
+def test_all_the_requests_of_a_call_share_one_deadline(start: Start, connected: Connect) -> None:
+    driver = connected(start("1:late=300", "2:late=300"))
+    driver.timeout = 0.5  # enough for either of them
+    with pytest.raises(DriverError, match=r"reading discrete input 0: timed out \(500 ms\)"):
+        read(driver, "input:0", "discrete:0")
+
+
+def test_a_device_that_does_not_take_the_connection_times_out(peer_program: Path) -> None:
+    with socket.socket() as silent, socket.socket() as filler, socket.socket() as second:
+        silent.bind(("127.0.0.1", 0))
+        silent.listen(0)  # a queue for one: what comes after it hears nothing
+        for each in (filler, second):
+            each.setblocking(False)
+            each.connect_ex(silent.getsockname())
+        driver = Modbus(port=silent.getsockname()[1])
+        driver.timeout = HASTY
+        with pytest.raises(DriverError, match=r"connecting: timed out \(50 ms\)"):
+            driver.open()
+        driver.close()
+
+
+def test_a_refused_connection_fails_at_open() -> None:
+    with socket.socket() as unused:
+        unused.bind(("127.0.0.1", 0))
+        driver = Modbus(port=unused.getsockname()[1])
+        with pytest.raises(DriverError, match="connecting: connection refused"):
+            driver.open()
+        driver.close()
+
+
+@pytest.mark.parametrize("host", ["256.0.0.1.invalid", "a" * 70])
+def test_a_host_that_does_not_exist_fails_at_open(host: str) -> None:
+    driver = Modbus(host=host)
+    with pytest.raises(DriverError, match=host):
+        driver.open()
+    driver.close()
+
+
+def test_a_driver_that_is_not_open_says_so() -> None:
+    driver = Modbus()
+    driver.close()
+    with pytest.raises(DriverError, match="not open"):
+        read(driver, "coil:1")
+
+
+def test_without_pymodbus_the_driver_names_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in [*(name for name in sys.modules if name.startswith("pymodbus.")), "pymodbus"]:
+        monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.delitem(sys.modules, "umo.drivers._modbus_link")
+    monkeypatch.delattr("umo.drivers._modbus_link")
+    with pytest.raises(DriverError, match=r'pip install "umo\[modbus\]"'):
+        Modbus().open()
+
+
+def test_pymodbus_s_own_log_stays_quiet(
+    start: Start,
+    connected: Connect,
+    caplog: pytest.LogCaptureFixture,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    caplog.set_level(logging.DEBUG)
+    driver = connected(start("1:function=99", "2:stale", "3:close"))
+    for _ in range(3):
+        try:
+            read(driver, "holding:1")
+        except DriverError:
+            continue
+    assert caplog.records == []
+    assert capfd.readouterr() == ("", "")
+
+
+FRAMES = st.builds(
+    lambda number, protocol, unit, body, length: (
+        struct.pack(">HHHB", number, protocol, min(len(body) + 1 + length, 65535), unit) + body
+    ),
+    st.integers(0, 2),
+    st.sampled_from([0, 0, 0, 1]),
+    st.sampled_from([1, 1, 1, 0]),
+    st.binary(max_size=12) | st.builds(lambda f, b: bytes([f]) + b, st.integers(0, 20), st.binary(max_size=9)),
+    st.sampled_from([0, 0, 0, -1, 1, 300]),
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(answer=st.binary(max_size=30) | FRAMES, writing=st.booleans())
+def test_whatever_the_device_answers_is_a_value_or_a_driver_error(answer: bytes, writing: bool) -> None:
+    near, far = socket.socketpair()
+
+    def reply(client: Any, request: bytes, addr: Any = None) -> int:
+        far.sendall(answer)
+        far.close()
+        return len(request)
+
+    client = _modbus_link._Client
+    driver = Modbus()
+    driver.timeout = PATIENT
+    with patch.object(client, "_dial", lambda _: near), patch.object(client, "send", reply), near, far:
+        driver.open()
+        channel = driver.channel("coil:0" if writing else "input:0:int32")
+        try:
+            if writing:
+                driver.write(channel, 1)
+            else:
+                assert channel.lowest <= driver.read(channel) <= channel.highest
+        except DriverError:
+            pass
+        driver.close()

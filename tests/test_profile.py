@@ -1,0 +1,80 @@
+"""Jerk-limited profiles."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from umo import RangeError
+from umo.control import Profile
+
+
+def limits() -> Profile:
+    return Profile(velocity=100.0, acceleration=1_000.0, jerk=20_000.0)
+
+
+positions = st.floats(-1e3, 1e3)
+
+
+@given(start=positions, target=positions, dt=st.sampled_from([1e-3, 2.5e-3, 1e-2]))
+def test_a_path_ends_at_its_target_and_keeps_every_limit(start: float, target: float, dt: float) -> None:
+    profile = limits()
+    profile.hold(start)
+    duration = profile.to(target)
+    before, periods = profile.setpoint, 0
+    while not profile.done:
+        now = profile.step(dt)
+        periods += 1
+        assert abs(now.velocity) <= 100.0 + 1e-6
+        assert abs(now.acceleration) <= 1_000.0 + 1e-6
+        assert abs(now.acceleration - before.acceleration) <= 20_000.0 * dt + 1e-6
+        before = now
+    assert profile.setpoint.position == pytest.approx(target, abs=1e-6)
+    assert profile.setpoint.velocity == pytest.approx(0.0, abs=1e-6)
+    assert (periods - 1) * dt <= duration + 1e-9
+
+
+def test_at_the_end_the_setpoint_stays_at_the_target() -> None:
+    profile = limits()
+    profile.to(1.0)
+    profile.step(10.0)
+    assert profile.done
+    assert profile.step(1.0).position == pytest.approx(1.0)
+
+
+def test_a_new_target_is_planned_from_the_motion_under_way() -> None:
+    profile = limits()
+    profile.to(100.0)
+    moving = profile.step(0.5)
+    assert moving.velocity > 50.0
+    profile.to(0.0)
+    after = profile.step(1e-3)
+    assert after.position == pytest.approx(moving.position + 0.1, abs=0.05)
+    assert after.velocity == pytest.approx(moving.velocity, abs=2.0)
+
+
+def test_a_path_may_be_slower_but_not_faster_than_its_limit() -> None:
+    profile = limits()
+    assert profile.to(100.0, velocity=10.0) > 9.0
+    assert profile.to(100.0, velocity=1e9) == pytest.approx(limits().to(100.0))
+
+
+def test_a_missed_period_only_makes_the_step_longer() -> None:
+    one, two = limits(), limits()
+    one.to(50.0)
+    two.to(50.0)
+    one.step(0.1)
+    one.step(0.2)
+    assert one.setpoint == two.step(0.1 + 0.2)
+
+
+@pytest.mark.parametrize("target", [float("nan"), float("inf")])
+def test_a_target_that_is_not_finite_is_refused(target: float) -> None:
+    with pytest.raises(RangeError):
+        limits().to(target)
+
+
+def test_a_limit_that_is_not_positive_is_refused() -> None:
+    with pytest.raises(RangeError):
+        Profile(velocity=0.0, acceleration=1.0, jerk=1.0).to(1.0)

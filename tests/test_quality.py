@@ -1,0 +1,427 @@
+"""design.md section 3, rules 4 and 5: every value has its time and a quality; failing devices."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from machines import actuator, failed, relay, sensor, switch, timer, wired
+from umo import (
+    BadInput,
+    BinaryActuator,
+    BinarySensor,
+    Compound,
+    DigitalActuator,
+    DigitalSensor,
+    DriverError,
+    OnOff,
+    PassFail,
+    Quality,
+    connect,
+)
+from umo.control import UNREFERENCED, state_of, value_of
+from umo.testing import Scripted, VirtualTimer, put
+
+GOOD, OUT_OF_RANGE, STALE, BAD = Quality.GOOD, Quality.OUT_OF_RANGE, Quality.STALE, Quality.BAD
+UNREF = Quality.UNREFERENCED
+HOLD = {"on_error": "hold", "max_age": "3 ms"}
+
+
+class Inputs(Compound):
+    timer: DigitalSensor
+    one: DigitalSensor
+    two: BinarySensor[PassFail]
+
+
+@pytest.fixture(params=["lists", "arrays"], autouse=True)
+def form(request, monkeypatch):
+    monkeypatch.setattr("umo.cycle.forms.ARRAYS_FROM", 0 if request.param == "arrays" else 10**9)
+
+
+@pytest.fixture
+def box():
+    return Scripted()
+
+
+def inputs(one=None, two=None):
+    return Inputs(timer=timer(), one=one or sensor(), two=two or switch())
+
+
+def period(m):
+    m.timer.read()
+    return m.sample()
+
+
+# Range -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("raw", "quality"), [(0, GOOD), (-1, OUT_OF_RANGE), (199, GOOD), (200, OUT_OF_RANGE)])
+@pytest.mark.parametrize("synchronous", [True, False])
+def test_half_a_resolution_beyond_a_bound_is_good_and_more_is_out_of_range(box, raw, quality, synchronous):
+    machine = inputs(sensor(minimum=0.25, maximum=99.25, resolution=0.5, synchronous=synchronous))
+    box.set("one", raw)
+    with connect(machine, wired(machine, box)) as m:
+        assert m.one.read() == raw * 0.5  # the value is shown all the same
+        assert m.one.quality is quality
+        assert m.sample() is (quality is GOOD or not synchronous)
+
+
+def test_half_a_resolution_is_that_of_the_size_when_the_resolution_is_negative(box):
+    machine = inputs(sensor(minimum=0.25, maximum=99.25, resolution=-0.5))
+    box.set("one", [0, 1, -198, -199, -200])
+    with connect(machine, wired(machine, box)) as m:
+        seen = [m.one.quality]
+        for _ in range(4):
+            m.sample()
+            seen.append(m.one.quality)
+        assert seen == [GOOD, OUT_OF_RANGE, GOOD, GOOD, OUT_OF_RANGE]
+
+
+def test_a_narrowed_range_is_the_one_that_counts(box):
+    machine = inputs()
+    box.set("one", 100)
+    with connect(machine, wired(machine, box, entries={"one": {"maximum": 40.0}})) as m:
+        assert (m.one.read(), m.one.quality) == (50.0, OUT_OF_RANGE)
+
+
+def test_sample_returns_whether_all_are_good_and_recovers(box):
+    machine = inputs()
+    with connect(machine, wired(machine, box)) as m:
+        put(m.one, 101.0)
+        assert m.sample() is False
+        assert m.one.sample() is False
+        assert m.two.sample() is True
+        put(m.one, 99.0)
+        assert m.sample() is True
+        assert m.one.quality is GOOD
+
+
+# References ------------------------------------------------------------------------------------------
+
+
+def test_an_incremental_sensor_is_unreferenced_until_homing_says_so(box):
+    machine = inputs(sensor(incremental=True))
+    box.set("one", 20)
+    with connect(machine, wired(machine, box)) as m:
+        assert (m.one.read(), m.one.quality) == (10.0, UNREF)
+        assert m.sample() is False
+        m.one.referenced()
+        assert m.one.quality is GOOD
+        assert m.sample() is True
+        m.one.referenced(False)
+        assert m.one.quality is UNREF
+        assert m.sample() is False
+
+
+def test_every_connect_starts_unreferenced(box):
+    machine = inputs(sensor(incremental=True))
+    for _ in range(2):
+        with connect(machine, wired(machine, box)) as m:
+            assert m.one.quality is UNREF
+            m.one.referenced()
+
+
+def test_unreferenced_outranks_the_range_which_referenced_brings_to_light(box):
+    machine = inputs(sensor(incremental=True))
+    box.set("one", -20)
+    with connect(machine, wired(machine, box)) as m:
+        assert m.one.quality is UNREF
+        m.one.referenced()
+        assert m.one.quality is OUT_OF_RANGE
+        assert m.sample() is False
+        box.set("one", 20)
+        assert m.sample() is True
+
+
+def test_referenced_while_stale_stays_stale_until_the_device_is_back(box):
+    machine = inputs(sensor(incremental=True, **HOLD))
+    with connect(machine, wired(machine, box)) as m:
+        box.broken = OSError("cut")
+        with pytest.raises(DriverError):  # the switch does not hold
+            period(m)
+        assert m.one.quality is STALE
+        m.one.referenced()
+        assert m.one.quality is STALE
+        box.broken = None
+        assert period(m) is True
+        assert m.one.quality is GOOD
+
+
+def test_an_unreferenced_sensor_comes_back_unreferenced(box):
+    machine = inputs(sensor(incremental=True, **HOLD), switch(**HOLD))
+    with connect(machine, wired(machine, box)) as m:
+        box.broken = OSError("cut")
+        assert period(m) is False
+        assert m.one.quality is STALE
+        box.broken = None
+        assert period(m) is False
+        assert m.one.quality is UNREF
+
+
+# Time ------------------------------------------------------------------------------------------------
+
+
+def test_every_value_has_the_time_of_its_transfer_on_the_cycles_clock(box):
+    machine = inputs()
+    clock = VirtualTimer(missed=[0, 4, 0])
+    with connect(machine, wired(machine, box, clock=clock)) as m:
+        assert (m.one.time, m.two.time, m.now) == (0.0, 0.0, 0.0)
+        seen = []
+        for _ in range(3):
+            period(m)
+            seen.append((m.one.time, m.two.time, m.timer.time, m.dt))
+        assert seen == [pytest.approx([t, t, t, dt]) for t, dt in [(0.001, 0.001), (0.005, 0.004), (0.006, 0.001)]]
+
+
+def test_an_asynchronous_sensor_has_no_time_before_it_was_read(box):
+    machine = inputs(sensor(synchronous=False))
+    with connect(machine, wired(machine, box)) as m:
+        assert math.isnan(m.one.time)
+        m.timer.read()
+        m.one.read()
+        assert m.one.time == m.now == 0.001
+
+
+def test_an_actuator_has_the_time_at_which_it_was_accepted(box):
+    class Output(Compound):
+        timer: DigitalSensor
+        motor: DigitalActuator
+        quick: BinaryActuator[OnOff]
+
+    machine = Output(timer=timer(), motor=actuator(), quick=relay(synchronous=False))
+    with connect(machine, wired(machine, box)) as m:
+        assert (m.motor.time, m.quick.time) == (0.0, 0.0)
+        m.timer.read()
+        m.motor.write(1.0)
+        m.quick.write(OnOff.ON)
+        assert (m.motor.time, m.quick.time) == (0.0, 0.001)
+        m.update()
+        assert m.motor.time == 0.001
+        m.timer.read()
+        box.broken = OSError("cut")
+        with pytest.raises(DriverError):
+            m.update()
+        assert m.motor.time == 0.001
+        box.broken = None
+
+
+# Failing devices -------------------------------------------------------------------------------------
+
+
+def test_a_failed_block_marks_its_own_objects_the_others_still_run_then_one_error_lists_all():
+    left, right, middle = Scripted(), Scripted(), Scripted()
+
+    class Many(Compound):
+        a: DigitalSensor
+        b: DigitalSensor
+        c: DigitalSensor
+        d: DigitalSensor
+
+    machine = Many(a=sensor(), b=sensor(), c=sensor(), d=sensor())
+    entries = {"b": {"driver": "right", "channel": "x"}, "c": {"driver": "middle"}, "d": {"driver": "right"}}
+    with connect(machine, wired(machine, left, right=right, middle=middle, entries=entries)) as m:
+        for item, driver in ((m.a, left), (m.b, right), (m.c, middle), (m.d, right)):
+            put(item, 10.0)
+            driver.broken = OSError("cut") if driver is not middle else None
+        with pytest.raises(DriverError) as caught:
+            m.sample()
+        assert [(f.path, f.channel, f.cause) for f in caught.value.failures] == [
+            ("a", "a", "cut"),
+            ("b", "x", "cut"),
+            ("d", "d", "cut"),
+        ]
+        assert [m.a.quality, m.b.quality, m.c.quality, m.d.quality] == [BAD, BAD, GOOD, BAD]
+        assert [m.a.read(), m.b.read(), m.c.read(), m.d.read()] == [0.0, 0.0, 10.0, 0.0]
+        left.broken = right.broken = None
+        assert m.sample() is True
+        assert [m.a.quality, m.b.quality, m.c.quality, m.d.quality] == [GOOD] * 4
+
+
+def test_a_failed_output_block_does_not_keep_the_others_from_being_written():
+    left, right = Scripted(), Scripted()
+
+    class Two(Compound):
+        a: DigitalActuator
+        b: DigitalActuator
+
+    machine = Two(a=actuator(), b=actuator())
+    with connect(machine, wired(machine, left, right=right, entries={"b": {"driver": "right"}})) as m:
+        m.a.write(1.0)
+        m.b.write(2.0)
+        left.at(len(left.calls), OSError("cut"))
+        with pytest.raises(DriverError) as caught:
+            m.update()
+        assert failed(caught.value) == ["a"]
+        assert (m.a.read(), m.b.read(), right.get("b")) == (0.0, 2.0, 4)
+
+
+@pytest.mark.parametrize(
+    "error", [OSError("cut"), TimeoutError("late"), RuntimeError("bug"), KeyError("k"), ValueError]
+)
+def test_whatever_a_driver_raises_comes_out_as_a_driver_error(box, error):
+    machine = inputs()
+    with connect(machine, wired(machine, box)) as m:
+        box.at(len(box.calls), error)
+        with pytest.raises(DriverError, match=r"one \(channel one\)") as caught:
+            m.sample()
+        assert failed(caught.value) == ["one", "two"]
+
+
+def test_a_failed_reading_does_not_keep_a_stale_value_as_good_and_is_bad_by_default(box):
+    machine = inputs()
+    box.set("one", 20)
+    with connect(machine, wired(machine, box)) as m:
+        box.broken = OSError("cut")
+        with pytest.raises(DriverError):
+            period(m)
+        assert (m.one.read(), m.one.quality, m.one.time) == (10.0, BAD, 0.0)
+        box.broken = None
+
+
+def test_a_holding_sensor_is_stale_until_its_age_is_exceeded_then_raises_and_recovers(box):
+    machine = inputs(sensor(**HOLD), switch(**HOLD))
+    box.set("one", 20)
+    with connect(machine, wired(machine, box)) as m:
+        box.broken = OSError("cut")
+        for _ in range(3):  # 1, 2 and 3 ms old: not older than max_age
+            assert period(m) is False
+            assert (m.one.read(), m.one.quality, m.one.time) == (10.0, STALE, 0.0)
+        with pytest.raises(DriverError) as caught:
+            period(m)
+        assert failed(caught.value) == ["one", "two"]
+        assert m.one.quality is BAD
+        box.broken = None
+        box.set("one", 40)
+        assert period(m) is True
+        assert (m.one.read(), m.one.quality) == (20.0, GOOD)
+        box.broken = OSError("again")
+        assert period(m) is False  # a new age begins
+        box.broken = None
+
+
+def test_missed_periods_count_in_the_age(box):
+    machine = inputs(sensor(**HOLD), switch(**HOLD))
+    with connect(machine, wired(machine, box, clock=VirtualTimer(missed=[0, 3]))) as m:
+        box.broken = OSError("cut")
+        assert period(m) is False
+        with pytest.raises(DriverError):
+            period(m)
+        box.broken = None
+
+
+def test_beside_a_holding_sensor_the_others_of_its_block_fail_alone(box):
+    machine = inputs(sensor(**HOLD))
+    with connect(machine, wired(machine, box)) as m:
+        box.broken = OSError("cut")
+        with pytest.raises(DriverError) as caught:
+            period(m)
+        assert failed(caught.value) == ["two"]
+        assert (m.one.quality, m.two.quality) == (STALE, BAD)
+        box.broken = None
+
+
+def test_an_asynchronous_holding_sensor_gives_its_last_value_then_raises(box):
+    machine = inputs(sensor(synchronous=False, **HOLD))
+    box.set("one", 20)
+    with connect(machine, wired(machine, box)) as m:
+        assert m.one.read() == 10.0
+        box.set("one", OSError("cut"))
+        for _ in range(3):
+            m.timer.read()
+            assert (m.one.read(), m.one.quality) == (10.0, STALE)
+        m.timer.read()
+        with pytest.raises(DriverError, match="one"):
+            m.one.read()
+        assert m.one.quality is BAD
+        box.set("one", 30)
+        assert (m.one.read(), m.one.quality) == (15.0, GOOD)
+
+
+def test_there_is_nothing_to_hold_before_the_first_reading(box):
+    machine = inputs(sensor(synchronous=False, **HOLD))
+    box.set("one", OSError("cut"))
+    with connect(machine, wired(machine, box)) as m:
+        with pytest.raises(DriverError):
+            m.one.read()
+        assert m.one.quality is BAD
+
+
+@pytest.mark.parametrize("raw", [2, -1, 255, 2**40])
+@pytest.mark.parametrize("synchronous", [True, False])
+@pytest.mark.parametrize("inverted", [True, False])
+def test_a_binary_channel_that_reads_neither_0_nor_1_is_a_driver_error(box, raw, synchronous, inverted):
+    machine = inputs(two=switch(synchronous=synchronous))
+    box.set("two", 1)
+    with connect(machine, wired(machine, box, entries={"two": {"inverted": inverted}})) as m:
+        state = m.two.read()
+        box.set("two", raw)
+        box.set("one", 40)
+        m.timer.read()
+        with pytest.raises(DriverError, match=f"two .*: read {raw}; a binary channel reads 0 or 1") as caught:
+            m.sample() if synchronous else m.two.read()
+        assert failed(caught.value) == ["two"]
+        assert m.two.quality is BAD
+        assert m.two.time == 0.0
+        if synchronous:  # its neighbour in the block is as good as ever
+            assert (m.one.read(), m.one.quality, m.one.time) == (20.0, GOOD, 0.001)
+        box.set("two", 1)
+        m.sample()
+        assert m.two.read() is state
+        assert m.two.quality is GOOD
+
+
+def test_a_garbled_binary_sensor_may_hold(box):
+    machine = inputs(two=switch(**HOLD))
+    box.set("two", 1)
+    with connect(machine, wired(machine, box)) as m:
+        box.set("two", 7)
+        for _ in range(3):
+            assert period(m) is False
+            assert (m.two.read(), m.two.quality, m.two.time) == (PassFail.FAIL, STALE, 0.0)
+        with pytest.raises(DriverError):
+            period(m)
+        box.set("two", 0)
+        assert period(m) is True
+        assert m.two.read() is PassFail.PASS
+
+
+def test_a_failed_reset_of_a_compound_resets_the_rest_and_lists_what_failed(box):
+    class Mixed(Compound):
+        a: DigitalActuator
+        s: DigitalSensor
+        b: BinaryActuator[OnOff]
+
+    machine = Mixed(a=actuator(), s=sensor(), b=relay())
+    with connect(machine, wired(machine, box)) as m:
+        m.a.write(1.0)
+        m.b.write(OnOff.ON)
+        m.update()
+        number = len(box.calls)
+        box.at(number, OSError("cut"))
+        box.at(number + 1, OSError("cut too"))
+        with pytest.raises(DriverError) as caught:
+            m.reset()
+        assert failed(caught.value) == ["a", "s"]
+        assert (m.a.read(), m.a.pending, m.a.quality) == (1.0, 0.0, BAD)
+        assert (m.b.read(), m.b.quality) == (OnOff.OFF, GOOD)
+        m.update()  # sends the default that reset could not
+        assert (m.a.read(), m.a.quality) == (0.0, GOOD)
+        assert m.s.quality is BAD
+        m.sample()
+        assert m.s.quality is GOOD
+
+
+# What control does with it ---------------------------------------------------------------------------
+
+
+def test_a_control_law_refuses_what_is_not_good_unless_told_what_to_accept(box):
+    machine = inputs(sensor(incremental=True))
+    with connect(machine, wired(machine, box)) as m:
+        with pytest.raises(BadInput, match="one is UNREFERENCED") as caught:
+            value_of(m.one)
+        assert (caught.value.path, caught.value.quality) == ("one", UNREF)
+        assert value_of(m.one, UNREFERENCED) == 0.0
+        assert state_of(m.two) is PassFail.PASS
+        m.one.referenced()
+        assert value_of(m.one) == 0.0

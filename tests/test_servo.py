@@ -1,0 +1,135 @@
+"""The servo against small plants that a test can reason about."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from umo import BadInput, Compound, DigitalActuator, DigitalSensor, Quality, connect
+from umo.control import UNREFERENCED, Servo
+from umo.testing import put
+
+
+class Axis(Compound):
+    motor: DigitalActuator
+    encoder: DigitalSensor
+
+
+def axis(*, incremental: bool = False) -> Axis:
+    return Axis(
+        motor=DigitalActuator("V", default=0.0, minimum=-10.0, maximum=10.0, resolution=1e-6, limits="clamp"),
+        encoder=DigitalSensor("mm", minimum=-1e3, maximum=1e3, resolution=1e-6, incremental=incremental),
+    )
+
+
+def run(servo: Servo, m: Axis, setpoint: float, *, seconds: float, dt: float = 1e-3, load: float = 0.0) -> list[float]:
+    """A first-order plant, 0.1 s, 1 mm per V, with a constant load in V; the positions."""
+    position, path = m.encoder.read(), []
+    for _ in range(round(seconds / dt)):
+        put(m.encoder, position)
+        m.sample()
+        servo.control(setpoint, dt=dt)
+        m.update()
+        position += (m.motor.read() + load - position) * dt / 0.1
+        path.append(position)
+    return path
+
+
+def test_the_proportional_part_is_gain_times_error() -> None:
+    with connect(axis()) as m:
+        put(m.encoder, 1.0)
+        m.sample()
+        servo = Servo(m.encoder, m.motor, gain=2.0)
+        assert servo.control(1.5, dt=1e-3)
+        assert m.motor.pending == pytest.approx(1.0)
+        assert servo.error == pytest.approx(0.5)
+
+
+def test_the_integral_removes_a_constant_load() -> None:
+    with connect(axis()) as m:
+        assert run(Servo(m.encoder, m.motor, gain=5.0), m, 3.0, seconds=2.0, load=-1.0)[-1] < 2.7
+        servo = Servo(m.encoder, m.motor, gain=5.0, integral_time=0.1)
+        assert run(servo, m, 3.0, seconds=2.0, load=-1.0)[-1] == pytest.approx(3.0, abs=1e-3)
+
+
+def test_gains_are_in_seconds_so_another_period_gives_the_same_response() -> None:
+    ends = []
+    for dt in (1e-3, 4e-3):
+        with connect(axis()) as m:
+            servo = Servo(m.encoder, m.motor, gain=2.0, integral_time=0.2)
+            ends.append(run(servo, m, 3.0, seconds=0.2, dt=dt)[-1])
+    assert ends[0] == pytest.approx(ends[1], rel=0.03)
+
+
+def test_the_derivative_acts_on_the_measured_value_and_is_filtered() -> None:
+    with connect(axis()) as m:
+        servo = Servo(m.encoder, m.motor, gain=1.0, derivative_time=0.01, filter_time=0.009)
+        m.sample()
+        servo.control(5.0, dt=1e-3)
+        assert m.motor.pending == pytest.approx(5.0)  # a setpoint step makes no derivative kick
+        put(m.encoder, 0.1)
+        m.sample()
+        servo.control(5.0, dt=1e-3)
+        rate = (0.1 / 1e-3) * 1e-3 / (0.009 + 1e-3)
+        assert m.motor.pending == pytest.approx(4.9 - 0.01 * rate)
+
+
+def test_feed_forward_follows_velocity_acceleration_and_friction() -> None:
+    with connect(axis()) as m:
+        m.sample()
+        servo = Servo(m.encoder, m.motor, gain=1.0, feed_forward=0.5, inertia=0.1, friction=0.2)
+        for velocity, expected in ((2.0, 1.0 + 0.3 + 0.2), (-2.0, -1.0 + 0.3 - 0.2), (0.0, 0.3)):
+            servo.control(0.0, velocity, 3.0, dt=1e-3)
+            assert m.motor.pending == pytest.approx(expected)
+
+
+def test_the_integral_does_not_wind_up_while_the_actuator_is_at_its_limit() -> None:
+    """A setpoint out of reach for 5 s, then one in reach: with wind-up it would take as long to come back."""
+    with connect(axis()) as m:
+        servo = Servo(m.encoder, m.motor, gain=2.0, integral_time=0.05)
+        path = run(servo, m, 100.0, seconds=5.0)
+        assert path[-1] == pytest.approx(10.0, abs=0.01)
+        back = run(servo, m, 5.0, seconds=1.0)
+        assert min(abs(x - 5.0) for x in back[:300]) < 0.1
+        assert back[-1] == pytest.approx(5.0, abs=0.01)
+
+
+def test_the_integral_is_led_back_to_what_the_hardware_accepted() -> None:
+    """`read` shows another value than was asked, as behind a slewed or narrowed output."""
+    with connect(axis()) as m:
+        m.sample()
+        servo = Servo(m.encoder, m.motor, gain=1.0, integral_time=0.01)
+        servo.control(4.0, dt=1e-3)
+        first = m.motor.pending
+        servo.control(4.0, dt=1e-3)  # no update in between: the hardware still has 0 V
+        assert m.motor.pending < first
+        assert servo.control(1000.0, dt=1e-3) is False
+
+
+def test_begin_forgets_the_past() -> None:
+    with connect(axis()) as m:
+        servo = Servo(m.encoder, m.motor, gain=1.0, integral_time=0.01)
+        run(servo, m, 4.0, seconds=0.1)
+        servo.begin()
+        put(m.encoder, 4.0)
+        m.sample()
+        servo.control(4.0, dt=1e-3)
+        assert m.motor.pending == 0.0
+
+
+def test_a_bad_input_is_refused_unless_the_call_accepts_it() -> None:
+    with connect(axis(incremental=True)) as m:
+        m.sample()
+        servo = Servo(m.encoder, m.motor, gain=1.0)
+        with pytest.raises(BadInput, match="encoder is UNREFERENCED"):
+            servo.control(1.0, dt=1e-3)
+        assert m.motor.pending == 0.0
+        assert servo.control(1.0, dt=1e-3, accept=UNREFERENCED)
+        m.encoder.referenced()
+        put(m.encoder, 2e3)
+        m.sample()
+        with pytest.raises(BadInput) as caught:
+            servo.control(1.0, dt=1e-3)
+        assert caught.value.quality is Quality.OUT_OF_RANGE
+        assert math.isfinite(m.motor.pending)

@@ -1,0 +1,95 @@
+from __future__ import annotations
+
+import contextlib
+import math
+import subprocess
+import sys
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from machines import sensor
+from umo import Compound, DeclarationError, DigitalSensor, connect
+from umo.objects.units import check_unit, convert, seconds
+from umo.testing import put
+
+
+@pytest.mark.parametrize("unit", ["V", "um", "deg", "count", "sampling_period", "mm/s", "degC", "percent"])
+def test_units_are_pints_and_the_sampling_period(unit):
+    assert check_unit(unit) == unit
+
+
+@pytest.mark.parametrize("unit", ["parsnip", "m s)", "V(", "furlong per"])
+def test_an_unknown_unit_is_an_error_at_declaration(unit):
+    with pytest.raises(DeclarationError, match="is no unit that pint knows"):
+        DigitalSensor(unit, minimum=0.0, maximum=1.0, resolution=0.1)
+
+
+@pytest.mark.parametrize(
+    ("value", "source", "target", "expected"),
+    [
+        (80_000.0, "um", "mm", 80.0),
+        (180.0, "deg", "rad", math.pi),
+        (20.0, "degC", "kelvin", 293.15),
+        (1.0, "V", "mV", 1e3),
+    ],
+)
+def test_conversion(value, source, target, expected):
+    assert convert(value, source, target) == pytest.approx(expected)
+
+
+def test_no_conversion_to_another_dimension():
+    with pytest.raises(DeclarationError, match="cannot be expressed"):
+        convert(1.0, "um", "deg")
+
+
+def test_read_in_converts_at_the_edge_alone():
+    class Arm(Compound):
+        z: DigitalSensor
+
+    with connect(Arm(z=sensor())) as arm:
+        put(arm.z, 25.0)
+        arm.sample()
+        assert arm.z.read() == 25.0
+        assert arm.z.read_in("cm") == pytest.approx(2.5)
+        with pytest.raises(DeclarationError, match="cannot be expressed"):
+            arm.z.read_in("V")
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("20 ms", 0.02),
+        ("20ms", 0.02),
+        (" 1.5 s ", 1.5),
+        ("1e3 us", 1e-3),
+        ("2 min", 120.0),
+        (0.25, 0.25),
+        (3, 3.0),
+        ("0 s", 0),
+    ],
+)
+def test_a_duration_is_a_number_of_seconds_or_a_text(text, value):
+    assert seconds(text) == pytest.approx(value)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    ["", "20", "ms", "20 V", "20 mss", "nan s", "-1 ms", "1e400 s", "1 ms + 2 ms", "9**9**9 s", "1.2.3 s", math.nan,
+     math.inf, -1.0, 10**400, None, [1]],
+)  # fmt: skip
+def test_what_is_no_duration_is_an_error(wrong):
+    with pytest.raises(DeclarationError, match="is no duration"):
+        seconds(wrong)
+
+
+@given(st.text(max_size=12))
+def test_no_text_makes_anything_but_a_duration_or_an_error(text):
+    with contextlib.suppress(DeclarationError):
+        assert seconds(text) >= 0
+
+
+def test_pint_is_not_imported_with_umo():
+    code = "import sys, umo; sys.exit('pint' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -1,0 +1,525 @@
+"""The served plant: its box with injected time, and its Modbus server against mbpoll (libmodbus) and our driver."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+import shutil
+import signal
+import socket
+import struct
+import subprocess
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from umo.drivers.contract import Channel, Direction
+from umo.drivers.modbus import Modbus
+from umo.errors import DriverError
+from umo.stations.ztheta import serve as serving
+from umo.stations.ztheta._box import FAR_BEHIND, MOST_PERIODS, Box, Pace, Watchdog
+from umo.stations.ztheta._modbus_server import answer
+from umo.stations.ztheta.serve import POINTS, WATCHDOG_REGISTER, serve, serve_plant, serve_until_signal
+
+PATIENT = 10.0
+RESET = {point.channel: point.level for point in POINTS if point.output}
+
+
+@dataclass(frozen=True)
+class FakeReport:
+    parts: tuple[int, ...] = (1, 2, 3)
+    placed = 0
+
+
+class FakePlant:
+    """The levels of the station's channels; time only counts."""
+
+    z_um, theta_deg = 55_000.0, 90.0
+
+    def __init__(self) -> None:
+        self.period = 0.0
+        self.is_open = False
+        self.periods = 0
+        self.inputs = {"counter:z": 58117, "counter:theta": -2, "adc:counterweight": 1000, "dio:gripper": 1}
+        self.outputs: dict[str, int] = {}
+        self.writes: list[tuple[str, int]] = []
+        self.broken = False
+
+    def open(self) -> None:
+        self.is_open = True
+
+    def close(self) -> None:
+        self.is_open = False
+
+    def channel(self, text: str) -> Channel:
+        bits = {"counter:z": 16, "counter:theta": 24, "adc:counterweight": 10, "dac:z": 12}.get(text, 1)
+        direction = Direction.INPUT if text in self.inputs else Direction.OUTPUT
+        return Channel(text, direction, bits, text in ("counter:theta", "dac:z"))
+
+    def initialize(self, channel: Channel, default: int | None) -> None:
+        assert default is not None
+        assert self.is_open
+        self.outputs[channel.text] = default
+
+    def read(self, channel: Channel) -> int:
+        if self.broken:
+            raise DriverError("broken")
+        return self.inputs[channel.text]
+
+    def write(self, channel: Channel, raw: int) -> None:
+        self.writes.append((channel.text, raw))
+        self.outputs[channel.text] = raw
+
+    def advance(self, periods: int = 1) -> None:
+        self.periods += periods
+
+    def report(self) -> FakeReport:
+        return FakeReport()
+
+
+class Bench:
+    """A box over a fake plant, its clock in the test's hand."""
+
+    def __init__(self, *, watchdog: float = 0.2) -> None:
+        self.plant = FakePlant()
+        self.now = 1000.0
+        self.box = Box(
+            self.plant,
+            POINTS,
+            watchdog_register=WATCHDOG_REGISTER,
+            watchdog=watchdog,
+            period=0.001,
+            clock=lambda: self.now,
+        )
+        self.box.power_up()
+
+    def ask(self, function: int, address: int, *words: int) -> bytes:
+        return self.box.request(struct.pack(f">BH{len(words)}H", function, address, *words))
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass, with a turn of the box in every period."""
+        for _ in range(round(seconds * 1000)):
+            self.now += 0.001
+            self.box.turn()
+
+
+# The watchdog -------------------------------------------------------------------------------------
+
+
+def test_a_watchdog_sleeps_until_the_first_write() -> None:
+    watchdog = Watchdog(0.25)
+    watchdog.feed(0.0, write=False)
+    assert not watchdog.expired(100.0)
+    watchdog.feed(100.0, write=True)
+    assert not watchdog.expired(100.24)
+    assert watchdog.expired(100.25)
+
+
+def test_any_request_feeds_a_watchdog() -> None:
+    watchdog = Watchdog(0.25)
+    watchdog.feed(0.0, write=True)
+    watchdog.feed(0.125, write=False)
+    assert not watchdog.expired(0.37)
+    assert watchdog.expired(0.375)
+
+
+def test_a_watchdog_expires_once_and_is_armed_again_by_a_write() -> None:
+    watchdog = Watchdog(0.2)
+    watchdog.feed(0.0, write=True)
+    assert [watchdog.expired(1.0), watchdog.expired(2.0)] == [True, False]
+    watchdog.feed(3.0, write=False)
+    assert not watchdog.expired(4.0)
+    watchdog.feed(5.0, write=True)
+    assert watchdog.expired(6.0)
+    assert watchdog.drops == 2
+
+
+def test_a_watchdog_of_no_time_never_expires() -> None:
+    watchdog = Watchdog(0.0)
+    watchdog.feed(0.0, write=True)
+    assert not watchdog.expired(1e6)
+
+
+# The pace -----------------------------------------------------------------------------------------
+
+
+@given(st.lists(st.floats(0.0, 3.0), max_size=60))
+def test_every_period_is_taken_or_given_up_and_never_too_many_at_once(steps: list[float]) -> None:
+    pace, now, taken = Pace(0.001, 50.0), 50.0, 0
+    for step in steps:
+        now += step
+        due = pace.due(now)
+        assert 0 <= due <= MOST_PERIODS
+        taken += due
+    while due := pace.due(now):
+        taken += due
+    assert taken + pace.given_up == int((now - 50.0) / 0.001)
+    assert 0.0 <= pace.left(now) <= 0.001 + 1e-9
+
+
+def test_a_short_delay_is_caught_up_with_and_a_long_one_is_not() -> None:
+    pace = Pace(0.001, 0.0)
+    assert [pace.due(0.0500001) for _ in range(4)] == [20, 20, 10, 0]
+    assert pace.given_up == 0
+    assert pace.due(0.05 + (FAR_BEHIND + 1.5) * 0.001) == MOST_PERIODS
+    assert pace.given_up == FAR_BEHIND + 1 - MOST_PERIODS
+
+
+# The box ------------------------------------------------------------------------------------------
+
+
+def test_the_outputs_come_up_at_their_safe_levels() -> None:
+    bench = Bench()
+    assert bench.plant.outputs == RESET
+    assert {name for name, level in RESET.items() if level} == {"dio:direction"}
+    assert bench.plant.period == 0.001
+
+
+def test_the_physics_is_brought_up_to_each_request() -> None:
+    bench = Bench()
+    bench.now += 0.0035
+    bench.ask(4, 0, 1)
+    assert bench.plant.periods == 3
+    bench.now += 0.001
+    bench.box.turn()
+    assert bench.plant.periods == 4
+
+
+def test_inputs_are_read_when_the_request_comes() -> None:
+    bench = Bench()
+    bench.plant.inputs["counter:z"] = 43689
+    assert bench.ask(4, 0, 4) == struct.pack(">BBHiH", 4, 8, 43689, -2, 1000)
+    bench.plant.inputs["counter:theta"] = -(1 << 23)
+    assert bench.ask(4, 1, 2) == struct.pack(">BBi", 4, 4, -(1 << 23))
+    assert bench.ask(2, 0, 1) == b"\x02\x01\x01"
+
+
+def test_outputs_are_written_at_once_and_read_back() -> None:
+    bench = Bench()
+    assert bench.ask(6, 0, 0x10000 - 2048) == struct.pack(">BHH", 6, 0, 0x10000 - 2048)
+    assert bench.plant.outputs["dac:z"] == -2048
+    assert bench.ask(3, 0, 1) == struct.pack(">BBH", 3, 2, 0x10000 - 2048)
+    assert bench.box.request(struct.pack(">BHHBB", 15, 0, 7, 1, 0b0110001)) == struct.pack(">BHH", 15, 0, 7)
+    assert bench.plant.writes[1:] == [(POINTS[i].channel, 0b0110001 >> i & 1) for i in range(7)]
+    assert bench.ask(1, 0, 7) == bytes([1, 1, 0b0110001])
+    assert bench.ask(5, 6, 0xFF00) == struct.pack(">BHH", 5, 6, 0xFF00)
+    assert bench.plant.outputs["dio:pressure"] == 1
+
+
+REFUSED = [
+    ((1, 0, 8), 2),  # coil 7 is not mapped
+    ((1, 7, 1), 2),
+    ((2, 1, 1), 2),
+    ((3, 0, 2), 2),
+    ((3, 4095, 1), 2),
+    ((4, 4, 1), 2),
+    ((4, 0, 0), 3),
+    ((4, 0, 126), 3),
+    ((1, 0, 2001), 3),
+    ((4, 0), 3),
+    ((5, 0, 1), 3),  # on is 0xFF00
+    ((5, 7, 0xFF00), 2),
+    ((6, 0, 2048), 3),  # the DAC has 12 bits
+    ((6, 1, 0), 2),
+    ((7, 0, 0), 1),
+    ((23, 0, 1, 0, 1, 0x0200), 1),
+]
+
+
+@pytest.mark.parametrize(("request_", "code"), REFUSED)
+def test_what_the_box_does_not_have_is_refused_by_the_right_exception(request_: tuple[int, ...], code: int) -> None:
+    bench = Bench()
+    assert bench.ask(*request_) == bytes([request_[0] | 0x80, code])
+    assert bench.plant.writes == []
+
+
+def test_a_write_is_done_whole_or_not_at_all() -> None:
+    bench = Bench()
+    assert bench.box.request(struct.pack(">BHHBB", 15, 5, 3, 1, 0b111)) == b"\x8f\x02"
+    assert bench.plant.writes == []
+
+
+def test_a_plant_that_fails_is_a_device_failure() -> None:
+    bench = Bench()
+    bench.plant.broken = True
+    assert bench.ask(4, 0, 1) == b"\x84\x04"
+
+
+def test_outputs_drop_to_their_safe_levels_when_the_client_falls_silent_and_then_just_work_again() -> None:
+    bench = Bench()
+    bench.ask(5, 0, 0xFF00)
+    bench.ask(5, 1, 0)
+    bench.ask(6, 0, 100)
+    bench.wait(0.15)
+    bench.ask(4, 0, 1)
+    bench.wait(0.199)
+    assert bench.plant.outputs["dac:z"] == 100
+    bench.wait(0.002)
+    assert bench.plant.outputs == RESET
+    assert bench.box.watchdog.drops == 1
+    assert bench.ask(3, 0, 1) == b"\x03\x02\x00\x00"
+    bench.ask(6, 0, 200)
+    assert bench.plant.outputs["dac:z"] == 200
+
+
+def test_reading_alone_keeps_no_watchdog_waiting() -> None:
+    bench = Bench()
+    bench.ask(4, 0, 1)
+    bench.wait(1.0)
+    assert bench.box.watchdog.drops == 0
+    assert bench.plant.writes == []
+
+
+def test_a_request_that_waited_for_a_slow_turn_still_feeds_the_watchdog() -> None:
+    bench = Bench()
+    bench.ask(6, 0, 100)
+    bench.now += 0.5
+    bench.ask(4, 0, 1)
+    bench.box.turn()
+    assert bench.box.watchdog.drops == 0
+
+
+def test_the_watchdog_s_time_is_a_register() -> None:
+    bench = Bench()
+    assert bench.ask(3, WATCHDOG_REGISTER, 1) == struct.pack(">BBH", 3, 2, 200)
+    bench.ask(6, WATCHDOG_REGISTER, 50)
+    assert bench.ask(3, WATCHDOG_REGISTER, 1) == struct.pack(">BBH", 3, 2, 50)
+    bench.wait(0.051)
+    assert bench.box.watchdog.drops == 1
+    bench.ask(6, WATCHDOG_REGISTER, 0)
+    bench.wait(1.0)
+    assert bench.box.watchdog.drops == 1
+
+
+@given(st.binary(min_size=1, max_size=30) | st.builds(lambda f, b: bytes([f]) + b, st.integers(1, 16), st.binary()))
+def test_every_request_has_an_answer(request: bytes) -> None:
+    reply = answer(request, Bench().box)
+    assert reply[0] & 0x7F == request[0] & 0x7F
+    if reply[0] & 0x80:
+        assert len(reply) == 2
+        assert reply[1] in (1, 2, 3, 4)
+
+
+# Over the network ---------------------------------------------------------------------------------
+
+
+@contextmanager
+def served(plant: FakePlant) -> Iterator[int]:
+    """Serve the plant from a thread on a free port."""
+    port: list[int] = []
+    ends: list[Callable[[], object]] = []
+    ready = threading.Event()
+
+    async def main() -> None:
+        stop, loop = asyncio.Event(), asyncio.get_running_loop()
+        ends.append(lambda: loop.call_soon_threadsafe(stop.set))
+
+        def at(_: str, number: int) -> None:
+            port.append(number)
+            ready.set()
+
+        await serve(plant, port=0, watchdog_ms=0, ready=at, stop=stop)
+
+    thread = threading.Thread(target=asyncio.run, args=[main()])
+    thread.start()
+    try:
+        assert ready.wait(PATIENT)
+        yield port[0]
+    finally:
+        ends[0]()
+        thread.join(PATIENT)
+    assert not thread.is_alive()
+    assert not plant.is_open
+
+
+@contextmanager
+def driving(port: int) -> Iterator[Modbus]:
+    driver = Modbus(port=port, watchdog_register=WATCHDOG_REGISTER)
+    driver.timeout = PATIENT
+    driver.open()
+    try:
+        yield driver
+    finally:
+        driver.close()
+
+
+SENSORS = ["input:0", "input:1:int32", "input:3", "discrete:0"]
+
+
+def test_our_driver_reads_and_writes_the_served_plant() -> None:
+    plant = FakePlant()
+    with served(plant) as port, driving(port) as driver:
+        out = np.zeros(4, np.int64)
+        driver.read_many([driver.channel(text) for text in SENSORS], out)
+        assert out.tolist() == [58117, -2, 1000, 1]
+        outputs = ["holding:0:int16", *(f"coil:{i}" for i in range(7))]
+        driver.write_many([driver.channel(text) for text in outputs], np.array([-7, 1, 0, 1, 0, 1, 0, 1]))
+        assert list(plant.outputs.values()) == [1, 0, 1, 0, 1, 0, 1, -7]
+        driver.watchdog(1.5)
+        assert driver.read(driver.channel(f"holding:{WATCHDOG_REGISTER}")) == 1500
+        with pytest.raises(DriverError, match="exception 2, illegal data address"):
+            driver.read(driver.channel("coil:7"))
+
+
+def test_the_end_of_the_server_is_a_driver_error() -> None:
+    with served(FakePlant()) as port:
+        driver = Modbus(port=port)
+        driver.timeout = PATIENT
+        driver.open()
+    with pytest.raises(DriverError, match=r"refused|closed|reset"):
+        driver.read(driver.channel("input:0"))
+    driver.close()
+
+
+def mbpoll(port: int, *arguments: str) -> subprocess.CompletedProcess[str]:
+    program = shutil.which("mbpoll")
+    if program is None:
+        pytest.skip("this needs Debian's mbpoll")
+    command = [program, "-m", "tcp", "-p", str(port), "-0", "-1", "-o", "10", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=30)
+
+
+def polled(port: int, *arguments: str) -> list[int]:
+    lines = mbpoll(port, *arguments, "127.0.0.1").stdout
+    return [int(value) for value in re.findall(r"^\[\d+\]:\s+(-?\d+)", lines, re.MULTILINE)]
+
+
+def test_mbpoll_reads_what_the_plant_holds() -> None:
+    with served(FakePlant()) as port:
+        assert polled(port, "-t", "1", "-r", "0") == [1]
+        assert polled(port, "-t", "3", "-r", "0", "-c", "1") == [58117]
+        assert polled(port, "-t", "3:int", "-B", "-r", "1", "-c", "1") == [-2]
+        assert polled(port, "-t", "3", "-r", "3", "-c", "1") == [1000]
+        assert polled(port, "-t", "0", "-r", "0", "-c", "7") == [0, 1, 0, 0, 0, 0, 0]
+        assert polled(port, "-t", "4", "-r", str(WATCHDOG_REGISTER)) == [0]
+
+
+def test_mbpoll_writes_what_the_plant_then_does() -> None:
+    plant = FakePlant()
+    with served(plant) as port:
+        assert mbpoll(port, "-t", "4", "-r", "0", "127.0.0.1", "64536").returncode == 0
+        assert mbpoll(port, "-t", "0", "-r", "2", "127.0.0.1", "1", "1", "0", "1").returncode == 0
+        assert mbpoll(port, "-t", "0", "-r", "6", "127.0.0.1", "1").returncode == 0
+    assert plant.outputs == RESET | {
+        "dac:z": -1000,
+        "dio:z_index": 1,
+        "dio:theta_index": 1,
+        "dio:vacuum": 1,
+        "dio:pressure": 1,
+    }
+
+
+def test_mbpoll_is_told_of_an_address_that_is_not_there() -> None:
+    with served(FakePlant()) as port:
+        assert "Illegal data address" in mbpoll(port, "-t", "0", "-r", "0", "-c", "8", "127.0.0.1").stderr
+
+
+def frame(number: int, *body: int, protocol: int = 0) -> bytes:
+    return struct.pack(">HHHB", number, protocol, len(body) + 1, 9) + bytes(body)
+
+
+def test_requests_in_one_packet_or_in_pieces_are_all_answered() -> None:
+    with served(FakePlant()) as port, socket.create_connection(("127.0.0.1", port), PATIENT) as client:
+        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        client.sendall(frame(1, 2, 0, 0, 0, 1) + frame(2, 4, 0, 3, 0, 1)[:5])
+        answers = client.makefile("rb")
+        assert answers.read(10) == frame(1, 2, 1, 1)
+        client.sendall(frame(2, 4, 0, 3, 0, 1)[5:])
+        assert answers.read(11) == frame(2, 4, 2, 3, 232)
+        answers.close()
+
+
+@pytest.mark.parametrize("rubbish", [b"GET / HTTP/1.0\r\n\r\n", frame(1, 2, 0, 0, 0, 1, protocol=1), bytes(8)])
+def test_a_client_that_speaks_no_modbus_is_cut_off_and_the_others_are_served(
+    rubbish: bytes, caplog: pytest.LogCaptureFixture
+) -> None:
+    with served(FakePlant()) as port, driving(port) as driver:
+        with socket.create_connection(("127.0.0.1", port), PATIENT) as client:
+            client.sendall(rubbish)
+            assert client.recv(100) == b""
+        assert driver.read(driver.channel("input:3")) == 1000
+    assert caplog.records == [], "cut off on purpose, not by an error"
+
+
+# Beginning, end and report ------------------------------------------------------------------------
+
+
+def test_an_address_in_use_is_said_in_one_sentence_and_the_plant_is_left_closed() -> None:
+    plant = FakePlant()
+    with served(FakePlant()) as port, pytest.raises(DriverError, match=f"127.0.0.1:{port}: address already in use"):
+        asyncio.run(serve(plant, port=port))
+    assert not plant.is_open
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_server_with_the_report_written_and_the_state_in_one_line(
+    number: signal.Signals, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plant, report = FakePlant(), tmp_path / "report.json"
+    serve_until_signal(
+        plant, host="127.0.0.1", port=0, ready=lambda host, port: signal.raise_signal(number), report=report
+    )
+    assert capsys.readouterr().out == (
+        "0 of 3 parts placed; z at 55.000 mm, theta at 90.000 deg; "
+        "0 requests, the watchdog dropped the outputs 0 times\n"
+    )
+    assert json.loads(report.read_text()) == {
+        "placed": 0,
+        "parts": [1, 2, 3],
+        "watchdog_drops": 0,
+        "requests": 0,
+        "periods_given_up": 0,
+    }
+    assert list(tmp_path.iterdir()) == [report]
+    assert not plant.is_open
+
+
+def test_the_report_is_written_when_another_part_has_been_placed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(serving, "REPORT_EVERY", 0.0)
+    path, stop = tmp_path / "report.json", asyncio.Event()
+    seen: list[int] = []
+
+    @dataclass(frozen=True)
+    class OnePlaced(FakeReport):
+        placed = 1
+
+    class Placing(FakePlant):
+        def report(self) -> FakeReport:
+            if path.exists() and not seen:
+                seen.append(json.loads(path.read_text())["placed"])
+                stop.set()
+            return OnePlaced() if self.periods > 5 else FakeReport()
+
+    asyncio.run(asyncio.wait_for(serve(Placing(), port=0, stop=stop, report=path), PATIENT))
+    assert seen == [1]
+
+
+def test_the_station_s_plant_is_served_as_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("mujoco", reason="the plant needs MuJoCo: pip install umo[plant]")
+    counts: list[int] = []
+
+    def look(host: str, port: int) -> None:
+        def work() -> None:
+            with driving(port) as driver:
+                counts.append(driver.read(driver.channel("input:0")))
+                driver.write(driver.channel("holding:0:int16"), 0)
+            signal.raise_signal(signal.SIGTERM)
+
+        workers.append(threading.Thread(target=work))
+        workers[0].start()
+
+    workers: list[threading.Thread] = []
+    serve_plant(port=0, parts=1, ready=look)
+    workers[0].join()
+    assert counts == [0] or counts[0] > 65_000  # the counter is at its power-up value, or just below it
+    assert capsys.readouterr().out.startswith("0 of 1 parts placed; z at ")
