@@ -1,0 +1,8 @@
+"""The command `umo`."""
+
+
+def main() -> None:
+    """Entry point; typer and what it needs are imported here, not with umo."""
+    from umo.cli.app import app
+
+    app()

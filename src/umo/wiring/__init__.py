@@ -1,6 +1,7 @@
 """Wiring: which object is on which driver's channel."""
 
+from umo.wiring.options import driver_options
 from umo.wiring.resolve import check, resolve
 from umo.wiring.resolved import Parameter, Wire, Wired
 
-__all__ = ["Parameter", "Wire", "Wired", "check", "resolve"]
+__all__ = ["Parameter", "Wire", "Wired", "check", "driver_options", "resolve"]

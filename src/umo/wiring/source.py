@@ -52,7 +52,7 @@ class Source:
 def read(wiring: Path | str | Mapping[str, Any]) -> Source:
     """The wiring of a TOML file, or of its contents as a mapping; nothing is raised, faults are collected."""
     if isinstance(wiring, Mapping):
-        source, data = Source("wiring"), wiring
+        source, data = Source("wiring"), _named(wiring)
     else:
         source, data = Source(str(wiring)), {}
         try:
@@ -63,12 +63,17 @@ def read(wiring: Path | str | Mapping[str, Any]) -> Source:
             source.fault("", f"cannot be read: {error}")
     for key in data:
         if key not in SECTIONS:
-            source.fault(str(key), f"unknown section{did_you_mean(str(key), SECTIONS)}; known: {', '.join(SECTIONS)}")
+            source.fault(key, f"unknown section{did_you_mean(key, SECTIONS)}; known: {', '.join(SECTIONS)}")
     _read_drivers(source, _table(source, data, "drivers"))
     for path, table in _flat(_table(source, data, "wire")):
         _read_entry(source, path, table)
     source.parameters = dict(_leaves(_table(source, data, "parameters")))
     return source
+
+
+def _named(table: Mapping[Any, Any]) -> dict[str, Any]:
+    """With texts for keys throughout, as TOML has them: `{"axes": {0: ...}}`."""
+    return {str(key): _named(value) if isinstance(value, Mapping) else value for key, value in table.items()}
 
 
 def _table(source: Source, data: Mapping[str, Any], section: str) -> Mapping[str, Any]:

@@ -1,0 +1,171 @@
+"""The command `umo`: its arguments and where they go. The work is done beside this module."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from umo.errors import UmoError
+
+app = typer.Typer(
+    name="umo",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="rich",
+    help="Universal Mechatronic Objects: run, check and try out machines.\n\n"
+    "Examples:  umo run ztheta  |  umo check my-machine  |  umo new my-machine",
+)
+
+StationName = Annotated[
+    str, typer.Argument(metavar="STATION", help="A station's directory, or a shipped one (ztheta).")
+]
+WiringName = Annotated[
+    str | None,
+    typer.Option("--wiring", "-w", metavar="NAME|FILE", help="One of the station's wirings, or a TOML file."),
+]
+
+
+def guarded(work: Callable[[], int | None]) -> None:
+    """What a user can cause ends with a line or two on stderr and status 2; a device's failure with 1 or 3."""
+    from .result import message_of, status_of
+
+    try:
+        status = work()
+    except UmoError as error:
+        typer.echo(f"umo: {message_of(error)}", err=True)
+        raise typer.Exit(status_of(error)) from None
+    except BrokenPipeError:
+        raise typer.Exit(1) from None
+    raise typer.Exit(status or 0)
+
+
+@app.command(epilog="Examples: umo run ztheta --parts 2  |  umo run ztheta -w modbus  |  umo run . --realtime")
+def run(
+    station: StationName,
+    wiring: WiringName = None,
+    realtime: Annotated[bool, typer.Option("--realtime", help="Keep pace with the wall clock.")] = False,
+    parts: Annotated[int | None, typer.Option(min=1, help="How many parts to serve.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Where everything starts on a simulated plant.")] = None,
+    summary: Annotated[
+        Path | None, typer.Option(metavar="FILE.json", help="Write the figures of the run here.")
+    ] = None,
+    full_traceback: Annotated[bool, typer.Option("--traceback", help="Show all of an exception.")] = False,
+) -> None:
+    """Run a station; exit status 0 only if all parts were placed.
+
+    Trace (CSV) and plot (PNG) go to runs/. Ctrl-C stops safely: every actuator goes to its default.
+    """
+    from .run import run_station
+    from .station import find
+
+    given: dict[str, Any] = {"realtime": realtime or None, "parts": parts, "seed": seed}
+    options = {name: value for name, value in given.items() if value is not None}
+    guarded(lambda: run_station(find(station), wiring, options, summary=summary, full_traceback=full_traceback))
+
+
+@app.command(epilog="Examples: umo check ztheta  |  umo check ztheta -w modbus  |  umo check . -w wiring/bench.toml")
+def check(station: StationName, wiring: WiringName = None) -> None:
+    """Find every fault of a wiring, without touching hardware."""
+    from .show import check_station
+    from .station import find
+
+    guarded(lambda: check_station(find(station), wiring))
+
+
+@app.command(epilog="Examples: umo tree ztheta  |  umo tree ztheta -w second_generation")
+def tree(station: StationName, wiring: WiringName = None) -> None:
+    """Show the hierarchy of objects with units, ranges and wiring (the paper's Figure 4)."""
+    from .show import show_tree
+    from .station import find
+
+    guarded(lambda: show_tree(find(station), wiring))
+
+
+@app.command(epilog="Examples: umo drivers")
+def drivers() -> None:
+    """List the drivers, their options and their channels."""
+    from .show import show_drivers
+
+    guarded(show_drivers)
+
+
+@app.command(epilog="Examples: umo get ztheta z.encoder  |  umo get ztheta z.encoder gripper.pressure --unit mm")
+def get(
+    station: StationName,
+    paths: Annotated[list[str], typer.Argument(metavar="PATH...", help="Objects, such as z.encoder.")],
+    wiring: WiringName = None,
+    unit: Annotated[str | None, typer.Option(help="Show digital values in this unit.")] = None,
+) -> None:
+    """Connect, read objects by path, reset and leave. No control code runs."""
+    from .hand import get_values
+    from .station import find
+
+    guarded(lambda: get_values(find(station), wiring, paths, unit))
+
+
+@app.command(
+    "set",
+    epilog="Examples: umo set ztheta gripper.vacuum ON --hold 2  |  umo set ztheta z.motor '500 mV' --hold 1",
+    context_settings={"ignore_unknown_options": True},
+)
+def set_(
+    station: StationName,
+    path: Annotated[str, typer.Argument(help="An actuator, such as gripper.vacuum.")],
+    value: Annotated[str, typer.Argument(help="A state (ON), a number, or a number with a unit ('80 mm').")],
+    wiring: WiringName = None,
+    hold: Annotated[float | None, typer.Option(min=0.0, help="Seconds to hold it; else until Ctrl-C.")] = None,
+) -> None:
+    """Connect, write one actuator and hold it, show what is read, then reset. No control code runs."""
+    from .hand import set_value
+    from .station import find
+
+    guarded(lambda: set_value(find(station), wiring, path, value, hold))
+
+
+@app.command(epilog="Examples: umo plant ztheta  |  umo plant ztheta --port 1502 --seed 7 --fault leaky-cup")
+def plant(
+    station: StationName,
+    host: Annotated[str, typer.Option(help="Address to serve at.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65535, help="TCP port; 0 takes a free one.")] = 5020,
+    seed: Annotated[int, typer.Option(min=0, help="Where everything starts.")] = 0,
+    parts: Annotated[int, typer.Option(min=1, help="Parts that the courier carries.")] = 3,
+    watchdog: Annotated[float, typer.Option(min=0.0, help="Seconds without a request; 0: none.")] = 0.2,
+    fault: Annotated[list[str] | None, typer.Option(help="A fault that the plant has; may be repeated.")] = None,
+    report: Annotated[Path | None, typer.Option(metavar="FILE.json", help="Keep the plant's truth here.")] = None,
+) -> None:
+    """Serve a station's plant as a process of its own, as a controller box on a bench would (Modbus TCP)."""
+    from .show import serve_plant
+    from .station import find
+
+    options = {"host": host, "port": port, "seed": seed, "parts": parts, "watchdog": watchdog, "report": report}
+    guarded(lambda: serve_plant(find(station), faults=fault or [], **options))
+
+
+@app.command(epilog="Examples: umo new my-machine && umo run my-machine")
+def new(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that is empty or not there yet.")],
+) -> None:
+    """Make a small working station with its tests, to begin from."""
+    from .new import make_station
+
+    guarded(lambda: make_station(directory))
+
+
+def _version(value: bool) -> None:
+    if value:
+        from importlib.metadata import version
+
+        typer.echo(f"umo {version('umo')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    pass

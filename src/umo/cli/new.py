@@ -1,0 +1,22 @@
+"""`umo new`: a small working station to begin from (the files of `template/`)."""
+
+from __future__ import annotations
+
+import shutil
+from importlib.resources import as_file, files
+from pathlib import Path
+
+from .console import out
+from .station import StationError
+
+
+def make_station(directory: Path) -> None:
+    """Copy the template; StationError unless the directory is empty or not there yet."""
+    if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
+        raise StationError(f"{directory} is not empty; nothing was written")
+    try:
+        with as_file(files("umo.cli") / "template") as template:
+            shutil.copytree(template, directory, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
+    except OSError as error:
+        raise StationError(f"{directory} cannot be written: {error}") from error
+    out.print(f"{directory} is a station. Try:  umo run {directory}   umo tree {directory}   pytest {directory}")

@@ -1,0 +1,130 @@
+"""`umo check`, `umo tree`, `umo drivers`, `umo plant`: what there is, and whether it fits."""
+
+from __future__ import annotations
+
+import inspect
+from pathlib import Path
+from typing import Any
+
+from rich.markup import escape
+from rich.tree import Tree
+
+from umo.drivers import Direction, Driver, registry
+from umo.errors import ChannelError, UmoError, WiringError
+from umo.objects import Atomic, Compound, Digital, DigitalActuator, Node
+from umo.wiring import check, resolve
+from umo.wiring.source import Source, read
+
+from .console import err, out
+from .station import Station, StationError
+
+
+def check_station(station: Station, wiring: str | None) -> int:
+    """Print every fault and return 2, or one line on what is wired and return 0."""
+    file = station.wiring(wiring)
+    machine = station.machine()
+    station.module("application")  # a wiring may be right and the application not import
+    faults = check(machine, file)
+    for fault in faults:
+        err.print(str(fault), markup=False, soft_wrap=True)
+    if faults:
+        return 2
+    wired = resolve(machine, file)
+    period = "no timer" if wired.period is None else f"period {wired.period * 1e3:g} ms"
+    name = file or "everything simulated"
+    out.print(f"ok: {name}: {len(wired.wires)} objects on {len(wired.drivers)} drivers, {period}", soft_wrap=True)
+    return 0
+
+
+def show_tree(station: Station, wiring: str | None) -> None:
+    """The hierarchy of Figure 4, each object with its units, range and wiring."""
+    file = station.wiring(wiring)
+    machine = station.machine()
+    source = Source("") if file is None else read(file)
+    name = "everything simulated" if file is None else file.stem
+    tree = Tree(f"[bold]{type(machine).__name__}[/]  [dim]{escape(name)}[/]")
+    _branch(tree, machine, source)
+    out.print(tree)
+
+
+def _branch(tree: Tree, compound: Compound, source: Source) -> None:
+    for name, child in compound.children().items():
+        if isinstance(child, Compound):
+            _branch(tree.add(f"[bold]{name}[/]  [dim]{type(child).__name__}[/]"), child, source)
+        else:
+            tree.add(_leaf(name, child, source))
+
+
+def _leaf(name: str, item: Node, source: Source) -> str:
+    assert isinstance(item, Atomic)
+    entry = source.entries.get(item.path)
+    wire = "" if entry is None else f"{entry.driver}:{entry.channel or item.path}"
+    if entry is not None and entry.inverted:
+        wire += " inverted"
+    style = "green" if item.direction is Direction.OUTPUT else "cyan"
+    return f"[{style}]{name}[/]  {escape(_declared(item))}" + (f"  [yellow]{escape(wire)}[/]" if wire else "")
+
+
+def _declared(item: Atomic) -> str:
+    words = [_kind(item), item.describe()]
+    default = getattr(item, "default", None)
+    if default is not None:
+        words.append(f"default {default:g} {item.units}" if isinstance(item, DigitalActuator) else f"default {default}")
+    if not item.synchronous:
+        words.append("asynchronous")
+    if getattr(item, "incremental", False):
+        words.append("incremental")
+    return ", ".join(words)
+
+
+def _kind(item: Atomic) -> str:
+    number = "digital" if isinstance(item, Digital) else "binary"
+    return f"{number} {'actuator' if item.direction is Direction.OUTPUT else 'sensor'}"
+
+
+def show_drivers() -> None:
+    """Every registered driver: its options and channels, or why it cannot be imported."""
+    tree = Tree("drivers; a wiring may also name module:Class")
+    for name in registry.known():
+        try:
+            _describe(tree, name, registry.find(name))
+        except WiringError as error:
+            tree.add(f"[bold]{name}[/]  [red]{escape(str(error))}[/]")
+    out.print(tree)
+
+
+def _describe(tree: Tree, name: str, cls: type[Driver]) -> None:
+    branch = tree.add(f"[bold]{name}[/]  {escape((inspect.getdoc(cls) or '').partition(chr(10))[0])}")
+    options = [_option(p) for p in inspect.signature(cls).parameters.values()]
+    branch.add(f"options: {escape(', '.join([*options, 'timeout', 'watchdog']))}")
+    forms = _forms(cls)
+    if forms:
+        branch.add(f"channels: {escape(forms)}")
+
+
+def _option(parameter: inspect.Parameter) -> str:
+    has_default = parameter.default is not inspect.Parameter.empty
+    return f"{parameter.name} = {parameter.default!r}" if has_default else parameter.name
+
+
+def _forms(cls: type[Driver]) -> str:
+    """The forms that the driver itself names for a channel that it does not know."""
+    try:
+        channel = cls().channel("?")
+    except ChannelError as error:
+        return str(error).partition("the forms are: ")[2]
+    except (UmoError, TypeError):
+        return ""
+    return "any name" if channel.text == "?" else channel.text
+
+
+def serve_plant(station: Station, **options: Any) -> None:
+    """Hand over to the station's own `serve_plant` (serve.py)."""
+    module = station.module("serve")
+    serve = getattr(module, "serve_plant", None)
+    if serve is None:
+        raise StationError(f"{station.name} has no plant to serve: no serve.py with serve_plant()")
+    report: Path | None = options.get("report")
+    if report is not None and not report.resolve().parent.is_dir():
+        raise StationError(f"--report {report}: there is no folder {report.parent}")
+    serve(**options)

@@ -1,0 +1,16 @@
+"""What the machine is for: one run of `umo run`."""
+
+from control import Tank
+
+from umo.control import wait
+
+
+async def main(m: Tank, target: float = 300.0) -> None:
+    """Fill to `target` mm, keep it there for a while, drain."""
+    m.task = "filling"
+    await m.fill(target)
+    m.task = "keeping the level"
+    await wait("20 s")
+    m.task = "draining"
+    await m.empty(50.0)
+    m.task = "done"

@@ -1,0 +1,44 @@
+"""How the machine acts, period by period (the controls developer's file). No line here knows a circuit."""
+
+from umo import BinaryActuator, BinarySensor, Compound, DigitalSensor, OpenClosed, PassFail, TaskFailed
+from umo.control import Hysteresis, state_of, until, value_of
+
+
+class Tank(Compound):
+    inlet: BinaryActuator[OpenClosed]
+    drain: BinaryActuator[OpenClosed]
+    level: DigitalSensor
+    overflow: BinarySensor[PassFail]
+    timer: DigitalSensor
+    band: float = 10.0
+    """How far the level may stray from its target, mm; `[parameters]` of a wiring may set it."""
+
+    stopping = ("inlet", "drain")
+    longest_period = "200 ms"
+
+    def setup(self) -> None:
+        self.task = "idle"
+        self.regulator = Hysteresis(self.level, self.inlet, OpenClosed.OPEN, low=0.0, high=0.0)
+
+    def control(self) -> None:
+        if state_of(self.overflow) is PassFail.FAIL:
+            raise TaskFailed("the tank overflows")
+        self.regulator.control()
+
+    def aim(self, target: float) -> None:
+        """Keep the level at `target` mm from now on."""
+        self.regulator.low, self.regulator.high = target - self.band, target + self.band
+
+    async def fill(self, target: float) -> None:
+        """Until the level has reached `target` mm, within 60 s."""
+        self.aim(target)
+        await until(lambda: value_of(self.level) >= target, timeout="60 s")
+
+    async def empty(self, target: float) -> None:
+        """Drain down to `target` mm, within 60 s."""
+        self.aim(target - 2 * self.band)
+        self.drain.write(OpenClosed.OPEN)
+        try:
+            await until(lambda: value_of(self.level) <= target, timeout="60 s")
+        finally:
+            self.drain.write(OpenClosed.CLOSED)

@@ -1,0 +1,48 @@
+"""The station's own tests: `pytest` in its folder. No test sleeps: time is a wired device."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+FOLDER = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(FOLDER))
+
+from application import main
+from objects import machine
+
+from umo import OpenClosed, PassFail, TaskFailed, check, connect, drive, run
+from umo.testing import periods, put
+
+SIMULATED = FOLDER / "wiring" / "simulated.toml"
+
+
+def test_the_wiring_fits_the_machine() -> None:
+    assert check(machine(), SIMULATED) == []
+
+
+def test_the_level_is_kept_and_the_tank_drained_at_the_end() -> None:
+    levels = []
+    connection = connect(machine(), SIMULATED)
+    with connection as m:
+        connection.machine.observers.append(lambda frame: levels.append(m.level.read()))
+        drive(m, main)
+    assert max(levels) == pytest.approx(308.0, abs=3.0)
+    assert levels[-1] <= 50.0
+
+
+def test_an_overflow_stops_the_machine_with_both_valves_closed() -> None:
+    """Everything on simulated channels: the test is the plant."""
+    connection = connect(machine())
+    with pytest.raises(TaskFailed, match="overflows"), connection as m:
+        m.aim(300.0)
+        periods(m)
+        assert m.inlet.read() is OpenClosed.OPEN
+        put(m.overflow, PassFail.FAIL)
+        periods(m)
+    assert connection.driver("simulated").get("inlet") == 0
+
+
+def test_a_sensor_that_never_rises_ends_the_run() -> None:
+    with pytest.raises(TimeoutError):
+        run(machine(), None, main)
