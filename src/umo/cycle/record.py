@@ -47,6 +47,7 @@ class Trace:
         self._capacity = rows
         self._rows: npt.NDArray[np.float64] | None = None
         self._used = 0
+        self._seen = 0
         self._note = note
         self.items: list[Atomic] = []
         self.stride = 1
@@ -60,10 +61,13 @@ class Trace:
             self._rows = np.empty((self._capacity, 3 + len(self.items)))
         if self._note is not None and (note := self._note()) != (self.notes[-1][1] if self.notes else None):
             self.notes.append((frame.time, note))
-        if frame.number % self.stride:
+        self._seen += 1
+        if (self._seen - 1) % self.stride:
             return
         if self._used == self._capacity:
             self._thin(self._rows)
+            if (self._seen - 1) % self.stride:
+                return
         row = self._rows[self._used]
         row[0], row[1], row[2] = frame.time, frame.missed, frame.execution * 1e6
         row[3:] = frame.values

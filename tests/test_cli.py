@@ -1,0 +1,264 @@
+"""The command: what a user types, what is printed, and the exit status."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from umo.cli.app import app
+from umo.cli.lock import lock_file
+from umo.cli.station import find
+
+FOLDER_FILES = ("objects.py", "control.py", "application.py", "plant.py")
+
+
+@pytest.fixture
+def umo(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    """The command, run in an empty folder; a station's bare modules do not outlive the call."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*words: str) -> Result:
+        with monkeypatch.context() as patch:
+            patch.setattr(sys, "path", list(sys.path))
+            for name in ("objects", "control", "application", "plant", "serve"):
+                patch.delitem(sys.modules, name, raising=False)
+            return CliRunner().invoke(app, list(words))
+
+    return call
+
+
+@pytest.fixture
+def tank(umo, tmp_path: Path) -> Path:
+    assert umo("new", "tank").exit_code == 0
+    return tmp_path / "tank"
+
+
+def said(result: Result) -> str:
+    """All of it, with rich's line breaks undone."""
+    return " ".join((result.stdout + result.stderr).split())
+
+
+# Running ----------------------------------------------------------------------------------------------
+
+
+def test_a_run_places_all_parts_and_leaves_trace_plot_and_summary(umo, tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    result = umo("run", "ztheta", "--parts", "1", "--seed", "3", "--summary", "sum.json")
+    assert result.exit_code == 0, said(result)
+    assert "1 of 1, by the plant's truth" in said(result)
+    assert "part 1 of 1: picking" in result.stderr
+    summary = json.loads((tmp_path / "sum.json").read_text())
+    assert set(summary) == {
+        "parts_placed",
+        "parts_total",
+        "placing_error_um",
+        "placing_error_deg",
+        "periods",
+        "missed_periods",
+        "period_us",
+        "realtime_factor",
+    }
+    assert (summary["parts_placed"], summary["parts_total"], summary["missed_periods"]) == (1, 1, 0)
+    assert 0 < summary["placing_error_um"] < 200
+    assert 0 < summary["placing_error_deg"] < 1
+    assert 0 < summary["period_us"]["median"] <= summary["period_us"]["p99"]
+    (run,) = (tmp_path / "runs").iterdir()
+    assert {"trace.csv", "plot.png", "summary.json"} <= {file.name for file in run.iterdir()}
+    header = (run / "trace.csv").read_text().partition("\n")[0]
+    assert "z.encoder[um]" in header
+    assert "theta.direction[CW=1]" in header
+
+
+def test_a_task_that_fails_gives_its_reason_and_status_1(umo, tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    text = find("ztheta").wirings["simulated"].read_text()
+    broken = text.replace('type = "ztheta"', 'type = "ztheta"\nfaults = ["leaky-cup"]')
+    (tmp_path / "leaky.toml").write_text(broken)
+    result = umo("run", "ztheta", "--wiring", "leaky.toml", "--parts", "1", "--seed", "3")
+    assert result.exit_code == 1
+    assert "umo: no part was gripped in 2 tries" in said(result)
+    assert "0 of 1" in said(result)
+    assert "Traceback" not in said(result)
+    (run,) = (tmp_path / "runs").iterdir()
+    assert "GripError" in (run / "failure.txt").read_text()
+
+
+def test_a_station_of_ones_own_runs_without_registration(umo, tank: Path) -> None:
+    result = umo("run", "tank")
+    assert result.exit_code == 0, said(result)
+    assert "keeping the level" in result.stderr
+
+
+def test_an_option_that_nobody_takes_is_refused(umo, tank: Path) -> None:
+    result = umo("run", "tank", "--parts", "2")
+    assert result.exit_code == 2
+    assert "--parts: neither the application of tank nor a driver of its wiring takes it" in said(result)
+
+
+def test_an_exception_in_control_code_is_named_with_its_place_and_the_outputs_are_reset(umo, tank: Path) -> None:
+    control = tank / "control.py"
+    control.write_text(control.read_text().replace("self.regulator.control()", "self.regulator.control(); 1 / 0"))
+    result = umo("run", "tank")
+    assert result.exit_code == 1
+    assert "ZeroDivisionError: division by zero at" in said(result)
+    assert "control.py:" in said(result)
+    assert "Traceback" not in said(result)
+    assert "Traceback" in umo("run", "tank", "--traceback").output + _captured(tank)
+
+
+def _captured(tank: Path) -> str:
+    """The whole traceback is also in the run's folder."""
+    return "".join(file.read_text() for file in tank.parent.glob("runs/*/failure.txt"))
+
+
+def test_a_run_that_cannot_be_written_down_still_succeeds(umo, tank: Path) -> None:
+    (tank.parent / "runs").write_text("a file where the folder should be")
+    result = umo("run", "tank")
+    assert result.exit_code == 0
+    assert "could not be written down" in said(result)
+
+
+def test_a_summary_in_no_folder_is_refused_before_anything_runs(umo, tank: Path) -> None:
+    result = umo("run", "tank", "--summary", "nowhere/sum.json")
+    assert result.exit_code == 2
+    assert "there is no folder nowhere" in said(result)
+    assert not (tank.parent / "runs").exists()
+
+
+def test_one_run_per_machine(umo, tank: Path) -> None:
+    fcntl = pytest.importorskip("fcntl")
+    station = find(str(tank))
+    with lock_file(station.path, station.wiring(None)).open("a+") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        file.truncate(0)
+        file.write("4711\n")
+        file.flush()
+        for command in (["run", "tank"], ["get", "tank", "level"]):
+            result = umo(*command)
+            assert result.exit_code == 2
+            assert "tank is already running (pid 4711)" in said(result)
+    assert umo("get", "tank", "level").exit_code == 0
+
+
+# What a user gets wrong -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["run", "zteta"], "no station 'zteta' (did you mean 'ztheta'?)"),
+        (["run", "."], "no objects.py (`umo new DIR` makes one)"),
+        (["run", "ztheta", "-w", "simulatd"], "no wiring 'simulatd' (did you mean 'simulated'?)"),
+        (["get", "ztheta", "z.encodr"], "no object 'z.encodr' in Manipulator (did you mean 'z.encoder'?)"),
+        (["get", "ztheta", "z"], "z is a compound object; name one of its parts: motor, encoder, encoder_zero"),
+        (["set", "ztheta", "z.encoder", "1"], "z.encoder is a sensor; only actuators can be set"),
+        (["set", "ztheta", "gripper.vacuum", "OFFF"], "has no state 'OFFF' (did you mean 'OFF'?)"),
+        (["set", "ztheta", "z.motor", "much"], "'much' is no number in V"),
+        (["set", "ztheta", "z.motor", "3 kg"], "'kg' cannot be expressed in 'V'"),
+        (["plant", "ztheta", "--report", "nowhere/r.json"], "there is no folder nowhere"),
+        (["plant", "ztheta", "--fault", "leaky-cap"], "did you mean 'leaky-cup'?"),
+    ],
+)
+def test_a_mistake_is_answered_in_a_line_with_the_nearest_valid_choice(umo, words: list[str], expected: str) -> None:
+    pytest.importorskip("mujoco")
+    result = umo(*words)
+    assert result.exit_code == 2, said(result)
+    assert expected in said(result)
+    assert len(result.stderr.strip().splitlines()) <= 2
+    assert "Traceback" not in said(result)
+
+
+def test_a_device_that_is_not_there_is_named_with_status_1(umo) -> None:
+    result = umo("get", "ztheta", "z.encoder", "-w", "modbus")
+    assert result.exit_code == 1
+    assert "driver box" in said(result)
+    assert "127.0.0.1:5020" in said(result)
+
+
+@pytest.mark.parametrize("broken", ["objects", "application", "control"])
+def test_a_station_that_does_not_import_is_named(umo, tank: Path, broken: str) -> None:
+    (tank / f"{broken}.py").write_text("import nothing_of_that_name\n")
+    result = umo("run", "tank")
+    assert result.exit_code == 2
+    assert "nothing_of_that_name" in said(result)
+
+
+# Looking ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("wiring", ["simulated", "modbus", "second_generation"])
+def test_the_shipped_wirings_fit(umo, wiring: str) -> None:
+    result = umo("check", "ztheta", "-w", wiring)
+    assert result.exit_code == 0
+    assert "13 objects on" in said(result)
+
+
+def test_check_lists_all_faults_each_with_file_and_key(umo, tank: Path) -> None:
+    wiring = tank / "wiring" / "simulated.toml"
+    wiring.write_text(wiring.read_text().replace('"adc:level"', '"adc:levl"').replace('"drain"', '"drian"'))
+    result = umo("check", "tank")
+    assert result.exit_code == 2
+    for words in ('wire."level".channel', "'adc:level'", 'wire."drian"', "'drain'", 'wire."drain"'):
+        assert words in said(result)
+    assert said(result).count("simulated.toml") == 3
+
+
+def test_the_tree_shows_units_ranges_and_wiring(umo) -> None:
+    text = said(umo("tree", "ztheta", "-w", "second_generation"))
+    for words in ("Manipulator", "digital actuator, -10 to 10 V", "plant:pwm:z", "incremental", "asynchronous"):
+        assert words in text
+
+
+def test_the_drivers_are_listed_with_options_and_channels(umo) -> None:
+    text = said(umo("drivers"))
+    for words in ("modbus", "simulated", "timerfd", "ztheta", "word_order = 'big'", "coil:N"):
+        assert words in text
+
+
+def test_help_has_examples(umo) -> None:
+    for command in ("run", "check", "tree", "get", "set", "drivers", "plant", "new"):
+        result = umo(command, "--help")
+        assert result.exit_code == 0
+        assert "Examples: umo" in said(result)
+
+
+# By hand ----------------------------------------------------------------------------------------------
+
+
+def test_get_reads_by_path_in_any_unit(umo, tank: Path) -> None:
+    assert said(umo("get", "tank", "level", "overflow")) == "level 20 mm GOOD overflow PASS GOOD"
+    assert said(umo("get", "tank", "level", "--unit", "cm")) == "level 2 cm GOOD"
+
+
+def test_set_holds_then_resets(umo, tank: Path) -> None:
+    assert said(umo("set", "tank", "inlet", "open", "--hold", "1")) == "inlet OPEN raw 1 GOOD inlet reset to CLOSED"
+
+
+def test_set_takes_a_number_with_a_unit_and_a_negative_one(umo) -> None:
+    pytest.importorskip("mujoco")
+    assert "z.motor 0.5 V raw 102" in said(umo("set", "ztheta", "z.motor", "500 mV", "--hold", "0"))
+    assert "z.motor -3 V raw -614" in said(umo("set", "ztheta", "z.motor", "-3", "--hold", "0"))
+
+
+# A new station ----------------------------------------------------------------------------------------
+
+
+def test_a_new_station_is_accepted_by_check_and_pytest(umo, tank: Path) -> None:
+    assert umo("check", "tank").exit_code == 0
+    environment = os.environ | {"PYTHONDONTWRITEBYTECODE": "1"}
+    command = [sys.executable, "-m", "pytest", "-q", "-W", "error", "-p", "no:cacheprovider"]
+    ended = subprocess.run(command, cwd=tank, env=environment, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stdout
+    assert "4 passed" in ended.stdout
+
+
+def test_a_new_station_overwrites_nothing(umo, tank: Path) -> None:
+    result = umo("new", "tank")
+    assert result.exit_code == 2
+    assert "tank is not empty; nothing was written" in said(result)

@@ -1,0 +1,111 @@
+"""What a run leaves behind."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from umo import BinaryActuator, Compound, DigitalSensor, OnOff, connect
+from umo.cycle.record import Statistics, Trace
+from umo.testing import VirtualTimer, periods, put
+
+
+class Press(Compound):
+    valve: BinaryActuator[OnOff]
+    pressure: DigitalSensor
+    timer: DigitalSensor
+
+
+def press() -> Press:
+    return Press(
+        valve=BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.OFF),
+        pressure=DigitalSensor("bar", minimum=0.0, maximum=1e6, resolution=1.0),
+        timer=DigitalSensor("sampling_period", minimum=0, maximum=1e5, resolution=1, synchronous=False),
+    )
+
+
+def recorded(trace: Trace, statistics: Statistics, count: int, missed: list[int] | None = None) -> None:
+    wiring = {
+        "drivers": {"clock": VirtualTimer(missed or ())},
+        "wire": {
+            "timer": {"driver": "clock", "period": "10 ms"},
+            "valve": {"driver": "simulated"},
+            "pressure": {"driver": "simulated"},
+        },
+    }
+    connection = connect(press(), wiring)
+    with connection as m:
+        connection.machine.observers += [trace, statistics]
+        for number in range(count):
+            put(m.pressure, float(number))
+            m.valve.write(OnOff.ON if number % 2 else OnOff.OFF)
+            periods(m)
+
+
+def test_a_row_a_period_with_a_column_for_each_object(tmp_path: Path) -> None:
+    trace = Trace()
+    recorded(trace, Statistics(), 3)
+    trace.save(tmp_path / "trace.csv")
+    with (tmp_path / "trace.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert set(rows[0]) == {
+        "time_s",
+        "missed",
+        "execution_us",
+        "timer[sampling_period]",
+        "valve[ON=1]",
+        "pressure[bar]",
+    }
+    assert [row["time_s"] for row in rows] == ["0.01", "0.02", "0.03"]
+    assert [row["pressure[bar]"] for row in rows] == ["0", "1", "2"]
+    assert [row["valve[ON=1]"] for row in rows] == ["0", "1", "0"]
+
+
+def test_a_long_run_stays_whole_in_bounded_memory() -> None:
+    trace = Trace(rows=64)
+    recorded(trace, Statistics(), 1000)
+    assert len(trace.rows) <= 64
+    assert trace.stride == 16
+    assert trace.rows[-1, 0] > 9.5
+    assert np.allclose(np.diff(trace.rows[:, 0]), 0.16)
+
+
+def test_missed_periods_are_counted_and_placed() -> None:
+    trace, statistics = Trace(), Statistics()
+    recorded(trace, statistics, 4, [0, 3, 0, 1])
+    assert (statistics.periods, statistics.missed) == (4, 4)
+    assert trace.rows[:, 1].tolist() == [0, 3, 0, 1]
+
+
+def test_percentiles_are_of_the_last_periods_and_absent_before_the_first() -> None:
+    statistics = Statistics(capacity=10)
+    assert statistics.percentile(50) is None
+    recorded(Trace(), statistics, 25)
+    median, p99 = statistics.percentile(50), statistics.percentile(99)
+    assert median is not None
+    assert p99 is not None
+    assert 0 < median <= p99
+
+
+def test_labels_are_kept_when_they_change() -> None:
+    labels = iter(["a", "a", "b", "b"])
+    trace = Trace(note=lambda: next(labels))
+    recorded(trace, Statistics(), 4)
+    assert trace.notes == [(0.01, "a"), (0.03, "b")]
+
+
+def test_an_observer_that_fails_is_disabled_and_the_run_goes_on(caplog: pytest.LogCaptureFixture) -> None:
+    statistics = Statistics()
+    connection = connect(press())
+    with connection as m:
+
+        def broken(frame: object) -> None:
+            raise OSError("no space left on device")
+
+        connection.machine.observers += [broken, statistics]
+        periods(m, 3)
+    assert statistics.periods == 3
+    assert caplog.text.count("failed and was disabled") == 1

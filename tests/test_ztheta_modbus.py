@@ -1,0 +1,126 @@
+"""The station in real time over Modbus TCP: the plant is a process of its own, the control code is unchanged."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import random
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from umo.cli.station import find
+
+pytest.importorskip("mujoco")
+pymodbus = pytest.importorskip("pymodbus.client")
+
+DEFAULTS = ([False, True, False, False, False, False, False], 0)
+"""Coils 0 to 6 (theta.direction is CW by default) and the DAC's register."""
+
+CONTROL = """
+import os, sys, umo
+from umo.stations.ztheta.application import main
+from umo.stations.ztheta.objects import machine
+
+wiring, at, number = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
+
+def strike(frame):
+    if frame.number >= at:
+        os.kill(os.getpid(), number)
+
+m = machine()
+connection = umo.connect(m, wiring)
+with connection:
+    connection.machine.observers.append(strike)
+    umo.drive(m, main)
+print("left", connection.stop.signal, flush=True)
+"""
+
+
+class Box:
+    """`umo plant ztheta` on a free port, and a wiring that names it."""
+
+    def __init__(self, folder: Path, *options: str) -> None:
+        self.report = folder / "report.json"
+        command = [sys.executable, "-c", "from umo.cli import main; main()", "plant", "ztheta", "--port", "0"]
+        command += ["--report", str(self.report), *options]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        assert self.process.stdout is not None
+        self.port = int(self.process.stdout.readline().rpartition(":")[2])
+        self.wiring = folder / "box.toml"
+        text = find("ztheta").wirings["modbus"].read_text()
+        self.wiring.write_text(text.replace("port = 5020", f"port = {self.port}"))
+
+    def levels(self) -> tuple[list[bool], int]:
+        """What another project's client reads from the box."""
+        client = pymodbus.ModbusTcpClient("127.0.0.1", port=self.port)
+        try:
+            assert client.connect()
+            coils = client.read_coils(0, count=7).bits[:7]
+            return coils, client.read_holding_registers(0, count=1).registers[0]
+        finally:
+            client.close()
+
+    def end(self) -> dict[str, object]:
+        """The plant's truth, after it has ended."""
+        self.process.send_signal(signal.SIGTERM)
+        self.process.communicate(timeout=30)
+        found: dict[str, object] = json.loads(self.report.read_text())
+        return found
+
+
+@contextlib.contextmanager
+def box(folder: Path, *options: str) -> Iterator[Box]:
+    served = Box(folder, *options)
+    try:
+        yield served
+    finally:
+        served.process.kill()
+        served.process.communicate()
+
+
+def struck(served: Box, period: int, number: signal.Signals) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", CONTROL, str(served.wiring), str(period), str(int(number))]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+
+
+PERIODS = random.Random(5020).sample(range(1, 1200), 8)
+
+
+@pytest.mark.parametrize(
+    ("period", "number"), [(p, (signal.SIGINT, signal.SIGTERM)[i % 2]) for i, p in enumerate(PERIODS)]
+)
+def test_a_signal_at_any_period_leaves_the_box_at_its_defaults(
+    tmp_path: Path, period: int, number: signal.Signals
+) -> None:
+    with box(tmp_path, "--watchdog", "0", "--seed", str(period)) as served:
+        ended = struck(served, period, number)
+        assert ended.stdout == f"left {int(number)}\n", ended.stderr
+        assert served.levels() == DEFAULTS
+
+
+@pytest.mark.parametrize("period", [3, 150, 700])
+def test_killed_outright_the_box_drops_its_outputs_by_its_own_watchdog(tmp_path: Path, period: int) -> None:
+    with box(tmp_path, "--seed", "0") as served:
+        assert struck(served, period, signal.SIGKILL).returncode == -signal.SIGKILL
+        with pytest.raises(subprocess.TimeoutExpired):  # the plant lives on, and nobody asks it anything
+            served.process.wait(timeout=0.6)
+        assert served.levels() == DEFAULTS
+        assert served.end()["watchdog_drops"] == 1
+
+
+def test_the_unchanged_control_code_places_a_part_over_the_wire(tmp_path: Path) -> None:
+    with box(tmp_path, "--seed", "3", "--parts", "1") as served:
+        command = [sys.executable, "-c", "from umo.cli import main; main()", "run", "ztheta", "--parts", "1"]
+        command += ["-w", str(served.wiring), "--summary", str(tmp_path / "sum.json")]
+        ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False)
+        assert ended.returncode == 0, ended.stderr
+        summary = json.loads((tmp_path / "sum.json").read_text())
+        assert (summary["parts_placed"], summary["parts_total"], summary["placing_error_um"]) == (1, 1, None)
+        assert served.levels() == DEFAULTS
+        truth = served.end()
+        assert truth["placed"] == 1, truth
