@@ -1,0 +1,46 @@
+"""Makes the README's pictures from runs of the station; wants `.venv/bin/pip install -e '.[all,render]'`."""
+
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+
+import umo
+from umo.cli.station import find
+from umo.stations.ztheta.application import main
+from umo.stations.ztheta.objects import machine
+from umo.stations.ztheta.render import render
+
+HERE = Path(__file__).parent
+
+
+def photograph() -> None:
+    """The second part, half turned."""
+    m = machine()
+    connection = umo.connect(m, find("ztheta").wirings["simulated"], seed=3)
+
+    def observe(frame: umo.Frame) -> None:
+        if m.task == "part 2 of 3: turning" and m.theta.encoder.read() > -10.0:
+            Image.fromarray(render(connection.driver("plant"), 960, 640)).save(HERE / "ztheta.png", optimize=True)
+            connection.stop.request()
+
+    with connection:
+        connection.machine.observers.append(observe)
+        umo.drive(m, main)
+
+
+def plot() -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        subprocess.run(
+            [sys.executable, "-c", "from umo.cli import main; main()", "run", "ztheta"], cwd=folder, check=True
+        )
+        (made,) = Path(folder).glob("runs/*/plot.png")
+        shutil.copy(made, HERE / "run.png")
+
+
+if __name__ == "__main__":
+    photograph()
+    plot()
