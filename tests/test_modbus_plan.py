@@ -163,3 +163,17 @@ def test_a_value_that_does_not_fit_is_refused_and_not_cut_off() -> None:
     (request,) = plan_writes([parse("holding:0:int16")])
     with pytest.raises(DriverError, match="-32769 does not fit holding register 0: it takes -32768 to 32767"):
         request.encode([-32769])
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "overlap"),
+    [
+        ("holding:0", "holding:0:int16", True),
+        ("holding:0:int32", "holding:1", True),
+        ("holding:0:int32", "holding:2", False),
+        ("holding:0", "input:0", False),
+        ("coil:0", "discrete:0", False),
+    ],
+)
+def test_channels_that_share_a_cell_are_two_objects_on_one_channel(one: str, other: str, overlap: bool) -> None:
+    assert bool(set(parse(one).places) & set(parse(other).places)) is overlap

@@ -6,7 +6,7 @@ Addresses are the protocol's own, from 0: what a manual calls holding register 4
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -69,6 +69,11 @@ class ModbusChannel(Channel):
     @property
     def end(self) -> int:
         return self.address + self.cells
+
+    @property
+    def places(self) -> tuple[Hashable, ...]:
+        """Its cells: `holding:0` and `holding:0:int32` overlap, whatever their texts."""
+        return tuple((self.table.cells, address) for address in range(self.address, self.end))
 
 
 def parse(text: str, *, little: bool = False) -> ModbusChannel:
