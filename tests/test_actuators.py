@@ -261,7 +261,7 @@ def test_a_state_of_another_type_raises_and_changes_nothing(box, value):
     machine = outputs()
     with connect(machine, wired(machine, box)) as m:
         m.valve.write(OnOff.ON)
-        with pytest.raises(StateError, match="valve: .* is no state of OnOff"):
+        with pytest.raises(StateError, match=r"valve: .* is no state of OnOff"):
             m.valve.write(value)
         assert m.valve.pending is OnOff.ON
 
@@ -339,8 +339,19 @@ def test_what_was_declared_can_be_asked():
     assert valve.synchronous is False
 
 
-@pytest.mark.parametrize("use", [lambda a: a.read(), lambda a: a.write(1.0), lambda a: a.update(), lambda a: a.reset(),
-                                 lambda a: a.pending, lambda a: a.raw, lambda a: a.quality, lambda a: a.time])  # fmt: skip
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda a: a.read(),
+        lambda a: a.write(1.0),
+        lambda a: a.update(),
+        lambda a: a.reset(),
+        lambda a: a.pending,
+        lambda a: a.raw,
+        lambda a: a.quality,
+        lambda a: a.time,
+    ],
+)
 def test_outside_connect_an_actuator_has_no_hardware(use):
     motor = actuator()
     with pytest.raises(NotConnected, match="DigitalActuator is not connected"):

@@ -218,8 +218,28 @@ def test_the_keys_of_parts_make_paths_that_name_one_object_each(parts):
     assert Loose(parts=parts).parts == parts  # of other things a dict may be as it likes
 
 
-@pytest.mark.parametrize("name", ["sample", "control", "update", "reset", "find", "walk", "path", "period", "dt", "start",
-                                  "stopping", "children", "setup", "running", "connected", "atoms", "now"])  # fmt: skip
+@pytest.mark.parametrize(
+    "name",
+    [
+        "sample",
+        "control",
+        "update",
+        "reset",
+        "find",
+        "walk",
+        "path",
+        "period",
+        "dt",
+        "start",
+        "stopping",
+        "children",
+        "setup",
+        "running",
+        "connected",
+        "atoms",
+        "now",
+    ],
+)
 def test_the_names_of_the_verbs_are_reserved(name):
     with pytest.raises(DeclarationError, match=f"{name}: the name is taken"):
         type("Bad", (Compound,), {"__annotations__": {name: DigitalActuator}})

@@ -151,9 +151,7 @@ STEPS = st.lists(
 @pytest.mark.parametrize("arrays_from", [0, 10**9], ids=["arrays", "lists"])
 @given(steps=STEPS)
 def test_the_objects_do_what_the_papers_text_says(arrays_from, steps):
-    raws = {
-        path: {1.0: 2, -2.0: -4, OnOff.ON: 1, OnOff.OFF: 0} for path in PATHS
-    }
+    raws = {path: {1.0: 2, -2.0: -4, OnOff.ON: 1, OnOff.OFF: 0} for path in PATHS}
     paper, machine, box = model(), whole(), Scripted()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("umo.cycle.forms.ARRAYS_FROM", arrays_from)

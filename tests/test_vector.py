@@ -239,11 +239,17 @@ def test_a_vector_outlives_a_connection_and_learns_the_new_calibration():
 @pytest.mark.parametrize(
     "objects",
     [
-        lambda: [], lambda: [actuator(), sensor()], lambda: [actuator(), actuator(synchronous=False)],
-        lambda: [relay(), switch()], lambda: [actuator(), relay()], lambda: [Field(lanes=[])], lambda: [1],
-        lambda: [actuator()] * 2, lambda: [actuator(), DigitalActuator("A", default=0, minimum=0, maximum=1, resolution=1)],
+        list,
+        lambda: [actuator(), sensor()],
+        lambda: [actuator(), actuator(synchronous=False)],
+        lambda: [relay(), switch()],
+        lambda: [actuator(), relay()],
+        lambda: [Field(lanes=[])],
+        lambda: [1],
+        lambda: [actuator()] * 2,
+        lambda: [actuator(), DigitalActuator("A", default=0, minimum=0, maximum=1, resolution=1)],
     ],
-)  # fmt: skip
+)
 def test_a_vector_holds_like_objects_each_once(objects):
     with pytest.raises(DeclarationError):
         Vector(objects())

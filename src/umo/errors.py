@@ -97,8 +97,16 @@ class DriverError(UmoError, OSError):
     """
 
     def __init__(self, message: str, failures: Sequence[Failure] = ()) -> None:
-        super().__init__("\n  ".join([message, *map(str, failures)]))
+        super().__init__("\n  ".join([message, *_by_cause(failures)]))
         self.failures = tuple(failures)
+
+
+def _by_cause(failures: Sequence[Failure]) -> list[str]:
+    """A line for each cause: a cable that is cut fails many objects alike."""
+    causes: dict[str, list[str]] = {}
+    for failure in failures:
+        causes.setdefault(failure.cause, []).append(f"{failure.path} (channel {failure.channel})")
+    return [f"{', '.join(objects)}: {cause}" for cause, objects in causes.items()]
 
 
 class StopError(DriverError):

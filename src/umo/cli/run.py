@@ -12,6 +12,7 @@ from typing import Any
 
 from umo.cycle import connect, drive
 from umo.cycle.record import Statistics, Trace
+from umo.errors import UmoError
 from umo.objects import Compound
 from umo.wiring import driver_options
 
@@ -37,8 +38,8 @@ def run_station(
     trace = Trace(note=lambda: task_of(machine))
     with only_one(station.path, file):
         _drive(connect(machine, file, **for_drivers), application, result, trace)
-    if not result.statistics.periods and result.failure is not None and result.status == 2:
-        raise result.failure  # nothing ran: the user's mistake alone is worth a word
+    if not result.statistics.periods and isinstance(result.failure, UmoError):
+        raise result.failure  # nothing ran: there is nothing to show
     _leave_behind(station, machine, result, trace, summary)
     name = station.name if file is None else f"{station.name}, {file.stem}"
     out.print(result.table(f"umo run {name}"))

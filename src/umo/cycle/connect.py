@@ -126,7 +126,8 @@ class connect(Generic[C]):
         try:
             self.machine.sequences.cancel()
         except BaseException as error:  # whatever it is, the outputs are still to be reset
-            return [Failure("application", "-", f"{type(error).__name__} while stopping: {error}")]
+            first = str(error).partition("\n")[0]
+            return [Failure("application", "-", f"{type(error).__name__} while stopping: {first}")]
         return []
 
     def _finalize(self) -> list[Failure]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import nan
+from typing import cast
 
 import numpy as np
 
@@ -35,30 +36,31 @@ class ListImage(Image):
         self.quality = [0] * count
         self.times = [nan] * count
 
-    def _convert(self, block: Block) -> list[tuple[int, float]]:
-        values, slot = self.values, block.start
-        self.raws_array[slot : block.stop] = block.buffer
+    def _prepare(self, block: Block) -> None:
+        block.scales = [(slot, *self.scales[slot]) for slot in range(block.start, block.stop)]
+
+    def _convert(self, block: Block, now: float) -> list[tuple[int, float]]:
+        raws, values = self.raws, self.values
+        raws[block.slots] = block.view
         outside = []
-        for raw, (resolution, zero_offset, low, high) in zip(block.buffer.tolist(), block.scales, strict=True):
-            value = raw * resolution + zero_offset  # scaling.to_value, in line
+        for slot, resolution, zero_offset, low, high in block.scales:
+            value = raws[slot] * resolution + zero_offset  # scaling.to_value, in line
             if low <= value <= high:
                 values[slot] = value
             else:
                 outside.append((slot, value))
-            slot += 1
+        if not outside:
+            self.times[block.slots] = [now] * block.count
         return outside
 
     def _commit(self, block: Block, now: float) -> None:
-        start, stop = block.start, block.stop
-        self.values[start:stop] = self.pending[start:stop]
-        self.raws_array[start:stop] = block.buffer
-        self.times[start:stop] = [now] * (stop - start)
+        slots = block.slots
+        self.values[slots] = self.pending[slots]
+        self.raws[slots] = block.view
+        self.times[slots] = [now] * block.count
 
     def _stamp(self, block: Block, now: float) -> None:
-        self.times[block.start : block.stop] = [now] * (block.stop - block.start)
-
-    def _all_good(self, slots: slice) -> bool:
-        return not any(self.quality[slots])
+        self.times[block.slots] = [now] * block.count
 
     def put_pending(self, slots: slice | IntArray, values: FloatArray, raws: IntArray) -> None:
         self.pending_raws_array[slots] = raws
@@ -67,6 +69,16 @@ class ListImage(Image):
 
     def get_values(self, slots: slice | IntArray) -> FloatArray:
         return np.array([self.values[slot] for slot in _indices(slots)])
+
+
+class _Columns:
+    """The scales of one input block as arrays, and room for its conversion."""
+
+    def __init__(self, scales: FloatArray) -> None:
+        self.resolution, self.zero_offset, self.low, self.high = scales.T.copy()
+        self.values = np.zeros(len(scales))
+        self.view = self.values.data
+        self.inside, self.below = np.zeros((2, len(scales)), np.bool_)
 
 
 class ArrayImage(Image):
@@ -81,32 +93,31 @@ class ArrayImage(Image):
         self.pending = self.pending_array.data
         self.quality = self.quality_array.data
         self.times = self.times_array.data
-        self.resolution, self.zero_offset, self.low, self.high = np.array(self.scales).reshape(-1, 4).T.copy()
-        self.scratch = np.zeros(count)
 
-    def _convert(self, block: Block) -> list[tuple[int, float]]:
-        part = slice(block.start, block.stop)
-        self.raws_array[part] = block.buffer
-        values = to_values(block.buffer, self.resolution[part], self.zero_offset[part], self.scratch[part])
-        inside = values >= self.low[part]
-        inside &= values <= self.high[part]
-        if inside.all():
-            self.values_array[part] = values
+    def _prepare(self, block: Block) -> None:
+        block.scales = _Columns(np.array(self.scales[block.slots]))
+
+    def _convert(self, block: Block, now: float) -> list[tuple[int, float]]:
+        self.raws[block.slots] = block.view
+        columns = cast(_Columns, block.scales)
+        values = to_values(block.buffer, columns.resolution, columns.zero_offset, columns.values)
+        inside = np.greater_equal(values, columns.low, out=columns.inside)
+        inside &= np.less_equal(values, columns.high, out=columns.below)
+        if np.count_nonzero(inside) == block.count:  # a fifth of the time of all()
+            self.values[block.slots] = columns.view
+            self.times_array[block.slots].fill(now)
             return []
-        self.values_array[part] = np.where(inside, values, self.values_array[part])
+        self.values_array[block.slots] = np.where(inside, values, self.values_array[block.slots])
         return [(block.start + int(i), float(values[i])) for i in np.flatnonzero(~inside)]
 
     def _commit(self, block: Block, now: float) -> None:
-        part = slice(block.start, block.stop)
-        self.values_array[part] = self.pending_array[part]
-        self.raws_array[part] = block.buffer
-        self.times_array[part] = now
+        slots = block.slots
+        self.values[slots] = self.pending[slots]
+        self.raws[slots] = block.view
+        self.times_array[slots].fill(now)
 
     def _stamp(self, block: Block, now: float) -> None:
-        self.times_array[block.start : block.stop] = now
-
-    def _all_good(self, slots: slice) -> bool:
-        return not self.quality_array[slots].any()
+        self.times_array[block.slots].fill(now)
 
     def put_pending(self, slots: slice | IntArray, values: FloatArray, raws: IntArray) -> None:
         self.pending_array[slots] = values

@@ -36,8 +36,14 @@ class ConnectedMachine:
         for compound in self._compounds:
             compound._connect(self)
         self._root_acts = self._overrides(root)
+        if type(root).sample is Compound.sample:
+            root.__dict__["sample"] = image.sample  # the loop's own calls, without the way over `self.sample`
+        if type(root).update is Compound.update:
+            root.__dict__["update"] = self._update
 
     def disconnect(self) -> None:
+        self.root.__dict__.pop("sample", None)
+        self.root.__dict__.pop("update", None)
         for compound in self._compounds:
             compound._disconnect()
 
@@ -73,8 +79,9 @@ class ConnectedMachine:
             act()
 
     def update(self, part: Compound) -> bool:
-        if part is not self.root:
-            return self.image.update_some(self._slots_of(part)[1])
+        return self._update() if part is self.root else self.image.update_some(self._slots_of(part)[1])
+
+    def _update(self) -> bool:
         try:
             return self.image.update()
         finally:

@@ -249,30 +249,21 @@ class _Resolver:
 
     def _parameter(self, key: str, value: Any) -> Parameter | None:
         """A number on a compound, or on a control law that hangs on it, by dotted attribute path."""
-        *path, name = key.split(".")
-        owner: Any = self.root
-        for step in path:
-            owner = _child(owner, step)
         known = _parameters(self.root)
-        if owner is None or key not in known:
-            where = f"parameters.{key!r}"
-            self.source.fault(where, f"no such parameter{did_you_mean(key, known)}")
+        if key not in known:
+            self.source.fault(f"parameters.{key!r}", f"no such parameter{did_you_mean(key, known)}")
             return None
         if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
             self.source.fault(f"parameters.{key!r}", f"is a finite number, not {value!r}")
             return None
-        return Parameter(owner, name, float(value))
+        owner, name = known[key]
+        whole = isinstance(value, int) and isinstance(getattr(owner, name), int)
+        return Parameter(owner, name, value if whole else float(value))
 
 
-def _child(owner: Any, name: str) -> Any:
-    if isinstance(owner, tuple):
-        return owner[int(name)] if name.isdigit() and int(name) < len(owner) else None
-    return owner.get(name) if isinstance(owner, Mapping) else getattr(owner, name, None)
-
-
-def _parameters(root: Compound) -> dict[str, float]:
-    """Every number that a wiring may set, by its path: number fields of compounds and of their control laws."""
-    found: dict[str, float] = {}
+def _parameters(root: Compound) -> dict[str, tuple[object, str]]:
+    """Owner and name, by path, of every number a wiring may set: fields of compounds and of their control laws."""
+    found: dict[str, tuple[object, str]] = {}
     for node in [root, *root.walk()]:
         if not isinstance(node, Compound):
             continue
@@ -284,10 +275,10 @@ def _parameters(root: Compound) -> dict[str, float]:
     return found
 
 
-def _numbers(thing: Any, prefix: str) -> dict[str, float]:
+def _numbers(thing: Any, prefix: str) -> dict[str, tuple[object, str]]:
     values = ((field.name, getattr(thing, field.name, None)) for field in dataclasses.fields(thing) if field.init)
     return {
-        f"{prefix}{name}": float(value)
+        f"{prefix}{name}": (thing, name)
         for name, value in values
         if isinstance(value, int | float) and not isinstance(value, bool) and not name.startswith("_")
     }

@@ -1,0 +1,91 @@
+"""The exported names are pinned: a change here is a change for every user."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+
+import pytest
+
+import umo
+from umo import errors
+
+STATES = {"CompleteIncomplete", "EnableDisable", "FrontBack", "HighLow", "LeftRight", "OnOff", "OpenClosed", "PassFail",
+          "Rotation", "TwoState", "UpDown", "ZeroOne"}  # fmt: skip
+OBJECTS = {
+    "BinaryActuator",
+    "BinarySensor",
+    "Compound",
+    "DigitalActuator",
+    "DigitalSensor",
+    "Quality",
+    "Vector",
+} | STATES
+ERRORS = {
+    "AlreadyRunning",
+    "BadInput",
+    "Busy",
+    "Cancelled",
+    "ChannelError",
+    "DeclarationError",
+    "DriverError",
+    "Failure",
+    "Fault",
+    "NotConnected",
+    "PathError",
+    "RangeError",
+    "StateError",
+    "StopError",
+    "TaskFailed",
+    "TimeExpired",
+    "UmoError",
+    "WiringError",
+}
+
+NAMES = {
+    "umo": OBJECTS | ERRORS | {"Channel", "Direction", "Driver", "Frame", "check", "connect", "drive", "run"},
+    "umo.objects": OBJECTS | {"Atomic", "Binary", "Digital", "Node"},
+    "umo.drivers": {"Channel", "Direction", "Driver", "IntArray"},
+    "umo.wiring": {"Parameter", "Wire", "Wired", "check", "driver_options", "resolve"},
+    "umo.cycle": {"Frame", "Observer", "connect", "drive", "run"},
+    "umo.testing": {"Call", "Scripted", "VirtualTimer", "periods", "put"},
+}
+
+
+@pytest.mark.parametrize("package", NAMES)
+def test_exported_names(package):
+    module = importlib.import_module(package)
+    assert set(module.__all__) == NAMES[package]
+    assert list(module.__all__) == sorted(module.__all__)
+    assert all(hasattr(module, name) for name in module.__all__)
+
+
+def test_sequences_and_inputs_are_exported_by_control():
+    from umo import control
+
+    assert {"UNREFERENCED", "next_period", "state_of", "together", "until", "value_of", "wait"} <= set(control.__all__)
+
+
+def test_every_error_is_exported():
+    defined = {
+        name for name, item in vars(errors).items() if inspect.isclass(item) and item.__module__ == errors.__name__
+    }
+    assert defined == ERRORS
+
+
+def test_the_hierarchy_drawn_at_the_top_of_errors_is_the_real_one():
+    drawn = errors.__doc__ or ""
+    for name in ERRORS - {"Failure", "Fault", "Cancelled", "UmoError"}:
+        line = next(line for line in drawn.splitlines() if f"-- {name}" in line)
+        bases = [base.__name__ for base in getattr(errors, name).__bases__]
+        if "(" in line.partition(name)[2][:2]:
+            assert bases == ["UmoError", line.partition("(")[2].partition(")")[0]]
+        else:
+            assert bases == [{"ChannelError": "WiringError", "StopError": "DriverError"}[name]]
+    assert issubclass(umo.Cancelled, BaseException) and not issubclass(umo.Cancelled, Exception)
+
+
+def test_every_public_name_says_what_it_is():
+    for name in umo.__all__:
+        item = getattr(umo, name)
+        assert item.__doc__ or issubclass(item, umo.TwoState), name

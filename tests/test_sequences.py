@@ -1,0 +1,543 @@
+"""Sequences: application code that the cycle itself advances, one step a period (design.md section 6)."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import gc
+import warnings
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from machines import actuator, bench, wired
+from umo import Cancelled, Compound, DeclarationError, DigitalActuator, PassFail, TaskFailed, TimeExpired, connect
+from umo.control import next_period, together, until, wait
+from umo.testing import Scripted, VirtualTimer, periods, put
+
+
+class Cycle:
+    """A bench in virtual time; `steps(n)` runs n periods."""
+
+    def __init__(self, missed=()):
+        machine = bench()
+        self.connection = connect(machine, wired(machine, Scripted(), clock=VirtualTimer(missed=missed)))
+
+    def __enter__(self):
+        self.m = self.connection.__enter__()
+        return self
+
+    def __exit__(self, *error):
+        self.connection.__exit__(*error)
+
+    def start(self, sequence):
+        return self.m.start(sequence)
+
+    def steps(self, count):
+        periods(self.m, count)
+
+
+def steps_until_done(sequence, missed=(), at_most=1000):
+    """The period (from 1) in which the sequence ended."""
+    with Cycle(missed) as cycle:
+        task = cycle.start(sequence)
+        for period in range(1, at_most + 1):
+            cycle.steps(1)
+            if task.done:
+                return period
+    raise AssertionError("did not end")
+
+
+# next_period -----------------------------------------------------------------------------------------
+
+
+def test_a_started_sequence_begins_with_the_next_control_and_takes_one_step_a_period():
+    seen = []
+
+    async def count():
+        for i in range(3):
+            seen.append(i)
+            await next_period()
+        return "end"
+
+    with Cycle() as cycle:
+        task = cycle.start(count())
+        assert seen == []
+        for expected in ([0], [0, 1], [0, 1, 2]):
+            cycle.steps(1)
+            assert (seen, task.done, task.result) == (expected, False, None)
+        cycle.steps(1)
+        assert (task.done, task.result) == (True, "end")
+        cycle.steps(1)
+        assert seen == [0, 1, 2]
+
+
+def test_next_period_returns_the_tick_with_the_periods_consumed():
+    seen = []
+
+    async def watch():
+        while True:
+            tick = await next_period()
+            seen.append((tick.period, tick.ticks))
+
+    with Cycle(missed=[0, 0, 3, 1]) as cycle:
+        cycle.start(watch())
+        cycle.steps(5)
+    assert seen == [(0.001, 1), (0.001, 3), (0.001, 1), (0.001, 1)]
+
+
+def test_sequences_act_before_control_so_that_a_setpoint_is_used_in_its_period():
+    class Servo(Compound):
+        timer: Any
+        motor: DigitalActuator
+        goal: float = 0.0
+
+        def control(self) -> None:
+            self.motor.write(self.goal)
+
+    async def go(m):
+        m.goal = 5.0
+        await next_period()
+
+    from machines import timer
+
+    with connect(Servo(timer=timer(), motor=actuator())) as m:
+        m.start(go(m))
+        periods(m, 1)
+        assert m.motor.read() == 5.0
+
+
+def test_control_of_a_part_does_not_advance_sequences():
+    class Inner(Compound):
+        motor: DigitalActuator
+
+    class Outer(Compound):
+        inner: Inner
+
+    with connect(Outer(inner=Inner(motor=actuator()))) as m:
+        task = m.inner.start(asyncgen_free())
+        m.inner.control()
+        assert not task.done
+        m.control()
+        assert task.done
+
+
+async def asyncgen_free():
+    return 1
+
+
+def test_sequences_take_their_steps_in_the_order_started():
+    seen = []
+
+    async def step(name):
+        while True:
+            seen.append(name)
+            await next_period()
+
+    with Cycle() as cycle:
+        for name in "abc":
+            cycle.start(step(name))
+        cycle.steps(2)
+    assert seen == list("abcabc")
+
+
+def test_a_sequence_started_by_another_begins_with_the_next_period():
+    seen = []
+
+    async def child(m):
+        seen.append(m.now)
+
+    async def parent(m):
+        m.start(child(m))
+        seen.append(m.now)
+        await next_period()
+
+    with Cycle() as cycle:
+        cycle.start(parent(cycle.m))
+        cycle.steps(2)
+    assert seen == pytest.approx([0.001, 0.002])
+
+
+# wait ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("duration", "ends_in"),
+    [
+        (0, 1),
+        ("0 s", 1),
+        ("0.1 ms", 2),
+        ("1 ms", 2),
+        (0.001, 2),
+        ("1.1 ms", 3),
+        ("5 ms", 6),
+        (0.1, 101),
+        ("0.3 s", 301),
+    ],
+)
+def test_wait_takes_whole_periods_rounded_up(duration, ends_in):
+    assert steps_until_done(wait(duration)) == ends_in
+
+
+@given(st.integers(1, 200), st.lists(st.integers(0, 4), max_size=60))
+def test_missed_periods_count_in_a_wait(whole, missed):
+    ends = steps_until_done(wait(whole * 0.001), missed)
+    ticks = [max(missed[i], 1) if i < len(missed) else 1 for i in range(ends)]
+    assert sum(ticks[1:]) >= whole
+    assert sum(ticks[1:-1]) < whole
+
+
+@pytest.mark.parametrize("wrong", ["soon", -1, float("nan"), float("inf"), None])
+def test_a_wait_for_no_duration_is_an_error(wrong):
+    with Cycle() as cycle:
+        cycle.start(wait(wrong))
+        with pytest.raises(DeclarationError, match="is no duration"):
+            cycle.steps(1)
+
+
+def test_a_machine_without_a_timer_cannot_count_seconds():
+    class Still(Compound):
+        motor: DigitalActuator
+
+    with connect(Still(motor=actuator())) as m:
+        m.start(wait("1 s"))
+        m.control()
+        with pytest.raises(TaskFailed, match="without a timer"):
+            m.control()
+
+
+# until -----------------------------------------------------------------------------------------------
+
+
+def test_until_asks_at_once_and_then_once_a_period():
+    asked = []
+
+    def condition():
+        asked.append(1)
+        return len(asked) == 4
+
+    assert steps_until_done(until(condition)) == 4
+    assert len(asked) == 4
+    assert steps_until_done(until(lambda: True)) == 1
+
+
+@pytest.mark.parametrize(("timeout", "ends_in"), [("3 ms", 4), (0.003, 4), ("2.5 ms", 4), (0, 1)])
+def test_until_expires_after_its_timeout(timeout, ends_in):
+    with Cycle() as cycle:
+        cycle.start(until(lambda: False, timeout))
+        cycle.steps(ends_in - 1)
+        with pytest.raises(TimeExpired, match=r"the condition did not come true within 0\.?0?0?\d* s") as caught:
+            cycle.steps(1)
+        assert isinstance(caught.value, TimeoutError)
+
+
+def test_until_takes_a_condition_that_comes_true_in_its_last_period():
+    asked = []
+
+    def condition():
+        asked.append(1)
+        return len(asked) == 4
+
+    assert steps_until_done(until(condition, "3 ms")) == 4
+
+
+def test_missed_periods_count_in_a_timeout():
+    with Cycle(missed=[0, 5]) as cycle:
+        cycle.start(until(lambda: False, "5 ms"))
+        cycle.steps(1)
+        with pytest.raises(TimeExpired):
+            cycle.steps(1)
+
+
+def test_until_names_the_condition():
+    def pressed():
+        return False
+
+    with Cycle() as cycle:
+        cycle.start(until(pressed, 0))
+        with pytest.raises(TimeExpired, match="pressed did not come true"):
+            cycle.steps(1)
+
+
+def test_until_sees_the_sample_of_the_same_period():
+    with Cycle() as cycle:
+        task = cycle.start(until(lambda: cycle.m.limit.read() is PassFail.FAIL))
+        cycle.steps(2)
+        put(cycle.m.limit, PassFail.FAIL)
+        cycle.steps(1)
+        assert task.done
+
+
+# together --------------------------------------------------------------------------------------------
+
+
+async def after(count, result=None, log=None, error=None):
+    """Waits, then ends; notes its cancelling."""
+    try:
+        for _ in range(count):
+            await next_period()
+        if error is not None:
+            raise error
+        return result
+    except Cancelled:
+        log.append(f"cancelled {result}")
+        raise
+    finally:
+        if log is not None:
+            log.append(f"left {result}")
+
+
+async def gather(*sequences):
+    return await together(*sequences)
+
+
+def test_together_runs_side_by_side_and_gives_the_results_in_order():
+    with Cycle() as cycle:
+        task = cycle.start(gather(after(3, "a"), after(1, "b"), after(0, "c")))
+        cycle.steps(3)
+        assert not task.done
+        cycle.steps(1)
+        assert (task.done, task.result) == (True, ("a", "b", "c"))
+
+
+def test_together_of_nothing_ends_at_once():
+    assert steps_until_done(gather()) == 1
+
+
+def test_the_first_failure_cancels_the_rest_and_is_raised():
+    log: list[str] = []
+    with Cycle() as cycle:
+        cycle.start(gather(after(9, "a", log), after(1, "b", error=ValueError("first")), after(9, "c", log)))
+        cycle.steps(1)
+        with pytest.raises(ValueError, match="first"):
+            cycle.steps(1)
+        assert log == ["cancelled c", "left c", "cancelled a", "left a"]
+        cycle.steps(2)
+
+
+def test_what_follows_a_failure_in_the_same_period_is_not_begun():
+    begun = []
+
+    async def late():
+        begun.append(1)
+
+    with Cycle() as cycle:
+        cycle.start(gather(after(0, "a", error=ValueError("first")), late()))
+        with pytest.raises(ValueError, match="first"):
+            cycle.steps(1)
+    assert begun == []
+
+
+async def stubborn(log, name):
+    try:
+        while True:
+            await next_period()
+    finally:
+        log.append(name)
+        raise RuntimeError(f"cleaning up {name}")
+
+
+def test_a_failing_clean_up_spares_none_of_the_others_and_hides_not_the_first_failure():
+    log: list[str] = []
+    with Cycle() as cycle:
+        cycle.start(gather(stubborn(log, "a"), after(1, error=ValueError("first")), stubborn(log, "b")))
+        cycle.steps(1)
+        with pytest.raises(ValueError, match="first") as caught:
+            cycle.steps(1)
+    assert log == ["b", "a"]
+    assert len(caught.value.__notes__) == 2
+
+
+def test_cancelling_together_cancels_all_and_an_error_in_their_clean_up_surfaces():
+    log: list[str] = []
+    with pytest.raises(OSError, match="cleaning up b"), Cycle() as cycle:
+        cycle.start(gather(stubborn(log, "a"), stubborn(log, "b")))
+        cycle.steps(2)
+    assert log == ["b", "a"]
+
+
+def test_together_nests():
+    with Cycle() as cycle:
+        task = cycle.start(gather(gather(after(1, 1), after(2, 2)), after(1, 3)))
+        cycle.steps(3)
+        assert task.result == ((1, 2), 3)
+
+
+def test_waits_in_together_count_the_same_periods():
+    assert steps_until_done(gather(wait("3 ms"), wait("5 ms")), missed=[0, 2, 0]) == 5
+
+
+# Cancel ----------------------------------------------------------------------------------------------
+
+
+def test_leaving_throws_cancelled_into_every_sequence_the_last_started_first():
+    log: list[str] = []
+    with Cycle() as cycle:
+        tasks = [cycle.start(after(99, name, log)) for name in "abc"]
+        cycle.steps(2)
+        assert log == []
+    assert log == ["cancelled c", "left c", "cancelled b", "left b", "cancelled a", "left a"]
+    assert all(task.done for task in tasks)
+
+
+def test_a_sequence_that_never_began_is_dropped_without_a_word():
+    log: list[str] = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with Cycle() as cycle:
+            cycle.start(after(99, "a", log))
+        gc.collect()
+    assert log == []
+
+
+def test_a_task_can_be_cancelled_and_the_rest_go_on():
+    log: list[str] = []
+    with Cycle() as cycle:
+        one, other = cycle.start(after(99, "a", log)), cycle.start(after(2, "b"))
+        cycle.steps(1)
+        one.cancel()
+        one.cancel()
+        assert (log, one.done) == (["cancelled a", "left a"], True)
+        cycle.steps(2)
+        assert other.result == "b"
+
+
+def test_a_cancelled_sequence_may_not_go_on():
+    async def deaf():
+        while True:
+            try:
+                await next_period()
+            except Cancelled:
+                continue
+
+    async def once_more(log):
+        with contextlib.suppress(Cancelled):
+            await next_period()
+        await next_period()
+        log.append("went on")
+
+    log: list[str] = []
+    with Cycle() as cycle:
+        cycle.start(once_more(log))
+        cycle.steps(1)
+    assert log == []
+    with Cycle() as cycle:
+        task = cycle.start(deaf())
+        cycle.steps(1)
+        assert not task.done
+        task.cancel()
+        assert task.done
+        cycle.steps(1)
+
+
+def test_cancelled_is_no_exception_that_a_sequence_catches_by_accident():
+    assert not issubclass(Cancelled, Exception)
+    log: list[str] = []
+
+    async def careless():
+        try:
+            await next_period()
+        except Exception:
+            log.append("caught")
+
+    with Cycle() as cycle:
+        cycle.start(careless())
+        cycle.steps(1)
+    assert log == []
+
+
+def test_what_a_clean_up_starts_is_dropped_too():
+    begun: list[int] = []
+
+    async def child():
+        begun.append(1)
+
+    async def parent(m):
+        try:
+            await next_period()
+        finally:
+            m.start(child())
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with Cycle() as cycle:
+            cycle.start(parent(cycle.m))
+            cycle.steps(1)
+        gc.collect()
+    assert begun == []
+
+
+# Errors ----------------------------------------------------------------------------------------------
+
+
+def test_an_error_that_nobody_awaits_comes_out_of_control_and_the_others_live_on():
+    with Cycle() as cycle:
+        cycle.start(after(1, error=ValueError("alone")))
+        other = cycle.start(after(4, "b"))
+        cycle.steps(1)
+        with pytest.raises(ValueError, match="alone"):
+            cycle.steps(1)
+        cycle.steps(5)
+        assert other.result == "b"
+
+
+def test_two_errors_in_one_period_surface_one_after_the_other():
+    with Cycle() as cycle:
+        cycle.start(after(0, error=ValueError("one")))
+        cycle.start(after(0, error=KeyError("two")))
+        with pytest.raises(ValueError):
+            cycle.steps(1)
+        with pytest.raises(KeyError):
+            cycle.steps(1)
+
+
+class Foreign:
+    def __await__(self):
+        yield "something"
+
+
+@pytest.mark.parametrize("where", ["alone", "together"])
+def test_a_foreign_awaitable_is_a_type_error(where):
+    log: list[str] = []
+
+    async def mistaken():
+        try:
+            await Foreign()
+        finally:
+            log.append("left")
+
+    with Cycle() as cycle:
+        cycle.start(mistaken() if where == "alone" else gather(after(9, "b", log), mistaken()))
+        with pytest.raises(TypeError, match=r"awaited 'something'; only what umo.control offers"):
+            cycle.steps(1)
+        assert log == (["left"] if where == "alone" else ["left", "cancelled b", "left b"])
+
+
+def test_an_asyncio_future_is_a_type_error():
+    loop = asyncio.new_event_loop()
+    try:
+        future = loop.create_future()
+
+        async def mistaken():
+            await future
+
+        with Cycle() as cycle:
+            cycle.start(mistaken())
+            with pytest.raises(TypeError, match=r"only what umo.control offers"):
+                cycle.steps(1)
+    finally:
+        loop.close()
+
+
+@pytest.mark.parametrize("wrong", [None, 5, lambda: None, iter([])])
+def test_only_a_coroutine_is_a_sequence(wrong):
+    with Cycle() as cycle, pytest.raises(TypeError, match="is no sequence; call an `async def` function"):
+        cycle.start(wrong)
+
+
+def test_umo_needs_no_asyncio_loop():
+    with pytest.raises(RuntimeError):
+        asyncio.get_running_loop()
+    assert steps_until_done(gather(wait("2 ms"), until(lambda: True))) == 3
