@@ -73,6 +73,12 @@ def test_a_long_run_stays_whole_in_bounded_memory() -> None:
     assert np.allclose(np.diff(trace.rows[:, 0]), 0.16)
 
 
+def test_missed_periods_are_not_lost_with_the_rows_that_are_not_kept() -> None:
+    trace, statistics = Trace(rows=16), Statistics()
+    recorded(trace, statistics, 500, [number % 3 for number in range(500)])
+    assert trace.rows[:, 1].sum() == statistics.missed == sum(number % 3 for number in range(500))
+
+
 def test_missed_periods_are_counted_and_placed() -> None:
     trace, statistics = Trace(), Statistics()
     recorded(trace, statistics, 4, [0, 3, 0, 1])

@@ -13,7 +13,7 @@ from machines import bench, wired
 from umo import OnOff, connect, run
 from umo.testing import Scripted, VirtualTimer, periods
 
-SIGNALS = [signal.SIGINT, signal.SIGTERM]
+SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 
 
 @pytest.fixture(autouse=True)

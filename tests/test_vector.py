@@ -268,3 +268,20 @@ def test_it_is_a_sequence_of_its_objects():
     vector = motors(machine)
     assert (len(vector), vector[1], list(vector)) == (4, machine.lanes[1].motor, [lane.motor for lane in machine.lanes])
     assert repr(vector) == "<Vector of 4: lanes.0.motor ... lanes.3.motor>"
+
+
+def test_binary_objects_take_the_levels_that_read_returns():
+    class Valves(Compound):
+        valves: list[BinaryActuator[OnOff]]
+
+    machine = Valves(valves=[BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.OFF) for _ in range(4)])
+    with connect(machine) as m:
+        vector = Vector(m.valves)
+        assert vector.write(np.array([1.0, 0.0, 0.0, 1.0]))
+        m.update()
+        assert [valve.read() for valve in m.valves] == [OnOff.ON, OnOff.OFF, OnOff.OFF, OnOff.ON]
+        assert vector.read().tolist() == [1.0, 0.0, 0.0, 1.0]
+        for wrong in ([1.0, 0.0, 0.5, 0.0], [1.0, 0.0], [np.nan] * 4):
+            with pytest.raises(StateError):
+                vector.write(np.array(wrong))
+        assert m.valves[0].pending is OnOff.ON

@@ -62,12 +62,11 @@ class Trace:
         if self._note is not None and (note := self._note()) != (self.notes[-1][1] if self.notes else None):
             self.notes.append((frame.time, note))
         self._seen += 1
-        if (self._seen - 1) % self.stride:
-            return
         if self._used == self._capacity:
             self._thin(self._rows)
-            if (self._seen - 1) % self.stride:
-                return
+        if (self._seen - 1) % self.stride:
+            self._rows[self._used - 1, 1] += frame.missed  # none is lost with the rows that are not kept
+            return
         row = self._rows[self._used]
         row[0], row[1], row[2] = frame.time, frame.missed, frame.execution * 1e6
         row[3:] = frame.values
@@ -75,6 +74,8 @@ class Trace:
 
     def _thin(self, rows: npt.NDArray[np.float64]) -> None:
         kept = rows[: self._used : 2].copy()
+        dropped = rows[1 : self._used : 2, 1]
+        kept[: len(dropped), 1] += dropped
         self._used = len(kept)
         rows[: self._used] = kept
         self.stride *= 2

@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM set a flag that is read between periods; they never raise inside a driver call."""
+"""SIGINT, SIGTERM and SIGHUP set a flag that is read between periods; they never raise inside a driver call."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ import threading
 from types import FrameType
 from typing import Any
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+SIGNALS = [signal.SIGINT, signal.SIGTERM]
+if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # ignored: under nohup
+    SIGNALS.append(signal.SIGHUP)  # the terminal was closed
 
 _flags: dict[StopFlag, bool] = {}  # every connected machine's, and whether it was connected in the main thread
 _before: dict[int, Any] = {}  # the handlers from before the first of those

@@ -27,7 +27,8 @@ class Vector(Generic[A]):
 
     Like means: the same atomic kind, the same units or two-state type, all synchronous or none. Values are
     float64 arrays in the order given; of binary objects 1.0 is the state declared `one` (before an inversion
-    in the wiring), and `write` takes states: one for all, or a sequence. Make it before or after connecting.
+    in the wiring); `write` takes states, one for all or a sequence, or an array of such levels. Make it before or
+    after connecting.
     """
 
     def __init__(self, objects: Iterable[A]) -> None:
@@ -89,6 +90,8 @@ class Vector(Generic[A]):
         return self._plan
 
     def _levels(self, states: Any) -> tuple[FloatArray, bool]:
+        if isinstance(states, np.ndarray) and states.dtype.kind in "bfiu":
+            return self._given_levels(states), True
         first = cast("Binary[Any]", self._objects[0])
         each = [states] * len(self) if isinstance(states, TwoState) else list(states)
         if len(each) != len(self):
@@ -102,6 +105,12 @@ class Vector(Generic[A]):
                 for item, state in zip(cast("tuple[Binary[Any], ...]", self._objects), each, strict=True)
             ]
         return np.array(levels), True
+
+    def _given_levels(self, levels: Any) -> FloatArray:
+        numbers: FloatArray = levels.astype(np.float64)
+        if numbers.shape != (len(self),) or not ((numbers == 0.0) | (numbers == 1.0)).all():
+            raise StateError(f"levels are an array of {len(self)} zeros and ones, as `read` returns them")
+        return numbers
 
     def __repr__(self) -> str:
         return f"<Vector of {len(self)}: {self._objects[0].path} ... {self._objects[-1].path}>"
