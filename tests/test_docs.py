@@ -1,0 +1,75 @@
+"""Every code block of the documentation runs, so that it cannot rot."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from umo.cli.app import app
+
+ROOT = Path(__file__).parents[1]
+PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
+BLOCK = re.compile(r"^```(\w+)([^\n]*)\n(.*?)^```", re.M | re.S)
+LINK = re.compile(r"\]\((?!https?:)([^)#]+)")
+
+
+def blocks(page: Path, language: str) -> list[tuple[str, str]]:
+    """(what stands behind the language, text) of each block of the page."""
+    return [(rest.strip(), text) for name, rest, text in BLOCK.findall(page.read_text("utf-8")) if name == language]
+
+
+@pytest.fixture(autouse=True)
+def in_an_empty_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+
+
+def write_files(page: Path, folder: Path) -> None:
+    """The blocks that name a file: ```python objects.py, ```toml wiring/bench.toml."""
+    for language in ("python", "toml"):
+        for rest, text in blocks(page, language):
+            if "." in rest:
+                (folder / rest).parent.mkdir(exist_ok=True)
+                (folder / rest).write_text(text)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_the_python_of_a_page_runs_from_top_to_bottom(page: Path, tmp_path: Path) -> None:
+    """The blocks of a page share a namespace."""
+    write_files(page, tmp_path)
+    namespace: dict[str, object] = {"__name__": page.stem.replace("-", "_")}
+    for rest, text in blocks(page, "python"):
+        exec(compile(text, f"{page.name} {rest}", "exec", dont_inherit=True), namespace)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_the_toml_of_a_page_is_toml(page: Path) -> None:
+    for _, text in blocks(page, "toml"):
+        assert tomllib.loads(text)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_the_commands_of_a_page_do_what_they_say(page: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Lines `$ umo ...` of ```console blocks, but for those that run on."""
+    write_files(page, tmp_path)
+    for _, text in blocks(page, "console"):
+        for line in re.findall(r"^\$ umo (.*?)(?:\s+#.*)?$", text, re.M):
+            words = shlex.split(line)
+            if words[0] in ("plant",) or "modbus" in words or "--realtime" in words:
+                continue
+            for name in ("objects", "control", "application", "plant"):
+                monkeypatch.delitem(sys.modules, name, raising=False)
+            result = CliRunner().invoke(app, words)
+            assert result.exit_code == 0, f"{page.name}: umo {line}\n{result.output}{result.stderr}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_the_links_of_a_page_lead_somewhere(page: Path) -> None:
+    missing = [link for link in LINK.findall(page.read_text("utf-8")) if not (page.parent / link).exists()]
+    assert missing == []
