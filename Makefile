@@ -20,6 +20,11 @@ lint: $(STAMP)
 bench: $(STAMP)
 	$(BIN)/python -m bench
 
+# The code blocks of README and docs/ are run; the docstrings become site/index.html.
+docs: $(STAMP)
+	$(BIN)/python -m pytest tests/test_docs.py
+	$(BIN)/pdoc umo umo.control umo.drivers umo.testing -o site
+
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[all,dev]'

@@ -249,6 +249,24 @@ def test_rounding_to_the_resolution_is_no_refusal_and_read_gives_the_value_as_wr
         assert (m.motor.read(), m.motor.raw) == (1.3, 3)
 
 
+def test_an_actuator_sent_by_itself_or_reset_reads_as_written_too(box):
+    machine = outputs(motor=actuator(default=0.2))
+    with connect(machine, wired(machine, box)) as m:
+        assert (m.motor.read(), m.motor.raw) == (0.2, 0)
+        m.motor.write(1.3)
+        m.motor.update()
+        assert (m.motor.read(), m.motor.raw) == (1.3, 3)
+        m.motor.reset()
+        assert (m.motor.read(), m.motor.raw) == (0.2, 0)
+
+
+def test_an_asynchronous_actuator_reads_as_written_too(box):
+    machine = outputs(motor=actuator(synchronous=False))
+    with connect(machine, wired(machine, box)) as m:
+        m.motor.write(1.3)
+        assert (m.motor.read(), m.motor.raw) == (1.3, 3)
+
+
 @pytest.mark.parametrize("bound", [-10.0, 10.0])
 def test_the_bounds_themselves_are_inside(box, bound):
     machine = outputs()

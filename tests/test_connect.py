@@ -250,13 +250,25 @@ def session(machine: Arm, box: Scripted) -> None:
         periods(m, 1)
 
 
-def whole_session() -> list[tuple[str, str]]:
+PERIOD = [("read_many", "z.encoder,theta.encoder,gripper"), ("write_many", "lamp,z.motor,theta.motor")]
+SESSION = [
+    ("open", ""),
+    *(("initialize", path) for path in DECLARED),
+    PERIOD[0],
+    ("write", "z.brake"),
+    *PERIOD * 2,
+    *(("reset", path) for path in DECLARED),
+    *PERIOD,
+    *(("reset", path) for path in STOPPING),
+    *(("finalize", path) for path in reversed(DECLARED)),
+    ("close", ""),
+]
+
+
+def test_the_calls_of_a_whole_session():
     box = Scripted()
     session(arm(), box)
-    return log(box)
-
-
-SESSION = whole_session()
+    assert log(box) == SESSION
 
 
 def initialised(box: Scripted) -> list[str]:

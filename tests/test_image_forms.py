@@ -175,7 +175,8 @@ def test_a_machine_of_one_kind_alone_runs(arrays, kind, synchronous):
     assert play(specs, [("sample",), ("update",), ("read one", 2), ("reset",), ("write", 1, 3.0)], arrays)
 
 
-def test_sixty_objects_on_three_drivers_move_in_one_transfer_a_driver_and_direction():
+def test_sixty_objects_on_three_drivers_move_in_one_transfer_a_driver_and_direction(monkeypatch):
+    monkeypatch.setattr("umo.cycle.forms.ARRAYS_FROM", 60)
     specs = [
         Spec(("da", "ds", "ba", "bs")[i % 4], i // 4 % 3, True, 0.1, 0.0, False, False, False, False) for i in range(60)
     ]

@@ -67,6 +67,17 @@ def test_half_a_resolution_beyond_a_bound_is_good_and_more_is_out_of_range(box, 
         assert m.sample() is (quality is GOOD or not synchronous)
 
 
+def test_between_half_a_resolution_and_a_whole_one_is_out_of_range(box):
+    machine = inputs(sensor(minimum=0.375, maximum=99.625, resolution=0.5))
+    box.set("one", [0, 1, 200])  # 0.75 of a resolution below, inside, 0.75 above
+    with connect(machine, wired(machine, box)) as m:
+        seen = [m.one.quality]
+        for _ in range(2):
+            m.sample()
+            seen.append(m.one.quality)
+        assert seen == [OUT_OF_RANGE, GOOD, OUT_OF_RANGE]
+
+
 def test_half_a_resolution_is_that_of_the_size_when_the_resolution_is_negative(box):
     machine = inputs(sensor(minimum=0.25, maximum=99.25, resolution=-0.5))
     box.set("one", [0, 1, -198, -199, -200])

@@ -1,7 +1,7 @@
 """The two forms of the process image, proved equal by tests.
 
 Python specialises list subscripts, so plain lists are fastest for small machines; numpy wins above
-(`bench/scan.py` measures where; docs/decisions records it).
+(`python -m bench --forms` measures where; docs/decisions/0001-two-forms-of-the-image.md records it).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from umo.objects import Atomic
 from umo.objects.scaling import FloatArray, IntArray, to_values
 from umo.wiring.resolved import Wire
 
-ARRAYS_FROM = 50
+ARRAYS_FROM = 80
 """Objects from which on the array form is the faster one."""
 
 

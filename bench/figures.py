@@ -1,0 +1,82 @@
+"""What is not a period: memory, import, connecting, and the station against real time."""
+
+from __future__ import annotations
+
+import gc
+import json
+import subprocess
+import sys
+import tempfile
+import tracemalloc
+from pathlib import Path
+from time import perf_counter
+
+from bench.driver import Fill
+from bench.machine import Umo, machine, wiring
+from bench.mix import layout
+from umo import connect
+
+
+def bytes_per_object(count: int = 10_000) -> tuple[float, float]:
+    """Declared, and connected besides, as tracemalloc counts it (numpy's arrays included); compounds and channels
+    are in it, the wiring as written and the driver's registers are not."""
+    plan = layout(count)
+    Umo(layout(13), Fill(5, 8)).close()  # units, classes and modules are there beforehand
+    gc.collect()
+    tracemalloc.start()
+    try:
+        start, _ = tracemalloc.get_traced_memory()
+        plant = machine(plan)
+        declared, _ = tracemalloc.get_traced_memory()
+        wires = wiring(plant, Fill(plan.sensors, plan.actuators))
+        gc.collect()
+        before, _ = tracemalloc.get_traced_memory()
+        with connect(plant, wires):
+            gc.collect()
+            connected, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    return (declared - start) / count, (connected - before) / count
+
+
+def seconds_to_connect(count: int = 10_000, repeats: int = 3) -> tuple[float, float]:
+    """Declaring them, and entering `connect` with the wiring as a dict: the least of some."""
+    plan = layout(count)
+    declaring, connecting = [], []
+    for _ in range(repeats):
+        start = perf_counter()
+        plant = machine(plan)
+        declaring.append(perf_counter() - start)
+        connection = connect(plant, wiring(plant, Fill(plan.sensors, plan.actuators)))
+        start = perf_counter()
+        with connection:
+            connecting.append(perf_counter() - start)
+    return min(declaring), min(connecting)
+
+
+def seconds_to_import(repeats: int = 7) -> float:
+    """`import umo` in a fresh interpreter less an interpreter that does nothing: the least of some."""
+
+    def run(code: str) -> float:
+        start = perf_counter()
+        subprocess.run([sys.executable, "-c", code], check=True)
+        return perf_counter() - start
+
+    run("import umo")  # the files are in memory from here on
+    pairs = [(run("import umo"), run("pass")) for _ in range(repeats)]
+    return min(full for full, _ in pairs) - min(empty for _, empty in pairs)
+
+
+def station_ratio() -> float | str:
+    """How many times faster than real time `umo run ztheta --parts 1` is; else the last line of its complaint."""
+    with tempfile.TemporaryDirectory() as folder:
+        summary = Path(folder) / "summary.json"
+        umo = str(Path(sys.executable).with_name("umo"))
+        command = [umo, "run", "ztheta", "--parts", "1", "--summary", str(summary)]
+        try:
+            done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=60)
+        except (OSError, subprocess.TimeoutExpired) as error:
+            return str(error)
+        if done.returncode or not summary.exists():
+            return (done.stderr.strip() or done.stdout.strip() or "umo run ztheta failed").splitlines()[-1]
+        return float(json.loads(summary.read_text())["realtime_factor"])

@@ -1,0 +1,109 @@
+"""The rows of `make bench` do the same work: same readings and commands in, same values and raw integers out."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from bench import forms, native, report, scan
+from bench.driver import Fill, Loop
+from bench.mix import commands, layout, readings
+
+needs_compiler = pytest.mark.skipif(native.missing() is not None, reason=str(native.missing()))
+COUNTS = [13, 26, 100, 116]  # whole manipulators, and the last one cut off in two places
+
+
+def results(one: Any, count: int, seed: int) -> tuple[list[float], list[int]]:
+    """Sensors' values and actuators' raw integers after one period, and after another in the three verbs."""
+    plan = layout(count)
+    one.load(readings(plan, seed))
+    one.period(1)
+    first = one.values(), one.raws()
+    one.load(readings(plan, seed))
+    one.write(2)
+    one.sample_update(2)
+    assert (one.values(), one.raws()) == first
+    return first
+
+
+@pytest.mark.parametrize("driver", [Loop, Fill])
+@pytest.mark.parametrize("count", COUNTS)
+def test_umo_and_the_hand_written_python_agree(count, driver):
+    with ExitStack() as stack:
+        rows = scan.implementations(count, driver, stack)
+        values, raws = results(rows["a"], count, seed=7)
+        assert (values, raws) == results(rows["d"], count, seed=7)
+        assert len(values) + len(raws) == count
+        assert len(set(values)) > 3
+        assert len(set(raws)) > 2
+        quality = rows["a"].connection.image.quality
+        assert not any(quality), "no reading is out of range: the measured way is the good one"
+
+
+@needs_compiler
+@pytest.mark.parametrize("count", COUNTS)
+def test_c_and_cpp_agree_with_umo(count):
+    with ExitStack() as stack:
+        rows = scan.implementations(count, Fill, stack)
+        expected = results(rows["a"], count, seed=3)
+        assert results(rows["b"], count, seed=3) == expected
+        assert results(rows["c"], count, seed=3) == expected
+
+
+@pytest.mark.parametrize("count", COUNTS)
+def test_vectors_write_what_the_objects_write_one_by_one(count):
+    with ExitStack() as stack:
+        umo = scan.implementations(count, Fill, stack)["a"]
+        umo.period(1)
+        written = umo.raws()
+        umo.plant.reset()
+        umo.write_vectors(1)
+        umo.plant.update()
+        assert umo.raws() == written
+
+
+def test_a_group_is_not_cut_in_two():
+    with pytest.raises(ValueError, match="cut a group"):
+        layout(14)
+    assert [len(readings(layout(n))) + len(commands(layout(n))) for n in (13, 100, 1_000, 10_000)] == [
+        13,
+        100,
+        1_000,
+        10_000,
+    ]
+
+
+def test_a_short_run_fills_every_cell_of_the_table():
+    table = scan.measure(1, sizes=(13,))
+    rows = "abcd" if native.missing() is None else "ad"
+    for work in (scan.PERIOD, scan.SCAN_LOOP, scan.SCAN_FILL, scan.WRITE, scan.VECTOR):
+        for row in rows:
+            figure = table[work, 13, row]
+            assert 0 < figure.minimum <= figure.median
+    assert report.main_grid(table).row_count == 5
+
+
+def test_a_target_says_by_how_much_it_is_missed():
+    others = report.Others(500.0, 500.0, 0.1, 0.4, 0.3, 8.0)
+    figures = {"a": scan.Figure(10.0, 12.0), "b": scan.Figure(20.0, 20.0), "d": scan.Figure(8.0, 8.0)}
+    table = {
+        (work, count, row): f
+        for work, count in ((scan.PERIOD, 13), (scan.SCAN_FILL, 10_000))
+        for row, f in figures.items()
+    }
+    verdicts = [target.verdict for target in report.targets(table, others)]
+    assert verdicts == ["missed by 25%", "met", "met", "missed by 20%"]
+    del table[scan.SCAN_FILL, 10_000, "b"]
+    assert "no compiler" in report.targets(table, others)[2].verdict
+
+
+def test_both_forms_of_the_image_are_measured():
+    found = forms.measure(1, sizes=(13,))
+    assert {form for _, _, form in found} == {"lists", "arrays"}
+    assert forms.grid(found).row_count == 1
