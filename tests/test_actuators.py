@@ -27,6 +27,8 @@ from umo import (
 )
 from umo.testing import Scripted
 
+pytestmark = pytest.mark.usefixtures("both_forms")
+
 
 class Outputs(Compound):
     motor: DigitalActuator

@@ -23,6 +23,8 @@ from umo import (
 )
 from umo.testing import Scripted, periods
 
+pytestmark = pytest.mark.usefixtures("both_forms")
+
 
 class Axis(Compound):
     motor: DigitalActuator

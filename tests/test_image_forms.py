@@ -142,8 +142,8 @@ def vectors(m: Heap) -> Any:
     return seen
 
 
-@settings(max_examples=150)
-@given(specs=st.lists(SPEC, max_size=8), steps=st.lists(STEP, max_size=25))
+@settings(max_examples=200)
+@given(specs=st.lists(SPEC, min_size=3, max_size=8), steps=st.lists(STEP, min_size=10, max_size=40))
 def test_both_forms_are_equal_in_everything(specs, steps):
     lists, arrays = play(specs, steps, False), play(specs, steps, True)
     for one, other in zip(lists, arrays, strict=True):

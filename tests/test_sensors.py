@@ -23,6 +23,8 @@ from umo import (
 )
 from umo.testing import Scripted, periods, put
 
+pytestmark = pytest.mark.usefixtures("both_forms")
+
 
 class Inputs(Compound):
     encoder: DigitalSensor

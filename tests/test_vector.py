@@ -27,6 +27,8 @@ from umo import (
 )
 from umo.testing import Scripted
 
+pytestmark = pytest.mark.usefixtures("both_forms")
+
 
 class Lane(Compound):
     motor: DigitalActuator
@@ -36,11 +38,6 @@ class Lane(Compound):
 
 class Field(Compound):
     lanes: list[Lane]
-
-
-@pytest.fixture(params=["lists", "arrays"], autouse=True)
-def form(request, monkeypatch):
-    monkeypatch.setattr("umo.cycle.forms.ARRAYS_FROM", 0 if request.param == "arrays" else 10**9)
 
 
 @pytest.fixture

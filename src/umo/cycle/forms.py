@@ -18,7 +18,7 @@ from umo.objects import Atomic
 from umo.objects.scaling import FloatArray, IntArray, to_values
 from umo.wiring.resolved import Wire
 
-ARRAYS_FROM = 80
+ARRAYS_FROM = 85
 """Objects from which on the array form is the faster one."""
 
 

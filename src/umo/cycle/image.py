@@ -40,8 +40,8 @@ class Block:
         """The same as a memoryview: between two of these a copy takes a third of numpy's time."""
         self.scales: Any = None
         """Inputs: resolution, zero offset and bounds of its objects, as the form of the image wants them."""
-        self.unsettled = False
-        """Some quality in the block is not what it is when all is well."""
+        self.unsettled: set[int] = set()
+        """Slots whose quality is not what it is when all is well."""
 
 
 class Image(ABC):
@@ -123,7 +123,6 @@ class Image(ABC):
             try:
                 block.driver.read_many(block.channels, block.buffer)
             except Exception as error:
-                block.unsettled = True
                 for slot in range(block.start, block.stop):
                     self._fail_input(slot, _cause(error), failures)
                 continue
@@ -144,15 +143,14 @@ class Image(ABC):
             try:
                 block.driver.write_many(block.channels, block.buffer)
             except Exception as error:
-                block.unsettled = True
                 for slot in range(block.start, block.stop):
                     self._fail_output(slot, _cause(error), failures)
                 continue
             self._commit(block, now)
             if block.unsettled:
-                block.unsettled = False
-                for slot in range(block.start, block.stop):
+                for slot in block.unsettled:
                     self._set_quality(slot, Quality.GOOD)
+                block.unsettled.clear()
         if failures:
             raise DriverError("could not be written", failures)
         return True
@@ -248,8 +246,9 @@ class Image(ABC):
 
     def _settle(self, block: Block, outside: list[tuple[int, float]], now: float, failures: list[Failure]) -> None:
         """The slow path of `sample`: something in the block is, or was, not as it should be."""
-        for slot in range(block.start, block.stop):
+        for slot in block.unsettled:
             self._set_quality(slot, self.base[slot])
+        block.unsettled.clear()
         garbled = []
         for slot, value in outside:
             if isinstance(self.items[slot], Binary):
@@ -261,7 +260,6 @@ class Image(ABC):
         for slot, time in garbled:
             self.times[slot] = time
             self._fail_input(slot, _not_binary(self.raws[slot]), failures)
-        block.unsettled = bool(outside)
 
     def _accept(self, slot: int, raw: int, failures: list[Failure]) -> None:
         """One sensor was read."""
@@ -306,7 +304,7 @@ class Image(ABC):
         if quality is not self.base[slot]:
             for block in (*self.inputs, *self.outputs):
                 if block.start <= slot < block.stop:
-                    block.unsettled = True
+                    block.unsettled.add(slot)
 
     def _set_default(self, slot: int) -> None:
         value = cast(Actuator, self.items[slot])._default_value()
