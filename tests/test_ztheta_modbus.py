@@ -44,7 +44,7 @@ print("left", connection.stop.signal, flush=True)
 class Box:
     """`umo plant ztheta` on a free port, and a wiring that names it."""
 
-    def __init__(self, folder: Path, *options: str) -> None:
+    def __init__(self, folder: Path, *options: str, watchdog: str = "10 s") -> None:
         self.report = folder / "report.json"
         command = [sys.executable, "-c", "from umo.cli import main; main()", "plant", "ztheta", "--port", "0"]
         command += ["--report", str(self.report), *options]
@@ -53,7 +53,12 @@ class Box:
         self.port = int(self.process.stdout.readline().rpartition(":")[2])
         self.wiring = folder / "box.toml"
         text = find("ztheta").wirings["modbus"].read_text()
-        self.wiring.write_text(text.replace("port = 5020", f"port = {self.port}"))
+        text = text.replace("port = 5020", f"port = {self.port}")
+        # what a busy machine does to a call is not what is tested here
+        text = text.replace('timeout = "100 ms"', 'timeout = "2 s"').replace(
+            'watchdog = "200 ms"', f'watchdog = "{watchdog}"'
+        )
+        self.wiring.write_text(text)
 
     def levels(self) -> tuple[list[bool], int]:
         """What another project's client reads from the box."""
@@ -74,8 +79,8 @@ class Box:
 
 
 @contextlib.contextmanager
-def box(folder: Path, *options: str) -> Iterator[Box]:
-    served = Box(folder, *options)
+def box(folder: Path, *options: str, watchdog: str = "10 s") -> Iterator[Box]:
+    served = Box(folder, *options, watchdog=watchdog)
     try:
         yield served
     finally:
@@ -105,12 +110,14 @@ def test_a_signal_at_any_period_leaves_the_box_at_its_defaults(
 
 @pytest.mark.parametrize("period", [3, 150, 700])
 def test_killed_outright_the_box_drops_its_outputs_by_its_own_watchdog(tmp_path: Path, period: int) -> None:
-    with box(tmp_path, "--seed", "0") as served:
+    with box(tmp_path, "--seed", "0", watchdog="200 ms") as served:
         assert struck(served, period, signal.SIGKILL).returncode == -signal.SIGKILL
         with pytest.raises(subprocess.TimeoutExpired):  # the plant lives on, and nobody asks it anything
             served.process.wait(timeout=0.6)
         assert served.levels() == DEFAULTS
-        assert served.end()["watchdog_drops"] == 1
+        drops = served.end()["watchdog_drops"]
+        assert isinstance(drops, int)
+        assert drops >= 1
 
 
 def test_the_unchanged_control_code_places_a_part_over_the_wire(tmp_path: Path) -> None:
