@@ -531,6 +531,16 @@ def test_an_asyncio_future_is_a_type_error():
         loop.close()
 
 
+def test_a_sleep_of_asyncio_is_a_type_error_though_it_yields_nothing():
+    async def mistaken():
+        await asyncio.sleep(0)
+
+    with Cycle() as cycle:
+        cycle.start(mistaken())
+        with pytest.raises(TypeError, match=r"awaited None; only what umo.control offers"):
+            cycle.steps(1)
+
+
 @pytest.mark.parametrize("wrong", [None, 5, lambda: None, iter([])])
 def test_only_a_coroutine_is_a_sequence(wrong):
     with Cycle() as cycle, pytest.raises(TypeError, match="is no sequence; call an `async def` function"):

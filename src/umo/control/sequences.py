@@ -26,9 +26,13 @@ class Tick(Protocol):
 Sequence = Coroutine[Any, Any, Any]
 
 
+_PERIOD = object()
+"""What a sequence hands to the cycle when it waits; anything else, even None, is not from here."""
+
+
 class _NextPeriod:
-    def __await__(self) -> Generator[None, Tick, Tick]:
-        return (yield)
+    def __await__(self) -> Generator[object, Tick, Tick]:
+        return (yield _PERIOD)
 
 
 def next_period() -> Awaitable[Tick]:
@@ -71,7 +75,7 @@ class _Together:
     def __init__(self, sequences: tuple[Sequence, ...]) -> None:
         self._tasks = [Task(sequence) for sequence in sequences]
 
-    def __await__(self) -> Generator[None, Tick, tuple[Any, ...]]:
+    def __await__(self) -> Generator[object, Tick, tuple[Any, ...]]:
         try:
             tick: Tick | None = None
             while True:
@@ -79,7 +83,7 @@ class _Together:
                     task.advance(tick)
                 if all(task.done for task in self._tasks):
                     return tuple(task.result for task in self._tasks)
-                tick = yield
+                tick = yield _PERIOD
         except BaseException as failure:
             errors = _cancel_all(self._tasks)
             if errors and isinstance(failure, Cancelled | GeneratorExit):
@@ -116,7 +120,7 @@ class Task:
         except BaseException:
             self.done = True
             raise
-        if awaited is not None:
+        if awaited is not _PERIOD:
             self.cancel()
             raise TypeError(f"a sequence awaited {awaited!r}; only what umo.control offers can be awaited")
 
