@@ -128,7 +128,20 @@ def test_a_summary_in_no_folder_is_refused_before_anything_runs(umo, tank: Path)
     result = umo("run", "tank", "--summary", "nowhere/sum.json")
     assert result.exit_code == 2
     assert "there is no folder nowhere" in said(result)
+    result = umo("run", "tank", "--summary", "tank")
+    assert result.exit_code == 2
+    assert "--summary tank: is a folder" in said(result)
     assert not (tank.parent / "runs").exists()
+
+
+def test_a_summary_that_cannot_be_written_is_said_and_the_status_is_not_0(umo, tank: Path) -> None:
+    full = Path("/dev/full")
+    if not full.exists():
+        pytest.skip("there is no /dev/full here to stand for a full disk")
+    result = umo("run", "tank", "--summary", "/dev/full")
+    assert result.exit_code == 1
+    assert "the summary could not be written" in said(result)
+    assert "No space left" in said(result)
 
 
 def test_one_run_per_machine(umo, tank: Path) -> None:

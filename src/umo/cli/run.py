@@ -29,8 +29,9 @@ def run_station(
     station: Station, wiring: str | None, options: dict[str, Any], *, summary: Path | None, full_traceback: bool = False
 ) -> int:
     """Run the station's application to its end; the exit status. `options` are those that the user gave."""
-    if summary is not None and not summary.resolve().parent.is_dir():
-        raise StationError(f"--summary {summary}: there is no folder {summary.parent}")
+    if summary is not None and (summary.is_dir() or not summary.resolve().parent.is_dir()):
+        what = "is a folder" if summary.is_dir() else f"there is no folder {summary.parent}"
+        raise StationError(f"--summary {summary}: {what}")
     file = station.wiring(wiring)
     machine = station.machine()
     application, for_drivers = _share(station, file, options)
@@ -40,7 +41,8 @@ def run_station(
         _drive(connect(machine, file, **for_drivers), application, result, trace)
     if not result.statistics.periods and isinstance(result.failure, UmoError):
         raise result.failure  # nothing ran: there is nothing to show
-    _leave_behind(station, machine, result, trace, summary)
+    written = summary is None or _write_summary(result, summary)
+    _leave_behind(station, machine, result, trace)
     name = station.name if file is None else f"{station.name}, {file.stem}"
     out.print(result.table(f"umo run {name}"))
     if result.failure is not None:
@@ -49,7 +51,7 @@ def run_station(
         err.print(f"umo: {message_of(result.failure)}", style="red", highlight=False, markup=False, soft_wrap=True)
     elif result.stopped_by is not None:
         err.print(f"umo: stopped by {signal_name(result.stopped_by)}; every actuator is at its default")
-    return result.status
+    return result.status if written else max(result.status, 1)
 
 
 def _share(
@@ -92,7 +94,16 @@ def _drive(
         result.failure = error
 
 
-def _leave_behind(station: Station, machine: Compound, result: Result, trace: Trace, summary: Path | None) -> None:
+def _write_summary(result: Result, summary: Path) -> bool:
+    try:
+        result.save(summary)
+    except OSError as error:
+        err.print(f"umo: the summary could not be written: {error}")
+        return False
+    return True
+
+
+def _leave_behind(station: Station, machine: Compound, result: Result, trace: Trace) -> None:
     """Trace, plot and summary; what cannot be written is said, and changes nothing else."""
     folder = RUNS / f"{station.name}-{datetime.now():%Y%m%d-%H%M%S}"
     try:
@@ -101,8 +112,6 @@ def _leave_behind(station: Station, machine: Compound, result: Result, trace: Tr
         result.save(folder / "summary.json")
         if result.failure is not None:
             (folder / "failure.txt").write_text("".join(traceback.format_exception(result.failure)), encoding="utf-8")
-        if summary is not None:
-            result.save(summary)
         from .plot import save_plot
 
         save_plot(trace, folder / "plot.png", f"umo run {station.name}: {task_of(machine) or 'done'}")
