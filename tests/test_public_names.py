@@ -31,6 +31,7 @@ ERRORS = {
     "DriverError",
     "Failure",
     "Fault",
+    "FramesError",
     "NotConnected",
     "PathError",
     "RangeError",
@@ -43,11 +44,14 @@ ERRORS = {
 }
 
 NAMES = {
-    "umo": OBJECTS | ERRORS | {"Channel", "Direction", "Driver", "Frame", "check", "connect", "drive", "run"},
+    "umo": OBJECTS
+    | ERRORS
+    | {"Channel", "Direction", "Driver", "Frame", "check", "connect", "drive", "published", "run"},
     "umo.objects": OBJECTS | {"Atomic", "Binary", "Digital", "Node"},
     "umo.drivers": {"Channel", "Direction", "Driver", "IntArray"},
     "umo.wiring": {"Parameter", "Wire", "Wired", "check", "driver_options", "resolve"},
     "umo.cycle": {"Frame", "Observer", "connect", "drive", "run"},
+    "umo.frames": {"Layout", "Reader", "Ring", "State", "published", "rings"},
     "umo.testing": {"Call", "Scripted", "VirtualTimer", "periods", "put"},
 }
 

@@ -17,6 +17,7 @@ from umo.errors import (
     DriverError,
     Failure,
     Fault,
+    FramesError,
     NotConnected,
     PathError,
     RangeError,
@@ -27,6 +28,7 @@ from umo.errors import (
     UmoError,
     WiringError,
 )
+from umo.frames import published
 from umo.objects import (
     BinaryActuator,
     BinarySensor,
@@ -71,6 +73,7 @@ __all__ = [
     "Failure",
     "Fault",
     "Frame",
+    "FramesError",
     "FrontBack",
     "HighLow",
     "LeftRight",
@@ -95,5 +98,6 @@ __all__ = [
     "check",
     "connect",
     "drive",
+    "published",
     "run",
 ]

@@ -14,6 +14,7 @@ UmoError
 |-- Busy (RuntimeError)              a second motion was asked of a busy axis
 |-- TimeExpired (TimeoutError)       a condition did not come true in its time
 |-- TaskFailed (RuntimeError)        the machine could not do its work: base of a station's own errors
+|-- FramesError (RuntimeError)       frames that cannot be published, or attached to
 `-- AlreadyRunning (RuntimeError)    another process runs this machine
 Cancelled (BaseException)            thrown into sequences when the machine stops
 """
@@ -136,6 +137,10 @@ class TaskFailed(UmoError, RuntimeError):
 
 class AlreadyRunning(UmoError, RuntimeError):
     """Another process runs this machine."""
+
+
+class FramesError(UmoError, RuntimeError):
+    """A ring of frames that cannot be made or attached to: another version's, another user's, a full disk."""
 
 
 class Cancelled(BaseException):

@@ -14,7 +14,7 @@ log = logging.getLogger("umo")
 class Frame:
     """What one period was: a view of the live image, valid during the call of the observer."""
 
-    __slots__ = ("execution", "image", "missed", "number", "time")
+    __slots__ = ("began", "execution", "image", "missed", "number", "time")
 
     def __init__(self, image: Image) -> None:
         self.image = image
@@ -24,6 +24,8 @@ class Frame:
         """s on the cycle's clock."""
         self.missed = 0
         """Ticks that had already passed when the timer was read."""
+        self.began = 0
+        """When the timer returned, in ns of CLOCK_MONOTONIC."""
         self.execution = 0.0
         """s of wall-clock time from the timer's return to the end of `update`."""
 

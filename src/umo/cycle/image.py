@@ -14,6 +14,7 @@ from typing import Any, cast
 import numpy as np
 
 from umo.cycle.clock import Clock
+from umo.cycle.journal import Journal, Kind
 from umo.drivers.contract import Channel, Direction, Driver
 from umo.errors import DriverError, Failure
 from umo.objects import Atomic, Binary, BinaryActuator, BinarySensor, DigitalActuator, DigitalSensor, Quality
@@ -58,6 +59,8 @@ class Image(ABC):
         self.items = [wire.item for wire in self.wires]
         self.slot_of = {id(item): slot for slot, item in enumerate(self.items)}
         self.timer = -1 if timer is None else self.slot_of[id(timer)]
+        self.journal: Journal | None = None
+        """Where asynchronous traffic is noted, if someone reads it."""
         count = len(self.wires)
         self.raws_array = np.zeros(count, np.int64)
         self.pending_raws_array = np.zeros(count, np.int64)
@@ -164,11 +167,13 @@ class Image(ABC):
         try:
             self.raws[slot] = raw = index(wire.driver.read(wire.channel))
         except Exception as error:
+            self._note(slot, Kind.FAILED_READ)
             self._fail_input(slot, _cause(error), failures)
         else:
             if slot == self.timer:
                 self.clock.advance(raw)
             self._accept(slot, raw, failures)
+            self._note(slot, Kind.READ)
         _raise(failures, "could not be read")
         return cast(float, self.values[slot])
 
@@ -208,9 +213,11 @@ class Image(ABC):
         try:
             wire.driver.write(wire.channel, self.pending_raws[slot])
         except Exception as error:
+            self._note(slot, Kind.FAILED_WRITE)
             self._fail_output(slot, _cause(error), failures)
         else:
             self._accepted(slot)
+            self._note(slot, Kind.WRITE)
         _raise(failures, "could not be written")
         return True
 
@@ -232,9 +239,11 @@ class Image(ABC):
             except Exception as error:
                 failures.append(Failure(item.path, wire.channel.text, _cause(error)))
                 self._set_quality(slot, Quality.BAD)
+                self._note(slot, Kind.FAILED_RESET)
             else:
                 if default is not None:
                     self._accepted(slot)
+                self._note(slot, Kind.RESET)
         return failures
 
     def set_referenced(self, slot: int, referenced: bool) -> None:
@@ -243,6 +252,10 @@ class Image(ABC):
             self._set_quality(slot, self._judge(slot, self.values[slot]))
 
     # Inside --------------------------------------------------------------------------------------------
+
+    def _note(self, slot: int, kind: Kind) -> None:
+        if self.journal is not None and slot != self.timer:
+            self.journal.add(slot, kind, self.raws[slot], self.values[slot])
 
     def _settle(self, block: Block, outside: list[tuple[int, float]], now: float, failures: list[Failure]) -> None:
         """The slow path of `sample`: something in the block is, or was, not as it should be."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Coroutine
 from functools import partial
-from time import perf_counter_ns
+from time import monotonic_ns
 from typing import Any
 
 from umo.control.sequences import Sequences, Task
@@ -95,11 +95,12 @@ class ConnectedMachine:
         return self.sequences.start(sequence)
 
     def _tick(self) -> None:
-        self._started = perf_counter_ns()
+        self._started = monotonic_ns()
 
     def _show(self) -> None:
         frame, clock = self.frame, self.clock
-        frame.execution = (perf_counter_ns() - self._started) * 1e-9
+        frame.began = self._started
+        frame.execution = (monotonic_ns() - self._started) * 1e-9
         frame.number, frame.time, frame.missed = clock.number, clock.now, clock.missed
         show(frame, self.observers)
 

@@ -1,0 +1,9 @@
+"""Frames: one for each finished period, in a ring in shared memory that anyone of the same user can watch."""
+
+from umo.frames.folder import rings
+from umo.frames.layout import Layout
+from umo.frames.publish import published
+from umo.frames.reader import Reader
+from umo.frames.ring import Ring, State
+
+__all__ = ["Layout", "Reader", "Ring", "State", "published", "rings"]

@@ -1,0 +1,145 @@
+"""The binary layout of a ring of frames, which the ring's own header describes.
+
+A ring is one file, little-endian: a header of fixed numbers (`HEADER`), a description in JSON behind it, then
+`slots` frames of `slot_bytes` each. A reader in another language needs the fixed numbers below and the JSON,
+which gives the name, type (numpy's notation: "<i8" is a signed integer of 8 bytes), offset, count and unit of
+every field of a frame. Frame number i (from 0) lies in slot i % slots. Its `sequence` is 2 i + 1 while it is
+being written and 2 i + 2 when it is whole.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from umo.cycle.journal import ENTRY
+from umo.errors import FramesError
+from umo.objects import Atomic, Binary, Digital, Quality
+
+MAGIC = b"umoframe"
+VERSION = 1
+HEADER = struct.Struct("<8sIIQQQQ")
+"""Magic, version, flags, offset of the first slot, bytes of a slot, slots, bytes of the description."""
+CHECKSUM = 1
+"""Flag: each frame carries a CRC-32, as the order of stores is not certain on this processor."""
+HEAD, STATE, MISSED, BEAT = 64, 72, 80, 88
+"""Offsets of the live numbers, 8 bytes each: frames finished, state, missed periods in all, when the last frame
+was finished (ns of CLOCK_MONOTONIC)."""
+DESCRIPTION = 128
+"""Offset of the JSON."""
+NOTE = 64
+EVENTS = 32
+
+Column = tuple[str, str, int, str]
+"""Name, numpy type, count, unit."""
+
+USAGE: list[Column] = [
+    ("minor_faults", "<i8", 1, ""),
+    ("major_faults", "<i8", 1, ""),
+    ("voluntary_switches", "<i8", 1, ""),
+    ("involuntary_switches", "<i8", 1, ""),
+    ("running", "<i8", 1, "ns"),
+    ("run_queue_wait", "<i8", 1, "ns"),
+    ("collections", "<i8", 1, ""),
+    ("collecting", "<i8", 1, "ns"),
+]
+"""What the operating system and the interpreter have counted for the loop's thread: differences between two frames
+are what happened from one to the next."""
+
+FIXED: list[Column] = [
+    ("sequence", "<u8", 1, ""),
+    ("checksum", "<u8", 1, ""),
+    ("number", "<i8", 1, "ticks since connecting"),
+    ("time", "<f8", 1, "s on the cycle's clock"),
+    ("missed", "<i8", 1, "ticks"),
+    ("began", "<i8", 1, "ns of CLOCK_MONOTONIC at the timer's return"),
+    ("wake", "<i8", 1, "ns from the tick to waking up; -1 unknown"),
+    ("execution", "<i8", 1, "ns from the timer's return to the end of update"),
+    *USAGE,
+    ("events", "<i8", 1, "entries in use"),
+    ("events_lost", "<i8", 1, ""),
+    ("done", "<i8", 1, "of `total`, what the machine says of its work"),
+    ("total", "<i8", 1, "0: it says nothing"),
+    ("task", f"S{NOTE}", 1, "UTF-8, what the machine says that it is doing"),
+]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What a frame holds, and where."""
+
+    objects: tuple[dict[str, Any], ...]
+    phases: tuple[str, ...]
+    about: dict[str, Any]
+    """Whose frames these are: station, wiring, pid, when it started, the period in s."""
+
+    @property
+    def columns(self) -> list[Column]:
+        count = len(self.objects)
+        return [
+            *FIXED,
+            ("phases", "<i8", len(self.phases), "ns"),
+            ("values", "<f8", count, "each object's own; a binary object's electrical 1 is 1.0"),
+            ("raws", "<i8", count, ""),
+            ("journal", f"V{ENTRY.size}", EVENTS, "slot u4, kind u4, raw i8, value f8"),
+            ("quality", "<u1", count, ", ".join(f"{int(quality)} {quality}" for quality in Quality)),
+        ]
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        names, formats, offsets, at = [], [], [], 0
+        for name, kind, count, _ in self.columns:
+            names.append(name)
+            formats.append(kind if name in _SCALARS else (kind, (count,)))
+            offsets.append(at)
+            at += np.dtype(kind).itemsize * count
+        size = -(-at // 64) * 64  # whole cache lines
+        return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size})
+
+    @property
+    def content(self) -> int:
+        """Bytes of a frame in use; what follows up to its size is empty."""
+        return sum(np.dtype(kind).itemsize * count for _, kind, count, _ in self.columns)
+
+    def describe(self) -> bytes:
+        """The header's JSON."""
+        dtype = self.dtype
+        fields = [
+            {"name": name, "type": kind, "offset": dtype.fields[name][1], "count": count, "unit": unit}  # type: ignore[index]
+            for name, kind, count, unit in self.columns
+        ]
+        text = {"about": self.about, "objects": self.objects, "phases": self.phases, "fields": fields}
+        return json.dumps(text).encode()
+
+    @classmethod
+    def parse(cls, description: bytes) -> Layout:
+        try:
+            text = json.loads(description)
+            layout = cls(tuple(text["objects"]), tuple(text["phases"]), dict(text["about"]))
+            fits = [field["name"] for field in text["fields"]] == [column[0] for column in layout.columns]
+        except (ValueError, KeyError, TypeError) as error:
+            raise FramesError(f"the description of the frames cannot be read: {error}") from None
+        if not fits:
+            raise FramesError("the description of the frames does not fit this version")
+        return layout
+
+
+_SCALARS = {column[0] for column in FIXED}
+
+
+def describe_objects(items: Sequence[Atomic]) -> tuple[dict[str, Any], ...]:
+    """Path, kind and meaning of each object, in the order of the frame's slots."""
+    return tuple(_describe(item) for item in items)
+
+
+def _describe(item: Atomic) -> dict[str, Any]:
+    what: dict[str, Any] = {"path": item.path, "kind": type(item).__name__, "synchronous": item.synchronous}
+    if isinstance(item, Digital):
+        return what | {"unit": item.units, "minimum": item.minimum, "maximum": item.maximum}
+    assert isinstance(item, Binary)
+    return what | {"one": str(item.one), "zero": str(item.zero)}

@@ -1,0 +1,54 @@
+"""What the operating system and the interpreter have done to this thread so far."""
+
+from __future__ import annotations
+
+import gc
+import os
+from time import monotonic_ns
+
+try:
+    import resource
+except ImportError:  # not on this platform
+    resource = None  # type: ignore[assignment]
+
+SCHEDSTAT = "/proc/thread-self/schedstat"
+"""Time on a processor and time waiting for one, in ns (Documentation/scheduler/sched-stats in Linux)."""
+
+
+class Usage:
+    """Counts since it was made: the eight numbers of `layout.USAGE`; what a platform does not tell stays 0."""
+
+    def __init__(self) -> None:
+        self._thread = getattr(resource, "RUSAGE_THREAD", None)
+        try:
+            self._file = os.open(SCHEDSTAT, os.O_RDONLY)
+        except OSError:
+            self._file = -1
+        self._collections = 0
+        self._collecting = 0
+        self._began = 0
+        gc.callbacks.append(self._collected)
+
+    def close(self) -> None:
+        gc.callbacks.remove(self._collected)
+        if self._file >= 0:
+            os.close(self._file)
+            self._file = -1
+
+    def read(self) -> tuple[int, ...]:
+        """The counts so far, about 2 us."""
+        minor = major = voluntary = involuntary = running = waiting = 0
+        if self._thread is not None:
+            used = resource.getrusage(self._thread)
+            minor, major, voluntary, involuntary = used[6], used[7], used[14], used[15]
+        if self._file >= 0:
+            ran, waited, _ = os.pread(self._file, 64, 0).split()
+            running, waiting = int(ran), int(waited)
+        return minor, major, voluntary, involuntary, running, waiting, self._collections, self._collecting
+
+    def _collected(self, phase: str, info: dict[str, int]) -> None:
+        if phase == "start":
+            self._began = monotonic_ns()
+        else:
+            self._collections += 1
+            self._collecting += monotonic_ns() - self._began
