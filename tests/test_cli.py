@@ -12,8 +12,8 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from umo.cli.app import app
-from umo.cli.lock import lock_file
-from umo.cli.station import find
+from umo.process.lock import lock_file
+from umo.stations.station import find
 
 FOLDER_FILES = ("objects.py", "control.py", "application.py", "plant.py")
 

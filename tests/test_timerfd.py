@@ -107,7 +107,7 @@ def test_a_timer_that_does_not_run_is_a_driver_error():
 def test_reset_does_not_move_the_grid():
     driver = TimerFd()
     counter = Counter()
-    driver._ticker = Ticker(0.001, counter)
+    driver.ticker = Ticker(0.001, counter)
     counter.pass_by(2)
     driver.reset(driver.channel("tick"), None)
     assert driver.read(driver.channel("tick")) == 2
@@ -133,4 +133,4 @@ def test_the_real_timer_ticks_and_is_given_back():
         for _ in range(5):
             ticks += max(int(m.timer.read()), 1)
         assert m.now == pytest.approx(ticks * 1e-4)
-    assert driver._ticker._fd == -1
+    assert driver.ticker._fd == -1

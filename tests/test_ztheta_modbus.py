@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from umo.cli.station import find
+from umo.stations.station import find
 
 pytest.importorskip("mujoco")
 pymodbus = pytest.importorskip("pymodbus.client")

@@ -15,7 +15,8 @@ UmoError
 |-- TimeExpired (TimeoutError)       a condition did not come true in its time
 |-- TaskFailed (RuntimeError)        the machine could not do its work: base of a station's own errors
 |-- FramesError (RuntimeError)       frames that cannot be published, or attached to
-`-- AlreadyRunning (RuntimeError)    another process runs this machine
+|-- AlreadyRunning (RuntimeError)    another process runs this machine
+`-- StandsStopped (RuntimeError)     the machine's last run ended unsafely and was not acknowledged
 Cancelled (BaseException)            thrown into sequences when the machine stops
 """
 
@@ -139,12 +140,22 @@ class AlreadyRunning(UmoError, RuntimeError):
     """Another process runs this machine."""
 
 
+class StandsStopped(UmoError, RuntimeError):
+    """The machine's last run did not end by itself; whoever starts it again says that they know."""
+
+
 class FramesError(UmoError, RuntimeError):
     """A ring of frames that cannot be made or attached to: another version's, another user's, a full disk."""
 
 
 class Cancelled(BaseException):
     """Thrown into a sequence when the machine stops or when a sequence beside it failed."""
+
+
+def cause_of(error: Exception) -> str:
+    """What a driver's exception says, in one line."""
+    text = str(error).partition("\n")[0] or type(error).__name__
+    return text if isinstance(error, OSError) else f"{type(error).__name__}: {text}"
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

@@ -30,7 +30,7 @@ WiringName = Annotated[
 
 def guarded(work: Callable[[], int | None]) -> None:
     """What a user can cause ends with a line or two on stderr and status 2; a device's failure with 1 or 3."""
-    from .result import message_of, status_of
+    from umo.process.outcome import message_of, status_of
 
     try:
         status = work()
@@ -52,25 +52,32 @@ def run(
     summary: Annotated[
         Path | None, typer.Option(metavar="FILE.json", help="Write the figures of the run here.")
     ] = None,
+    acknowledge: Annotated[
+        bool, typer.Option("--acknowledge", help="Start although the last run ended unsafely.")
+    ] = False,
     full_traceback: Annotated[bool, typer.Option("--traceback", help="Show all of an exception.")] = False,
 ) -> None:
     """Run a station; exit status 0 only if all parts were placed.
 
+    In real time the loop has a process of its own, with a guardian that resets the machine if that one dies or hangs.
     Trace (CSV) and plot (PNG) go to runs/. Ctrl-C stops safely: every actuator goes to its default.
     """
+    from umo.process.job import Job
+
     from .run import run_station
-    from .station import find
 
     given: dict[str, Any] = {"realtime": realtime or None, "parts": parts, "seed": seed}
     options = {name: value for name, value in given.items() if value is not None}
-    guarded(lambda: run_station(find(station), wiring, options, summary=summary, full_traceback=full_traceback))
+    job = Job(station, wiring=wiring, options=options, acknowledge=acknowledge)
+    guarded(lambda: run_station(job, summary=summary, full_traceback=full_traceback))
 
 
 @app.command(epilog="Examples: umo check ztheta  |  umo check ztheta -w modbus  |  umo check . -w wiring/bench.toml")
 def check(station: StationName, wiring: WiringName = None) -> None:
     """Find every fault of a wiring, without touching hardware."""
+    from umo.stations.station import find
+
     from .show import check_station
-    from .station import find
 
     guarded(lambda: check_station(find(station), wiring))
 
@@ -78,8 +85,9 @@ def check(station: StationName, wiring: WiringName = None) -> None:
 @app.command(epilog="Examples: umo tree ztheta  |  umo tree ztheta -w second_generation")
 def tree(station: StationName, wiring: WiringName = None) -> None:
     """Show the hierarchy of objects with units, ranges and wiring (the paper's Figure 4)."""
+    from umo.stations.station import find
+
     from .show import show_tree
-    from .station import find
 
     guarded(lambda: show_tree(find(station), wiring))
 
@@ -100,8 +108,9 @@ def get(
     unit: Annotated[str | None, typer.Option(help="Show digital values in this unit.")] = None,
 ) -> None:
     """Connect, read objects by path, reset and leave. No control code runs."""
+    from umo.stations.station import find
+
     from .hand import get_values
-    from .station import find
 
     guarded(lambda: get_values(find(station), wiring, paths, unit))
 
@@ -119,8 +128,9 @@ def set_(
     hold: Annotated[float | None, typer.Option(min=0.0, help="Seconds to hold it; else until Ctrl-C.")] = None,
 ) -> None:
     """Connect, write one actuator and hold it, show what is read, then reset. No control code runs."""
+    from umo.stations.station import find
+
     from .hand import set_value
-    from .station import find
 
     guarded(lambda: set_value(find(station), wiring, path, value, hold))
 
@@ -137,8 +147,9 @@ def plant(
     report: Annotated[Path | None, typer.Option(metavar="FILE.json", help="Keep the plant's truth here.")] = None,
 ) -> None:
     """Serve a station's plant as a process of its own, as a controller box on a bench would (Modbus TCP)."""
+    from umo.stations.station import find
+
     from .show import serve_plant
-    from .station import find
 
     options = {"host": host, "port": port, "seed": seed, "parts": parts, "watchdog": watchdog, "report": report}
     guarded(lambda: serve_plant(find(station), faults=fault or [], **options))

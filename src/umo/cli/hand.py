@@ -21,11 +21,11 @@ from umo.objects import (
     TwoState,
 )
 from umo.objects.units import convert
+from umo.process.lock import only_one
+from umo.stations.station import Station
 from umo.wiring import driver_options
 
 from .console import out
-from .lock import only_one
-from .station import Station
 
 PAUSE = 0.01
 """Seconds between two looks at a machine that has no timer."""

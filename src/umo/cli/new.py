@@ -6,8 +6,9 @@ import shutil
 from importlib.resources import as_file, files
 from pathlib import Path
 
+from umo.stations.station import StationError
+
 from .console import out
-from .station import StationError
 
 
 def make_station(directory: Path) -> None:

@@ -12,14 +12,13 @@ from collections.abc import Callable
 from rich.console import Console
 
 from umo.cycle import Frame
-from umo.objects import Compound
 
 INTERVAL = 0.1
 """Seconds of wall-clock time between two pictures."""
 BAR = 24
 
 
-def task_of(machine: Compound) -> str:
+def task_of(machine: object) -> str:
     """What the machine says that it is doing: its `task`, if it has one."""
     return str(getattr(machine, "task", ""))
 
@@ -27,7 +26,7 @@ def task_of(machine: Compound) -> str:
 class Shown:
     """An observer that keeps one line up to date on a terminal; elsewhere it writes a line for every new task."""
 
-    def __init__(self, machine: Compound, console: Console, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, machine: object, console: Console, clock: Callable[[], float] = time.monotonic) -> None:
         self._machine = machine
         self._file = console.file
         self._terminal = console.is_terminal

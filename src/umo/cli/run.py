@@ -2,96 +2,85 @@
 
 from __future__ import annotations
 
-import inspect
 import time
-import traceback
-from collections.abc import Callable, Coroutine
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from umo.cycle import connect, drive
 from umo.cycle.record import Statistics, Trace
-from umo.errors import UmoError
-from umo.objects import Compound
-from umo.wiring import driver_options
+from umo.process.job import Job, Plan
+from umo.process.lock import only_one
+from umo.process.outcome import Failed, Parts
+from umo.process.start import LINUX
+from umo.stations.station import StationError
 
 from .console import err, out
-from .lock import only_one
+from .follow import Seen, follow
 from .progress import Shown, task_of
-from .result import Result, message_of, signal_name
-from .station import Station, StationError
+from .result import Result, signal_name
 
 RUNS = Path("runs")
 
 
-def run_station(
-    station: Station, wiring: str | None, options: dict[str, Any], *, summary: Path | None, full_traceback: bool = False
-) -> int:
-    """Run the station's application to its end; the exit status. `options` are those that the user gave."""
+def run_station(job: Job, *, summary: Path | None, full_traceback: bool = False) -> int:
+    """Run a station's application to its end; the exit status.
+
+    In real time it runs in processes of its own (`umo.process`), in virtual time in this one.
+    """
     if summary is not None and (summary.is_dir() or not summary.resolve().parent.is_dir()):
         what = "is a folder" if summary.is_dir() else f"there is no folder {summary.parent}"
         raise StationError(f"--summary {summary}: {what}")
-    file = station.wiring(wiring)
-    machine = station.machine()
-    application, for_drivers = _share(station, file, options)
-    result = Result(Statistics())
-    trace = Trace(note=lambda: task_of(machine))
-    with only_one(station.path, file):
-        _drive(connect(machine, file, **for_drivers), application, result, trace)
-    if not result.statistics.periods and isinstance(result.failure, UmoError):
-        raise result.failure  # nothing ran: there is nothing to show
-    written = summary is None or _write_summary(result, summary)
-    _leave_behind(station, machine, result, trace)
-    name = station.name if file is None else f"{station.name}, {file.stem}"
-    out.print(result.table(f"umo run {name}"))
-    if result.failure is not None:
-        if full_traceback:
-            traceback.print_exception(result.failure)
-        err.print(f"umo: {message_of(result.failure)}", style="red", highlight=False, markup=False, soft_wrap=True)
-    elif result.stopped_by is not None:
-        err.print(f"umo: stopped by {signal_name(result.stopped_by)}; every actuator is at its default")
-    return result.status if written else max(result.status, 1)
-
-
-def _share(
-    station: Station, wiring: Path | None, options: dict[str, Any]
-) -> tuple[Callable[[Compound], Coroutine[Any, Any, Any]] | None, dict[str, Any]]:
-    """Hand each option to whoever takes one of that name: the application's main, the drivers, or both."""
-    main = station.main
-    taken = set() if main is None else set(list(inspect.signature(main).parameters)[1:])
-    drivers = driver_options(wiring)
-    for name in options.keys() - taken - drivers - {"realtime"}:
-        raise StationError(f"--{name}: neither the application of {station.name} nor a driver of its wiring takes it")
-    if "realtime" in options and "realtime" not in drivers:
+    plan = Plan(job)
+    if "realtime" in plan.unused:
         err.print("umo: --realtime changes nothing: this wiring's timer keeps its own time")
-    for_main = {name: value for name, value in options.items() if name in taken}
-    for_drivers = {name: value for name, value in options.items() if name in drivers}
-    if main is None:
-        return None, for_drivers
-    return lambda machine: main(machine, **for_main), for_drivers
+    result = Result(Statistics())
+    seen = Seen(plan.machine)
+    said: Any = seen if plan.wired.realtime and LINUX else plan.machine
+    trace = Trace(note=lambda: task_of(said))
+    with Shown(said, err) as shown:
+        if said is seen:
+            result.outcome, result.elapsed = follow(job, seen, [result.statistics, trace, shown])
+        else:
+            _drive(plan, result, [result.statistics, trace, shown])
+    outcome = result.outcome
+    if outcome.failure is not None and not result.statistics.periods:
+        return _fail(outcome.failure, full_traceback)  # nothing ran: there is nothing to show
+    written = summary is None or _write_summary(result, summary)
+    _leave_behind(plan.name, task_of(said), result, trace)
+    name = f"{plan.name}, {plan.wiring_name}" if plan.wiring_name else plan.name
+    out.print(result.table(f"umo run {name}"))
+    if outcome.failure is not None:
+        _fail(outcome.failure, full_traceback)
+    elif outcome.stopped_by is not None:
+        err.print(f"umo: stopped by {signal_name(outcome.stopped_by)}; every actuator is at its default")
+    return outcome.status if written else max(outcome.status, 1)
 
 
-def _drive(
-    connection: connect[Compound],
-    application: Callable[[Compound], Coroutine[Any, Any, Any]] | None,
-    result: Result,
-    trace: Trace,
-) -> None:
-    """The run itself; whatever ends it is kept in the result, and the actuators are at their defaults after it."""
+def _fail(failure: Failed, full_traceback: bool) -> int:
+    if full_traceback:
+        err.print(failure.traceback, highlight=False, markup=False, soft_wrap=True)
+    err.print(f"umo: {failure.message}", style="red", highlight=False, markup=False, soft_wrap=True)
+    return failure.status
+
+
+def _drive(plan: Plan, result: Result, observers: list[Any]) -> None:
+    """The run itself, in this process; whatever ends it is kept, and the actuators are at their defaults after it."""
+    connection = connect(plan.machine, plan.wiring, **plan.options)
+    outcome = result.outcome
     try:
-        with connection as machine, Shown(machine, err) as shown:
-            connection.machine.observers += [result.statistics, trace, shown]
+        with only_one(plan.place, plan.file), connection as machine:
+            connection.machine.observers += observers
             begun = time.perf_counter()
             try:
-                drive(machine, application)
+                drive(machine, plan.application)
             finally:
                 result.elapsed = time.perf_counter() - begun
-                result.simulated = machine.now
-                result.stopped_by = connection.stop.signal
-                result.inspect(machine, connection.wired.drivers)
+                outcome.simulated = machine.now
+                outcome.stopped_by = connection.stop.signal
+                outcome.parts = Parts.of(machine, connection.wired.drivers)
     except Exception as error:
-        result.failure = error
+        outcome.failure = Failed.of(error)
 
 
 def _write_summary(result: Result, summary: Path) -> bool:
@@ -103,18 +92,19 @@ def _write_summary(result: Result, summary: Path) -> bool:
     return True
 
 
-def _leave_behind(station: Station, machine: Compound, result: Result, trace: Trace) -> None:
+def _leave_behind(name: str, task: str, result: Result, trace: Trace) -> None:
     """Trace, plot and summary; what cannot be written is said, and changes nothing else."""
-    folder = RUNS / f"{station.name}-{datetime.now():%Y%m%d-%H%M%S}"
+    folder = RUNS / f"{name}-{datetime.now():%Y%m%d-%H%M%S}"
+    failure = result.outcome.failure
     try:
         folder.mkdir(parents=True, exist_ok=True)
         trace.save(folder / "trace.csv")
         result.save(folder / "summary.json")
-        if result.failure is not None:
-            (folder / "failure.txt").write_text("".join(traceback.format_exception(result.failure)), encoding="utf-8")
+        if failure is not None:
+            (folder / "failure.txt").write_text(f"{failure.message}\n{failure.traceback}", encoding="utf-8")
         from .plot import save_plot
 
-        save_plot(trace, folder / "plot.png", f"umo run {station.name}: {task_of(machine) or 'done'}")
+        save_plot(trace, folder / "plot.png", f"umo run {name}: {task or 'done'}")
     except ImportError:
         err.print(f'umo: no plot: it needs matplotlib (pip install "umo[plot]"); the trace is in {folder}')
     except OSError as error:

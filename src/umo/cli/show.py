@@ -12,11 +12,11 @@ from rich.tree import Tree
 from umo.drivers import Direction, Driver, registry
 from umo.errors import ChannelError, UmoError, WiringError
 from umo.objects import Atomic, Compound, Digital, DigitalActuator, Node
+from umo.stations.station import Station, StationError
 from umo.wiring import check, resolve
 from umo.wiring.source import Source, read
 
 from .console import err, out
-from .station import Station, StationError
 
 
 def check_station(station: Station, wiring: str | None) -> int:

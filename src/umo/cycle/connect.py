@@ -13,9 +13,10 @@ from umo.cycle.forms import make_image
 from umo.cycle.image import Image
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.signals import StopFlag
-from umo.drivers.contract import Direction, Driver
+from umo.cycle.stopping import stopping_order
+from umo.drivers.contract import Driver
 from umo.errors import DeclarationError, DriverError, Failure, StopError
-from umo.objects import Atomic, Compound
+from umo.objects import Compound
 from umo.wiring import Wired, resolve
 
 C = TypeVar("C", bound=Compound)
@@ -41,6 +42,8 @@ class connect(Generic[C]):
         self._wiring = wiring
         self._options = options
         self.stop = StopFlag()
+        self.on_step: Callable[[], None] = lambda: None
+        """Called before every call of a driver while connecting and leaving: a sign of life."""
         self.wired: Wired
         self.machine: ConnectedMachine
         self._restore: list[Callable[[], object]] = []
@@ -88,9 +91,11 @@ class connect(Generic[C]):
 
     def _start(self) -> None:
         for name, driver in self.wired.drivers.items():
+            self.on_step()
             self._opened.append((name, driver))
             _try(name, "opened", driver.open)
         for slot in self._declared_order():
+            self.on_step()
             self._initialized.append(slot)
             failures = self.image.try_each([slot], "initialize")
             if failures:
@@ -103,7 +108,7 @@ class connect(Generic[C]):
         """Everything back to its default, everything given back; what was not reached is raised at the end."""
         try:
             failures = self._cancel_sequences()
-            unreached = self.image.try_each(self._stopping_order(), "reset")
+            unreached = self._reset()
             failures += self._finalize() + self._close()
         finally:
             self.machine.disconnect()
@@ -130,9 +135,17 @@ class connect(Generic[C]):
             return [Failure("application", "-", f"{type(error).__name__} while stopping: {first}")]
         return []
 
+    def _reset(self) -> list[Failure]:
+        failures = []
+        for slot in self._stopping_order():
+            self.on_step()
+            failures += self.image.try_each([slot], "reset")
+        return failures
+
     def _finalize(self) -> list[Failure]:
         failures = []
         for slot in reversed(self._initialized):
+            self.on_step()
             wire = self.image.wires[slot]
             try:
                 wire.driver.finalize(wire.channel)
@@ -143,6 +156,7 @@ class connect(Generic[C]):
     def _close(self) -> list[Failure]:
         failures = []
         for name, driver in reversed(self._opened):
+            self.on_step()
             try:
                 driver.close()
             except Exception as error:
@@ -153,16 +167,10 @@ class connect(Generic[C]):
         return [self.image.slot_of[id(item)] for item in self.root.atoms()]
 
     def _stopping_order(self) -> list[int]:
-        """The initialised actuators: those the root's `stopping` names in its order, then the rest as declared."""
-        order: dict[int, None] = {}
-        for path in self.root.stopping:
-            node = self.root.find(path)
-            for item in [node] if isinstance(node, Atomic) else node.atoms():  # type: ignore[attr-defined]
-                order[self.image.slot_of[id(item)]] = None
-        order |= dict.fromkeys(self._declared_order())
+        """The slots of the initialised actuators."""
         initialized = set(self._initialized)
-        items = self.image.items
-        return [s for s in order if s in initialized and items[s].direction is Direction.OUTPUT]
+        slots = [self.image.slot_of[id(item)] for item in stopping_order(self.root)]
+        return [slot for slot in slots if slot in initialized]
 
 
 def _try(name: str, what: str, call: Callable[[], None]) -> None:

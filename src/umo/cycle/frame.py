@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from umo.cycle.image import Image
+from umo.objects import Atomic
 
 log = logging.getLogger("umo")
 
@@ -30,8 +31,13 @@ class Frame:
         """s of wall-clock time from the timer's return to the end of `update`."""
 
     @property
+    def items(self) -> list[Atomic]:
+        """The objects, in the order of the values."""
+        return self.image.items
+
+    @property
     def values(self) -> Any:
-        """The value of each object, in the order of `image.items`."""
+        """The value of each object."""
         return self.image.values
 
     @property

@@ -16,7 +16,7 @@ import numpy as np
 from umo.cycle.clock import Clock
 from umo.cycle.journal import Journal, Kind
 from umo.drivers.contract import Channel, Direction, Driver
-from umo.errors import DriverError, Failure
+from umo.errors import DriverError, Failure, cause_of
 from umo.objects import Atomic, Binary, BinaryActuator, BinarySensor, DigitalActuator, DigitalSensor, Quality
 from umo.objects.scaling import FloatArray, IntArray, to_raw, to_value
 from umo.wiring.resolved import Wire
@@ -127,7 +127,7 @@ class Image(ABC):
                 block.driver.read_many(block.channels, block.buffer)
             except Exception as error:
                 for slot in range(block.start, block.stop):
-                    self._fail_input(slot, _cause(error), failures)
+                    self._fail_input(slot, cause_of(error), failures)
                 continue
             outside = self._convert(block, now)
             if outside or block.unsettled:
@@ -147,7 +147,7 @@ class Image(ABC):
                 block.driver.write_many(block.channels, block.buffer)
             except Exception as error:
                 for slot in range(block.start, block.stop):
-                    self._fail_output(slot, _cause(error), failures)
+                    self._fail_output(slot, cause_of(error), failures)
                 continue
             self._commit(block, now)
             if block.unsettled:
@@ -168,7 +168,7 @@ class Image(ABC):
             self.raws[slot] = raw = index(wire.driver.read(wire.channel))
         except Exception as error:
             self._note(slot, Kind.FAILED_READ)
-            self._fail_input(slot, _cause(error), failures)
+            self._fail_input(slot, cause_of(error), failures)
         else:
             if slot == self.timer:
                 self.clock.advance(raw)
@@ -185,7 +185,7 @@ class Image(ABC):
                 driver.read_many(self._channels(group), out)
             except Exception as error:
                 for slot in group:
-                    self._fail_input(slot, _cause(error), failures)
+                    self._fail_input(slot, cause_of(error), failures)
             else:
                 for slot, raw in zip(group, out.tolist(), strict=True):
                     self._accept(slot, raw, failures)
@@ -199,7 +199,7 @@ class Image(ABC):
                 driver.write_many(self._channels(group), self.pending_raws_array[group])
             except Exception as error:
                 for slot in group:
-                    self._fail_output(slot, _cause(error), failures)
+                    self._fail_output(slot, cause_of(error), failures)
             else:
                 for slot in group:
                     self._accepted(slot)
@@ -214,7 +214,7 @@ class Image(ABC):
             wire.driver.write(wire.channel, self.pending_raws[slot])
         except Exception as error:
             self._note(slot, Kind.FAILED_WRITE)
-            self._fail_output(slot, _cause(error), failures)
+            self._fail_output(slot, cause_of(error), failures)
         else:
             self._accepted(slot)
             self._note(slot, Kind.WRITE)
@@ -237,7 +237,7 @@ class Image(ABC):
             try:
                 getattr(wire.driver, segment)(wire.channel, default)
             except Exception as error:
-                failures.append(Failure(item.path, wire.channel.text, _cause(error)))
+                failures.append(Failure(item.path, wire.channel.text, cause_of(error)))
                 self._set_quality(slot, Quality.BAD)
                 self._note(slot, Kind.FAILED_RESET)
             else:
@@ -373,11 +373,6 @@ def _base_quality(item: Atomic) -> Quality:
 
 def _not_binary(raw: int) -> str:
     return f"read {raw}; a binary channel reads 0 or 1"
-
-
-def _cause(error: Exception) -> str:
-    text = str(error).partition("\n")[0] or type(error).__name__
-    return text if isinstance(error, OSError) else f"{type(error).__name__}: {text}"
 
 
 def _raise(failures: list[Failure], what: str) -> None:

@@ -57,7 +57,7 @@ class Trace:
 
     def __call__(self, frame: Frame) -> None:
         if self._rows is None:
-            self.items = list(frame.image.items)
+            self.items = list(frame.items)
             self._rows = np.empty((self._capacity, 3 + len(self.items)))
         if self._note is not None and (note := self._note()) != (self.notes[-1][1] if self.notes else None):
             self.notes.append((frame.time, note))

@@ -60,6 +60,8 @@ class Driver(ABC):
     """The longest that one call may take, in s; set from the wiring before `open` (default 10 periods)."""
     period: float = 0.0
     """The machine's sampling period in s, 0 without a timer; set from the wiring before `open`."""
+    realtime: bool = False
+    """Whether its timer channel, if it has one, keeps the pace of the wall clock."""
 
     # The paper's five segments -------------------------------------------------------------------
 

@@ -25,6 +25,17 @@ _MOST_PLANS = 256
 _LONGEST_WATCHDOG = 65.535
 
 
+def _find_link() -> type[Link] | None:
+    """The protocol's side, None without pymodbus: a wiring can be checked all the same."""
+    try:
+        from umo.drivers._modbus_link import Link
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] != "pymodbus":
+            raise
+        return None
+    return Link
+
+
 class _NoWatchdog(DriverError, NotImplementedError):
     """This device has no watchdog, as any driver without one says it, and a DriverError besides."""
 
@@ -73,6 +84,7 @@ class Modbus(Driver):
         self._little = word_order == "little"
         self._watchdog_register = watchdog_register
         self._bridge_gaps = bridge_gaps
+        self._link_type = _find_link()  # here and not in `open`: a guardian has no time for imports
         self._link: Link | None = None
         self._reads: dict[tuple[Channel, ...], Plan] = {}
         self._writes: dict[tuple[Channel, ...], Plan] = {}
@@ -82,13 +94,9 @@ class Modbus(Driver):
 
     def open(self) -> None:
         """Connect, within `timeout`."""
-        try:
-            from umo.drivers._modbus_link import Link
-        except ModuleNotFoundError as error:
-            if (error.name or "").partition(".")[0] != "pymodbus":
-                raise
-            raise DriverError('the modbus driver needs pymodbus: pip install "umo[modbus]"') from None
-        self._link = Link(self._host, self._port, self._unit)
+        if self._link_type is None:
+            raise DriverError('the modbus driver needs pymodbus: pip install "umo[modbus]"')
+        self._link = self._link_type(self._host, self._port, self._unit)
         self._link.begin(self.timeout)
 
     def close(self) -> None:

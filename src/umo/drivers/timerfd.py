@@ -6,12 +6,14 @@ import ctypes
 import os
 import select
 import sys
+import time
 from collections.abc import Callable
 
 from umo.drivers.contract import Channel, Direction, Driver
 from umo.errors import DriverError
 
 CLOCK_MONOTONIC = 1
+TFD_TIMER_ABSTIME = 1
 TFD_NONBLOCK = os.O_NONBLOCK if hasattr(os, "O_NONBLOCK") else 0
 TFD_CLOEXEC = getattr(os, "O_CLOEXEC", 0)
 
@@ -22,6 +24,10 @@ class _Timespec(ctypes.Structure):
 
 class _Itimerspec(ctypes.Structure):
     _fields_ = [("interval", _Timespec), ("value", _Timespec)]
+
+
+def _timespec(nanoseconds: int) -> _Timespec:
+    return _Timespec(*divmod(nanoseconds, 1_000_000_000))
 
 
 class Ticker:
@@ -36,6 +42,12 @@ class Ticker:
         self._expired = expired or self._read
         self._late = 0  # ticks that passed between the wake-up and the look at the counter
         self._fd = -1
+        self._nanoseconds = round(period * 1e9)
+        self._next = 0
+        self.due = 0
+        """When the tick that ended the last `wait` was due, in ns of CLOCK_MONOTONIC."""
+        self.woke = 0
+        """When the last `wait` went on, on the same clock: `woke - due` is how late it woke."""
 
     def start(self) -> None:
         """The first tick comes one period from now."""
@@ -43,28 +55,37 @@ class Ticker:
             raise DriverError("real time needs Linux (timerfd); virtual time works everywhere")
         libc = ctypes.CDLL(None, use_errno=True)
         self._fd = libc.timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK | TFD_CLOEXEC)
-        whole, part = divmod(round(self.period * 1e9), 1_000_000_000)
-        if not (whole or part):  # which timerfd takes for "never"
+        if not self._nanoseconds:  # which timerfd takes for "never"
             raise DriverError(f"timerfd: no period of {self.period:g} s; wire a timer with its period")
-        spec = _Itimerspec(_Timespec(whole, part), _Timespec(whole, part))
-        if self._fd < 0 or libc.timerfd_settime(self._fd, 0, ctypes.byref(spec), None) < 0:
+        self._next = time.monotonic_ns() + self._nanoseconds
+        spec = _Itimerspec(_timespec(self._nanoseconds), _timespec(self._next))
+        if self._fd < 0 or libc.timerfd_settime(self._fd, TFD_TIMER_ABSTIME, ctypes.byref(spec), None) < 0:
             number = ctypes.get_errno()
             raise DriverError(f"timerfd: {os.strerror(number)} (period {self.period:g} s)")
 
     def wait(self) -> int:
         """The paper's meaning exactly: ticks that have passed since the last call, at once; if none, block
         for the next one and return 0. The grid stays where it was after a miss."""
-        passed = self._late + self._expired(False)
-        self._late = 0
+        before, self._late = self._late, 0
+        passed = before + self._pass(self._expired(False))
         if passed:
+            self.woke = time.monotonic_ns()
             return passed
-        self._late = self._expired(True) - 1
+        first = self._next
+        self._late = self._pass(self._expired(True)) - 1
+        self.woke = time.monotonic_ns()
+        self.due = first
         return 0
 
     def close(self) -> None:
         if self._fd >= 0:
             os.close(self._fd)
             self._fd = -1
+
+    def _pass(self, ticks: int) -> int:
+        self._next += ticks * self._nanoseconds
+        self.due = self._next - self._nanoseconds
+        return ticks
 
     def _read(self, block: bool) -> int:
         if block:
@@ -78,24 +99,27 @@ class Ticker:
 class TimerFd(Driver):
     """One channel, the tick; `read` blocks until the next sampling period and returns the ticks missed."""
 
+    realtime = True
+
     def __init__(self) -> None:
-        self._ticker: Ticker | None = None
+        self.ticker: Ticker | None = None
+        """The running grid."""
 
     def channel(self, text: str) -> Channel:
         return Channel("tick", Direction.INPUT, 63)
 
     def initialize(self, channel: Channel, default: int | None) -> None:
-        self._ticker = Ticker(self.period)
-        self._ticker.start()
+        self.ticker = Ticker(self.period)
+        self.ticker.start()
 
     def finalize(self, channel: Channel) -> None:
-        if self._ticker is not None:
-            self._ticker.close()
+        if self.ticker is not None:
+            self.ticker.close()
 
     def reset(self, channel: Channel, default: int | None) -> None:
         """A timer has no faults to clear, and its grid never moves."""
 
     def read(self, channel: Channel) -> int:
-        if self._ticker is None:
+        if self.ticker is None:
             raise DriverError("the timer is not running")
-        return self._ticker.wait()
+        return self.ticker.wait()

@@ -41,7 +41,7 @@ def published(connection: connect[Any], station: str, wiring: str = "", path: Pa
             "period": connection.wired.period or 0.0,
         },
     )
-    ring = Ring(connection.image, phases, layout, path or _new_path(station))
+    ring = Ring(connection.image, phases, layout, path or new_path(station))
     ring.watch(connection.root)
     ring.state(State.RUNNING)
     connection.machine.observers.append(ring)
@@ -53,6 +53,7 @@ def published(connection: connect[Any], station: str, wiring: str = "", path: Pa
         ring.close()
 
 
-def _new_path(station: str) -> Path:
+def new_path(station: str) -> Path:
+    """A file for a new ring, in the user's folder."""
     name = re.sub(r"[^\w-]", "_", station)
     return folder.folder() / f"{name}-{os.getpid()}-{time.monotonic_ns():x}{folder.SUFFIX}"

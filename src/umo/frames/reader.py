@@ -136,6 +136,11 @@ class Reader:
         head = self.head
         return self._copy(max(0, head - min(count, self.slots)), head)
 
+    def values(self, frame: Any) -> dict[str, float | str]:
+        """The value of every object in a frame by path: a number in its unit, or the name of a state."""
+        numbers = frame["values"].tolist()
+        return {entry["path"]: _shown(entry, value) for entry, value in zip(self.layout.objects, numbers, strict=True)}
+
     def _copy(self, start: int, stop: int) -> Frames:
         """Whole copies of those of the frames that are still there."""
         if stop <= start:
@@ -166,3 +171,9 @@ class Reader:
 
     def __exit__(self, *error: object) -> None:
         self.close()
+
+
+def _shown(entry: dict[str, Any], value: float) -> float | str:
+    if "one" in entry:
+        return str(entry["one"] if value else entry["zero"])
+    return value

@@ -16,7 +16,7 @@ from umo.cycle.forms import ArrayImage
 from umo.cycle.frame import Frame
 from umo.cycle.image import Image
 from umo.cycle.journal import ENTRY, Journal
-from umo.cycle.phases import Phases
+from umo.cycle.phases import UNKNOWN, Phases
 from umo.errors import FramesError
 from umo.frames import folder
 from umo.frames.layout import (
@@ -79,7 +79,7 @@ class Ring:
         self.slots = _slots(self.slot_bytes)
         description = layout.describe()
         self._first = -(-(DESCRIPTION + len(description)) // mmap.PAGESIZE) * mmap.PAGESIZE
-        self._file, self._map = _make(path, self._first + self.slots * self.slot_bytes)
+        self.file, self._map = _make(path, self._first + self.slots * self.slot_bytes)
         flags = CHECKSUM if checksum else 0
         HEADER.pack_into(
             self._map, 0, MAGIC, VERSION, flags, self._first, self.slot_bytes, self.slots, len(description)
@@ -132,7 +132,8 @@ class Ring:
         task, done, total = self._note()
         self._front.pack_into(
             self._map, at + 16,
-            frame.number, frame.time, frame.missed, frame.began, phases.wake, execution,
+            frame.number, frame.time, frame.missed, frame.began,
+            UNKNOWN if frame.missed else phases.wake, execution,
             *self._usage.read(),
             journal.count, journal.lost, done, total, task,
             *phases.ns, *(() if self._arrays else image.values),
@@ -175,7 +176,7 @@ class Ring:
         for view in (self._live, self._words, self._numbers, self._bytes):
             view.release()
         self._map.close()
-        os.close(self._file)
+        os.close(self.file)
 
 
 def _slots(size: int) -> int:

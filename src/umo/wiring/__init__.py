@@ -2,6 +2,6 @@
 
 from umo.wiring.options import driver_options
 from umo.wiring.resolve import check, resolve
-from umo.wiring.resolved import Parameter, Wire, Wired
+from umo.wiring.resolved import Parameter, Process, Wire, Wired
 
-__all__ = ["Parameter", "Wire", "Wired", "check", "driver_options", "resolve"]
+__all__ = ["Parameter", "Process", "Wire", "Wired", "check", "driver_options", "resolve"]

@@ -22,7 +22,7 @@ from umo.objects import Atomic, Compound, Digital, DigitalActuator, DigitalSenso
 from umo.objects.atomic import Calibration
 from umo.objects.scaling import to_raw
 from umo.objects.units import seconds
-from umo.wiring.resolved import Parameter, Wire, Wired
+from umo.wiring.resolved import Parameter, Process, Wire, Wired
 from umo.wiring.source import Entry, Source, pydantic_faults, read
 
 DEFAULT_PERIOD = "1 ms"
@@ -70,8 +70,9 @@ class _Resolver:
         parameters = [p for key, value in self.source.parameters.items() if (p := self._parameter(key, value))]
         for name in sorted(self.unused):
             self.source.fault("", f"no driver of this wiring takes the option {name!r}")
+        process = self._process(period or 0.0)
         drivers = {name: driver for name, driver in self.drivers.items() if driver is not None}
-        return Wired(drivers, wires, period, timer, parameters, watchdogs), self.source.faults
+        return Wired(drivers, wires, period, timer, parameters, watchdogs, process), self.source.faults
 
     # Drivers -------------------------------------------------------------------------------------------
 
@@ -246,6 +247,24 @@ class _Resolver:
                 self.source.fault(
                     'wire."timer".period', f"{period * 1e3:g} ms is longer than {name} allows ({longest * 1e3:g} ms)"
                 )
+
+    def _process(self, period: float) -> Process:
+        table, names = self.source.process, [field.name for field in dataclasses.fields(Process)]
+        for name in table.keys() - set(names):
+            self.source.fault(f"process.{name}", f"unknown key{did_you_mean(name, names)}; known: {', '.join(names)}")
+        hang = self._duration("process.hang_timeout", table.get("hang_timeout")) or max(20 * period, 0.1)
+        if hang < 2 * period:
+            self.source.fault("process.hang_timeout", f"{hang * 1e3:g} ms is less than two periods")
+        reset_for = self._duration("process.reset_for", table.get("reset_for")) or Process().reset_for
+        priority = self._whole("process.priority", table.get("priority", Process().priority), 1, 98)
+        cpu = table.get("cpu")
+        return Process(hang, reset_for, priority, None if cpu is None else self._whole("process.cpu", cpu, 0, 4095))
+
+    def _whole(self, key: str, value: Any, lowest: int, highest: int) -> int:
+        if isinstance(value, bool) or not isinstance(value, int) or not lowest <= value <= highest:
+            self.source.fault(key, f"is a whole number from {lowest} to {highest}, not {value!r}")
+            return lowest
+        return value
 
     def _parameter(self, key: str, value: Any) -> Parameter | None:
         """A number on a compound, or on a control law that hangs on it, by dotted attribute path."""

@@ -54,6 +54,20 @@ class Parameter:
 
 
 @dataclass(frozen=True, slots=True)
+class Process:
+    """How the control process is kept in real time: the wiring's `[process]`, times in s."""
+
+    hang_timeout: float = 0.1
+    """Without a finished period for so long the guardian takes the process for hanging (20 periods, at least 0.1 s)."""
+    reset_for: float = 10.0
+    """How long the guardian goes on trying to reach a device that is away."""
+    priority: int = 80
+    """Of the control process under SCHED_FIFO, 1 to 98; the guardian stands one above."""
+    cpu: int | None = None
+    """The core to stay on; None: an isolated one or the last one, if SCHED_FIFO is permitted."""
+
+
+@dataclass(frozen=True, slots=True)
 class Wired:
     """Everything `connect` needs."""
 
@@ -66,3 +80,9 @@ class Wired:
     parameters: list[Parameter] = field(default_factory=list)
     watchdogs: dict[str, float] = field(default_factory=dict)
     """Seconds by driver name."""
+    process: Process = Process()
+
+    @property
+    def realtime(self) -> bool:
+        """Whether the timer keeps the pace of the wall clock."""
+        return any(wire.driver.realtime for wire in self.wires if wire.item is self.timer)

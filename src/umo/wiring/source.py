@@ -14,7 +14,7 @@ from umo.drivers.contract import Driver
 from umo.errors import Fault, did_you_mean
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-SECTIONS = ("drivers", "wire", "parameters")
+SECTIONS = ("drivers", "wire", "parameters", "process")
 
 
 class Entry(BaseModel):
@@ -43,6 +43,7 @@ class Source:
     entries: dict[str, Entry] = field(default_factory=dict)
     drivers: dict[str, dict[str, Any]] = field(default_factory=dict)
     parameters: dict[str, Any] = field(default_factory=dict)
+    process: dict[str, Any] = field(default_factory=dict)
     faults: list[Fault] = field(default_factory=list)
 
     def fault(self, key: str, message: str) -> None:
@@ -68,6 +69,7 @@ def read(wiring: Path | str | Mapping[str, Any]) -> Source:
     for path, table in _flat(_table(source, data, "wire")):
         _read_entry(source, path, table)
     source.parameters = dict(_leaves(_table(source, data, "parameters")))
+    source.process = dict(_table(source, data, "process"))
     return source
 
 

@@ -107,8 +107,8 @@ class Plant(Driver):
                 known = ", ".join(FAULTS)
                 raise WiringError(f"no fault {fault!r}{did_you_mean(fault, FAULTS)}; the faults are: {known}")
         self._seed, self._parts, self._preset, self._faults = seed, parts, preset, frozenset(faults)
-        self._realtime = realtime
-        self._ticker: Ticker | None = None
+        self.realtime = realtime
+        self.ticker: Ticker | None = None
         self._ticking = False
         self._physics: Physics | None = None
         self._steps = 1
@@ -180,10 +180,10 @@ class Plant(Driver):
     def open(self) -> None:
         """Switch the circuits on; the first time, build the machine. DriverError without MuJoCo."""
         self._steps = self._whole_steps()
-        if self._realtime:
+        if self.realtime:
             from umo.drivers.timerfd import Ticker
 
-            self._ticker = Ticker(self._steps * STEP)
+            self.ticker = Ticker(self._steps * STEP)
         if self._physics is None:
             self._physics = self._build()
         else:
@@ -194,9 +194,9 @@ class Plant(Driver):
         self._refresh(self._physics)
 
     def close(self) -> None:
-        if self._ticker is not None:
-            self._ticker.close()
-        self._ticker, self._ticking = None, False
+        if self.ticker is not None:
+            self.ticker.close()
+        self.ticker, self._ticking = None, False
 
     def _whole_steps(self) -> int:
         """Physics steps in a period; without a timer (period 0) one."""
@@ -217,13 +217,13 @@ class Plant(Driver):
 
     def _tick(self) -> int:
         """The timer: the periods missed. In virtual time one period passes and none is ever missed."""
-        if self._ticker is None:
+        if self.ticker is None:
             self.advance()
             return 0
         if not self._ticking:
-            self._ticker.start()
+            self.ticker.start()
             self._ticking = True
-        missed = self._ticker.wait()
+        missed = self.ticker.wait()
         self.advance(max(missed, 1))
         return missed
 

@@ -1,0 +1,95 @@
+"""A run in processes of its own, seen from the terminal that started it: frames in, signals on."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+from umo.cycle.signals import SIGNALS
+from umo.frames import Reader
+from umo.objects import Atomic, Compound
+from umo.process import Started
+from umo.process.job import Job
+from umo.process.outcome import Outcome
+
+from .console import err
+
+LOOK = 0.05
+"""s between two looks at the frames."""
+
+
+class Seen:
+    """A frame read from a ring, as observers see the live one (`umo.Frame`); and what the machine says of itself."""
+
+    def __init__(self, machine: Compound) -> None:
+        self._machine = machine
+        self.items: list[Atomic] = []
+        self.number = self.missed = 0
+        self.time = self.execution = 0.0
+        self.values: Any = ()
+        self.task = ""
+        self.placed = self.parts_total = 0
+
+    def order(self, reader: Reader) -> None:
+        """Take the objects in the order of this ring."""
+        known = {item.path: item for item in self._machine.atoms()}
+        self.items = [known[path] for path in reader.paths]
+
+    def take(self, row: Any) -> None:
+        self.number, self.missed = int(row["number"]), int(row["missed"])
+        self.time, self.execution = float(row["time"]), float(row["execution"]) * 1e-9
+        self.values = row["values"]
+        self.task = row["task"].decode()
+        self.placed, self.parts_total = int(row["done"]), int(row["total"])
+
+
+def follow(job: Job, seen: Seen, observers: list[Callable[[Any], None]]) -> tuple[Outcome, float]:
+    """Start the job, show every frame to the observers until it ends: its outcome, and the s that it ran."""
+    with Started(job) as started, _passed_on(started):
+        told, begun, lost = 0, None, 0
+        while True:
+            outcome = started.outcome
+            if begun is None and started.frames is not None:
+                begun = time.perf_counter()
+                seen.order(started.frames)
+                for refusal in started.refusals:
+                    _say(f"{refusal.what} ({refusal.why}): {refusal.grant}")
+            for notice in started.notices[told:]:
+                _say(notice)
+            told = len(started.notices)
+            if started.frames is not None:
+                for row in started.frames.read():
+                    seen.take(row)
+                    for observer in observers:
+                        observer(seen)
+                lost = started.frames.lost
+            if outcome is not None:
+                break
+            started.poll(LOOK)
+        elapsed = 0.0 if begun is None else time.perf_counter() - begun
+    if lost:
+        _say(f"{lost} periods came too fast to be noted in the trace")
+    return outcome, elapsed
+
+
+@contextmanager
+def _passed_on(started: Started) -> Iterator[None]:
+    """Signals that would end this process ask the machine to stop."""
+
+    def ask(number: int, frame: FrameType | None) -> None:
+        started.ask_to_stop(number)
+
+    before = {number: signal.signal(number, ask) for number in SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _say(text: str) -> None:
+    err.print(f"umo: {text}", markup=False, highlight=False, soft_wrap=True)

@@ -1,0 +1,18 @@
+"""The order in which a machine is brought to its safe values."""
+
+from __future__ import annotations
+
+from umo.drivers.contract import Direction
+from umo.objects import Atomic, Compound
+
+
+def stopping_order(root: Compound) -> list[Atomic]:
+    """The machine's actuators: those that the root's `stopping` names, in its order, then the rest as declared."""
+    order: dict[int, Atomic] = {}
+    for path in root.stopping:
+        node = root.find(path)
+        for item in [node] if isinstance(node, Atomic) else node.atoms():  # type: ignore[attr-defined]
+            order.setdefault(id(item), item)
+    for item in root.atoms():
+        order.setdefault(id(item), item)
+    return [item for item in order.values() if item.direction is Direction.OUTPUT]

@@ -1,0 +1,124 @@
+"""Why a period was missed, in words, from what its frames say.
+
+A tick is missed between one return of the timer and the next call of it: the period before the frame that reports it
+woke late, or took too long. The part of that period with the largest excess over its usual time (the median of all
+frames at hand) is where the time went; the counters of the operating system and of the interpreter say why.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from umo.frames.layout import USAGE, Layout
+from umo.frames.reader import Frames
+
+SHARE = 0.5
+"""Of the excess that a counter of time has to explain to be the cause."""
+MINOR_FAULT = 250.0
+"""ns that a page fault without the disk takes at the very least."""
+FAULT_SHARE = 0.1
+AFTER = "after"
+WAKE = "wake"
+
+Parts = dict[str, npt.NDArray[np.float64]]
+
+
+class Cause(Enum):
+    """What a missed period came from."""
+
+    COLLECTION = "collection"
+    PREEMPTED = "preempted"
+    PAGE_FAULTS = "page faults"
+    DRIVER = "driver"
+    CONTROL = "control"
+    WAKE = "wake"
+    AFTER = "after"
+    UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The cause of the periods missed at one frame."""
+
+    row: int
+    """Of the frame that reports them."""
+    missed: int
+    cause: Cause
+    text: str
+    excess: float
+    """s above the usual"""
+
+
+def missed_rows(frames: Frames) -> list[int]:
+    """The rows of the frames that report missed periods."""
+    return [int(row) for row in np.flatnonzero(frames["missed"])]
+
+
+def explain(frames: Frames, layout: Layout, row: int) -> Verdict:
+    """Why periods were missed at this row; UNKNOWN at the first two rows, whose past is not at hand."""
+    missed = int(frames["missed"][row])
+    if row < 2:
+        return Verdict(row, missed, Cause.UNKNOWN, "what came before is not in this file", 0.0)
+    parts = split(frames, layout)
+    late = {name: float(times[row - 1] - np.median(times)) for name, times in parts.items()}
+    part = max(late, key=lambda name: late[name])
+    excess = late[part]
+    end = row if part == AFTER else row - 1  # the counters are read when a frame is being written
+    counted = {name: int(frames[name][end] - frames[name][end - 1]) for name, *_ in USAGE}
+    cause, text = _judge(part, excess, float(parts[part][row - 1]), counted)
+    return Verdict(row, missed, cause, text, excess * 1e-9)
+
+
+def split(frames: Frames, layout: Layout) -> Parts:
+    """Where each period's time went, in ns: waking up, the phases, what came after `update`."""
+    phases = frames["phases"].astype(float)
+    parts: Parts = {name: phases[:, i] for i, name in enumerate(layout.phases) if name != "timer"}
+    known = frames["wake"] >= 0
+    waiting = phases[:, layout.phases.index("timer")]
+    parts = {WAKE: np.where(known, frames["wake"], np.where(frames["missed"] > 0, 0, waiting)).astype(float), **parts}
+    called = frames["began"][1:] - waiting[1:]
+    after = called - (frames["began"][:-1] + frames["execution"][:-1])
+    parts[AFTER] = np.append(after, 0.0)
+    return parts
+
+
+def _judge(part: str, excess: float, took: float, counted: dict[str, int]) -> tuple[Cause, str]:
+    if counted["collections"] and counted["collecting"] >= SHARE * excess:
+        return Cause.COLLECTION, f"a collection ran for {_ms(counted['collecting'])} (the garbage collector)"
+    if counted["run_queue_wait"] >= SHARE * excess:
+        return Cause.PREEMPTED, f"preempted for {_ms(counted['run_queue_wait'])}: another process had the core"
+    if counted["major_faults"] or counted["minor_faults"] * MINOR_FAULT >= FAULT_SHARE * excess:
+        return Cause.PAGE_FAULTS, _faults(counted)
+    kind, _, driver = part.partition(" ")
+    if driver:
+        return Cause.DRIVER, f"driver {driver} took {_ms(took)} ({kind})"
+    if part == WAKE:
+        text = f"the timer woke {_ms(took)} late, yet no process had the core: interrupts, or the host of this machine"
+        return Cause.WAKE, text
+    if part == AFTER:
+        return Cause.AFTER, f"observers and the frame took {_ms(took)} after update"
+    waited = " (it slept or waited)" if counted["voluntary_switches"] > 1 else ""
+    return Cause.CONTROL, f"control code took {_ms(took)}{waited}"
+
+
+def _faults(counted: dict[str, int]) -> str:
+    disk = f", {counted['major_faults']} of them from disk" if counted["major_faults"] else ""
+    count = counted["major_faults"] + counted["minor_faults"]
+    return f"{count} page faults{disk}: memory was touched for the first time"
+
+
+def _ms(ns: float) -> str:
+    return f"{ns * 1e-6:.1f} ms"
+
+
+def tally(verdicts: list[Verdict]) -> dict[str, Any]:
+    """How often each cause occurred."""
+    counts: dict[str, int] = {}
+    for verdict in verdicts:
+        counts[verdict.cause.value] = counts.get(verdict.cause.value, 0) + 1
+    return dict(sorted(counts.items(), key=lambda item: -item[1]))

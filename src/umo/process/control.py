@@ -1,0 +1,107 @@
+"""The control process: connects the machine, holds the loop and nothing else, leaves safely, reports."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+from umo.cycle import connect, drive
+from umo.cycle.signals import request_stop
+from umo.errors import StopError
+from umo.frames import Ring, published
+from umo.objects import Compound
+from umo.process import realtime
+from umo.process.channel import Channel
+from umo.process.job import Plan
+from umo.process.life import Life, Stage
+from umo.process.outcome import Failed, Outcome, Parts
+
+PR_SET_PDEATHSIG = 1
+GUARDIAN_GONE = "the guardian is gone; the control process stopped the machine by itself"
+
+
+class Control:
+    """Runs one plan in the process that calls it, which was forked by the guardian."""
+
+    def __init__(self, plan: Plan, life: Life, channel: Channel, guardian: int, ring: Path) -> None:
+        self._plan = plan
+        self._life = life
+        self._channel = channel
+        self._guardian = guardian
+        self._path = ring
+        self._asked: Callable[[], int | None] = lambda: None
+
+    def run(self, asked: Callable[[], int | None]) -> Outcome:
+        """Connect, drive, leave; whatever ends it is in the outcome. `asked` gives the signal, if any, that asked to
+        stop before the machine was connected."""
+        self._asked = asked
+        outcome = Outcome()
+        _die_with_parent(signal.SIGTERM)
+        try:
+            self._work(outcome)
+        except BaseException as error:
+            outcome.failure = Failed.of(error)
+            if isinstance(error, StopError):
+                outcome.unreached = [failure.path for failure in error.failures]
+        if self._orphaned:
+            outcome.unsafe = True
+            outcome.failure = outcome.failure or Failed("GuardianGone", GUARDIAN_GONE, 1)
+        return outcome
+
+    @property
+    def _orphaned(self) -> bool:
+        return os.getppid() != self._guardian
+
+    def _work(self, outcome: Outcome) -> None:
+        plan = self._plan
+        connection = connect(plan.machine, plan.wiring, **plan.options)
+        connection.on_step = self._life.beat
+        with connection as machine:
+            try:
+                with published(connection, plan.name, plan.wiring_name, self._path) as ring:
+                    connection.machine.observers.append(self._life.beat)
+                    self._ready(connection, ring)
+                    outcome.result = drive(machine, plan.application)
+            finally:
+                self._life.enter(Stage.LEAVING)
+                outcome.stopped_by = connection.stop.signal
+                outcome.simulated = machine.now
+                outcome.parts = Parts.of(machine, connection.wired.drivers)
+
+    def _ready(self, connection: connect[Compound], ring: Ring) -> None:
+        process = connection.wired.process
+        refusals = realtime.prepare(process.priority, process.cpu)
+        if threading.active_count() > 1:
+            others = [thread.name for thread in threading.enumerate() if thread is not threading.main_thread()]
+            text = f"the control process has other Python threads, which will delay it: {', '.join(others)}"
+            self._channel.send("notice", text=text)
+        self._channel.send(
+            "running",
+            pid=os.getpid(),
+            guardian=self._guardian,
+            files=[ring.file],
+            refusals=[[refusal.what, refusal.why, refusal.grant] for refusal in refusals],
+        )
+        self._life.enter(Stage.RUNNING)
+        if self._orphaned or self._asked():
+            request_stop(self._asked())
+
+
+def _die_with_parent(number: int) -> None:
+    """Be sent this signal when the guardian ends, however it does (prctl(2))."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, number, 0, 0, 0)
+
+
+def end(status: int) -> None:
+    """Leave without the exit handlers of the guardian that this process was forked from."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except (OSError, ValueError):
+            continue
+    os._exit(status)

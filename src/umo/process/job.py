@@ -1,0 +1,139 @@
+"""What is to be run: a station, or a machine and an application given as functions."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import json
+import runpy
+import sys
+from collections.abc import Callable, Coroutine, Mapping
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from umo.errors import DeclarationError, UmoError
+from umo.objects import Compound
+from umo.stations.station import Station, StationError, find
+from umo.wiring import Wired, driver_options, resolve
+
+MAIN = "__umo_main__"
+"""The user's own script, imported again in the new process under this name."""
+
+Sequence = Callable[[Compound], Coroutine[Any, Any, Any]]
+
+
+@dataclass
+class Job:
+    """A run as plain data, so that another process can carry it out."""
+
+    station: str | None = None
+    machine: str | None = None
+    """`module:function`, where there is no station."""
+    application: str | None = None
+    wiring: str | dict[str, Any] | None = None
+    options: dict[str, Any] = field(default_factory=dict)
+    acknowledge: bool = False
+    path: list[str] = field(default_factory=lambda: list(sys.path))
+    script: str | None = None
+    """The file that `__main__` came from, if a function of it is meant."""
+
+    def dump(self) -> bytes:
+        try:
+            return json.dumps(asdict(self)).encode()
+        except TypeError as error:
+            raise DeclarationError(f"only plain data goes to another process: {error}") from None
+
+    @classmethod
+    def load(cls, data: bytes) -> Job:
+        return cls(**json.loads(data))
+
+
+def reference(function: Callable[..., Any]) -> tuple[str, str | None]:
+    """A function as `module:name`, and the script that it is in; DeclarationError if it cannot be imported."""
+    name, module = getattr(function, "__qualname__", ""), getattr(function, "__module__", None)
+    if not name.isidentifier() or module is None:
+        raise DeclarationError(f"{function!r} is no function of a module; the control process could not import it")
+    if module != "__main__":
+        return f"{module}:{name}", None
+    script = getattr(sys.modules["__main__"], "__file__", None)
+    if script is None or not Path(script).is_file():
+        raise DeclarationError(
+            f"{name} was typed in here, so the control process could not import it; "
+            "put machine and application into a module or a station (`umo new DIR`)"
+        )
+    return f"{MAIN}:{name}", str(Path(script).resolve())
+
+
+class Plan:
+    """A job with everything found: the machine declared, its wiring resolved, options handed out."""
+
+    def __init__(self, job: Job) -> None:
+        self.job = job
+        station = None if job.station is None else find(job.station)
+        self.machine, main, self.name, self.place = _of_station(station) if station else _of_functions(job)
+        self.wiring: Path | Mapping[str, Any] | None
+        if station is not None and (job.wiring is None or isinstance(job.wiring, str)):
+            self.wiring = station.wiring(job.wiring)
+        else:
+            self.wiring = Path(job.wiring) if isinstance(job.wiring, str) else job.wiring
+        self.options, self.unused = self._share(main)
+        self.wired: Wired = resolve(self.machine, self.wiring, self.options)
+
+    @property
+    def wiring_name(self) -> str:
+        return self.wiring.stem if isinstance(self.wiring, Path) else ""
+
+    @property
+    def file(self) -> Path | None:
+        """The wiring's file; a machine is known by its place and its wiring."""
+        return self.wiring if isinstance(self.wiring, Path) else None
+
+    def _share(self, main: Callable[..., Any] | None) -> tuple[dict[str, Any], list[str]]:
+        """Hand each option to whoever takes one of that name: the application's main, the drivers, or both."""
+        given = self.job.options
+        taken = set() if main is None else set(list(inspect.signature(main).parameters)[1:])
+        drivers = driver_options(self.wiring)
+        for name in given.keys() - taken - drivers - {"realtime"}:
+            raise StationError(f"--{name}: neither the application of {self.name} nor a driver of its wiring takes it")
+        for_main = {name: value for name, value in given.items() if name in taken}
+        self.application: Sequence | None = None if main is None else partial(_call, main, for_main)
+        return {name: value for name, value in given.items() if name in drivers}, sorted(given.keys() - taken - drivers)
+
+
+def _call(main: Callable[..., Any], options: dict[str, Any], machine: Compound) -> Coroutine[Any, Any, Any]:
+    return main(machine, **options)  # type: ignore[no-any-return]
+
+
+Found = tuple[Compound, Callable[..., Any] | None, str, Path]
+
+
+def _of_station(station: Station) -> Found:
+    return station.machine(), station.main, station.name, station.path
+
+
+def _of_functions(job: Job) -> Found:
+    if job.machine is None:
+        raise DeclarationError("a job names a station, or a function that returns the machine")
+    make = _import(job.machine, job.script)
+    machine = make()
+    if not isinstance(machine, Compound):
+        raise DeclarationError(f"{job.machine} returned {machine!r}, not a Compound")
+    application = None if job.application is None else _import(job.application, job.script)
+    return machine, application, type(machine).__name__, Path(job.script or inspect.getfile(make))
+
+
+def _import(text: str, script: str | None) -> Any:
+    name, _, attribute = text.partition(":")
+    try:
+        if name == MAIN and MAIN not in sys.modules:
+            module = ModuleType(MAIN)
+            sys.modules[MAIN] = module
+            module.__dict__.update(runpy.run_path(str(script), run_name=MAIN))
+        return getattr(importlib.import_module(name), attribute)
+    except UmoError:
+        raise
+    except Exception as error:
+        raise DeclarationError(f"{text} cannot be imported: {type(error).__name__}: {error}") from error

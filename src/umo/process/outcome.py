@@ -1,0 +1,146 @@
+"""How a run ended, as plain data: what another process is told, and what the exit status comes from."""
+
+from __future__ import annotations
+
+import json
+import traceback
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import umo
+from umo.drivers import Driver
+from umo.errors import (
+    AlreadyRunning,
+    DeclarationError,
+    FramesError,
+    PathError,
+    RangeError,
+    StandsStopped,
+    StateError,
+    StopError,
+    UmoError,
+    WiringError,
+)
+from umo.objects import Compound
+from umo.stations.station import StationError
+
+USER_ERRORS = (
+    WiringError,
+    DeclarationError,
+    PathError,
+    RangeError,
+    StateError,
+    AlreadyRunning,
+    StandsStopped,
+    StationError,
+    FramesError,
+)
+FAILED, MISTAKE, UNREACHED = 1, 2, 3
+LONGEST = 20_000
+"""Characters of a traceback that are passed on."""
+
+
+@dataclass
+class Failed:
+    """What ended a run that did not end by itself."""
+
+    name: str
+    message: str
+    status: int
+    """1: the machine or its control code failed. 2: the user's mistake. 3: an output was not reached."""
+    traceback: str = ""
+
+    @classmethod
+    def of(cls, error: BaseException) -> Failed:
+        lines = "".join(traceback.format_exception(error))
+        return cls(type(error).__name__, message_of(error), status_of(error), lines[-LONGEST:])
+
+
+@dataclass
+class Parts:
+    """What became of the parts. Lengths in um, angles in deg."""
+
+    placed: int | None = None
+    total: int | None = None
+    error_um: float | None = None
+    error_deg: float | None = None
+    truth: bool = False
+    """Whether the parts were counted by the plant itself, not by the control code."""
+
+    @classmethod
+    def of(cls, machine: Compound, drivers: Mapping[str, Driver]) -> Parts:
+        """Count the parts: by a plant's own report where there is one, else as the control code did."""
+        found = cls(getattr(machine, "placed", None), getattr(machine, "parts_total", None))
+        for driver in drivers.values():
+            report = getattr(driver, "report", None)
+            if report is None:
+                continue
+            parts = report().parts
+            found.truth = True
+            found.placed = sum(part.placed for part in parts)
+            found.error_um = max((p.error_um for p in parts if p.error_um is not None), default=None)
+            found.error_deg = max((p.error_deg for p in parts if p.error_deg is not None), default=None)
+        return found
+
+
+@dataclass
+class Outcome:
+    """How a control process ended. `unreached`: the actuators that are not at their defaults, by path."""
+
+    failure: Failed | None = None
+    stopped_by: int | None = None
+    """The signal that asked it to stop."""
+    unsafe: bool = False
+    """The guardian had to step in, or the control process lost it: the machine stands stopped until acknowledged."""
+    unreached: list[str] = field(default_factory=list)
+    parts: Parts = field(default_factory=Parts)
+    simulated: float = 0.0
+    """Seconds on the cycle's clock."""
+    result: Any = None
+    """What the application returned, if it is plain data; else its text."""
+
+    @property
+    def status(self) -> int:
+        """The exit status: 0, or 1, 2, 3 as `Failed.status`, or 128 and the signal."""
+        if self.unreached:
+            return UNREACHED
+        if self.failure is not None:
+            return self.failure.status
+        if self.stopped_by is not None:
+            return 128 + self.stopped_by
+        return FAILED if self.parts.total and self.parts.placed != self.parts.total else 0
+
+    def dump(self) -> dict[str, Any]:
+        data = asdict(self)
+        try:
+            json.dumps(self.result)
+        except (TypeError, ValueError):
+            data["result"] = repr(self.result)
+        return data
+
+    @classmethod
+    def load(cls, data: dict[str, Any]) -> Outcome:
+        failure = data.pop("failure")
+        parts = Parts(**data.pop("parts"))
+        return cls(failure=failure and Failed(**failure), parts=parts, **data)
+
+
+def status_of(failure: BaseException) -> int:
+    if isinstance(failure, StopError):
+        return UNREACHED
+    return MISTAKE if isinstance(failure, USER_ERRORS) else FAILED
+
+
+def message_of(failure: BaseException) -> str:
+    """One or two lines; for an exception of the user's own code with the place in it."""
+    if isinstance(failure, StopError) and failure.__cause__ is not None:
+        return f"{message_of(failure.__cause__)}\n{failure}"
+    if isinstance(failure, UmoError):
+        notes = getattr(failure, "__notes__", [])
+        return "\n".join([str(failure), *notes])
+    own = tuple(str(Path(umo.__file__).parent / name) for name in ("cycle", "control", "cli", "process"))
+    frames = [frame for frame in traceback.extract_tb(failure.__traceback__) if not frame.filename.startswith(own)]
+    where = f" at {frames[-1].filename}:{frames[-1].lineno}" if frames else ""
+    return f"{type(failure).__name__}: {failure}{where} (--traceback shows all of it)"

@@ -1,0 +1,126 @@
+"""Making a process undisturbed, as far as this computer grants it, and saying what it did not grant."""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+import sys
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+try:
+    import resource
+except ImportError:  # not on this platform
+    resource = None  # type: ignore[assignment]
+
+MCL_CURRENT, MCL_FUTURE = 1, 2
+PR_SET_TIMERSLACK = 29
+CAP_IPC_LOCK = 14
+LIMITS = "/etc/security/limits.d/umo.conf, then a new login"
+ISOLATED = Path("/sys/devices/system/cpu/isolated")
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Something that was not granted: what, why, and the line that would grant it."""
+
+    what: str
+    why: str
+    grant: str
+
+    def __str__(self) -> str:
+        return f"{self.what} ({self.why}): {self.grant}"
+
+
+def prepare(priority: int = 80, cpu: int | None = None) -> list[Refusal]:
+    """Collector frozen and off, memory locked, SCHED_FIFO at `priority` (1 to 99), a core of its own; what was refused.
+
+    Without `cpu` the process is pinned only under SCHED_FIFO, to an isolated core or else to the last one: without it
+    a busy neighbour on that core could not be avoided. Never raises.
+    """
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    if not sys.platform.startswith("linux"):
+        return [Refusal("no real time", f"this is {sys.platform}", "Linux")]
+    with suppress(OSError):
+        ctypes.CDLL(None).prctl(PR_SET_TIMERSLACK, 1, 0, 0, 0)
+    scheduled = use_fifo(priority)
+    refusals = [lock_memory(), scheduled, pin(cpu, scheduled is None)]
+    return [refusal for refusal in refusals if refusal is not None]
+
+
+def guard(priority: int) -> None:
+    """For the guardian: one above the control process, so that an endless loop in that one cannot keep it away."""
+    if sys.platform.startswith("linux"):
+        use_fifo(priority + 1)
+
+
+def lock_memory() -> Refusal | None:
+    """No page of this process is ever taken away or first touched in the loop (mlockall(2)).
+
+    Only where the limit is none: under a limit some later allocation would fail.
+    """
+    what = "memory is not locked"
+    limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
+    if limit != resource.RLIM_INFINITY and not _capable(CAP_IPC_LOCK):
+        return Refusal(what, f"ulimit -l is {limit // 1024} kB", f"`{_user()} - memlock unlimited` in {LIMITS}")
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.mlockall(MCL_CURRENT | MCL_FUTURE) < 0:
+        return Refusal(what, os.strerror(ctypes.get_errno()), f"`{_user()} - memlock unlimited` in {LIMITS}")
+    return None
+
+
+def use_fifo(priority: int) -> Refusal | None:
+    """Before every ordinary process (sched(7), SCHED_FIFO)."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except OSError as error:
+        limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
+        why = f"ulimit -r is {limit}" if isinstance(error, PermissionError) else str(error.strerror)
+        return Refusal("no real-time scheduling", why, f"`{_user()} - rtprio 95` in {LIMITS}")
+    return None
+
+
+def pin(cpu: int | None, fifo: bool) -> Refusal | None:
+    """Stay on one core."""
+    allowed = sorted(os.sched_getaffinity(0))
+    if cpu is None:
+        if not fifo or len(allowed) < 2:
+            return None
+        isolated = [core for core in isolated_cores() if core in allowed]
+        cpu = isolated[0] if isolated else allowed[-1]
+    try:
+        os.sched_setaffinity(0, {cpu})
+    except OSError as error:
+        cores = ", ".join(map(str, allowed))
+        return Refusal(f"not pinned to core {cpu}", str(error.strerror), f"`cpu` in the wiring's [process]: {cores}")
+    return None
+
+
+def isolated_cores() -> list[int]:
+    """The cores that the kernel keeps free (isolcpus=)."""
+    cores: list[int] = []
+    with suppress(OSError, ValueError):
+        for part in filter(None, ISOLATED.read_text().strip().split(",")):
+            first, _, last = part.partition("-")
+            cores.extend(range(int(first), int(last or first) + 1))
+    return cores
+
+
+def _capable(capability: int) -> bool:
+    with suppress(OSError, ValueError, IndexError):
+        status = Path("/proc/self/status").read_text()
+        return bool(int(status.partition("CapEff:")[2].split()[0], 16) >> capability & 1)
+    return False
+
+
+def _user() -> str:
+    import getpass
+
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError):
+        return str(os.getuid())

@@ -1,0 +1,206 @@
+"""Starting a machine in processes of its own, and holding on to it (design.md section 7)."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Coroutine, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from time import monotonic
+from types import TracebackType
+from typing import Any
+
+from umo.errors import DriverError, TaskFailed
+from umo.frames import Reader
+from umo.objects import Compound
+from umo.process.channel import Channel
+from umo.process.job import Job, reference
+from umo.process.outcome import Failed, Outcome
+
+LINUX = sys.platform.startswith("linux")
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+"""The loop's process holds one thread; numpy's own would be started with it."""
+
+
+class Status(Enum):
+    """How far a started machine has come."""
+
+    STARTING = "starting"
+    RUNNING = "running"
+    ENDED = "ended"
+
+    def __str__(self) -> str:
+        return self.value
+
+
+@dataclass(frozen=True)
+class Refused:
+    """Something that the control process was not granted: what, why, and the line that would grant it."""
+
+    what: str
+    why: str
+    grant: str
+
+
+class RunFailed(TaskFailed):
+    """A machine in processes of its own did not end well; `outcome` says how."""
+
+    def __init__(self, outcome: Outcome) -> None:
+        super().__init__(outcome.failure.message if outcome.failure else "the machine failed")
+        self.outcome = outcome
+
+
+def start(
+    station: str | Path | Callable[[], Compound],
+    wiring: str | Path | Mapping[str, Any] | None = None,
+    application: Callable[..., Coroutine[Any, Any, Any]] | None = None,
+    *,
+    acknowledge: bool = False,
+    **options: Any,
+) -> Started:
+    """Start a machine under a guardian and a control process of its own; returns at once.
+
+        with umo.start("ztheta", "modbus", parts=2) as machine:
+            outcome = machine.wait()
+
+    `station` is a station's name or folder, or a function that declares the machine, then with an `application`;
+    both must be importable by another process, so not typed into a notebook. `wiring` is one of the station's, a
+    file, or its contents. `options` go to the application and to the drivers, as on the command line.
+    `acknowledge` starts a machine whose last run ended unsafely. Linux only (DriverError elsewhere); every other
+    mistake comes out of `wait`.
+    """
+    if callable(station):
+        machine, script = reference(station)
+        main, other = (None, None) if application is None else reference(application)
+        job = Job(machine=machine, application=main, script=script or other)
+    else:
+        job = Job(station=str(station))
+    job.wiring = str(wiring) if isinstance(wiring, Path) else dict(wiring) if isinstance(wiring, Mapping) else wiring
+    job.options, job.acknowledge = options, acknowledge
+    return Started(job)
+
+
+class Started:
+    """A machine that another process runs. It is stopped when this object's block ends or its process does."""
+
+    def __init__(self, job: Job) -> None:
+        if not LINUX:
+            raise DriverError("real time in processes of its own needs Linux; virtual time works everywhere")
+        self.pid: int | None = None
+        """The control process, once it is running."""
+        self.frames: Reader | None = None
+        """Reads every frame from the first one on, once it is running; one reader, so best read in one place."""
+        self.refusals: list[Refused] = []
+        self.notices: list[str] = []
+        self._outcome: Outcome | None = None
+        self._channel, there = Channel.pair()
+        text = job.dump().decode()
+        self._guardian = subprocess.Popen(
+            [sys.executable, "-m", "umo.process", str(there.fileno())],
+            pass_fds=[there.fileno()],
+            stdin=subprocess.DEVNULL,
+            start_new_session=True,  # Ctrl-C at the terminal is for the starter to pass on
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, job.path))} | ONE_THREAD,
+        )
+        there.close()
+        self._channel.send("job", job=text)
+
+    @property
+    def guardian(self) -> int:
+        """The guardian's pid."""
+        return self._guardian.pid
+
+    @property
+    def status(self) -> Status:
+        self.poll()
+        if self._outcome is not None:
+            return Status.ENDED
+        return Status.STARTING if self.pid is None else Status.RUNNING
+
+    @property
+    def values(self) -> dict[str, float | str]:
+        """The latest value of every object by path: a number in its unit, or the name of a state. Empty before the
+        first frame."""
+        self.poll()
+        frame = None if self.frames is None else self.frames.latest()
+        return {} if self.frames is None or frame is None else self.frames.values(frame)
+
+    @property
+    def outcome(self) -> Outcome | None:
+        """How it ended; None while it runs."""
+        self.poll()
+        return self._outcome
+
+    def poll(self, timeout: float = 0.0) -> None:
+        """Take note of what the processes have said; wait up to `timeout` s for something."""
+        while self._outcome is None and (message := self._channel.receive(timeout)) is not None:
+            timeout = 0.0
+            self._note(message)
+        if self._channel.ended and self._outcome is None:
+            self._outcome = self._vanished()
+        if self._outcome is not None:
+            self._guardian.wait()
+
+    def wait(self, timeout: float | None = None) -> Outcome:
+        """Until it has ended: how. TimeoutError after `timeout` s; RunFailed if it did not end well."""
+        until = None if timeout is None else monotonic() + timeout
+        while self._outcome is None:
+            if until is not None and monotonic() >= until:
+                raise TimeoutError(f"the machine still runs after {timeout:g} s")
+            self.poll(0.1 if until is None else max(0.0, min(0.1, until - monotonic())))
+        if self._outcome.failure is not None:
+            raise RunFailed(self._outcome)
+        return self._outcome
+
+    def ask_to_stop(self, number: int = signal.SIGTERM) -> None:
+        """Ask it to stop safely, as that signal would; returns at once."""
+        self._channel.send("stop", signal=number)
+
+    def stop(self) -> Outcome:
+        """Stop safely and wait for it; how it ended."""
+        self.ask_to_stop()
+        while self._outcome is None:
+            self.poll(0.1)
+        return self._outcome
+
+    def keep_black_box(self) -> None:
+        """Write the last periods to a file, for `umo why`."""
+        self._channel.send("keep")
+
+    def __enter__(self) -> Started:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        ended = self._outcome is not None
+        outcome = self.stop()
+        self._channel.close()
+        if kind is None and not ended and outcome.failure is not None:
+            raise RunFailed(outcome)
+
+    def _note(self, message: dict[str, Any]) -> None:
+        if message["kind"] == "running":
+            self.pid = message["pid"]
+            self.refusals = [Refused(*refusal) for refusal in message["refusals"]]
+            with suppress(OSError):
+                self.frames = Reader(f"/proc/self/fd/{message['files'][0]}")
+        elif message["kind"] == "notice":
+            self.notices.append(message["text"])
+        elif message["kind"] == "ended":
+            self._outcome = Outcome.load(message["outcome"])
+        for file in message["files"]:
+            os.close(file)
+
+    def _vanished(self) -> Outcome:
+        """Neither process said how it ended."""
+        text = (
+            "guardian and control process are gone, nobody could reset the actuators; "
+            "only the circuits' own watchdogs can have dropped them"
+        )
+        return Outcome(Failed("Vanished", text, 3), unsafe=True)
