@@ -135,6 +135,18 @@ def set_(
     guarded(lambda: set_value(find(station), wiring, path, value, hold))
 
 
+@app.command(epilog="Examples: umo why  |  umo why ztheta  |  umo why ztheta --now  |  umo why --file kept.box")
+def why(
+    station: Annotated[str | None, typer.Argument(metavar="[STATION]", help="Of this station only.")] = None,
+    now: Annotated[bool, typer.Option("--now", help="Keep a black box of the running station first.")] = False,
+    file: Annotated[Path | None, typer.Option(metavar="FILE.box", help="A black box that was put aside.")] = None,
+) -> None:
+    """Say why periods were missed: the last black box, what each phase took, and the cause in words."""
+    from .why import why as say_why
+
+    guarded(lambda: say_why(station, now, file))
+
+
 @app.command(epilog="Examples: umo plant ztheta  |  umo plant ztheta --port 1502 --seed 7 --fault leaky-cup")
 def plant(
     station: StationName,

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from umo.cycle import connect, drive
 from umo.cycle.signals import request_stop
+from umo.cycle.stopping import stopping_order
 from umo.errors import StopError
 from umo.frames import Ring, published
 from umo.objects import Compound
@@ -47,7 +48,8 @@ class Control:
         except BaseException as error:
             outcome.failure = Failed.of(error)
             if isinstance(error, StopError):
-                outcome.unreached = [failure.path for failure in error.failures]
+                actuators = {item.path for item in stopping_order(self._plan.machine)}
+                outcome.unreached = sorted({failure.path for failure in error.failures} & actuators)
         if self._orphaned:
             outcome.unsafe = True
             outcome.failure = outcome.failure or Failed("GuardianGone", GUARDIAN_GONE, 1)

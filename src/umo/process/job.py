@@ -132,7 +132,10 @@ def _import(text: str, script: str | None) -> Any:
             module = ModuleType(MAIN)
             sys.modules[MAIN] = module
             module.__dict__.update(runpy.run_path(str(script), run_name=MAIN))
-        return getattr(importlib.import_module(name), attribute)
+        found = getattr(importlib.import_module(name), attribute)
+        if not callable(found):
+            raise DeclarationError(f"{text} is no function")
+        return found
     except UmoError:
         raise
     except Exception as error:

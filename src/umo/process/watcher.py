@@ -46,8 +46,10 @@ class Watcher:
                 self._reader = Reader(self.path)
             return
         now = monotonic()
-        if self._reader.missed > self._missed and now >= self._next:
-            self._due = self._due or now + AFTERMATH
+        if self._reader.missed > self._missed:
+            self._missed = self._reader.missed
+            if now >= self._next:
+                self._due = self._due or now + AFTERMATH
         if self._due is not None and now >= self._due:
             self.keep("a period was missed")
 
@@ -57,7 +59,6 @@ class Watcher:
             return
         self._due = None
         self._next = monotonic() + AT_MOST_EVERY
-        self._missed = self._reader.missed
         self._child = os.fork()
         if self._child == 0:
             self._write(self._reader, reason)

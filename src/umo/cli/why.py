@@ -1,0 +1,121 @@
+"""`umo why`: what the last black box says of the periods that were missed."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from umo.errors import FramesError, did_you_mean
+from umo.frames import Reader, blackbox, rings
+from umo.frames.causes import AFTER, WAKE, Verdict, explain, missed_rows, split, tally
+from umo.frames.layout import USAGE
+from umo.process.watcher import box_folder
+
+from .console import out
+
+AROUND = 2
+"""Periods shown before the one that reports the miss."""
+
+
+def why(station: str | None, now: bool, file: Path | None) -> int:
+    """Print the newest black box: of a station, or of all; or keep one of a running station first."""
+    if now:
+        file = _keep(station)
+    elif file is None:
+        file = _newest(station)
+    with Reader(file) as reader:
+        _report(reader, file)
+    return 0
+
+
+def _newest(station: str | None) -> Path:
+    found = blackbox.boxes(box_folder())
+    if station is not None:
+        names = [path.name.rsplit("-", 3)[0] for path in found]
+        found = [path for path, name in zip(found, names, strict=True) if name == Path(station).resolve().name]
+        if not found and names:
+            known = ", ".join(dict.fromkeys(names))
+            raise FramesError(f"no black box of {station!r}{did_you_mean(station, names)}; there are those of: {known}")
+    if not found:
+        raise FramesError(
+            "no black box yet: one is kept when a period is missed in real time (`umo why --now` keeps one of a run)"
+        )
+    return found[-1]
+
+
+def _keep(station: str | None) -> Path:
+    """A black box of a running station, written by this process from its frames."""
+    for path in reversed(rings()):
+        with Reader(path) as reader:
+            name = str(reader.about["station"])
+            if station is None or name == Path(station).resolve().name:
+                file = blackbox.name_for(box_folder(), name, time.time())
+                blackbox.save(reader, file, "on demand")
+                return file
+    raise FramesError("no station runs" if station is None else f"no station {station!r} runs (`umo ps` shows them)")
+
+
+def _report(reader: Reader, file: Path) -> None:
+    frames, about = reader.read(), reader.about
+    kept = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(about.get("kept", about["started"])))
+    name = f"{about['station']} ({about['wiring']})" if about["wiring"] else about["station"]
+    out.print(f"{name}, {kept}: {about.get('reason', '')}", highlight=False, markup=False)
+    out.print(
+        f"the last {len(frames)} periods of {about['period'] * 1e3:g} ms; {reader.missed} missed in the whole run",
+        highlight=False,
+    )
+    verdicts = [explain(frames, reader.layout, row) for row in missed_rows(frames)]
+    if not verdicts:
+        out.print("no period was missed in these; usual times:", highlight=False)
+        out.print(_usual(reader, frames))
+        return
+    for verdict in verdicts[-10:]:
+        out.print(_sentence(frames, verdict), highlight=False, markup=False, style="bold")
+    if len(verdicts) > 1:
+        counts = ", ".join(f"{cause} {count}" for cause, count in tally(verdicts).items())
+        out.print(f"all {len(verdicts)} occasions: {counts}", highlight=False)
+    out.print(_around(reader, frames, verdicts[-1].row))
+    out.print(str(file), highlight=False, markup=False, style="dim")
+
+
+def _sentence(frames: Any, verdict: Verdict) -> str:
+    row = frames[verdict.row]
+    missed = f"{verdict.missed} period{'s' * (verdict.missed > 1)} missed"
+    return f"{missed} before {row['time']:.4f} s (period {row['number']}): {verdict.text}"
+
+
+def _parts(reader: Reader, frames: Any) -> tuple[list[str], Any]:
+    parts = split(frames, reader.layout)
+    return list(parts), np.array(list(parts.values())) * 1e-3
+
+
+def _usual(reader: Reader, frames: Any) -> Table:
+    names, times = _parts(reader, frames)
+    table = Table("us", *map(_title, names), header_style="bold")
+    for title, q in (("median", 50), ("99 %", 99), ("longest", 100)):
+        table.add_row(title, *(f"{value:.1f}" for value in np.percentile(times, q, axis=1)))
+    return table
+
+
+def _around(reader: Reader, frames: Any, row: int) -> Table:
+    """The periods before and after a miss, in us, and what was counted from one to the next."""
+    names, times = _parts(reader, frames)
+    rows = [i for i in range(row - AROUND, row + 2) if 1 <= i < len(frames)]
+    table = Table("", "median", *(f"{frames['time'][i]:.4f} s" for i in rows), header_style="bold")
+    table.add_row("missed", "", *(str(frames["missed"][i] or "") for i in rows))
+    for name, values in zip(names, times, strict=True):
+        table.add_row(f"{_title(name)}, us", f"{np.median(values):.1f}", *(f"{values[i]:.1f}" for i in rows))
+    for name, _, _, unit in USAGE:
+        counted = np.diff(frames[name], prepend=frames[name][:1]) * (1e-3 if unit else 1)
+        if counted[rows].any():
+            title = name.replace("_", " ") + (", us" if unit else "")
+            table.add_row(title, f"{np.median(counted):.0f}", *(f"{counted[i]:.0f}" for i in rows), style="dim")
+    return table
+
+
+def _title(name: str) -> str:
+    return {WAKE: "waking up", AFTER: "after update"}.get(name, name)

@@ -1,0 +1,178 @@
+"""A machine and a circuit for the tests of `umo.process`: its outputs outlive every process, in a mapped file."""
+
+from __future__ import annotations
+
+import mmap
+import os
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import umo
+from umo.control.sequences import next_period
+from umo.drivers import Channel, Direction, Driver
+
+CALLS, STRUCK, LEVELS = 0, 1, 2
+OUTPUTS = ("motor", "valve")
+
+
+class Machine(umo.Compound):
+    """A motor, a valve, a switch."""
+
+    timer: umo.DigitalSensor
+    switch: umo.BinarySensor[umo.PassFail]
+    motor: umo.DigitalActuator
+    valve: umo.BinaryActuator[umo.OnOff]
+    placed: int = 0
+
+    stopping = ("valve", "motor")
+
+
+def machine() -> Machine:
+    return Machine(
+        timer=umo.DigitalSensor("sampling_period", minimum=0.0, maximum=99_999.9, resolution=1.0, synchronous=False),
+        switch=umo.BinarySensor(umo.PassFail, one=umo.PassFail.FAIL),
+        motor=umo.DigitalActuator("V", default=0.0, minimum=-10.0, maximum=10.0, resolution=0.01),
+        valve=umo.BinaryActuator(umo.OnOff, one=umo.OnOff.ON, default=umo.OnOff.OFF),
+    )
+
+
+async def drive(m: Machine, periods: int = 4) -> str:
+    """Outputs on for some periods."""
+    m.motor.write(5.0)
+    m.valve.write(umo.OnOff.ON)
+    for _ in range(periods):
+        await next_period()
+    return "driven"
+
+
+async def forever(m: Machine) -> None:
+    await drive(m, 10**9)
+
+
+async def loop_at(m: Machine, period: int = 5) -> None:
+    """User code that never comes back."""
+    await drive(m, period)
+    while True:
+        pass
+
+
+async def fail_at(m: Machine, period: int = 5) -> None:
+    await drive(m, period)
+    raise ValueError("a mistake in the application")
+
+
+class Cells:
+    """64-bit numbers in a file, shared by every process that maps it."""
+
+    def __init__(self, file: Path) -> None:
+        if not file.exists():
+            file.write_bytes(bytes(512))
+        with file.open("r+b") as opened:
+            self._map = mmap.mmap(opened.fileno(), 512)
+        self.numbers = memoryview(self._map).cast("q")
+
+    @property
+    def levels(self) -> dict[str, int]:
+        return {name: self.numbers[LEVELS + i] for i, name in enumerate(OUTPUTS)}
+
+
+def _hang() -> None:
+    while True:
+        time.sleep(1000)
+
+
+def _spin() -> None:
+    while True:
+        pass
+
+
+def _kill() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def _stop() -> None:
+    os.kill(os.getpid(), signal.SIGSTOP)
+
+
+def _fail() -> None:
+    raise OSError("unplugged")
+
+
+ACTIONS: dict[str, Callable[[], None]] = {
+    "raise": _fail,
+    "hang": _hang,
+    "spin": _spin,
+    "kill": _kill,
+    "stop": _stop,
+}
+
+
+class Box(Driver):
+    """Counts its calls; at call `at` (from 1) it does `action`, once for all processes together.
+
+    `away` is a file: while it is there the device does not answer any process but the first.
+    """
+
+    def __init__(self, *, file: str, at: int = 0, action: str = "raise", away: str = "") -> None:
+        self._file, self._at, self._action, self._away = Path(file), at, action, away
+        self._cells: Cells | None = None
+
+    def channel(self, text: str) -> Channel:
+        return Channel(text, Direction.OUTPUT if text in OUTPUTS else Direction.INPUT, 32, signed=True)
+
+    def _called(self) -> Any:
+        if self._cells is None:
+            self._cells = Cells(self._file)
+        numbers = self._cells.numbers
+        numbers[CALLS] += 1
+        if numbers[CALLS] == self._at and not numbers[STRUCK]:
+            numbers[STRUCK] = 1
+            ACTIONS[self._action]()
+        if self._away and numbers[STRUCK] and Path(self._away).exists():
+            raise OSError("no route to the device")
+        return numbers
+
+    def open(self) -> None:
+        self._called()
+
+    def close(self) -> None:
+        self._called()
+
+    def initialize(self, channel: Channel, default: int | None) -> None:
+        self._put(channel, default)
+
+    def reset(self, channel: Channel, default: int | None) -> None:
+        self._put(channel, default)
+
+    def finalize(self, channel: Channel) -> None:
+        self._called()
+
+    def read(self, channel: Channel) -> int:
+        self._called()
+        return 0
+
+    def write(self, channel: Channel, raw: int) -> None:
+        self._put(channel, raw)
+
+    def _put(self, channel: Channel, raw: int | None) -> None:
+        numbers = self._called()
+        if raw is not None:
+            numbers[LEVELS + OUTPUTS.index(channel.text)] = raw
+
+
+def wiring(file: Path, **options: Any) -> dict[str, Any]:
+    """A wiring of `machine()` to a box, plain data."""
+    process = options.pop("process", {})
+    return {
+        "drivers": {"box": {"type": "process_box:Box", "file": str(file), **options}},
+        "wire": {
+            "timer": {"driver": "timerfd", "period": "1 ms"},
+            "switch": {"driver": "box"},
+            "motor": {"driver": "box"},
+            "valve": {"driver": "box"},
+        },
+        "process": process,
+    }

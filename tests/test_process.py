@@ -1,0 +1,312 @@
+"""However a run in processes ends, its actuators are at their defaults, it is said, and the status is not 0."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import process_box
+from process_box import CALLS, Cells
+from umo.process import guardian, reset
+from umo.process.channel import Channel
+from umo.process.job import Job
+from umo.process.outcome import Outcome
+from umo.process.record import read, state_folder
+
+pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux")
+
+
+class Run:
+    """One run under a guardian that was forked from this process instead of started afresh: the same code, sooner."""
+
+    def __init__(self, wiring: dict[str, Any], application: str = "drive", **more: Any) -> None:
+        path = [str(Path(__file__).parent), *sys.path]
+        job = Job(machine="process_box:machine", application=f"process_box:{application}", wiring=wiring, path=path)
+        for name, value in more.items():
+            setattr(job, name, value)
+        self.channel, there = Channel.pair()
+        self.channel.send("job", job=job.dump().decode())
+        self.guardian = os.fork()
+        if self.guardian == 0:
+            self.channel.close()
+            try:
+                os._exit(guardian.main(there.detach()))
+            finally:
+                os._exit(99)
+        there.close()
+        self.notices: list[str] = []
+        self.control = 0
+
+    def until_running(self) -> Run:
+        """Until the control process says so; its pid is known then."""
+        message = self.channel.receive(30)
+        assert message is not None
+        assert message["kind"] == "running", message
+        self._close(message)
+        self.control = message["pid"]
+        return self
+
+    def outcome(self) -> Outcome:
+        """How it ended: what was said, which is the guardian's exit status as well."""
+        said = None
+        while not self.channel.ended:
+            message = self.channel.receive(60)
+            assert message is not None or self.channel.ended, "neither an outcome nor an end within a minute"
+            if message is None:
+                break
+            self._close(message)
+            if message["kind"] == "notice":
+                self.notices.append(message["text"])
+            if message["kind"] == "ended":
+                said = Outcome.load(message["outcome"])
+        status = os.waitpid(self.guardian, 0)[1]
+        self.channel.close()
+        assert said is not None, "nothing was reported"
+        if os.WIFEXITED(status):
+            assert os.WEXITSTATUS(status) == said.status
+        return said
+
+    @staticmethod
+    def _close(message: dict[str, Any]) -> None:
+        for file in message["files"]:
+            os.close(file)
+
+
+@pytest.fixture
+def cells(tmp_path: Path) -> Cells:
+    return Cells(tmp_path / "box")
+
+
+@pytest.fixture(autouse=True)
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Drivers of these tests answer at once or never."""
+    monkeypatch.setattr(guardian, "STARTING_LIMIT", 1.0)
+    monkeypatch.setattr(reset, "GRACE", 0.2)
+    monkeypatch.setattr(reset, "PAUSE", 0.01)
+
+
+def standing() -> list[Path]:
+    """The machines that stand stopped."""
+    return sorted((state_folder() / "machines").glob("*.json"))
+
+
+def assert_safe(cells: Cells) -> None:
+    assert cells.levels == {"motor": 0, "valve": 0}
+
+
+def test_a_run_that_ends_by_itself_is_reported_with_what_the_application_returned(tmp_path: Path, cells: Cells) -> None:
+    outcome = Run(process_box.wiring(tmp_path / "box")).outcome()
+    assert (outcome.status, outcome.failure, outcome.result) == (0, None, "driven")
+    assert_safe(cells)
+    assert standing() == []
+
+
+def calls_of_a_run(folder: Path) -> int:
+    Run(process_box.wiring(folder / "box")).outcome()
+    return Cells(folder / "box").numbers[CALLS]
+
+
+@pytest.mark.parametrize(("action", "step"), [("raise", 1), ("kill", 1), ("hang", 1), ("spin", 7), ("stop", 7)])
+def test_at_every_call_of_a_driver_the_end_is_safe_and_reported(tmp_path: Path, action: str, step: int) -> None:
+    (tmp_path / "first").mkdir()
+    calls = calls_of_a_run(tmp_path / "first")
+    assert calls > 20
+    for at in range(1, calls + 1, step):
+        file = tmp_path / f"box-{at}"
+        outcome = Run(process_box.wiring(file, at=at, action=action), acknowledge=True).outcome()
+        where = f"{action} at call {at} of {calls}: {outcome}"
+        assert Cells(file).levels == {"motor": 0, "valve": 0}, where
+        assert outcome.status != 0, where
+        assert outcome.failure is not None, where
+        assert outcome.unreached == [], where
+        assert outcome.unsafe == (action != "raise"), where
+        assert bool(standing()) == outcome.unsafe, where
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("to", ["guardian", "control", "starter"])
+def test_a_signal_to_either_process_or_from_the_starter_stops_safely(
+    tmp_path: Path, cells: Cells, number: signal.Signals, to: str
+) -> None:
+    run = Run(process_box.wiring(tmp_path / "box"), "forever").until_running()
+    if to == "starter":
+        run.channel.send("stop", signal=number)
+    else:
+        os.kill(getattr(run, to), number)
+    outcome = run.outcome()
+    assert (outcome.status, outcome.stopped_by) == (128 + number, number)
+    assert_safe(cells)
+    assert standing() == []
+
+
+def test_an_exception_of_the_application_is_reported_with_its_place(tmp_path: Path, cells: Cells) -> None:
+    outcome = Run(process_box.wiring(tmp_path / "box"), "fail_at").outcome()
+    assert outcome.status == 1
+    assert outcome.failure is not None
+    assert "a mistake in the application at " in outcome.failure.message
+    assert "process_box.py:" in outcome.failure.message
+    assert_safe(cells)
+    assert standing() == []
+
+
+def test_an_endless_loop_in_user_code_is_ended_and_its_line_named(tmp_path: Path, cells: Cells) -> None:
+    outcome = Run(process_box.wiring(tmp_path / "box"), "loop_at").outcome()
+    assert outcome.status == 1
+    assert outcome.failure is not None
+    assert "hung: no sign of life for 100 ms while running" in outcome.failure.message
+    assert 'process_box.py", line ' in outcome.failure.message
+    assert_safe(cells)
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP, signal.SIGSEGV])
+def test_the_guardian_resets_what_a_dead_or_stopped_process_left(
+    tmp_path: Path, cells: Cells, number: signal.Signals
+) -> None:
+    run = Run(process_box.wiring(tmp_path / "box"), "forever").until_running()
+    os.kill(run.control, number)
+    outcome = run.outcome()
+    assert outcome.failure is not None
+    expected = {signal.SIGKILL: "killed (SIGKILL)", signal.SIGSTOP: "stopped by a signal", signal.SIGSEGV: "SIGSEGV"}
+    assert expected[number] in outcome.failure.message
+    assert "the guardian reset every actuator" in outcome.failure.message
+    assert_safe(cells)
+
+
+def test_the_control_process_stops_itself_when_the_guardian_is_killed(tmp_path: Path, cells: Cells) -> None:
+    run = Run(process_box.wiring(tmp_path / "box"), "forever").until_running()
+    os.kill(run.guardian, signal.SIGKILL)
+    outcome = run.outcome()
+    assert (outcome.status, outcome.unsafe) == (1, True)
+    assert outcome.failure is not None
+    assert "guardian is gone" in outcome.failure.message
+    assert_safe(cells)
+    assert len(standing()) == 1
+
+
+def test_a_starter_that_is_gone_stops_the_machine(tmp_path: Path, cells: Cells) -> None:
+    run = Run(process_box.wiring(tmp_path / "box"), "forever").until_running()
+    run.channel.close()
+    status = os.waitpid(run.guardian, 0)[1]
+    assert os.WEXITSTATUS(status) == 128 + signal.SIGHUP
+    assert_safe(cells)
+
+
+def test_a_machine_that_was_stopped_unsafely_wants_to_be_acknowledged(tmp_path: Path, cells: Cells) -> None:
+    wiring = process_box.wiring(tmp_path / "box")
+    run = Run(wiring, "forever").until_running()
+    os.kill(run.control, signal.SIGKILL)
+    run.outcome()
+    (record,) = standing()
+    ended = read(record)
+    assert ended is not None
+    assert "was killed (SIGKILL); every actuator was reset" in str(ended)
+    refused = Run(wiring).outcome()
+    assert refused.status == 2
+    assert refused.failure is not None
+    assert "was killed (SIGKILL)" in refused.failure.message
+    assert "--acknowledge" in refused.failure.message
+    assert cells.levels == {"motor": 0, "valve": 0}
+    assert Run(wiring, acknowledge=True).outcome().status == 0
+    assert Run(wiring).outcome().status == 0
+
+
+def test_both_processes_killed_at_once_are_noticed_at_the_next_start(tmp_path: Path) -> None:
+    wiring = process_box.wiring(tmp_path / "box")
+    run = Run(wiring, "forever").until_running()
+    os.kill(run.guardian, signal.SIGSTOP)
+    os.kill(run.control, signal.SIGKILL)
+    os.kill(run.guardian, signal.SIGKILL)
+    os.waitpid(run.guardian, 0)
+    run.channel.close()
+    refused = Run(wiring).outcome()
+    assert refused.failure is not None
+    assert "ended at once" in refused.failure.message
+
+
+def test_while_a_machine_runs_it_cannot_be_started_again(tmp_path: Path) -> None:
+    wiring = process_box.wiring(tmp_path / "box")
+    run = Run(wiring, "forever").until_running()
+    second = Run(wiring).outcome()
+    assert second.status == 2
+    assert second.failure is not None
+    assert "already running" in second.failure.message
+    run.channel.send("stop")
+    assert run.outcome().status == 128 + signal.SIGTERM
+
+
+@pytest.fixture
+def away(tmp_path: Path) -> Iterator[Path]:
+    file = tmp_path / "away"
+    file.touch()
+    yield file
+    file.unlink(missing_ok=True)
+
+
+def test_a_device_that_stays_away_is_named_with_status_3(tmp_path: Path, cells: Cells, away: Path) -> None:
+    wiring = process_box.wiring(tmp_path / "box", at=25, action="kill", away=str(away), process={"reset_for": "50 ms"})
+    outcome = Run(wiring, "forever").outcome()
+    assert outcome.status == 3
+    assert sorted(outcome.unreached) == ["motor", "valve"]
+    assert outcome.failure is not None
+    assert "not reached: valve, motor: no route to the device" in outcome.failure.message
+    (record,) = standing()
+    assert "not reached: valve, motor" in str(read(record))
+
+
+def test_a_device_that_comes_back_is_reset_after_all(tmp_path: Path, cells: Cells, away: Path) -> None:
+    run = Run(process_box.wiring(tmp_path / "box", at=25, action="kill", away=str(away)), "forever").until_running()
+    message = run.channel.receive(30)
+    assert message is not None
+    assert message["kind"] == "notice"
+    assert "trying for 10 s: valve, motor: no route" in message["text"]
+    assert cells.levels["motor"] != 0
+    away.unlink()
+    outcome = run.outcome()
+    assert (outcome.status, outcome.unreached) == (1, [])
+    assert_safe(cells)
+
+
+def test_outputs_that_the_control_process_could_not_reach_are_tried_by_the_guardian(
+    tmp_path: Path, cells: Cells, away: Path
+) -> None:
+    run = Run(process_box.wiring(tmp_path / "box", at=25, action="raise", away=str(away)), "forever").until_running()
+    message = run.channel.receive(30)
+    assert message is not None
+    assert message["kind"] == "notice"
+    away.unlink()
+    outcome = run.outcome()
+    assert (outcome.status, outcome.unreached, outcome.unsafe) == (1, [], False)
+    assert_safe(cells)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"machine": "process_box:nothing"}, "cannot be imported"),
+        ({"machine": "process_box:OUTPUTS"}, "is no function"),
+        ({"station": "zteta", "machine": None}, "did you mean 'ztheta'"),
+        ({"wiring": {"wire": {}}}, "faults in the wiring"),
+        ({"options": {"nonsense": 1}}, "--nonsense"),
+    ],
+)
+def test_a_mistake_of_the_user_is_status_2(tmp_path: Path, change: dict[str, Any], said: str) -> None:
+    wiring = change.pop("wiring", process_box.wiring(tmp_path / "box"))
+    outcome = Run(wiring, **change).outcome()
+    assert outcome.failure is not None
+    assert re.search(said, outcome.failure.message), outcome.failure.message
+    assert outcome.status == 2
+
+
+def test_the_control_process_has_one_thread_and_no_collector(tmp_path: Path) -> None:
+    run = Run(process_box.wiring(tmp_path / "box"), "forever").until_running()
+    status = Path(f"/proc/{run.control}/status").read_text()
+    assert status.partition("Threads:")[2].split()[0] == "1"
+    run.channel.send("stop")
+    run.outcome()
