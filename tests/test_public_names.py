@@ -18,6 +18,7 @@ OBJECTS = {
     "Compound",
     "DigitalActuator",
     "DigitalSensor",
+    "Interlock",
     "Quality",
     "Vector",
 } | STATES
@@ -32,6 +33,7 @@ ERRORS = {
     "Failure",
     "Fault",
     "FramesError",
+    "Interlocked",
     "NotConnected",
     "PathError",
     "RangeError",

@@ -11,6 +11,7 @@ UmoError
 |-- DriverError (OSError)            the device: every path and channel that failed
 |   `-- StopError                    outputs that could not be brought to their defaults
 |-- BadInput (RuntimeError)          a control law was fed by a sensor that is not GOOD
+|-- Interlocked (RuntimeError)       an interlock forbids what was to be written
 |-- Busy (RuntimeError)              a second motion was asked of a busy axis
 |-- TimeExpired (TimeoutError)       a condition did not come true in its time
 |-- TaskFailed (RuntimeError)        the machine could not do its work: base of a station's own errors
@@ -122,6 +123,15 @@ class BadInput(UmoError, RuntimeError):
         super().__init__(f"{path} is {quality}")
         self.path = path
         self.quality = quality
+
+
+class Interlocked(UmoError, RuntimeError):
+    """An interlock forbids the actuator everything but its default; nothing was changed."""
+
+    def __init__(self, path: str, reason: str) -> None:
+        super().__init__(f"{path} is interlocked: {reason}")
+        self.path = path
+        self.reason = reason
 
 
 class Busy(UmoError, RuntimeError):

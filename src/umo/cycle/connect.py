@@ -102,7 +102,7 @@ class connect(Generic[C]):
                 raise DriverError("could not be initialised", failures)
         for name, limit in self.wired.watchdogs.items():
             _try(name, "given its watchdog", partial(self.wired.drivers[name].watchdog, limit))
-        self.image.sample()
+        self.machine.sample(self.root)
 
     def _leave(self, cause: BaseException | None) -> None:
         """Everything back to its default, everything given back; what was not reached is raised at the end."""

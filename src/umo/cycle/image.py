@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from operator import index
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from umo.errors import DriverError, Failure, cause_of
 from umo.objects import Atomic, Binary, BinaryActuator, BinarySensor, DigitalActuator, DigitalSensor, Quality
 from umo.objects.scaling import FloatArray, IntArray, to_raw, to_value
 from umo.wiring.resolved import Wire
+
+if TYPE_CHECKING:
+    from umo.cycle.guards import Guard
 
 Actuator = BinaryActuator[Any] | DigitalActuator
 Sensor = BinarySensor[Any] | DigitalSensor
@@ -59,6 +62,9 @@ class Image(ABC):
         self.items = [wire.item for wire in self.wires]
         self.slot_of = {id(item): slot for slot, item in enumerate(self.items)}
         self.timer = -1 if timer is None else self.slot_of[id(timer)]
+        self.guards: dict[int, Guard] = {}
+        """By slot, those actuators whose writes are looked at (`umo.cycle.guards`)."""
+        self.slewed: list[Guard] = []
         self.journal: Journal | None = None
         """Where asynchronous traffic is noted, if someone reads it."""
         count = len(self.wires)
@@ -112,6 +118,10 @@ class Image(ABC):
     def put_pending(self, slots: slice | IntArray, values: FloatArray, raws: IntArray) -> None:
         """Many written at once; the values were checked."""
 
+    @property
+    def whole(self) -> Image:
+        return self
+
     @abstractmethod
     def get_values(self, slots: slice | IntArray) -> FloatArray:
         """A new array."""
@@ -140,6 +150,8 @@ class Image(ABC):
 
     def update(self) -> bool:
         """Every synchronous actuator, written since or not, one transfer a driver."""
+        for guard in self.slewed:
+            guard.slew()
         failures: list[Failure] = []
         now = self.clock.now
         for block in self.outputs:
@@ -167,13 +179,13 @@ class Image(ABC):
         try:
             self.raws[slot] = raw = index(wire.driver.read(wire.channel))
         except Exception as error:
-            self._note(slot, Kind.FAILED_READ)
+            self.note(slot, Kind.FAILED_READ)
             self._fail_input(slot, cause_of(error), failures)
         else:
             if slot == self.timer:
                 self.clock.advance(raw)
             self._accept(slot, raw, failures)
-            self._note(slot, Kind.READ)
+            self.note(slot, Kind.READ)
         _raise(failures, "could not be read")
         return cast(float, self.values[slot])
 
@@ -193,6 +205,8 @@ class Image(ABC):
         return all(self.quality[slot] == Quality.GOOD for slot in slots)
 
     def update_some(self, slots: Sequence[int]) -> bool:
+        for guard in self.slewed:
+            guard.slew()
         failures: list[Failure] = []
         for driver, group in self._by_driver(slots):
             try:
@@ -213,13 +227,25 @@ class Image(ABC):
         try:
             wire.driver.write(wire.channel, self.pending_raws[slot])
         except Exception as error:
-            self._note(slot, Kind.FAILED_WRITE)
+            self.note(slot, Kind.FAILED_WRITE)
             self._fail_output(slot, cause_of(error), failures)
         else:
             self._accepted(slot)
-            self._note(slot, Kind.WRITE)
+            self.note(slot, Kind.WRITE)
         _raise(failures, "could not be written")
         return True
+
+    def write_many(self, slots: slice | IntArray, each: Sequence[int], values: FloatArray, raws: IntArray) -> None:
+        """Many written at once, all or nothing; their ranges were checked. `each` lists the same slots."""
+        if not self.guards:
+            self.put_pending(slots, values, raws)
+            return
+        guarded = [(self.guards[s], float(v)) for s, v in zip(each, values, strict=True) if s in self.guards]
+        for guard, value in guarded:
+            guard.check(value)
+        self.put_pending(slots, values, raws)
+        for guard, value in guarded:
+            guard.take(value)
 
     def reset_some(self, slots: Iterable[int]) -> None:
         failures = self.try_each(slots, "reset")
@@ -234,16 +260,18 @@ class Image(ABC):
             if item.direction is Direction.OUTPUT:
                 self._set_default(slot)
                 default = self.pending_raws[slot]
+                if slot in self.guards:
+                    self.guards[slot].rest()
             try:
                 getattr(wire.driver, segment)(wire.channel, default)
             except Exception as error:
                 failures.append(Failure(item.path, wire.channel.text, cause_of(error)))
                 self._set_quality(slot, Quality.BAD)
-                self._note(slot, Kind.FAILED_RESET)
+                self.note(slot, Kind.FAILED_RESET)
             else:
                 if default is not None:
                     self._accepted(slot)
-                self._note(slot, Kind.RESET)
+                self.note(slot, Kind.RESET)
         return failures
 
     def set_referenced(self, slot: int, referenced: bool) -> None:
@@ -253,7 +281,8 @@ class Image(ABC):
 
     # Inside --------------------------------------------------------------------------------------------
 
-    def _note(self, slot: int, kind: Kind) -> None:
+    def note(self, slot: int, kind: Kind) -> None:
+        """Into the journal, if one is kept."""
         if self.journal is not None and slot != self.timer:
             self.journal.add(slot, kind, self.raws[slot], self.values[slot])
 

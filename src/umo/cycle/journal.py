@@ -18,6 +18,8 @@ class Kind(IntEnum):
     FAILED_WRITE = 3
     RESET = 4
     FAILED_RESET = 5
+    EXPIRED = 6
+    INTERLOCKED = 7
 
 
 class Journal:

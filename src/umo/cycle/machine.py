@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Coroutine
 from functools import partial
 from time import monotonic_ns
@@ -10,6 +11,7 @@ from typing import Any
 from umo.control.sequences import Sequences, Task
 from umo.cycle.clock import Clock
 from umo.cycle.frame import Frame, Observer, show
+from umo.cycle.guards import Event, Guards
 from umo.cycle.image import Image
 from umo.cycle.signals import StopFlag
 from umo.drivers.contract import Direction
@@ -31,13 +33,19 @@ class ConnectedMachine:
         self._slots: dict[int, tuple[list[int], list[int], list[int]]] = {}
         self._acts: dict[int, list[Callable[[], None]]] = {}
         self._started = 0
+        try:
+            self.guards = Guards(root, image)
+        except BaseException:
+            image.disconnect()
+            raise
         self.clock.on_tick = self._tick
         self._compounds = [root, *(node for node in root.walk() if isinstance(node, Compound))]
         for compound in self._compounds:
             compound._connect(self)
         self._root_acts = self._overrides(root)
         if type(root).sample is Compound.sample:
-            root.__dict__["sample"] = image.sample  # the loop's own calls, without the way over `self.sample`
+            # the loop's own calls, without the way over `self.sample`
+            root.__dict__["sample"] = self._guarded_sample if self.guards else image.sample
         if type(root).update is Compound.update:
             root.__dict__["update"] = self._update
 
@@ -65,8 +73,19 @@ class ConnectedMachine:
 
     def sample(self, part: Compound) -> bool:
         if part is self.root:
-            return self.image.sample()
+            return self._guarded_sample()
         return self.image.sample_some(self._slots_of(part)[0])
+
+    def _guarded_sample(self) -> bool:
+        try:
+            return self.image.sample()
+        finally:
+            self.guards.evaluate()
+
+    @property
+    def events(self) -> deque[Event]:
+        """What guards did, the last thousand times."""
+        return self.guards.events
 
     def control(self, part: Compound) -> None:
         """Sequences first (the root's alone), then each overridden `control`, a parent before its parts."""

@@ -3,6 +3,7 @@
 from umo.objects.actuators import BinaryActuator, DigitalActuator
 from umo.objects.atomic import Atomic, Binary, Digital
 from umo.objects.compound import Compound
+from umo.objects.interlock import Interlock
 from umo.objects.node import Node
 from umo.objects.quality import Quality
 from umo.objects.sensors import BinarySensor, DigitalSensor
@@ -35,6 +36,7 @@ __all__ = [
     "EnableDisable",
     "FrontBack",
     "HighLow",
+    "Interlock",
     "LeftRight",
     "Node",
     "OnOff",

@@ -7,17 +7,24 @@ from typing import Literal, cast
 from umo.drivers.contract import Direction
 from umo.errors import DeclarationError, RangeError
 from umo.objects.atomic import Binary, Digital, S, _finite
+from umo.objects.units import seconds
 
 
 class BinaryActuator(Binary[S]):
-    """One output bit: a valve, a relay, a step input. EPICS bo, Modbus coil, OPC UA TwoState, BACnet BO."""
+    """One output bit: a valve, a relay, a step input. EPICS bo, Modbus coil, OPC UA TwoState, BACnet BO.
 
-    __slots__ = ("_default",)
+    `expires` ("100 ms", or s): not written for so long it goes to its default.
+    """
+
+    __slots__ = ("_default", "_expires")
 
     direction = Direction.OUTPUT
 
-    def __init__(self, states: type[S], *, one: S, default: S, synchronous: bool = True) -> None:
+    def __init__(
+        self, states: type[S], *, one: S, default: S, synchronous: bool = True, expires: str | float | None = None
+    ) -> None:
         super().__init__(states, one, synchronous)
+        self._expires = _expiry(expires)
         if type(default) is not states:
             raise DeclarationError(f"default={default!r} is no state of {states.__name__}")
         self._default = default
@@ -26,6 +33,14 @@ class BinaryActuator(Binary[S]):
     def default(self) -> S:
         """The safe state: written when the machine is connected, reset and left."""
         return self._default
+
+    @property
+    def expires(self) -> float | None:
+        """s without a write after which the default is sent; None: never."""
+        return self._expires
+
+    def describe(self) -> str:
+        return super().describe() + _expiry_text(self._expires)
 
     @property
     def pending(self) -> S:
@@ -64,10 +79,12 @@ class DigitalActuator(Digital):
     """A group of output bits: a DAC, a PWM duty cycle. EPICS ao, Modbus holding register, BACnet AO.
 
     `limits` says what happens beyond the range: "raise" (RangeError, nothing changes) or "clamp" (the
-    nearest bound is taken and `write` returns False). NaN and infinities always raise.
+    nearest bound is taken and `write` returns False). NaN and infinities always raise. `expires` ("100 ms", or s):
+    not written for so long it goes to its default. `max_rate` (units per s, synchronous only): what is sent moves
+    towards what was written no faster than this; `pending` shows what was written, `read` what was sent.
     """
 
-    __slots__ = ("_clamp", "_default")
+    __slots__ = ("_clamp", "_default", "_expires", "_max_rate")
 
     direction = Direction.OUTPUT
 
@@ -82,8 +99,16 @@ class DigitalActuator(Digital):
         zero_offset: float = 0.0,
         limits: Literal["raise", "clamp"] = "raise",
         synchronous: bool = True,
+        expires: str | float | None = None,
+        max_rate: float | None = None,
     ) -> None:
         super().__init__(units, minimum, maximum, resolution, zero_offset, synchronous)
+        self._expires = _expiry(expires)
+        self._max_rate = None if max_rate is None else _finite("max_rate", max_rate)
+        if self._max_rate is not None and self._max_rate <= 0:
+            raise DeclarationError(f"max_rate {max_rate:g} is not above 0 {units}/s")
+        if self._max_rate is not None and not synchronous:
+            raise DeclarationError("max_rate is for a synchronous actuator: it is sent a step each period")
         if limits not in ("raise", "clamp"):
             raise DeclarationError(f'limits={limits!r} is neither "raise" nor "clamp"')
         self._default = _finite("default", default)
@@ -95,6 +120,20 @@ class DigitalActuator(Digital):
     def default(self) -> float:
         """The safe value: written when the machine is connected, reset and left."""
         return self._default
+
+    @property
+    def expires(self) -> float | None:
+        """s without a write after which the default is sent; None: never."""
+        return self._expires
+
+    @property
+    def max_rate(self) -> float | None:
+        """The fastest change of what is sent, in `units` per s; None: any."""
+        return self._max_rate
+
+    def describe(self) -> str:
+        rate = "" if self._max_rate is None else f", at most {self._max_rate:g} {self._units}/s"
+        return super().describe() + rate + _expiry_text(self._expires)
 
     @property
     def limits(self) -> Literal["raise", "clamp"]:
@@ -138,3 +177,14 @@ class DigitalActuator(Digital):
 
     def _default_value(self) -> float:
         return self._default
+
+
+def _expiry(expires: str | float | None) -> float | None:
+    limit = None if expires is None else seconds(expires)
+    if limit == 0:
+        raise DeclarationError("expires is 0; it is the time for which a command holds")
+    return limit
+
+
+def _expiry_text(expires: float | None) -> str:
+    return "" if expires is None else f", expires after {expires:g} s"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-from collections.abc import Collection, Coroutine, Iterator, Mapping
+from collections.abc import Collection, Coroutine, Iterable, Iterator, Mapping
 from functools import cache
 from types import MappingProxyType, UnionType
 from typing import (
@@ -25,6 +25,7 @@ from umo.objects.link import Unconnected
 from umo.objects.node import Node
 
 if TYPE_CHECKING:
+    from umo.objects.interlock import Interlock
     from umo.objects.link import Machine, Task
 
 
@@ -112,6 +113,10 @@ class Compound(Node):
         if path not in known:
             raise PathError(f"no object {path!r} in {self.path or type(self).__name__}{did_you_mean(path, known)}")
         return known[path]
+
+    def interlocks(self) -> Iterable[Interlock]:
+        """What this object forbids, and when; overridden by classes that have interlocks. Asked when connecting."""
+        return ()
 
     # One period ------------------------------------------------------------------------------------
 

@@ -25,6 +25,10 @@ if TYPE_CHECKING:
 class Image(Protocol):
     """The process image: an object's slot is an index into each of these."""
 
+    @property
+    def whole(self) -> Image:
+        """The image itself, also where a guard stands before it."""
+
     values: Live
     """Sensors: the value last kept. Actuators: the value last accepted by the hardware."""
     pending: Live
@@ -42,7 +46,7 @@ class Image(Protocol):
     def update_some(self, slots: Sequence[int]) -> bool: ...
     def reset_some(self, slots: Sequence[int]) -> None: ...
     def set_referenced(self, slot: int, referenced: bool) -> None: ...
-    def put_pending(self, slots: slice | IntArray, values: FloatArray, raws: IntArray) -> None: ...
+    def write_many(self, slots: slice | IntArray, each: Sequence[int], values: FloatArray, raws: IntArray) -> None: ...
     def get_values(self, slots: slice | IntArray) -> FloatArray: ...
 
 

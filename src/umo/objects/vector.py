@@ -68,7 +68,8 @@ class Vector(Generic[A]):
             raise DeclarationError(f"{self!r} holds sensors; only actuators are written")
         plan = self._planned()
         numbers, taken = self._levels(values) if plan.limits is None else plan.limits.check(self._objects, values)
-        plan.image.put_pending(plan.slots, numbers, to_raws(numbers, plan.resolution, plan.zero_offset))
+        raws = to_raws(numbers, plan.resolution, plan.zero_offset)
+        plan.image.write_many(plan.slots, plan.all_slots, numbers, raws)
         if not self._objects[0].synchronous:
             plan.image.update_some(plan.all_slots)
         return taken
@@ -84,7 +85,7 @@ class Vector(Generic[A]):
         return plan.image.update_some(plan.all_slots) if self._objects[0].synchronous else True
 
     def _planned(self) -> _Plan:
-        image = self._objects[0]._image
+        image = self._objects[0]._image.whole
         if self._plan is None or self._plan.image is not image:
             self._plan = _Plan(image, self._objects)
         return self._plan
@@ -122,7 +123,7 @@ class _Plan:
     def __init__(self, image: Image, objects: Sequence[Atomic]) -> None:
         self.image = image
         image.values  # noqa: B018  (NotConnected before anything is indexed)
-        if any(item._image is not image for item in objects):
+        if any(item._image.whole is not image for item in objects):
             raise DeclarationError("a Vector holds objects of one machine")
         self.all_slots = [item._slot for item in objects]
         self.slots = _as_slice(self.all_slots)

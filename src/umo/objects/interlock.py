@@ -1,0 +1,54 @@
+"""Interlocks: what must not be commanded while something else is so."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from umo.errors import DeclarationError
+from umo.objects.actuators import BinaryActuator, DigitalActuator
+from umo.objects.atomic import Atomic
+from umo.objects.compound import Compound
+
+
+@dataclass(frozen=True, eq=False)
+class Interlock:
+    """While `condition()` is true, what it `forbids` can only be written its default; when it becomes true, all of
+    that is reset at once.
+
+        class Lathe(Compound):
+            door: BinarySensor[OpenClosed]
+            spindle: DigitalActuator
+
+            def interlocks(self):
+                yield Interlock(lambda: self.door.read() is OpenClosed.OPEN, [self.spindle], "the door is open")
+
+    The condition is asked once a period, after `sample`; it reads synchronous sensors and actuators and is quick. One
+    that raises counts as true: `state_of` and `value_of` of `umo.control` raise for a sensor that is not GOOD.
+    `forbids` names actuators, or compounds for all actuators in them. Not a safety function (design.md section 7).
+    """
+
+    condition: Callable[[], bool]
+    forbids: Iterable[BinaryActuator | DigitalActuator | Compound]  # type: ignore[type-arg]
+    reason: str
+
+    def actuators(self) -> list[Atomic]:
+        """Every actuator it forbids, in declared order; DeclarationError for anything else."""
+        found: list[Atomic] = []
+        for node in self.forbids:
+            if isinstance(node, Compound):
+                found += [item for item in node.atoms() if isinstance(item, BinaryActuator | DigitalActuator)]
+            elif isinstance(node, BinaryActuator | DigitalActuator):
+                found.append(node)
+            else:
+                raise DeclarationError(f"interlock {self.reason!r} forbids {node!r}, which is no actuator")
+        return found
+
+    def __post_init__(self) -> None:
+        if not callable(self.condition):
+            raise DeclarationError(f"the condition of an interlock is a function, not {self.condition!r}")
+        if not isinstance(self.reason, str) or not self.reason.strip():
+            raise DeclarationError(f"an interlock says its reason, not {self.reason!r}")
+        object.__setattr__(self, "forbids", tuple(self.forbids))
+        if not self.actuators():
+            raise DeclarationError(f"interlock {self.reason!r} forbids nothing")
