@@ -135,6 +135,29 @@ def set_(
     guarded(lambda: set_value(find(station), wiring, path, value, hold))
 
 
+@app.command(epilog="Examples: umo watch  |  umo watch ztheta z  |  umo watch ztheta z.encoder z.motor --seconds 10")
+def watch(
+    station: Annotated[str | None, typer.Argument(metavar="[STATION]", help="A name or pid of `umo ps`.")] = None,
+    paths: Annotated[
+        list[str] | None, typer.Argument(metavar="[PATH]...", help="Objects, or compounds for all in them.")
+    ] = None,
+    once: Annotated[bool, typer.Option("--once", help="Show the values now, and end.")] = False,
+    seconds: Annotated[float | None, typer.Option(min=0.0, help="End after so long.")] = None,
+) -> None:
+    """Watch a running station: values, traces, missed periods. It cannot be disturbed by this."""
+    from .watch import watch as show
+
+    guarded(lambda: show(station, paths or [], once, seconds))
+
+
+@app.command(epilog="Examples: umo ps  |  umo ps --json")
+def ps(as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False) -> None:
+    """List the stations that run in real time, and those that stand stopped."""
+    from .running import ps as show
+
+    guarded(lambda: show(as_json))
+
+
 @app.command(epilog="Examples: umo why  |  umo why ztheta  |  umo why ztheta --now  |  umo why --file kept.box")
 def why(
     station: Annotated[str | None, typer.Argument(metavar="[STATION]", help="Of this station only.")] = None,

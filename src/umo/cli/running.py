@@ -1,0 +1,120 @@
+"""The stations that run now, as `umo ps`, `umo watch` and `umo why` find them."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+
+from umo.errors import FramesError, did_you_mean
+from umo.frames import Reader, rings
+from umo.process.record import Ended, read, state_folder
+
+from .console import err, out
+
+
+def ps(as_json: bool) -> None:
+    """What runs, and what stands stopped."""
+    found = [_line(reader) for reader in _readers()]
+    stopped = standing()
+    if as_json:
+        out.print_json(json.dumps({"running": found, "stopped": [vars(ended) for ended in stopped]}))
+        return
+    if found:
+        out.print(_table(found))
+    else:
+        out.print("nothing runs")
+    for ended in stopped:
+        out.print(f"stands stopped: {ended} (start it with --acknowledge)", markup=False, highlight=False)
+
+
+def attach(name: str | None) -> Reader:
+    """The frames of one running station, by name or pid; FramesError lists those that run."""
+    readers = _readers()
+    wanted = None if name is None else Path(name).resolve().name
+    fitting = [
+        r for r in readers if name is None or r.about["station"] in (name, wanted) or str(r.about["pid"]) == name
+    ]
+    if len(fitting) == 1:
+        return fitting[0]
+    names = [str(reader.about["station"]) for reader in readers]
+    if not readers:
+        raise FramesError(f"nothing runs{_others()}; `umo run STATION` in real time can be watched")
+    if not fitting:
+        raise FramesError(f"{name!r} does not run{did_you_mean(str(name), names)}; running: {', '.join(names)}")
+    pids = ", ".join(f"{reader.about['station']} (pid {reader.about['pid']})" for reader in fitting)
+    raise FramesError(f"more than one station runs, name one or its pid: {pids}")
+
+
+def _readers() -> list[Reader]:
+    """One for each living ring; one that cannot be attached to is named."""
+    found = []
+    for path in rings():
+        try:
+            found.append(Reader(path))
+        except FramesError as error:
+            err.print(f"umo: {error}", markup=False, highlight=False, soft_wrap=True)
+    return found
+
+
+def standing() -> list[Ended]:
+    """The machines that stand stopped, or whose processes are all gone."""
+    running = {(r.about["station"], r.about["wiring"]) for r in _readers()}
+    found = [ended for path in sorted((state_folder() / "machines").glob("*.json")) if (ended := read(path))]
+    return [e for e in found if e.state == "stopped" or (e.station, e.wiring) not in running]
+
+
+def _line(reader: Reader) -> dict[str, Any]:
+    about, frame = reader.about, reader.latest()
+    return {
+        "station": about["station"],
+        "wiring": about["wiring"],
+        "pid": about["pid"],
+        "since": about["started"],
+        "state": reader.state.name.lower(),
+        "task": "" if frame is None else frame["task"].decode(errors="replace"),
+        "period_s": about["period"],
+        "periods": reader.head,
+        "missed": reader.missed,
+    }
+
+
+def _table(found: list[dict[str, Any]]) -> Table:
+    table = Table("station", "pid", "since", "state", "period", "periods", "missed", "task", header_style="bold")
+    for line in found:
+        since = time.strftime("%H:%M:%S", time.localtime(line["since"]))
+        name = f"{line['station']} ({line['wiring']})" if line["wiring"] else line["station"]
+        table.add_row(
+            name,
+            str(line["pid"]),
+            f"{since} ({lasting(time.time() - line['since'])})",
+            line["state"],
+            f"{line['period_s'] * 1e3:g} ms",
+            f"{line['periods']:,}",
+            f"{line['missed']:,}",
+            line["task"],
+        )
+    return table
+
+
+def lasting(seconds: float) -> str:
+    """`12 s`, `3 min`, `2 h 05 min`, `3 d 4 h`."""
+    minutes, hours, days = seconds / 60, seconds / 3600, seconds / 86400
+    if minutes < 2:
+        return f"{seconds:.0f} s"
+    if hours < 1:
+        return f"{minutes:.0f} min"
+    if days < 2:
+        return f"{int(hours)} h {int(minutes) % 60:02d} min"
+    return f"{int(days)} d {int(hours) % 24} h"
+
+
+def _others() -> str:
+    """Another user's folder says that there may be something to see, but not for us."""
+    folders = [path for path in Path("/dev/shm").glob("umo-*") if path.is_dir()] if Path("/dev/shm").is_dir() else []
+    own = f"umo-{os.getuid()}" if hasattr(os, "getuid") else ""
+    return " for this user; another user's stations cannot be watched" if any(p.name != own for p in folders) else ""
