@@ -134,7 +134,7 @@ class Picture:
         table = Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="bold")
         table.add_column("object", no_wrap=True, min_width=max(map(len, self._reader.paths)))
         table.add_column("value", no_wrap=True, justify="right")
-        table.add_column("raw", no_wrap=True, justify="right")
+        table.add_column("raw", no_wrap=True, justify="right", min_width=7)
         table.add_column(f"last {SPAN:g} s", no_wrap=True)
         table.add_column("least to most", no_wrap=True)
         for row in self._rows:
@@ -154,7 +154,7 @@ def _value(entry: dict[str, Any], value: float) -> str:
     if "one" in entry:
         return str(entry["one"] if value else entry["zero"])
     unit = "" if entry["unit"] == "sampling_period" else f" {entry['unit']}"
-    return f"{value:.6g}{unit}"
+    return f"{value:.1f}{unit}" if abs(value) >= 1000 else f"{value:.4g}{unit}"
 
 
 def _spark(entry: dict[str, Any], trace: list[tuple[float, float]]) -> str:
@@ -171,4 +171,8 @@ def _spark(entry: dict[str, Any], trace: list[tuple[float, float]]) -> str:
 def _range(entry: dict[str, Any], trace: list[tuple[float, float]]) -> str:
     if not trace or "one" in entry:
         return ""
-    return f"{min(low for low, _ in trace):.4g} to {max(high for _, high in trace):.4g}"
+    return f"{_short(min(low for low, _ in trace))} to {_short(max(high for _, high in trace))}"
+
+
+def _short(value: float) -> str:
+    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"

@@ -42,7 +42,7 @@ class Control:
         stop before the machine was connected."""
         self._asked = asked
         outcome = Outcome()
-        _die_with_parent(signal.SIGTERM)
+        die_with_parent(signal.SIGTERM)
         try:
             self._work(outcome)
         except BaseException as error:
@@ -94,7 +94,7 @@ class Control:
             request_stop(self._asked())
 
 
-def _die_with_parent(number: int) -> None:
+def die_with_parent(number: int) -> None:
     """Be sent this signal when the guardian ends, however it does (prctl(2))."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, number, 0, 0, 0)
 

@@ -1,0 +1,118 @@
+"""`umo latency`: can this computer do it?"""
+
+from __future__ import annotations
+
+import json
+from math import log10
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from umo.errors import RangeError
+from umo.latency import Samples, judge, measure
+from umo.latency.measure import Measured
+from umo.latency.verdict import advice
+from umo.objects.units import seconds as duration
+from umo.process.start import LINUX
+
+from .console import err, out
+
+SHORTEST, LONGEST = 50e-6, 1.0
+QUANTILES = (("least", 0), ("median", 50), ("99 %", 99), ("99.9 %", 99.9), ("longest", 100))
+BARS = 30
+
+
+def latency(period: str, seconds: float, load: bool, file: Path | None) -> None:
+    """Measure, show, judge."""
+    step = duration(period)
+    if not SHORTEST <= step <= LONGEST:
+        raise RangeError(f"--period {period}: umo latency measures periods from 50 us to 1 s")
+    if not LINUX:
+        raise RangeError("umo latency needs Linux: it measures the loop that runs there in real time")
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
+        task = bar.add_task(f"{step * 1e3:g} ms, umo's loop and a C loop in turns", total=1.0)
+        found = measure(step, seconds, load=load, progress=lambda share: bar.update(task, completed=share))
+    if found.c is None:
+        err.print("umo: no C compiler here (cc, gcc, clang): without the loop to compare with")
+    out.print(_table(found, load))
+    for line in _histogram(found):
+        out.print(line, markup=False, highlight=False)
+    lines = advice(found)
+    if lines:
+        out.print("\nWhat would help:", highlight=False)
+        for line in lines:
+            out.print(f"- {line}", markup=False, highlight=False, soft_wrap=True)
+    answer = judge(found)
+    out.print(f"\n{step * 1e3:g} ms: {answer.word}. {answer.text}", style="bold", highlight=False, soft_wrap=True)
+    if file is not None:
+        file.write_text(json.dumps(_as_json(found, load), indent=2) + "\n", encoding="utf-8")
+
+
+def _table(found: Measured, load: bool) -> Table:
+    beside = "every core busy beside it" if load else "as it is"
+    table = Table(title=f"{found.period * 1e3:g} ms, {beside}, us", title_justify="left", header_style="bold")
+    for name in ("", *(name for name, _ in QUANTILES), "missed"):
+        table.add_column(name, justify="right" if name else "left")
+    for title, pick in (("waking up", "wake"), ("working", "work"), ("together", "total")):
+        rows = [("umo", found.umo)] + ([("C", found.c)] if found.c is not None else [])
+        for name, samples in rows:
+            missed = str(samples.missed) if pick == "total" else ""
+            table.add_row(f"{title}, {name}", *(f"{value:.1f}" for value in _quantiles(getattr(samples, pick))), missed)
+    if found.c is not None and len(found.c.total) and len(found.umo.total):
+        ratios = _quantiles(found.umo.total) / _quantiles(found.c.total)
+        table.add_row("umo / C", *(f"{ratio:.2f}" for ratio in ratios), "", style="bold")
+    return table
+
+
+def _quantiles(values: Any) -> Any:
+    return np.percentile(values, [q for _, q in QUANTILES]) if len(values) else np.full(len(QUANTILES), np.nan)
+
+
+def _histogram(found: Measured) -> list[str]:
+    """Waking up plus working, in steps of a third of a decade, both loops side by side."""
+    loops = [("umo", found.umo)] + ([("C", found.c)] if found.c is not None else [])
+    totals = [samples.total for _, samples in loops if len(samples.total)]
+    if not totals:
+        return []
+    low, high = min(t.min() for t in totals), max(t.max() for t in totals)
+    edges = 10 ** (np.arange(int(3 * log10(max(low, 0.1))), int(3 * log10(high)) + 2) / 3)
+    counts = [np.histogram(samples.total, edges)[0] for _, samples in loops]
+    lines = ["", f"{'us, together':>16}  " + "  ".join(f"{name:<{BARS}}" for name, _ in loops).rstrip()]
+    for row in range(len(edges) - 1):
+        bars = "  ".join(f"{_bar(int(count[row]), int(count.sum())):<{BARS}}" for count in counts)
+        lines.append(f"{edges[row]:>7.0f} -{edges[row + 1]:>7.0f}  {bars}".rstrip())
+    return lines
+
+
+def _bar(count: int, total: int) -> str:
+    """Length by the logarithm of the count, so that one of a million is still seen."""
+    if not count:
+        return ""
+    room = BARS - 9
+    return "█" * max(1, round(room * log10(count + 1) / log10(total + 1))) + f" {count:,}"
+
+
+def _as_json(found: Measured, load: bool) -> dict[str, Any]:
+    answer = judge(found)
+    loops: dict[str, Samples | None] = {"umo": found.umo, "c": found.c}
+    return {
+        "period_us": found.period * 1e6,
+        "load": load,
+        **{name: None if samples is None else _figures(samples) for name, samples in loops.items()},
+        "verdict": answer.word,
+        "why": answer.text,
+        "advice": advice(found),
+    }
+
+
+def _figures(samples: Samples) -> dict[str, Any]:
+    parts = {"wake_us": samples.wake, "work_us": samples.work, "together_us": samples.total}
+    figures = {
+        key: {name: round(float(v), 2) for (name, _), v in zip(QUANTILES, _quantiles(values), strict=True)}
+        for key, values in parts.items()
+    }
+    return {**figures, "periods": len(samples.total), "missed": samples.missed}

@@ -1,0 +1,127 @@
+"""umo's own loop, in a process prepared as a control process is, a slice of it at a time."""
+
+from __future__ import annotations
+
+import os
+import signal
+import struct
+import sys
+from multiprocessing.connection import Connection, Pipe
+from time import monotonic_ns
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from umo.cycle import connect
+from umo.drivers.timerfd import Ticker
+from umo.objects import BinaryActuator, Compound, DigitalActuator, DigitalSensor, OnOff
+from umo.process import realtime
+from umo.process.control import die_with_parent
+
+
+class Example(Compound):
+    """13 objects: the size of the z-theta manipulator."""
+
+    timer: DigitalSensor
+    sensors: list[DigitalSensor]
+    motors: list[DigitalActuator]
+    valves: list[BinaryActuator[OnOff]]
+
+    def control(self) -> None:
+        for sensor, motor in zip(self.sensors, self.motors, strict=True):
+            motor.write(0.1 * sensor.read())
+        for valve in self.valves:
+            valve.write(OnOff.ON)
+
+
+def example() -> Example:
+    def sensor() -> DigitalSensor:
+        return DigitalSensor("um", minimum=-1e6, maximum=1e6, resolution=0.5)
+
+    def motor() -> DigitalActuator:
+        return DigitalActuator("V", default=0.0, minimum=-10.0, maximum=10.0, resolution=0.01)
+
+    def valve() -> BinaryActuator[OnOff]:
+        return BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.OFF)
+
+    timer = DigitalSensor("sampling_period", minimum=0.0, maximum=99_999.9, resolution=1.0, synchronous=False)
+    return Example(
+        timer=timer, sensors=[sensor() for _ in range(4)], motors=[motor() for _ in range(4)],
+        valves=[valve() for _ in range(4)],
+    )  # fmt: skip
+
+
+class Loop:
+    """A child process with the loop; `run` gives one slice of its times."""
+
+    def __init__(self, period: float, priority: int, cpu: int | None) -> None:
+        self._here, there = Pipe()
+        sys.stdout.flush()
+        sys.stderr.flush()
+        self._pid = os.fork()
+        if self._pid == 0:
+            self._here.close()
+            _child(there, period, priority, cpu)
+        there.close()
+        self.refusals: list[realtime.Refusal]
+        self.priority: int
+        """Granted: 0 for none."""
+        self.cpu: int | None
+        self.refusals, self.priority, self.cpu = self._here.recv()
+
+    def run(self, periods: int) -> npt.NDArray[np.int64]:
+        """As `native.run`."""
+        self._here.send_bytes(struct.pack("<q", periods))
+        return np.frombuffer(self._here.recv_bytes(), np.int64).reshape(-1, 2)
+
+    def close(self) -> None:
+        self._here.close()
+        os.waitpid(self._pid, 0)
+
+
+def _child(there: Connection, period: float, priority: int, cpu: int | None) -> None:
+    """Never returns."""
+    try:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        die_with_parent(signal.SIGKILL)
+        machine = example()
+        wire: dict[str, Any] = {item.path: {"driver": "simulated"} for item in machine.atoms()}
+        wire["timer"] = {"driver": "timerfd", "period": period}
+        connection = connect(machine, {"wire": wire})
+        with connection as m:
+            ticker = connection.wired.drivers["timerfd"].ticker  # type: ignore[attr-defined]
+            there.send((realtime.prepare(priority, cpu), *_granted(priority)))
+            while True:
+                (periods,) = struct.unpack("<q", there.recv_bytes())
+                there.send_bytes(_slice(m, ticker, periods).tobytes())
+    except EOFError:
+        os._exit(0)
+    except BaseException:
+        sys.excepthook(*sys.exc_info())
+        os._exit(1)
+
+
+def _granted(priority: int) -> tuple[int, int | None]:
+    """Priority and core of this process."""
+    cores = os.sched_getaffinity(0)
+    fifo = os.sched_getscheduler(0) == os.SCHED_FIFO
+    return priority if fifo else 0, next(iter(cores)) if len(cores) == 1 else None
+
+
+def _slice(m: Example, ticker: Ticker, periods: int) -> npt.NDArray[np.int64]:
+    times = np.full((periods, 2), -1, np.int64)
+    m.timer.read()  # the ticks between the slices
+    m.timer.read()
+    i = 0
+    while i < periods:
+        missed = int(m.timer.read())
+        i += max(missed - 1, 0)
+        if i >= periods:
+            break
+        m.sample()
+        m.control()
+        m.update()
+        times[i] = -1 if missed else ticker.woke - ticker.due, monotonic_ns() - ticker.woke
+        i += 1
+    return times

@@ -1,0 +1,72 @@
+"""What the figures mean: a plain answer for the period, and what would make them better."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from umo.latency.measure import Measured
+
+YES, CARE, NO = "yes", "with care", "no"
+HALF = 0.5
+
+
+@dataclass(frozen=True)
+class Answer:
+    """`word` is yes, with care or no; `text` says why."""
+
+    word: str
+    text: str
+
+
+def judge(found: Measured) -> Answer:
+    """yes: no period missed and the longest wake-up plus work below half of the period. with care: at most one of a
+    thousand periods missed, and 99.9 % of them below the period. no: otherwise."""
+    total, missed = found.umo.total, found.umo.missed
+    count = len(total) + missed
+    period = found.period * 1e6
+    if not len(total):
+        return Answer(NO, f"None of {count:,} periods began in time")
+    worst, most = float(total.max()), float(np.percentile(total, 99.9))
+    lost = f"{missed:,} of {count:,} periods missed" if missed else f"None of {count:,} periods missed"
+    longest = f"the longest wake-up plus work was {worst:.0f} us, {worst / period:.0%} of the period"
+    if not missed and worst < HALF * period:
+        return Answer(YES, f"{lost}; {longest}")
+    if missed <= count / 1000 and most < period:
+        return Answer(CARE, f"{lost}; {longest}")
+    return Answer(NO, f"{lost}; {longest}")
+
+
+def _read(path: str) -> str:
+    with suppress(OSError):
+        return Path(path).read_text()
+    return ""
+
+
+def advice(found: Measured, read: Callable[[str], str] = _read, cores: int | None = None) -> list[str]:
+    """What to change on this computer, a line each; nothing for what is as it should be."""
+    lines = [str(refusal) for refusal in found.refusals]
+    if read("/sys/kernel/realtime").strip() != "1" and "PREEMPT_RT" not in read("/proc/version"):
+        lines.append(
+            f"kernel {platform.release()} is not a real-time one: install one with PREEMPT_RT (linux-image-rt)"
+        )
+    governor = read("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor").strip()
+    if governor and governor != "performance":
+        lines.append(f"the frequency governor is {governor}: cpupower frequency-set -g performance")
+    if read("/proc/sys/kernel/sched_rt_runtime_us").strip() not in ("", "-1") and not found.refusals:
+        lines.append(
+            "real-time throttling takes 5 % of each second from a loop that never waits: harmless for one that does"
+        )
+    if " hypervisor" in read("/proc/cpuinfo"):
+        lines.append("this is a virtual machine: its host can take the processor away; measure on the machine itself")
+    if (cores or os.cpu_count() or 1) < 2:
+        lines.append("there is one core: everything else runs on it too")
+    elif not read("/sys/devices/system/cpu/isolated").strip():
+        lines.append("no core is kept free for the loop: isolcpus=domain,1 on the kernel's command line")
+    return lines
