@@ -7,6 +7,7 @@ import os
 import platform
 import struct
 import zlib
+from contextlib import suppress
 from enum import IntEnum
 from pathlib import Path
 from time import monotonic_ns
@@ -39,6 +40,7 @@ from umo.frames.usage import Usage
 MOST_BYTES = 4 << 20
 MOST_SLOTS = 4096
 FEWEST_SLOTS = 16
+MADV_POPULATE_WRITE = 23
 ORDERED = platform.machine().lower() in ("x86_64", "amd64", "i686")
 """Stores become visible in program order: a sequence counter is enough."""
 
@@ -195,7 +197,7 @@ def _make(path: Path, size: int) -> tuple[int, mmap.mmap]:
             else:
                 os.ftruncate(file, size)
             folder.hold(file)
-            return file, mmap.mmap(file, size)
+            return file, _touched(mmap.mmap(file, size))
         except BaseException:
             os.close(file)
             new.unlink(missing_ok=True)
@@ -204,6 +206,13 @@ def _make(path: Path, size: int) -> tuple[int, mmap.mmap]:
         raise FramesError(
             f"no room for frames ({size / 1e6:.1f} MB at {path.parent}): {error.strerror or error}"
         ) from None
+
+
+def _touched(mapped: mmap.mmap) -> mmap.mmap:
+    """With every page in place, where the kernel does that at once: the first lap would pay for it otherwise."""
+    with suppress(OSError, AttributeError):
+        mapped.madvise(MADV_POPULATE_WRITE)
+    return mapped
 
 
 def _cut(text: bytes) -> bytes:

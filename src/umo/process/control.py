@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import gc
 import os
 import signal
 import sys
@@ -61,13 +62,15 @@ class Control:
 
     def _work(self, outcome: Outcome) -> None:
         plan = self._plan
+        process = plan.wired.process
+        refusals = realtime.prepare(process.priority, process.cpu)
         connection = connect(plan.machine, plan.wiring, **plan.options)
         connection.on_step = self._life.beat
         with connection as machine:
             try:
                 with published(connection, plan.name, plan.wiring_name, self._path) as ring:
                     connection.machine.observers.append(self._life.beat)
-                    self._ready(connection, ring)
+                    self._ready(machine, ring, refusals)
                     outcome.result = drive(machine, plan.application)
             finally:
                 self._life.enter(Stage.LEAVING)
@@ -75,9 +78,9 @@ class Control:
                 outcome.simulated = machine.now
                 outcome.parts = Parts.of(machine, connection.wired.drivers)
 
-    def _ready(self, connection: connect[Compound], ring: Ring) -> None:
-        process = connection.wired.process
-        refusals = realtime.prepare(process.priority, process.cpu)
+    def _ready(self, machine: Compound, ring: Ring, refusals: list[realtime.Refusal]) -> None:
+        gc.freeze()
+        machine.children()["timer"].read()  # type: ignore[attr-defined]  # the ticks that passed until here
         if threading.active_count() > 1:
             others = [thread.name for thread in threading.enumerate() if thread is not threading.main_thread()]
             text = f"the control process has other Python threads, which will delay it: {', '.join(others)}"
