@@ -72,15 +72,15 @@ def targets(table: Table, others: Others) -> list[Target]:
     """The figures that were asked for. Minima decide; the median stands beside them."""
     period, by_hand = table[PERIOD, 13, "a"], table[PERIOD, 13, "d"]
     found = [
-        _upper("13 objects: sample, write each, update", period.minimum, 8.0, "us", period.median),
-        _upper("the same against (d)", period.minimum / by_hand.minimum, 1.5, "times", period.median / by_hand.median),
+        upper("13 objects: sample, write each, update", period.minimum, 8.0, "us", period.median),
+        upper("the same against (d)", period.minimum / by_hand.minimum, 1.5, "times", period.median / by_hand.median),
     ]
     scan, paper = table[SCAN_FILL, 10_000, "a"], table.get((SCAN_FILL, 10_000, "b"))
     what = "10,000 objects: sample + update against (b)"
     if paper is None:
         found.append(Target(what, "at most 1 times", "-", "not measured: no compiler"))
     else:
-        found.append(_upper(what, scan.minimum / paper.minimum, 1.0, "times", scan.median / paper.median))
+        found.append(upper(what, scan.minimum / paper.minimum, 1.0, "times", scan.median / paper.median))
     what = "the station against real time"
     if isinstance(others.station, str):
         found.append(Target(what, "at least 10 times", "-", f"not measured: {others.station}"))
@@ -90,8 +90,8 @@ def targets(table: Table, others: Others) -> list[Target]:
     return found
 
 
-def target_grid(found: list[Target]) -> Grid:
-    grid = Grid(title="Targets")
+def target_grid(found: list[Target], title: str = "Targets") -> Grid:
+    grid = Grid(title=title)
     for column in ("figure", "target", "measured: minimum (median)", "verdict"):
         grid.add_column(column)
     for target in found:
@@ -124,7 +124,7 @@ def as_json(table: Table, others: Others, found: list[Target]) -> dict[str, Any]
     }
 
 
-def _upper(what: str, value: float, limit: float, unit: str, beside: float) -> Target:
+def upper(what: str, value: float, limit: float, unit: str, beside: float) -> Target:
     verdict = "met" if value <= limit else f"missed by {value / limit - 1:.0%}"
     return Target(what, f"at most {limit:g} {unit}", f"{value:.2f} ({beside:.2f}) {unit}", verdict)
 

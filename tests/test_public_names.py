@@ -49,12 +49,27 @@ ERRORS = {
 NAMES = {
     "umo": OBJECTS
     | ERRORS
-    | {"Channel", "Direction", "Driver", "Frame", "check", "connect", "drive", "published", "run"},
+    | {
+        "Channel",
+        "Direction",
+        "Driver",
+        "Frame",
+        "check",
+        "connect",
+        "drive",
+        "published",
+        "run",
+        "start",
+        "RunFailed",
+        "Started",
+    },
     "umo.objects": OBJECTS | {"Atomic", "Binary", "Digital", "Node"},
     "umo.drivers": {"Channel", "Direction", "Driver", "IntArray"},
     "umo.wiring": {"Parameter", "Process", "Wire", "Wired", "check", "driver_options", "resolve"},
     "umo.cycle": {"Frame", "Observer", "connect", "drive", "run"},
     "umo.frames": {"Layout", "Reader", "Ring", "State", "published", "rings"},
+    "umo.process": {"RunFailed", "Started", "Status", "start"},
+    "umo.latency": {"Answer", "Samples", "judge", "measure"},
     "umo.testing": {"Call", "Scripted", "VirtualTimer", "periods", "put"},
 }
 

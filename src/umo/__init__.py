@@ -53,6 +53,7 @@ from umo.objects import (
     Vector,
     ZeroOne,
 )
+from umo.process import RunFailed, Started, start
 from umo.wiring import check
 
 __all__ = [
@@ -90,7 +91,9 @@ __all__ = [
     "Quality",
     "RangeError",
     "Rotation",
+    "RunFailed",
     "StandsStopped",
+    "Started",
     "StateError",
     "StopError",
     "TaskFailed",
@@ -106,4 +109,5 @@ __all__ = [
     "drive",
     "published",
     "run",
+    "start",
 ]

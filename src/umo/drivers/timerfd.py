@@ -14,7 +14,6 @@ from umo.errors import DriverError
 
 CLOCK_MONOTONIC = 1
 TFD_TIMER_ABSTIME = 1
-TFD_NONBLOCK = os.O_NONBLOCK if hasattr(os, "O_NONBLOCK") else 0
 TFD_CLOEXEC = getattr(os, "O_CLOEXEC", 0)
 
 
@@ -54,7 +53,7 @@ class Ticker:
         if not sys.platform.startswith("linux"):
             raise DriverError("real time needs Linux (timerfd); virtual time works everywhere")
         libc = ctypes.CDLL(None, use_errno=True)
-        self._fd = libc.timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK | TFD_CLOEXEC)
+        self._fd = libc.timerfd_create(CLOCK_MONOTONIC, TFD_CLOEXEC)
         if not self._nanoseconds:  # which timerfd takes for "never"
             raise DriverError(f"timerfd: no period of {self.period:g} s; wire a timer with its period")
         self._next = time.monotonic_ns() + self._nanoseconds
@@ -88,12 +87,9 @@ class Ticker:
         return ticks
 
     def _read(self, block: bool) -> int:
-        if block:
-            select.select([self._fd], [], [])
-        try:
-            return int.from_bytes(os.read(self._fd, 8), sys.byteorder)
-        except BlockingIOError:
+        if not block and not select.select([self._fd], [], [], 0)[0]:
             return 0
+        return int.from_bytes(os.read(self._fd, 8), sys.byteorder)
 
 
 class TimerFd(Driver):

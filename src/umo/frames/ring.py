@@ -73,7 +73,7 @@ class Ring:
         self.missed = 0
         self._machine: Any = None
         self._task: tuple[Any, bytes] = (None, b"")
-        self._usage = Usage()
+        self.usage = Usage()
         image.journal = self._journal = Journal(EVENTS)
         dtype = layout.dtype
         self.slot_bytes = dtype.itemsize
@@ -136,7 +136,7 @@ class Ring:
             self._map, at + 16,
             frame.number, frame.time, frame.missed, frame.began,
             UNKNOWN if frame.missed else phases.wake, execution,
-            *self._usage.read(),
+            *self.usage.read(),
             journal.count, journal.lost, done, total, task,
             *phases.ns, *(() if self._arrays else image.values),
         )  # fmt: skip
@@ -172,7 +172,7 @@ class Ring:
     def close(self) -> None:
         """The last frame stands; readers see that the ring has ended. The file goes, what they mapped stays."""
         self.state(State.ENDED)
-        self._usage.close()
+        self.usage.close()
         self.image.journal = None
         self.path.unlink(missing_ok=True)
         for view in (self._live, self._words, self._numbers, self._bytes):
