@@ -85,7 +85,7 @@ def _faster(period: float, seconds: float) -> Target:
 
 
 def _kills(count: int) -> list[Target]:
-    found = kills.measure(count)
+    found = kills.in_a_fresh_process(count)
     targets = []
     for kill in found:
         late = np.percentile(kill.times, 99) if kill.times else float("nan")

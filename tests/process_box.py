@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import mmap
 import os
 import signal
@@ -176,3 +177,53 @@ def wiring(file: Path, **options: Any) -> dict[str, Any]:
         },
         "process": process,
     }
+
+
+def spin_for(seconds: float) -> None:
+    """Work for so long."""
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        pass
+
+
+class Slow(Box):
+    """Takes 20 ms for one of its reads."""
+
+    def read(self, channel: Channel) -> int:
+        raw = super().read(channel)
+        assert self._cells is not None
+        if self._cells.numbers[LEVELS] == 700 and not self._cells.numbers[STRUCK]:
+            self._cells.numbers[STRUCK] = 1
+            spin_for(0.02)
+        return raw
+
+
+async def slow_driver(m: Machine) -> None:
+    await drive(m, 100)
+    m.motor.write(7.0)  # raw 700: the driver's sign
+    for _ in range(400):
+        await next_period()
+
+
+async def collection(m: Machine) -> None:
+    await drive(m, 100)
+    kept: list[Any] = []
+    for _ in range(400):
+        kept.append([[] for _ in range(1000)])
+        await next_period()
+    gc.collect()
+    await drive(m, 300)
+    del kept
+
+
+async def page_faults(m: Machine) -> None:
+    await drive(m, 200)
+    mmap.mmap(-1, 64 << 20)[:] = bytes(64 << 20)
+    await drive(m, 300)
+
+
+async def half_busy(m: Machine) -> None:
+    """Half of each period on the core."""
+    for _ in range(1500):
+        spin_for(0.0005)
+        await next_period()

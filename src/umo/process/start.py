@@ -98,8 +98,8 @@ class Started:
         self.refusals: list[Refused] = []
         self.notices: list[str] = []
         self._outcome: Outcome | None = None
-        self._channel, there = Channel.pair()
         text = job.dump().decode()
+        self._channel, there = Channel.pair()
         self._guardian = subprocess.Popen(
             [sys.executable, "-m", "umo.process", str(there.fileno())],
             pass_fds=[there.fileno()],

@@ -1,0 +1,153 @@
+"""Why a period was missed: each cause is provoked once in a real control process, and named rightly."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import process_box
+from test_process import Run
+from umo.cli.why import why
+from umo.frames import Reader, blackbox
+from umo.frames.causes import Cause, Verdict, explain, missed_rows
+from umo.frames.layout import Layout
+from umo.process import realtime
+from umo.process.watcher import box_folder
+
+pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux")
+
+
+def longest(wiring: dict[str, Any], application: str) -> Verdict:
+    """The verdict on the longest of the delays that the black boxes of a run hold."""
+    outcome = Run(wiring, application).outcome()
+    assert outcome.status == 0, outcome
+    found = []
+    for path in blackbox.boxes(box_folder()):
+        with Reader(path) as reader:
+            frames = reader.read()
+            found += [explain(frames, reader.layout, row) for row in missed_rows(frames)]
+    assert found, "no period was missed, or no black box was kept"
+    return max(found, key=lambda verdict: verdict.excess)
+
+
+def patient(folder: Path, **options: Any) -> dict[str, Any]:
+    return process_box.wiring(folder / "box", process={"hang_timeout": "2 s", **options})
+
+
+def test_a_slow_driver_is_named(tmp_path: Path) -> None:
+    wiring = patient(tmp_path)
+    wiring["drivers"]["box"]["type"] = "process_box:Slow"
+    verdict = longest(wiring, "slow_driver")
+    assert verdict.cause is Cause.DRIVER, verdict
+    assert verdict.text.startswith("driver box took 2")
+    assert verdict.text.endswith("(sample)")
+
+
+def test_a_collection_is_named(tmp_path: Path) -> None:
+    verdict = longest(patient(tmp_path), "collection")
+    assert verdict.cause is Cause.COLLECTION, verdict
+    assert "a collection ran for" in verdict.text
+
+
+def test_page_faults_are_named(tmp_path: Path) -> None:
+    verdict = longest(patient(tmp_path), "page_faults")
+    assert verdict.cause is Cause.PAGE_FAULTS, verdict
+    assert "page faults" in verdict.text
+
+
+@contextmanager
+def busy_neighbours(cpu: int, count: int = 3) -> Iterator[None]:
+    code = f"import os, ctypes\nctypes.CDLL(None).prctl(1, 9)\nos.sched_setaffinity(0, {{{cpu}}})\nprint(flush=True)\n"
+    command = [sys.executable, "-c", code + "while True: pass"]
+    neighbours = [subprocess.Popen(command, stdout=subprocess.PIPE) for _ in range(count)]
+    try:
+        for neighbour in neighbours:
+            assert neighbour.stdout is not None
+            neighbour.stdout.readline()
+        yield
+    finally:
+        for neighbour in neighbours:
+            neighbour.kill()
+            neighbour.communicate()
+
+
+def test_a_busy_neighbour_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without real-time scheduling, on the core of others that want all of it."""
+    refused = realtime.Refusal("no real-time scheduling", "not in this test", "-")
+    monkeypatch.setattr(realtime, "use_fifo", lambda priority: refused)
+    cpu = min(os.sched_getaffinity(0))
+    with busy_neighbours(cpu):
+        verdict = longest(patient(tmp_path, cpu=cpu), "half_busy")
+    assert verdict.cause is Cause.PREEMPTED, verdict
+    assert "preempted for" in verdict.text
+
+
+def test_umo_why_prints_the_last_box(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    wiring = patient(tmp_path)
+    wiring["drivers"]["box"]["type"] = "process_box:Slow"
+    longest(wiring, "slow_driver")
+    assert why(None, False, None) == 0
+    said = capsys.readouterr().out
+    assert "a period was missed" in said
+    assert "driver box took 2" in said
+    assert "sample box, us" in said
+
+
+# From figures made by hand ------------------------------------------------------------------------------
+
+LAYOUT = Layout((), ("timer", "sample io", "control", "update io"), {})
+MS = 1_000_000
+
+
+def frames_with(row: int, **changes: Any) -> Any:
+    """Thirty periods as they should be, but for what happens in the one before `row` reports a miss."""
+    frames = np.zeros(30, LAYOUT.dtype)
+    frames["began"] = np.arange(30) * MS
+    frames["phases"] = [900_000, 10_000, 20_000, 10_000]
+    frames["execution"] = 40_000
+    frames["wake"] = 30_000
+    frames["missed"][row] = 3
+    for name, value in changes.items():
+        if name in ("sample", "control", "update"):
+            frames["phases"][row - 1][("", "sample", "control", "update").index(name)] = value
+            frames["execution"][row - 1] += value
+        elif name == "wake":
+            frames["wake"][row - 1] = value
+        else:
+            frames[name][row - 1 :] += value
+    return frames
+
+
+@pytest.mark.parametrize(
+    ("changes", "cause", "text"),
+    [
+        ({"sample": 3_100_000}, Cause.DRIVER, "driver io took 3.1 ms (sample)"),
+        ({"update": 3_100_000}, Cause.DRIVER, "driver io took 3.1 ms (update)"),
+        ({"control": 5 * MS}, Cause.CONTROL, "control code took 5.0 ms"),
+        ({"control": 5 * MS, "run_queue_wait": 4_900_000}, Cause.PREEMPTED, "preempted for 4.9 ms"),
+        ({"sample": 5 * MS, "collections": 1, "collecting": 4 * MS}, Cause.COLLECTION, "a collection ran for 4.0 ms"),
+        ({"control": 5 * MS, "minor_faults": 9000}, Cause.PAGE_FAULTS, "9000 page faults"),
+        ({"control": 5 * MS, "major_faults": 2}, Cause.PAGE_FAULTS, "2 page faults, 2 of them from disk"),
+        ({"wake": 5 * MS}, Cause.WAKE, "the timer woke 5.0 ms late"),
+        ({"wake": 5 * MS, "run_queue_wait": 5 * MS}, Cause.PREEMPTED, "preempted for 5.0 ms"),
+        ({"control": 5 * MS, "collections": 1, "collecting": 1000}, Cause.CONTROL, "control code took"),
+    ],
+)
+def test_the_largest_excess_and_its_counters_decide(changes: dict[str, int], cause: Cause, text: str) -> None:
+    verdict = explain(frames_with(20, **changes), LAYOUT, 20)
+    assert (verdict.cause, verdict.missed) == (cause, 3)
+    assert text in verdict.text
+
+
+def test_the_first_rows_have_no_past() -> None:
+    frames = frames_with(1)
+    assert missed_rows(frames) == [1]
+    assert explain(frames, LAYOUT, 1).cause is Cause.UNKNOWN

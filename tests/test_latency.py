@@ -1,0 +1,99 @@
+"""`umo latency`: the rule of its verdict, its advice, and one short real run, of whose times nothing is asserted."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from umo.cli.app import app
+from umo.cli.latency import _histogram, _table
+from umo.latency import Samples, judge
+from umo.latency.measure import Measured
+from umo.latency.verdict import advice
+from umo.process.realtime import Refusal
+
+
+def measured(total_us: list[float], missed: int = 0, refusals: tuple[Refusal, ...] = ()) -> Measured:
+    """A loop of 1 ms with these wake-ups, and 5 us of work."""
+    umo = Samples(np.array(total_us) - 5.0, np.full(len(total_us), 5.0), missed)
+    return Measured(0.001, umo, Samples(np.array([20.0]), np.array([0.5])), list(refusals))
+
+
+@pytest.mark.parametrize(
+    ("found", "word"),
+    [
+        (measured([50.0] * 999 + [499.0]), "yes"),
+        (measured([50.0] * 999 + [501.0]), "with care"),
+        (measured([50.0] * 9999, missed=1), "with care"),
+        (measured([50.0] * 99, missed=1), "no"),
+        (measured([50.0] * 990 + [1100.0] * 10), "no"),
+        (measured([], missed=10), "no"),
+    ],
+)
+def test_the_rule_of_the_verdict(found: Measured, word: str) -> None:
+    assert judge(found).word == word
+
+
+def test_the_verdict_says_what_it_rests_on() -> None:
+    text = judge(measured([50.0] * 999 + [212.0])).text
+    assert text == "None of 1,000 periods missed; the longest wake-up plus work was 212 us, 21% of the period"
+
+
+def files(**content: str) -> Callable[[str], str]:
+    return lambda path: content.get(Path(path).name, "")
+
+
+def test_advice_is_given_only_for_what_is_not_as_it_should_be() -> None:
+    good = files(realtime="1", scaling_governor="performance", sched_rt_runtime_us="-1", cpuinfo="", isolated="3")
+    assert advice(measured([50.0]), good, cores=4) == []
+    bad = files(realtime="", scaling_governor="powersave", sched_rt_runtime_us="950000", cpuinfo="flags : hypervisor")
+    refused = Refusal("memory is not locked", "ulimit -l is 64 kB", "`me - memlock unlimited`")
+    lines = "\n".join(advice(measured([50.0], refusals=(refused,)), bad, cores=1))
+    for word in ("memlock unlimited", "PREEMPT_RT", "powersave", "virtual machine", "one core"):
+        assert word in lines
+
+
+def test_samples_leave_out_ticks_that_had_passed() -> None:
+    samples = Samples()
+    samples.add(np.array([[30_000, 5_000], [-1, 900_000], [40_000, 6_000]]))
+    assert samples.missed == 1
+    assert samples.total.tolist() == [35.0, 46.0]
+
+
+def test_the_histogram_counts_everything_and_fits_the_terminal() -> None:
+    found = measured([20.0] * 1000 + [300.0] * 10 + [4000.0])
+    lines = _histogram(found)
+    assert max(map(len, lines)) <= 80
+    assert any(line.endswith(" 1,000") or " 1,000 " in line for line in lines)
+    assert "4000" in lines[-1] or " 1" in lines[-1]
+    assert _table(found, load=False).row_count == 7
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="real time needs Linux")
+@pytest.mark.parametrize("compiler", [True, False])
+def test_a_short_run_leaves_figures_of_both_loops(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compiler: bool
+) -> None:
+    if not compiler:
+        monkeypatch.setattr("umo.latency.native.compiler", lambda: None)
+    file = tmp_path / "figures.json"
+    result = CliRunner().invoke(app, ["latency", "--period", "5ms", "--seconds", "0.5", "--json", str(file)])
+    assert result.exit_code == 0, result.output + result.stderr
+    found = json.loads(file.read_text())
+    assert found["umo"]["periods"] + found["umo"]["missed"] == 100
+    assert (found["c"] is None) == (not compiler) or "no C compiler" in result.stderr
+    assert found["verdict"] in ("yes", "with care", "no")
+    assert f"5 ms: {found['verdict']}. " in result.stdout
+
+
+@pytest.mark.parametrize("period", ["1 us", "2 s", "1 kg", "soon"])
+def test_a_period_that_makes_no_sense_is_a_line_and_status_2(period: str) -> None:
+    result = CliRunner().invoke(app, ["latency", "--period", period])
+    assert result.exit_code == 2
+    assert len(result.stderr.strip().splitlines()) <= 2

@@ -1,0 +1,117 @@
+"""`umo.start`: a machine in processes of its own, held by a program."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import process_box
+import umo
+from process_box import Cells
+from umo.process import Status
+
+pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux")
+
+
+@pytest.fixture(autouse=True)
+def importable(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+
+
+def test_a_handle_has_status_values_frames_and_an_end(tmp_path: Path) -> None:
+    wiring = process_box.wiring(tmp_path / "box")
+    with umo.start(process_box.machine, wiring, process_box.forever) as machine:
+        while not machine.values:
+            machine.poll(0.1)
+        assert machine.status is Status.RUNNING
+        while machine.values["motor"] != 5.0:
+            pass
+        assert machine.values["valve"] == "ON"
+        assert machine.frames is not None
+        assert len(machine.frames.read()) > 0
+        with pytest.raises(TimeoutError):
+            machine.wait(timeout=0.0)
+        outcome = machine.stop()
+    assert (outcome.stopped_by, outcome.failure, outcome.unreached) == (signal.SIGTERM, None, [])
+    assert machine.status is Status.ENDED
+    assert Cells(tmp_path / "box").levels == {"motor": 0, "valve": 0}
+
+
+def test_the_end_of_the_block_stops_the_machine(tmp_path: Path) -> None:
+    with umo.start(process_box.machine, process_box.wiring(tmp_path / "box"), process_box.forever) as machine:
+        while machine.status is Status.STARTING:
+            machine.poll(0.1)
+        pid = machine.pid
+        assert pid is not None
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+    assert Cells(tmp_path / "box").levels == {"motor": 0, "valve": 0}
+
+
+def test_an_application_that_fails_comes_out_of_wait(tmp_path: Path) -> None:
+    with umo.start(process_box.machine, process_box.wiring(tmp_path / "box"), process_box.fail_at) as machine:
+        with pytest.raises(umo.RunFailed, match="a mistake in the application") as caught:
+            machine.wait()
+        assert caught.value.outcome.status == 1
+        assert "fail_at" in caught.value.outcome.failure.traceback  # type: ignore[union-attr]
+
+
+def test_options_go_to_the_application(tmp_path: Path) -> None:
+    wiring = process_box.wiring(tmp_path / "box")
+    with umo.start(process_box.machine, wiring, process_box.drive, periods=3) as machine:
+        assert machine.wait().result == "driven"
+
+
+def test_a_mistake_of_the_user_comes_out_of_wait() -> None:
+    with umo.start("zteta") as machine, pytest.raises(umo.RunFailed, match="did you mean 'ztheta'"):
+        machine.wait()
+
+
+def test_functions_that_another_process_cannot_import_are_refused_at_once() -> None:
+    with pytest.raises(umo.DeclarationError, match="could not import"):
+        umo.start(lambda: process_box.machine())
+    with pytest.raises(umo.DeclarationError, match="plain data"):
+        umo.start(process_box.machine, {"drivers": {"box": process_box.Box(file="x")}})
+
+
+PROGRAM = """
+import os, sys, umo
+import process_box
+from pathlib import Path
+
+def declare():
+    return process_box.machine()
+
+if __name__ == "__main__":
+    machine = umo.start(declare, process_box.wiring(Path(sys.argv[1]) / "box"), process_box.forever)
+    while not machine.values:
+        machine.poll(0.1)
+    print(machine.pid, machine.guardian, flush=True)
+    os.kill(os.getpid(), 9)
+"""
+
+
+def test_a_program_that_is_killed_takes_its_machine_along_safely(tmp_path: Path) -> None:
+    """And its functions may stand in the script itself."""
+    script = tmp_path / "program.py"
+    script.write_text(PROGRAM)
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parent)}
+    program = subprocess.Popen(
+        [sys.executable, str(script), str(tmp_path)], stdout=subprocess.PIPE, text=True, env=environment
+    )
+    assert program.stdout is not None
+    pids = [int(word) for word in program.stdout.readline().split()]
+    program.wait()
+    program.stdout.close()
+    files = [os.pidfd_open(pid) for pid in pids if Path(f"/proc/{pid}").exists()]
+    import select
+
+    for file in files:
+        assert select.select([file], [], [], 30)[0], "it goes on running"
+        os.close(file)
+    assert Cells(tmp_path / "box").levels == {"motor": 0, "valve": 0}
