@@ -218,7 +218,10 @@ async def collection(m: Machine) -> None:
 
 async def page_faults(m: Machine) -> None:
     await drive(m, 200)
-    mmap.mmap(-1, 64 << 20)[:] = bytes(64 << 20)
+    fresh = mmap.mmap(-1, 32 << 20, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    fresh.madvise(mmap.MADV_NOHUGEPAGE)
+    for at in range(0, len(fresh), mmap.PAGESIZE):
+        fresh[at] = 1
     await drive(m, 300)
 
 

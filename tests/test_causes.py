@@ -25,8 +25,16 @@ from umo.process.watcher import box_folder
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux")
 
 
-def longest(wiring: dict[str, Any], application: str) -> Verdict:
-    """The verdict on the longest of the delays that the black boxes of a run hold."""
+@pytest.fixture(autouse=True)
+def every_miss(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A box for every miss: on a busy computer there are others than the one provoked."""
+    monkeypatch.setattr("umo.process.watcher.AT_MOST_EVERY", 0.0)
+    monkeypatch.setattr("umo.frames.blackbox.KEPT", 1000)
+
+
+def longest(wiring: dict[str, Any], application: str, cause: Cause) -> Verdict:
+    """The verdict on the longest of the delays from this cause that the black boxes of a run hold. There may be others:
+    these computers are shared."""
     outcome = Run(wiring, application).outcome()
     assert outcome.status == 0, outcome
     found = []
@@ -34,8 +42,9 @@ def longest(wiring: dict[str, Any], application: str) -> Verdict:
         with Reader(path) as reader:
             frames = reader.read()
             found += [explain(frames, reader.layout, row) for row in missed_rows(frames)]
-    assert found, "no period was missed, or no black box was kept"
-    return max(found, key=lambda verdict: verdict.excess)
+    named = [verdict for verdict in found if verdict.cause is cause]
+    assert named, f"not named among {found}"
+    return max(named, key=lambda verdict: verdict.excess)
 
 
 def patient(folder: Path, **options: Any) -> dict[str, Any]:
@@ -45,21 +54,18 @@ def patient(folder: Path, **options: Any) -> dict[str, Any]:
 def test_a_slow_driver_is_named(tmp_path: Path) -> None:
     wiring = patient(tmp_path)
     wiring["drivers"]["box"]["type"] = "process_box:Slow"
-    verdict = longest(wiring, "slow_driver")
-    assert verdict.cause is Cause.DRIVER, verdict
+    verdict = longest(wiring, "slow_driver", Cause.DRIVER)
     assert verdict.text.startswith("driver box took 2")
     assert verdict.text.endswith("(sample)")
 
 
 def test_a_collection_is_named(tmp_path: Path) -> None:
-    verdict = longest(patient(tmp_path), "collection")
-    assert verdict.cause is Cause.COLLECTION, verdict
+    verdict = longest(patient(tmp_path), "collection", Cause.COLLECTION)
     assert "a collection ran for" in verdict.text
 
 
 def test_page_faults_are_named(tmp_path: Path) -> None:
-    verdict = longest(patient(tmp_path), "page_faults")
-    assert verdict.cause is Cause.PAGE_FAULTS, verdict
+    verdict = longest(patient(tmp_path), "page_faults", Cause.PAGE_FAULTS)
     assert "page faults" in verdict.text
 
 
@@ -85,18 +91,19 @@ def test_a_busy_neighbour_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(realtime, "use_fifo", lambda priority: refused)
     cpu = min(os.sched_getaffinity(0))
     with busy_neighbours(cpu):
-        verdict = longest(patient(tmp_path, cpu=cpu), "half_busy")
-    assert verdict.cause is Cause.PREEMPTED, verdict
+        verdict = longest(patient(tmp_path, cpu=cpu), "half_busy", Cause.PREEMPTED)
     assert "preempted for" in verdict.text
 
 
 def test_umo_why_prints_the_last_box(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     wiring = patient(tmp_path)
     wiring["drivers"]["box"]["type"] = "process_box:Slow"
-    longest(wiring, "slow_driver")
+    longest(wiring, "slow_driver", Cause.DRIVER)
     assert why(None, False, None) == 0
+    assert "a period was missed" in capsys.readouterr().out
+    for path in blackbox.boxes(box_folder()):
+        assert why(None, False, path) == 0
     said = capsys.readouterr().out
-    assert "a period was missed" in said
     assert "driver box took 2" in said
     assert "sample box, us" in said
 
@@ -135,6 +142,8 @@ def frames_with(row: int, **changes: Any) -> Any:
         ({"control": 5 * MS, "run_queue_wait": 4_900_000}, Cause.PREEMPTED, "preempted for 4.9 ms"),
         ({"sample": 5 * MS, "collections": 1, "collecting": 4 * MS}, Cause.COLLECTION, "a collection ran for 4.0 ms"),
         ({"control": 5 * MS, "minor_faults": 9000}, Cause.PAGE_FAULTS, "9000 page faults"),
+        ({"control": 5 * MS, "minor_faults": 16, "in_kernel": 4 * MS}, Cause.PAGE_FAULTS, "16 page faults"),
+        ({"control": 5 * MS, "in_kernel": 4 * MS}, Cause.CONTROL, "control code took"),
         ({"control": 5 * MS, "major_faults": 2}, Cause.PAGE_FAULTS, "2 page faults, 2 of them from disk"),
         ({"wake": 5 * MS}, Cause.WAKE, "the timer woke 5.0 ms late"),
         ({"wake": 5 * MS, "run_queue_wait": 5 * MS}, Cause.PREEMPTED, "preempted for 5.0 ms"),

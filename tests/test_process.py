@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import select
 import signal
 import sys
 from collections.abc import Iterator
@@ -220,10 +221,13 @@ def test_a_machine_that_was_stopped_unsafely_wants_to_be_acknowledged(tmp_path: 
 def test_both_processes_killed_at_once_are_noticed_at_the_next_start(tmp_path: Path) -> None:
     wiring = process_box.wiring(tmp_path / "box")
     run = Run(wiring, "forever").until_running()
+    control = os.pidfd_open(run.control)
     os.kill(run.guardian, signal.SIGSTOP)
     os.kill(run.control, signal.SIGKILL)
     os.kill(run.guardian, signal.SIGKILL)
     os.waitpid(run.guardian, 0)
+    assert select.select([control], [], [], 30)[0]
+    os.close(control)
     run.channel.close()
     refused = Run(wiring).outcome()
     assert refused.failure is not None

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import random
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+import umo
 from umo.stations.station import find
 
 pytest.importorskip("mujoco")
@@ -58,6 +61,7 @@ class Box:
         text = text.replace('timeout = "100 ms"', 'timeout = "2 s"').replace(
             'watchdog = "200 ms"', f'watchdog = "{watchdog}"'
         )
+        text = text.replace('hang_timeout = "250 ms"', 'hang_timeout = "5 s"')
         self.wiring.write_text(text)
 
     def levels(self) -> tuple[list[bool], int]:
@@ -131,3 +135,31 @@ def test_the_unchanged_control_code_places_a_part_over_the_wire(tmp_path: Path) 
         assert served.levels() == DEFAULTS
         truth = served.end()
         assert truth["placed"] == 1, truth
+
+
+Z_UM = 4.64357
+"""One count of the z encoder."""
+
+
+@pytest.mark.parametrize("period", random.Random(1998).sample(range(50, 1500), 3))
+def test_killed_at_random_the_guardian_stops_the_station_and_z_stays(tmp_path: Path, period: int) -> None:
+    """The box has no watchdog of its own here."""
+    with box(tmp_path, "--watchdog", "0", "--seed", str(period)) as served:
+        with umo.start("ztheta", served.wiring, parts=1) as station:
+            while station.frames is None or station.frames.head < period:
+                station.poll(0.01)
+            assert station.pid is not None
+            os.kill(station.pid, signal.SIGKILL)
+            with pytest.raises(umo.RunFailed, match="the guardian reset every actuator"):
+                station.wait(60)
+        assert served.levels() == DEFAULTS
+        client = pymodbus.ModbusTcpClient("127.0.0.1", port=served.port)
+        assert client.connect()
+        try:
+            first = count = client.read_input_registers(0, count=1).registers[0]
+            until = time.monotonic() + 2.0
+            while time.monotonic() < until:  # the plant lives in real time
+                count = client.read_input_registers(0, count=1).registers[0]
+                assert abs(count - first) * Z_UM < 1000.0
+        finally:
+            client.close()

@@ -50,7 +50,7 @@ def name_for(folder: Path, station: str, now: float) -> Path:
     return folder / f"{station}-{stamp}-{int(now * 1000) % 1000:03d}{SUFFIX}"
 
 
-def thin(folder: Path, keep: int = KEPT) -> None:
+def thin(folder: Path) -> None:
     """Remove all but the newest."""
-    for path in boxes(folder)[:-keep]:
+    for path in boxes(folder)[:-KEPT]:
         path.unlink(missing_ok=True)

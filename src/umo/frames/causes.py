@@ -22,6 +22,7 @@ SHARE = 0.5
 MINOR_FAULT = 250.0
 """ns that a page fault without the disk takes at the very least."""
 FAULT_SHARE = 0.1
+SOME_FAULTS = 8
 AFTER = "after"
 WAKE = "wake"
 
@@ -92,7 +93,7 @@ def _judge(part: str, excess: float, took: float, counted: dict[str, int]) -> tu
         return Cause.COLLECTION, f"a collection ran for {_ms(counted['collecting'])} (the garbage collector)"
     if counted["run_queue_wait"] >= SHARE * excess:
         return Cause.PREEMPTED, f"preempted for {_ms(counted['run_queue_wait'])}: another process had the core"
-    if counted["major_faults"] or counted["minor_faults"] * MINOR_FAULT >= FAULT_SHARE * excess:
+    if _faulted(counted, excess):
         return Cause.PAGE_FAULTS, _faults(counted)
     kind, _, driver = part.partition(" ")
     if driver:
@@ -104,6 +105,14 @@ def _judge(part: str, excess: float, took: float, counted: dict[str, int]) -> tu
         return Cause.AFTER, f"observers and the frame took {_ms(took)} after update"
     waited = " (it slept or waited)" if counted["voluntary_switches"] > 1 else ""
     return Cause.CONTROL, f"control code took {_ms(took)}{waited}"
+
+
+def _faulted(counted: dict[str, int], excess: float) -> bool:
+    """From disk; or so many that they explain it; or some, of large pages, and the time went in the kernel."""
+    minor = counted["minor_faults"]
+    if counted["major_faults"] or minor * MINOR_FAULT >= FAULT_SHARE * excess:
+        return True
+    return minor >= SOME_FAULTS and counted["in_kernel"] >= SHARE * excess
 
 
 def _faults(counted: dict[str, int]) -> str:

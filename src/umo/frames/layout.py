@@ -43,6 +43,7 @@ USAGE: list[Column] = [
     ("major_faults", "<i8", 1, ""),
     ("voluntary_switches", "<i8", 1, ""),
     ("involuntary_switches", "<i8", 1, ""),
+    ("in_kernel", "<i8", 1, "ns"),
     ("running", "<i8", 1, "ns"),
     ("run_queue_wait", "<i8", 1, "ns"),
     ("collections", "<i8", 1, ""),

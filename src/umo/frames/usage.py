@@ -16,7 +16,7 @@ SCHEDSTAT = "/proc/thread-self/schedstat"
 
 
 class Usage:
-    """Counts since it was made: the eight numbers of `layout.USAGE`; what a platform does not tell stays 0."""
+    """Counts since it was made: the nine numbers of `layout.USAGE`; what a platform does not tell stays 0."""
 
     def __init__(self) -> None:
         self._thread = getattr(resource, "RUSAGE_THREAD", None)
@@ -37,14 +37,14 @@ class Usage:
 
     def read(self) -> tuple[int, ...]:
         """The counts so far, about 2 us."""
-        minor = major = voluntary = involuntary = running = waiting = 0
+        minor = major = voluntary = involuntary = kernel = running = waiting = 0
         if self._thread is not None:
             used = resource.getrusage(self._thread)
-            minor, major, voluntary, involuntary = used[6], used[7], used[14], used[15]
+            kernel, minor, major, voluntary, involuntary = int(used[1] * 1e9), used[6], used[7], used[14], used[15]
         if self._file >= 0:
             ran, waited, _ = os.pread(self._file, 64, 0).split()
             running, waiting = int(ran), int(waited)
-        return minor, major, voluntary, involuntary, running, waiting, self._collections, self._collecting
+        return minor, major, voluntary, involuntary, kernel, running, waiting, self._collections, self._collecting
 
     def _collected(self, phase: str, info: dict[str, int]) -> None:
         if phase == "start":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import re
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -43,6 +44,11 @@ def judge(found: Measured) -> Answer:
     return Answer(NO, f"{lost}; {longest}")
 
 
+def _release() -> tuple[int, ...]:
+    """Of the kernel, such as (6, 12)."""
+    return tuple(int(part) for part in re.findall(r"\d+", platform.release())[:2])
+
+
 def _read(path: str) -> str:
     with suppress(OSError):
         return Path(path).read_text()
@@ -62,6 +68,11 @@ def advice(found: Measured, read: Callable[[str], str] = _read, cores: int | Non
     if read("/proc/sys/kernel/sched_rt_runtime_us").strip() not in ("", "-1") and not found.refusals:
         lines.append(
             "real-time throttling takes 5 % of each second from a loop that never waits: harmless for one that does"
+        )
+    if not found.refusals and _release() >= (6, 12):
+        lines.append(
+            "since Linux 6.12 ordinary processes may run before real-time ones for 50 ms a second: "
+            "echo 0 > /sys/kernel/debug/sched/fair_server/cpuN/runtime"
         )
     if " hypervisor" in read("/proc/cpuinfo"):
         lines.append("this is a virtual machine: its host can take the processor away; measure on the machine itself")

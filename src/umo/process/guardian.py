@@ -80,7 +80,7 @@ class Guardian:
         for number in SIGNALS:
             signal.signal(number, self._ask)
         self._fork()
-        realtime.guard(self._process.priority)
+        realtime.guard(self._process.priority, self._process.cpu)
         try:
             return self._keep()
         finally:
@@ -183,7 +183,7 @@ class Guardian:
             what = f"the control process hung: {hung}{' (it was stopped by a signal)' if stopped else ''}{where}"
         else:
             what = f"the control process {_ending(self._status)}"
-        self._record.stopped(what, list(left))
+        what += self._write_down(what, list(left))
         self._watcher.keep(what)
         told = f"not reached: {summary(left)}" if left else "the guardian reset every actuator"
         return Outcome(Failed("ControlLost", f"{what}; {told}", 1), unsafe=True, unreached=list(left))
@@ -202,10 +202,18 @@ class Guardian:
                 outcome.failure.status = 1
         if outcome.unsafe:
             assert outcome.failure is not None
-            self._record.stopped(outcome.failure.message.partition("\n")[0], outcome.unreached)
+            self._write_down(outcome.failure.message.partition("\n")[0], outcome.unreached)
         else:
             self._record.finish()
         return outcome
+
+    def _write_down(self, what: str, unreached: list[str]) -> str:
+        """For the next start; where that cannot be done, say so."""
+        try:
+            self._record.stopped(what, unreached)
+        except OSError as error:  # the record of the start stands all the same
+            return f" (this could not be written down: {error})"
+        return ""
 
     def _reset(self, paths: list[str]) -> dict[str, str]:
         return self._resetter.reset(

@@ -55,10 +55,22 @@ def prepare(priority: int = 80, cpu: int | None = None) -> list[Refusal]:
     return [refusal for refusal in refusals if refusal is not None]
 
 
-def guard(priority: int) -> None:
-    """For the guardian: one above the control process, so that an endless loop in that one cannot keep it away."""
-    if sys.platform.startswith("linux"):
-        use_fifo(priority + 1)
+def guard(priority: int, cpu: int | None = None) -> None:
+    """For the guardian: one above the control process, so that an endless loop in that one cannot keep it away; and
+    not on its core, which is the one that `prepare` takes with the same arguments."""
+    if not sys.platform.startswith("linux"):
+        return
+    allowed = os.sched_getaffinity(0)
+    core = choose_core(cpu, use_fifo(priority + 1) is None)
+    if len(allowed - {core}) > 0:
+        os.sched_setaffinity(0, allowed - {core})
+
+
+def stand_back() -> None:
+    """An ordinary process again, for work of the guardian's children that can wait."""
+    with suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        os.nice(10)
 
 
 def lock_memory() -> Refusal | None:
@@ -108,18 +120,24 @@ def use_fifo(priority: int) -> Refusal | None:
 
 def pin(cpu: int | None, fifo: bool) -> Refusal | None:
     """Stay on one core."""
-    allowed = sorted(os.sched_getaffinity(0))
+    cpu = choose_core(cpu, fifo)
     if cpu is None:
-        if not fifo or len(allowed) < 2:
-            return None
-        isolated = [core for core in isolated_cores() if core in allowed]
-        cpu = isolated[0] if isolated else allowed[-1]
+        return None
     try:
         os.sched_setaffinity(0, {cpu})
     except OSError as error:
-        cores = ", ".join(map(str, allowed))
+        cores = ", ".join(map(str, sorted(os.sched_getaffinity(0))))
         return Refusal(f"not pinned to core {cpu}", str(error.strerror), f"`cpu` in the wiring's [process]: {cores}")
     return None
+
+
+def choose_core(cpu: int | None, fifo: bool) -> int | None:
+    """The core asked for; else, under SCHED_FIFO and with more than one allowed, an isolated one or the last."""
+    allowed = sorted(os.sched_getaffinity(0))
+    if cpu is not None or not fifo or len(allowed) < 2:
+        return cpu
+    isolated = [core for core in isolated_cores() if core in allowed]
+    return isolated[0] if isolated else allowed[-1]
 
 
 def isolated_cores() -> list[int]:

@@ -199,6 +199,9 @@ class Started:
 
     def _vanished(self) -> Outcome:
         """Neither process said how it ended."""
+        if self.pid is None:
+            status = self._guardian.wait()
+            return Outcome(Failed("NotStarted", f"the guardian ended with status {status} before anything ran", 1))
         text = (
             "guardian and control process are gone, nobody could reset the actuators; "
             "only the circuits' own watchdogs can have dropped them"

@@ -10,6 +10,7 @@ from time import monotonic, time
 from umo.errors import FramesError
 from umo.frames import Reader, blackbox
 from umo.frames.publish import new_path
+from umo.process import realtime
 from umo.process.record import state_folder
 
 AT_MOST_EVERY = 10.0
@@ -75,6 +76,7 @@ class Watcher:
     def _write(self, reader: Reader, reason: str) -> None:
         """In the child; never returns. A full disk costs the black box and nothing else."""
         with suppress(BaseException):
+            realtime.stand_back()
             folder = box_folder()
             blackbox.save(reader, blackbox.name_for(folder, self._station, time()), reason)
             blackbox.thin(folder)
