@@ -19,7 +19,7 @@ from umo.frames.reader import Frames
 
 SHARE = 0.5
 """Of the excess that a counter of time has to explain to be the cause."""
-MINOR_FAULT = 250.0
+MINOR_FAULT = 500.0
 """ns that a page fault without the disk takes at the very least."""
 FAULT_SHARE = 0.1
 SOME_FAULTS = 8
