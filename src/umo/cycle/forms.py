@@ -12,8 +12,9 @@ from typing import cast
 
 import numpy as np
 
+from umo.cycle.block import Block
 from umo.cycle.clock import Clock
-from umo.cycle.image import Block, Image
+from umo.cycle.image import Image
 from umo.objects import Atomic
 from umo.objects.scaling import FloatArray, IntArray, to_values
 from umo.wiring.resolved import Wire

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from umo.cycle.block import Block
 from umo.cycle.clock import Clock
 from umo.cycle.journal import Journal, Kind
 from umo.drivers.contract import Channel, Direction, Driver
@@ -26,26 +27,6 @@ if TYPE_CHECKING:
 
 Actuator = BinaryActuator[Any] | DigitalActuator
 Sensor = BinarySensor[Any] | DigitalSensor
-
-
-class Block:
-    """Neighbouring slots that one driver moves in one transfer."""
-
-    def __init__(self, driver: Driver, channels: tuple[Channel, ...], start: int, buffer: IntArray) -> None:
-        self.driver = driver
-        self.channels = channels
-        self.start = start
-        self.stop = start + len(channels)
-        self.slots = slice(start, self.stop)
-        self.count = len(channels)
-        self.buffer = buffer
-        """Inputs: what the driver fills. Outputs: the pending raws themselves."""
-        self.view = buffer.data
-        """The same as a memoryview: between two of these a copy takes a third of numpy's time."""
-        self.scales: Any = None
-        """Inputs: resolution, zero offset and bounds of its objects, as the form of the image wants them."""
-        self.unsettled: set[int] = set()
-        """Slots whose quality is not what it is when all is well."""
 
 
 class Image(ABC):

@@ -16,7 +16,7 @@ from umo.cycle.signals import request_stop
 from umo.cycle.stopping import stopping_order
 from umo.errors import StopError
 from umo.frames import Ring, published
-from umo.objects import Compound
+from umo.objects import Compound, DigitalSensor
 from umo.process import realtime
 from umo.process.channel import Channel
 from umo.process.job import Plan
@@ -80,7 +80,8 @@ class Control:
 
     def _ready(self, machine: Compound, ring: Ring, refusals: list[realtime.Refusal]) -> None:
         gc.freeze()
-        machine.children()["timer"].read()  # type: ignore[attr-defined]  # the ticks that passed until here
+        if isinstance(timer := machine.children().get("timer"), DigitalSensor):
+            timer.read()  # the ticks that passed until here
         if threading.active_count() > 1:
             others = [thread.name for thread in threading.enumerate() if thread is not threading.main_thread()]
             text = f"the control process has other Python threads, which will delay it: {', '.join(others)}"

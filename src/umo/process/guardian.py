@@ -13,7 +13,6 @@ from contextlib import suppress
 from pathlib import Path
 from time import monotonic, sleep
 
-from umo.errors import UmoError
 from umo.process import realtime
 from umo.process.channel import Channel
 from umo.process.control import Control, end
@@ -47,10 +46,9 @@ def main(file: int) -> int:
         plan = Plan(job)
         with only_one(plan.place, plan.file):
             record = Record(lock_file(plan.place, plan.file), plan.name, plan.wiring_name)
+            guardian = Guardian(plan, channel, record)
             record.begin(job.acknowledge)
-            outcome = Guardian(plan, channel, record).run()
-    except UmoError as error:
-        outcome = Outcome(Failed.of(error))
+            outcome = guardian.run()
     except Exception as error:
         outcome = Outcome(Failed.of(error))
     channel.send("ended", outcome=outcome.dump())
