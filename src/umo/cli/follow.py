@@ -57,7 +57,7 @@ def follow(job: Job, seen: Seen, observers: list[Callable[[Any], None]]) -> tupl
                 begun = time.perf_counter()
                 seen.order(started.frames)
                 for refusal in started.refusals:
-                    _say(f"{refusal.what} ({refusal.why}): {refusal.grant}")
+                    _say(str(refusal))
             for notice in started.notices[told:]:
                 _say(notice)
             told = len(started.notices)

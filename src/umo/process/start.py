@@ -8,7 +8,6 @@ import subprocess
 import sys
 from collections.abc import Callable, Coroutine, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from time import monotonic
@@ -21,6 +20,7 @@ from umo.objects import Compound
 from umo.process.channel import Channel
 from umo.process.job import Job, reference
 from umo.process.outcome import Failed, Outcome
+from umo.process.realtime import Refusal
 
 LINUX = sys.platform.startswith("linux")
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -36,15 +36,6 @@ class Status(Enum):
 
     def __str__(self) -> str:
         return self.value
-
-
-@dataclass(frozen=True)
-class Refused:
-    """Something that the control process was not granted: what, why, and the line that would grant it."""
-
-    what: str
-    why: str
-    grant: str
 
 
 class RunFailed(TaskFailed):
@@ -95,7 +86,8 @@ class Started:
         """The control process, once it is running."""
         self.frames: Reader | None = None
         """Reads every frame from the first one on, once it is running; one reader, so best read in one place."""
-        self.refusals: list[Refused] = []
+        self.refusals: list[Refusal] = []
+        """What the control process was not granted."""
         self.notices: list[str] = []
         self._outcome: Outcome | None = None
         text = job.dump().decode()
@@ -187,7 +179,7 @@ class Started:
     def _note(self, message: dict[str, Any]) -> None:
         if message["kind"] == "running":
             self.pid = message["pid"]
-            self.refusals = [Refused(*refusal) for refusal in message["refusals"]]
+            self.refusals = [Refusal(*refusal) for refusal in message["refusals"]]
             with suppress(OSError):
                 self.frames = Reader(f"/proc/self/fd/{message['files'][0]}")
         elif message["kind"] == "notice":
