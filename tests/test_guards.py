@@ -163,6 +163,38 @@ def test_updating_twice_in_a_period_moves_it_once() -> None:
         assert m.ram.read() == 1.0
 
 
+def test_a_target_turned_round_within_a_period_waits_for_the_next() -> None:
+    box, m = Scripted(), press(ram=actuator(max_rate=1000.0))
+    with connect(m, wiring(box)):
+        m.timer.read()
+        m.ram.write(9.0)
+        m.ram.update()
+        m.ram.write(-9.0)
+        m.update()
+        assert m.ram.read() == 1.0
+        periods(m)
+        assert m.ram.read() == 0.0
+
+
+def test_the_update_of_another_part_takes_nothing_from_the_step() -> None:
+    m = press(ram=actuator(max_rate=1000.0))
+    with connect(m, wiring()):
+        m.ram.write(9.0)
+        m.timer.read()
+        m.lamp.update()
+        assert m.ram.read() == 0.0
+        m.update()
+        assert m.ram.read() == 1.0
+
+
+def test_the_target_is_reached_when_distance_and_rate_say() -> None:
+    m = press(ram=actuator(max_rate=100.0))
+    with connect(m, wiring()):
+        m.ram.write(1.0)
+        periods(m, 10)  # ten times 0.1 is less than 1.0
+        assert m.ram.read() == 1.0
+
+
 def test_a_missed_period_is_made_up_by_the_rate() -> None:
     m = press(ram=actuator(max_rate=1000.0))
     with connect(m, wiring(missed=[0, 3, 0])):
@@ -182,6 +214,25 @@ def test_a_reset_passes_over_the_rate_and_takes_the_target_along() -> None:
         assert (m.ram.read(), m.ram.pending) == (0.0, 0.0)
         periods(m, 3)
         assert m.ram.read() == 0.0
+
+
+def test_a_reset_that_was_not_taken_is_made_up_whole() -> None:
+    box, m = Scripted(), press(ram=actuator(max_rate=1000.0))
+    with connect(m, wiring(box)):
+        m.ram.write(9.0)
+        periods(m, 5)
+        box.broken = OSError("cut")
+        with pytest.raises(DriverError):
+            m.ram.reset()
+        m.timer.read()
+        with pytest.raises(DriverError):
+            m.update()
+        box.broken = None
+        m.ram.write(9.0)
+        periods(m)
+        assert m.ram.read() == 0.0
+        periods(m)
+        assert m.ram.read() == 1.0
 
 
 def test_after_a_failed_transfer_the_slew_goes_on_from_what_was_confirmed() -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 from collections import deque
 from collections.abc import Iterable
+from math import copysign
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from umo.cycle.journal import Kind
@@ -76,24 +77,29 @@ class Guard:
         self.written = self.whole.clock.now
 
     def rest(self) -> None:
-        """At the default: after connecting, and after a reset, which passes over every guard."""
-        self.target = self.default
+        """At the default: after connecting, and with a reset, which passes over every guard."""
+        self.target = self._planned = self.default
         self.written = None
+        self._resetting = True
         self._slewed = self.whole.clock.now
-        self._base = self.default
-        self._step = 0.0
 
     def slew(self) -> None:
-        """Pending becomes what the rate allows in this period, from what the hardware last accepted."""
-        assert self.rate is not None
-        image, slot, clock = self.whole, self.slot, self.whole.clock
-        if clock.now > self._slewed:
-            self._step = self.rate * (clock.dt or clock.now - self._slewed)
-            self._slewed, self._base = clock.now, image.values[slot]
-        low, high = self._base - self._step, self._base + self._step
-        value = min(max(self.target, low), high)
-        image.pending[slot] = value
-        image.pending_raws[slot] = to_raw(value, *image.wires[slot].scale)
+        """Pending becomes what the rate allows in this period, from what the hardware last accepted.
+
+        One step a period, however often this is called. A reset that the device did not take is made up whole.
+        """
+        image, slot, now = self.whole, self.slot, self.whole.clock.now
+        accepted = image.values[slot]
+        if self._resetting and accepted != self.default:
+            self._planned = self.default
+        elif now > self._slewed:
+            assert self.rate is not None
+            step = self.rate * (image.clock.dt or now - self._slewed)
+            self._planned = _towards(self.target, accepted, step)
+            self._resetting = False
+            self._slewed = now
+        image.pending[slot] = self._planned
+        image.pending_raws[slot] = to_raw(self._planned, *image.wires[slot].scale)
 
 
 class Guards:
@@ -172,6 +178,12 @@ class Guards:
             if id(item) not in slot_of:
                 raise DeclarationError(f"interlock {interlock.reason!r} forbids {item!r} of another machine")
         return list(dict.fromkeys(slot_of[id(item)] for item in items))
+
+
+def _towards(target: float, start: float, step: float) -> float:
+    """A step nearer to the target; there, when no more than a step is left but for rounding."""
+    left = target - start
+    return target if abs(left) <= step * (1 + 1e-9) else start + copysign(step, left)
 
 
 def _is_guarded(item: Atomic) -> bool:
