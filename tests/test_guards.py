@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import umo
-from machines import actuator, relay, sensor, switch, timer
+from machines import actuator, failed, relay, sensor, switch, timer
 from umo import (
     BinaryActuator,
     BinarySensor,
@@ -337,6 +337,35 @@ def test_a_reset_that_fails_comes_out_and_the_others_are_still_reset() -> None:
         with pytest.raises(DriverError, match=r"ram .*stuck"):
             m.sample()
         assert m.lamp.read() is OnOff.OFF
+
+
+def test_sensors_that_fail_and_resets_that_fail_come_out_in_one_error() -> None:
+    box, m = Scripted(), press()
+    connection = connect(m, wiring(box))
+    with connection:
+        m.ram.write(3.0)
+        m.lamp.write(OnOff.ON)
+        periods(m)
+        m.timer.read()
+        box.at(len(box.calls), OSError("cut"))  # the transfer of the sensors, and so of the door
+        box.at(len(box.calls) + 1, OSError("stuck"))
+        with pytest.raises(DriverError) as caught:
+            m.sample()
+        assert failed(caught.value) == ["door", "height", "ram"]
+        assert m.lamp.read() is OnOff.OFF
+        assert [event.path for event in connection.machine.events] == ["ram", "lamp"]
+
+
+def test_sensors_that_fail_do_not_keep_a_command_from_expiring() -> None:
+    box, m = Scripted(), press(heater=actuator(expires="2 ms", synchronous=False))
+    with connect(m, wiring(box)):
+        m.heater.write(3.0)
+        for _ in range(2):
+            m.timer.read()
+            box.at(len(box.calls), OSError("cut"))
+            with pytest.raises(DriverError):
+                m.sample()
+        assert m.heater.read() == 0.0
 
 
 def test_a_compound_stands_for_all_of_its_actuators() -> None:
