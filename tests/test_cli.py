@@ -222,6 +222,15 @@ def test_check_lists_all_faults_each_with_file_and_key(umo, tank: Path) -> None:
     assert said(result).count("simulated.toml") == 3
 
 
+def test_check_refuses_an_interlock_that_makes_no_sense(umo, tank: Path) -> None:
+    control = tank / "control.py"
+    odd = "    def interlocks(self):\n        return [self.inlet]\n\n    def setup(self)"
+    control.write_text(control.read_text().replace("    def setup(self)", odd))
+    result = umo("check", "tank")
+    assert result.exit_code == 2
+    assert "Tank.interlocks gives <BinaryActuator inlet" in said(result)
+
+
 def test_the_tree_shows_units_ranges_and_wiring(umo) -> None:
     text = said(umo("tree", "ztheta", "-w", "second_generation"))
     for words in ("Manipulator", "digital actuator, -10 to 10 V", "plant:pwm:z", "incremental", "asynchronous"):

@@ -432,6 +432,7 @@ def test_a_machine_connects_again_with_its_guards_as_new() -> None:
         (lambda: actuator(max_rate=1.0, synchronous=False), "synchronous"),
         (lambda: Interlock("open", [actuator()], "why"), "is a function"),  # type: ignore[arg-type]
         (lambda: Interlock(lambda: True, [], "why"), "forbids nothing"),
+        (lambda: Interlock(lambda: True, actuator(), "why"), "a list of objects"),  # type: ignore[arg-type]
         (lambda: Interlock(lambda: True, [sensor()], "why"), "no actuator"),  # type: ignore[list-item]
         (lambda: Interlock(lambda: True, [actuator()], " "), "says its reason"),
     ],
@@ -441,16 +442,26 @@ def test_a_guard_that_makes_no_sense_is_refused_when_declared(declare: Any, said
         declare()
 
 
-def test_an_interlock_over_another_machine_is_refused_when_connecting() -> None:
+@pytest.mark.parametrize(
+    ("declared", "said"),
+    [
+        ([Interlock(lambda: True, [actuator()], "why")], "another machine"),
+        (None, "Odd.interlocks gives None"),
+        (["the door is open"], "Odd.interlocks gives 'the door is open'"),
+    ],
+)
+def test_interlocks_that_make_no_sense_are_refused_before_anything_is_touched(declared: Any, said: str) -> None:
     class Odd(Press):
-        def interlocks(self) -> Iterator[Interlock]:
-            yield Interlock(lambda: True, [actuator()], "why")
+        def interlocks(self) -> Any:
+            return declared
 
+    box = Scripted()
     m = Odd(timer=timer(), door=switch(), height=sensor(), ram=actuator(), lamp=relay(), heater=actuator())
-    with pytest.raises(DeclarationError, match="another machine"):
-        connect(m, wiring()).__enter__()
+    with pytest.raises(DeclarationError, match=said):
+        connect(m, wiring(box)).__enter__()
     assert not m.connected
     assert not m.ram.connected
+    assert box.calls == []
 
 
 def test_guards_are_shown_where_objects_are() -> None:

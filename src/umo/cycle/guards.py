@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Iterable
 from math import copysign
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from umo.cycle.journal import Kind
-from umo.errors import DeclarationError, DriverError, Failure, Interlocked
+from umo.errors import DriverError, Failure, Interlocked
 from umo.objects import Atomic, BinaryActuator, Compound, DigitalActuator, Interlock
+from umo.objects.interlock import interlocks_of
 from umo.objects.scaling import to_raw
 
 if TYPE_CHECKING:
@@ -109,9 +109,8 @@ class Guards:
         self._image = image
         self.events: deque[Event] = deque(maxlen=EVENTS)
         """The last thousand."""
-        compounds = [root, *(node for node in root.walk() if isinstance(node, Compound))]
-        self._interlocks = [interlock for node in compounds for interlock in node.interlocks()]
-        self._forbids = [self._slots(interlock) for interlock in self._interlocks]
+        self._interlocks = interlocks_of(root)
+        self._forbids = [_slots(interlock, image) for interlock in self._interlocks]
         self._reasons: list[str | None] = [None] * len(self._interlocks)
         named = {slot for slots in self._forbids for slot in slots}
         own = {slot for slot, item in enumerate(image.items) if _is_guarded(item)}
@@ -171,13 +170,9 @@ class Guards:
         self._image.note(slot, kind)
         log.warning("%s %s", event.path, event.text)
 
-    def _slots(self, interlock: Interlock) -> list[int]:
-        slot_of = self._image.slot_of
-        items: Iterable[Atomic] = interlock.actuators()
-        for item in items:
-            if id(item) not in slot_of:
-                raise DeclarationError(f"interlock {interlock.reason!r} forbids {item!r} of another machine")
-        return list(dict.fromkeys(slot_of[id(item)] for item in items))
+
+def _slots(interlock: Interlock, image: Image) -> list[int]:
+    return list(dict.fromkeys(image.slot_of[id(item)] for item in interlock.actuators()))
 
 
 def _towards(target: float, start: float, step: float) -> float:
