@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -25,6 +26,7 @@ from umo import (
     OnOff,
     PassFail,
     Vector,
+    WiringError,
     connect,
 )
 from umo.control import state_of
@@ -112,6 +114,52 @@ def test_missed_periods_count_for_the_age_of_a_command() -> None:
         m.heater.write(3.0)
         periods(m)
         assert m.heater.read() == 0.0
+
+
+def test_what_expires_is_the_default_itself_whatever_a_subclass_writes() -> None:
+    class Offset(DigitalActuator):
+        def write(self, value: float) -> bool:
+            return super().write(value + 1.0)
+
+    m = press(heater=Offset("V", default=0.0, minimum=-10.0, maximum=10.0, resolution=0.5, expires="3 ms"))
+    with connect(m, wiring()):
+        m.heater.write(4.0)
+        periods(m, 3)
+        assert m.heater.read() == 0.0
+
+
+def test_a_default_that_cannot_be_sent_when_a_command_expires_comes_out_once() -> None:
+    box = Scripted()
+    m = press(lamp=relay(expires="2 ms", synchronous=False), heater=actuator(expires="2 ms", synchronous=False))
+    with connect(m, wiring(box)):
+        m.lamp.write(OnOff.ON)
+        m.heater.write(3.0)
+        periods(m)
+        m.timer.read()
+        box.at(len(box.calls) + 1, OSError("stuck"))
+        with pytest.raises(DriverError) as caught:
+            m.sample()
+        assert failed(caught.value) == ["lamp"]
+        assert (m.lamp.read(), m.heater.read()) == (OnOff.ON, 0.0)
+        periods(m, 5)
+
+
+@pytest.mark.parametrize("expires", [0.001, 0.0005])
+def test_a_command_that_would_expire_before_it_can_be_written_again_is_a_fault_of_the_period(expires: float) -> None:
+    m = press(heater=actuator(expires=expires))
+    with pytest.raises(WiringError, match="1 ms is not shorter than a command of heater holds"):
+        connect(m, wiring()).__enter__()
+
+
+def test_without_a_timer_a_command_expires_by_the_wall_clock() -> None:
+    class Bare(Compound):
+        heater: DigitalActuator
+
+    m = Bare(heater=actuator(expires=1e-9))
+    with connect(m, {"drivers": {"box": Scripted()}, "wire": {"heater": {"driver": "box"}}}):
+        m.heater.write(3.0)
+        while m.heater.pending:
+            m.sample()
 
 
 def test_a_command_that_is_written_every_period_never_expires() -> None:
@@ -321,6 +369,31 @@ def test_a_condition_that_cannot_be_answered_forbids() -> None:
         m.ram.write(1.0)
 
 
+@pytest.mark.parametrize("answer", [None, 0, 0.0, "", OnOff.OFF])
+def test_a_condition_that_answers_neither_true_nor_false_forbids(answer: Any) -> None:
+    class Vague(Press):
+        def interlocks(self) -> Iterator[Interlock]:
+            yield Interlock(lambda: answer, [self.ram], "the door is open")
+
+    m = Vague(timer=timer(), door=switch(), height=sensor(), ram=actuator(), lamp=relay(), heater=actuator())
+    with connect(m, wiring()), pytest.raises(Interlocked, match="neither True nor False"):
+        m.ram.write(1.0)
+
+
+def test_a_condition_may_answer_in_numpy() -> None:
+    class Measured(Press):
+        def interlocks(self) -> Iterator[Interlock]:
+            yield Interlock(lambda: np.float64(self.height.read()) > 50.0, [self.ram], "too high")
+
+    m = Measured(timer=timer(), door=switch(), height=sensor(), ram=actuator(), lamp=relay(), heater=actuator())
+    with connect(m, wiring()):
+        m.ram.write(1.0)
+        put(m.height, 60.0)
+        periods(m)
+        with pytest.raises(Interlocked):
+            m.ram.write(1.0)
+
+
 def test_a_reset_that_fails_comes_out_and_the_others_are_still_reset() -> None:
     box, m = Scripted(), press()
 
@@ -427,6 +500,8 @@ def test_a_machine_connects_again_with_its_guards_as_new() -> None:
     [
         (lambda: actuator(expires=0), "expires is 0"),
         (lambda: actuator(expires="soon"), "no duration"),
+        (lambda: actuator(expires=True), "no duration"),
+        (lambda: relay(expires=-1), "no duration"),
         (lambda: actuator(max_rate=0.0), "not above 0"),
         (lambda: actuator(max_rate=float("nan")), "not a finite number"),
         (lambda: actuator(max_rate=1.0, synchronous=False), "synchronous"),
@@ -518,7 +593,7 @@ STEPS = st.lists(
 )
 
 
-@given(STEPS, st.sampled_from([1, 3, 8]), st.sampled_from([100.0, 1000.0, 4000.0]), st.booleans())
+@given(STEPS, st.sampled_from([2, 3, 8]), st.sampled_from([100.0, 1000.0, 4000.0]), st.booleans())
 def test_all_guards_together_do_what_a_small_model_does(
     steps: list[tuple[int, bool, float | None, str]], expires: int, rate: float, arrays: bool
 ) -> None:

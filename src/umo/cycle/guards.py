@@ -11,6 +11,8 @@ from collections import deque
 from math import copysign
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
+import numpy as np
+
 from umo.cycle.journal import Kind
 from umo.errors import DriverError, Failure, Interlocked
 from umo.objects import Atomic, BinaryActuator, Compound, DigitalActuator, Interlock
@@ -82,6 +84,17 @@ class Guard:
         self.written = None
         self._resetting = True
         self._slewed = self.whole.clock.now
+
+    def lapse(self) -> list[Failure]:
+        """Its default as if written, whatever a subclass makes of `write`; sent with `update`, asynchronous at once."""
+        self.target, self.written = self.default, None
+        self.whole._set_default(self.slot)
+        try:
+            if not self.item.synchronous:
+                self.whole.send(self.slot)
+        except DriverError as error:
+            return list(error.failures)
+        return []
 
     def slew(self) -> None:
         """Pending becomes what the rate allows in this period, from what the hardware last accepted.
@@ -156,13 +169,7 @@ class Guards:
         if guard.written is None or now - guard.written < guard.expires - A_TICK:
             return []
         self._happened(guard.slot, f"not written for {guard.expires:g} s: to its default", Kind.EXPIRED)
-        failures: list[Failure] = []
-        try:
-            guard.item.write(guard.item.default)
-        except DriverError as error:
-            failures += error.failures
-        guard.written = None
-        return failures
+        return guard.lapse()
 
     def _happened(self, slot: int, text: str, kind: Kind) -> None:
         event = Event(self._image.clock.now, self._image.items[slot].path, text)
@@ -190,6 +197,9 @@ def _is_guarded(item: Atomic) -> bool:
 def _reason(interlock: Interlock) -> str | None:
     """Why it forbids now, None if it does not. What it cannot find out counts as true."""
     try:
-        return interlock.reason if interlock.condition() else None
+        holds = interlock.condition()
+        if not isinstance(holds, bool | np.bool_):  # None, for want of a return, would never forbid
+            raise TypeError(f"{holds!r} is neither True nor False")
+        return interlock.reason if holds else None
     except Exception as error:
         return f"{interlock.reason} (or not: {type(error).__name__}: {error})"
