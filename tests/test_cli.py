@@ -262,6 +262,13 @@ def test_set_holds_then_resets(umo, tank: Path) -> None:
     assert said(umo("set", "tank", "inlet", "open", "--hold", "1")) == "inlet OPEN raw 1 GOOD inlet reset to CLOSED"
 
 
+def test_set_keeps_up_a_command_that_expires(umo, tank: Path, caplog: pytest.LogCaptureFixture) -> None:
+    objects = tank / "objects.py"
+    objects.write_text(objects.read_text().replace("CLOSED),", 'CLOSED, expires="0.5 s"),'))
+    assert umo("set", "tank", "inlet", "open", "--hold", "2").exit_code == 0
+    assert "not written" not in caplog.text
+
+
 def test_set_takes_a_number_with_a_unit_and_a_negative_one(umo) -> None:
     pytest.importorskip("mujoco")
     assert "z.motor 0.5 V raw 102" in said(umo("set", "ztheta", "z.motor", "500 mV", "--hold", "0"))
