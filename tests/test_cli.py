@@ -222,6 +222,15 @@ def test_check_lists_all_faults_each_with_file_and_key(umo, tank: Path) -> None:
     assert said(result).count("simulated.toml") == 3
 
 
+def test_check_refuses_an_interlock_that_makes_no_sense(umo, tank: Path) -> None:
+    control = tank / "control.py"
+    odd = "    def interlocks(self):\n        return [self.inlet]\n\n    def setup(self)"
+    control.write_text(control.read_text().replace("    def setup(self)", odd))
+    result = umo("check", "tank")
+    assert result.exit_code == 2
+    assert "Tank.interlocks gives <BinaryActuator inlet" in said(result)
+
+
 def test_the_tree_shows_units_ranges_and_wiring(umo) -> None:
     text = said(umo("tree", "ztheta", "-w", "second_generation"))
     for words in ("Manipulator", "digital actuator, -10 to 10 V", "plant:pwm:z", "incremental", "asynchronous"):
@@ -251,6 +260,13 @@ def test_get_reads_by_path_in_any_unit(umo, tank: Path) -> None:
 
 def test_set_holds_then_resets(umo, tank: Path) -> None:
     assert said(umo("set", "tank", "inlet", "open", "--hold", "1")) == "inlet OPEN raw 1 GOOD inlet reset to CLOSED"
+
+
+def test_set_keeps_up_a_command_that_expires(umo, tank: Path, caplog: pytest.LogCaptureFixture) -> None:
+    objects = tank / "objects.py"
+    objects.write_text(objects.read_text().replace("CLOSED),", 'CLOSED, expires="0.5 s"),'))
+    assert umo("set", "tank", "inlet", "open", "--hold", "2").exit_code == 0
+    assert "not written" not in caplog.text
 
 
 def test_set_takes_a_number_with_a_unit_and_a_negative_one(umo) -> None:

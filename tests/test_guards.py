@@ -6,12 +6,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 import umo
-from machines import actuator, relay, sensor, switch, timer
+from machines import actuator, failed, relay, sensor, switch, timer
 from umo import (
     BinaryActuator,
     BinarySensor,
@@ -25,6 +26,7 @@ from umo import (
     OnOff,
     PassFail,
     Vector,
+    WiringError,
     connect,
 )
 from umo.control import state_of
@@ -114,6 +116,52 @@ def test_missed_periods_count_for_the_age_of_a_command() -> None:
         assert m.heater.read() == 0.0
 
 
+def test_what_expires_is_the_default_itself_whatever_a_subclass_writes() -> None:
+    class Offset(DigitalActuator):
+        def write(self, value: float) -> bool:
+            return super().write(value + 1.0)
+
+    m = press(heater=Offset("V", default=0.0, minimum=-10.0, maximum=10.0, resolution=0.5, expires="3 ms"))
+    with connect(m, wiring()):
+        m.heater.write(4.0)
+        periods(m, 3)
+        assert m.heater.read() == 0.0
+
+
+def test_a_default_that_cannot_be_sent_when_a_command_expires_comes_out_once() -> None:
+    box = Scripted()
+    m = press(lamp=relay(expires="2 ms", synchronous=False), heater=actuator(expires="2 ms", synchronous=False))
+    with connect(m, wiring(box)):
+        m.lamp.write(OnOff.ON)
+        m.heater.write(3.0)
+        periods(m)
+        m.timer.read()
+        box.at(len(box.calls) + 1, OSError("stuck"))
+        with pytest.raises(DriverError) as caught:
+            m.sample()
+        assert failed(caught.value) == ["lamp"]
+        assert (m.lamp.read(), m.heater.read()) == (OnOff.ON, 0.0)
+        periods(m, 5)
+
+
+@pytest.mark.parametrize("expires", [0.001, 0.0005])
+def test_a_command_that_would_expire_before_it_can_be_written_again_is_a_fault_of_the_period(expires: float) -> None:
+    m = press(heater=actuator(expires=expires))
+    with pytest.raises(WiringError, match="1 ms is not shorter than a command of heater holds"):
+        connect(m, wiring()).__enter__()
+
+
+def test_without_a_timer_a_command_expires_by_the_wall_clock() -> None:
+    class Bare(Compound):
+        heater: DigitalActuator
+
+    m = Bare(heater=actuator(expires=1e-9))
+    with connect(m, {"drivers": {"box": Scripted()}, "wire": {"heater": {"driver": "box"}}}):
+        m.heater.write(3.0)
+        while m.heater.pending:
+            m.sample()
+
+
 def test_a_command_that_is_written_every_period_never_expires() -> None:
     m = press(heater=actuator(expires="2 ms"))
     connection = connect(m, wiring())
@@ -163,6 +211,38 @@ def test_updating_twice_in_a_period_moves_it_once() -> None:
         assert m.ram.read() == 1.0
 
 
+def test_a_target_turned_round_within_a_period_waits_for_the_next() -> None:
+    box, m = Scripted(), press(ram=actuator(max_rate=1000.0))
+    with connect(m, wiring(box)):
+        m.timer.read()
+        m.ram.write(9.0)
+        m.ram.update()
+        m.ram.write(-9.0)
+        m.update()
+        assert m.ram.read() == 1.0
+        periods(m)
+        assert m.ram.read() == 0.0
+
+
+def test_the_update_of_another_part_takes_nothing_from_the_step() -> None:
+    m = press(ram=actuator(max_rate=1000.0))
+    with connect(m, wiring()):
+        m.ram.write(9.0)
+        m.timer.read()
+        m.lamp.update()
+        assert m.ram.read() == 0.0
+        m.update()
+        assert m.ram.read() == 1.0
+
+
+def test_the_target_is_reached_when_distance_and_rate_say() -> None:
+    m = press(ram=actuator(max_rate=100.0))
+    with connect(m, wiring()):
+        m.ram.write(1.0)
+        periods(m, 10)  # ten times 0.1 is less than 1.0
+        assert m.ram.read() == 1.0
+
+
 def test_a_missed_period_is_made_up_by_the_rate() -> None:
     m = press(ram=actuator(max_rate=1000.0))
     with connect(m, wiring(missed=[0, 3, 0])):
@@ -182,6 +262,25 @@ def test_a_reset_passes_over_the_rate_and_takes_the_target_along() -> None:
         assert (m.ram.read(), m.ram.pending) == (0.0, 0.0)
         periods(m, 3)
         assert m.ram.read() == 0.0
+
+
+def test_a_reset_that_was_not_taken_is_made_up_whole() -> None:
+    box, m = Scripted(), press(ram=actuator(max_rate=1000.0))
+    with connect(m, wiring(box)):
+        m.ram.write(9.0)
+        periods(m, 5)
+        box.broken = OSError("cut")
+        with pytest.raises(DriverError):
+            m.ram.reset()
+        m.timer.read()
+        with pytest.raises(DriverError):
+            m.update()
+        box.broken = None
+        m.ram.write(9.0)
+        periods(m)
+        assert m.ram.read() == 0.0
+        periods(m)
+        assert m.ram.read() == 1.0
 
 
 def test_after_a_failed_transfer_the_slew_goes_on_from_what_was_confirmed() -> None:
@@ -270,6 +369,31 @@ def test_a_condition_that_cannot_be_answered_forbids() -> None:
         m.ram.write(1.0)
 
 
+@pytest.mark.parametrize("answer", [None, 0, 0.0, "", OnOff.OFF])
+def test_a_condition_that_answers_neither_true_nor_false_forbids(answer: Any) -> None:
+    class Vague(Press):
+        def interlocks(self) -> Iterator[Interlock]:
+            yield Interlock(lambda: answer, [self.ram], "the door is open")
+
+    m = Vague(timer=timer(), door=switch(), height=sensor(), ram=actuator(), lamp=relay(), heater=actuator())
+    with connect(m, wiring()), pytest.raises(Interlocked, match="neither True nor False"):
+        m.ram.write(1.0)
+
+
+def test_a_condition_may_answer_in_numpy() -> None:
+    class Measured(Press):
+        def interlocks(self) -> Iterator[Interlock]:
+            yield Interlock(lambda: np.float64(self.height.read()) > 50.0, [self.ram], "too high")
+
+    m = Measured(timer=timer(), door=switch(), height=sensor(), ram=actuator(), lamp=relay(), heater=actuator())
+    with connect(m, wiring()):
+        m.ram.write(1.0)
+        put(m.height, 60.0)
+        periods(m)
+        with pytest.raises(Interlocked):
+            m.ram.write(1.0)
+
+
 def test_a_reset_that_fails_comes_out_and_the_others_are_still_reset() -> None:
     box, m = Scripted(), press()
 
@@ -286,6 +410,35 @@ def test_a_reset_that_fails_comes_out_and_the_others_are_still_reset() -> None:
         with pytest.raises(DriverError, match=r"ram .*stuck"):
             m.sample()
         assert m.lamp.read() is OnOff.OFF
+
+
+def test_sensors_that_fail_and_resets_that_fail_come_out_in_one_error() -> None:
+    box, m = Scripted(), press()
+    connection = connect(m, wiring(box))
+    with connection:
+        m.ram.write(3.0)
+        m.lamp.write(OnOff.ON)
+        periods(m)
+        m.timer.read()
+        box.at(len(box.calls), OSError("cut"))  # the transfer of the sensors, and so of the door
+        box.at(len(box.calls) + 1, OSError("stuck"))
+        with pytest.raises(DriverError) as caught:
+            m.sample()
+        assert failed(caught.value) == ["door", "height", "ram"]
+        assert m.lamp.read() is OnOff.OFF
+        assert [event.path for event in connection.machine.events] == ["ram", "lamp"]
+
+
+def test_sensors_that_fail_do_not_keep_a_command_from_expiring() -> None:
+    box, m = Scripted(), press(heater=actuator(expires="2 ms", synchronous=False))
+    with connect(m, wiring(box)):
+        m.heater.write(3.0)
+        for _ in range(2):
+            m.timer.read()
+            box.at(len(box.calls), OSError("cut"))
+            with pytest.raises(DriverError):
+                m.sample()
+        assert m.heater.read() == 0.0
 
 
 def test_a_compound_stands_for_all_of_its_actuators() -> None:
@@ -347,11 +500,14 @@ def test_a_machine_connects_again_with_its_guards_as_new() -> None:
     [
         (lambda: actuator(expires=0), "expires is 0"),
         (lambda: actuator(expires="soon"), "no duration"),
+        (lambda: actuator(expires=True), "no duration"),
+        (lambda: relay(expires=-1), "no duration"),
         (lambda: actuator(max_rate=0.0), "not above 0"),
         (lambda: actuator(max_rate=float("nan")), "not a finite number"),
         (lambda: actuator(max_rate=1.0, synchronous=False), "synchronous"),
         (lambda: Interlock("open", [actuator()], "why"), "is a function"),  # type: ignore[arg-type]
         (lambda: Interlock(lambda: True, [], "why"), "forbids nothing"),
+        (lambda: Interlock(lambda: True, actuator(), "why"), "a list of objects"),  # type: ignore[arg-type]
         (lambda: Interlock(lambda: True, [sensor()], "why"), "no actuator"),  # type: ignore[list-item]
         (lambda: Interlock(lambda: True, [actuator()], " "), "says its reason"),
     ],
@@ -361,16 +517,26 @@ def test_a_guard_that_makes_no_sense_is_refused_when_declared(declare: Any, said
         declare()
 
 
-def test_an_interlock_over_another_machine_is_refused_when_connecting() -> None:
+@pytest.mark.parametrize(
+    ("declared", "said"),
+    [
+        ([Interlock(lambda: True, [actuator()], "why")], "another machine"),
+        (None, "Odd.interlocks gives None"),
+        (["the door is open"], "Odd.interlocks gives 'the door is open'"),
+    ],
+)
+def test_interlocks_that_make_no_sense_are_refused_before_anything_is_touched(declared: Any, said: str) -> None:
     class Odd(Press):
-        def interlocks(self) -> Iterator[Interlock]:
-            yield Interlock(lambda: True, [actuator()], "why")
+        def interlocks(self) -> Any:
+            return declared
 
+    box = Scripted()
     m = Odd(timer=timer(), door=switch(), height=sensor(), ram=actuator(), lamp=relay(), heater=actuator())
-    with pytest.raises(DeclarationError, match="another machine"):
-        connect(m, wiring()).__enter__()
+    with pytest.raises(DeclarationError, match=said):
+        connect(m, wiring(box)).__enter__()
     assert not m.connected
     assert not m.ram.connected
+    assert box.calls == []
 
 
 def test_guards_are_shown_where_objects_are() -> None:
@@ -427,7 +593,7 @@ STEPS = st.lists(
 )
 
 
-@given(STEPS, st.sampled_from([1, 3, 8]), st.sampled_from([100.0, 1000.0, 4000.0]), st.booleans())
+@given(STEPS, st.sampled_from([2, 3, 8]), st.sampled_from([100.0, 1000.0, 4000.0]), st.booleans())
 def test_all_guards_together_do_what_a_small_model_does(
     steps: list[tuple[int, bool, float | None, str]], expires: int, rate: float, arrays: bool
 ) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import time
+from collections.abc import Callable
+from functools import partial
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -60,13 +62,13 @@ def _hold(machine: Compound, file: Path | None, item: Any, value: Any, hold: flo
         m.update()
         shown = f"{item.path}  {_value(item, None)}  raw {item.raw}  {item.quality}"
         out.print(shown if taken else f"{shown}  (clamped)", markup=False)
-        _loop(m, hold)
+        _loop(m, hold, partial(item.write, value) if item.expires is not None else None)
     out.print(f"{item.path}  reset to {item.default}", markup=False)
     return 128 + connection.stop.signal if connection.stop.signal and hold is not None else 0
 
 
-def _loop(m: Compound, hold: float | None) -> None:
-    """The machine's periods without its control, so that watchdogs are fed."""
+def _loop(m: Compound, hold: float | None, again: Callable[[], object] | None) -> None:
+    """The machine's periods without its control, so that watchdogs are fed; a command that expires is kept up."""
     timer = m.children().get("timer")
     end = inf if hold is None else m.now + hold
     while m.running and m.now < end:
@@ -75,6 +77,8 @@ def _loop(m: Compound, hold: float | None) -> None:
         else:
             time.sleep(PAUSE)
         m.sample()
+        if again is not None:
+            again()
         m.update()
 
 

@@ -12,6 +12,7 @@ from rich.tree import Tree
 from umo.drivers import Direction, Driver, registry
 from umo.errors import ChannelError, UmoError, WiringError
 from umo.objects import Atomic, Compound, Digital, DigitalActuator, Node
+from umo.objects.interlock import interlocks_of
 from umo.stations.station import Station, StationError
 from umo.wiring import check, resolve
 from umo.wiring.source import Source, read
@@ -24,6 +25,7 @@ def check_station(station: Station, wiring: str | None) -> int:
     file = station.wiring(wiring)
     machine = station.machine()
     station.module("application")  # a wiring may be right and the application not import
+    interlocks_of(machine)
     faults = check(machine, file)
     for fault in faults:
         err.print(str(fault), markup=False, soft_wrap=True)

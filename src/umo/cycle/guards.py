@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Iterable
+from math import copysign
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
+import numpy as np
+
 from umo.cycle.journal import Kind
-from umo.errors import DeclarationError, DriverError, Failure, Interlocked
+from umo.errors import DriverError, Failure, Interlocked
 from umo.objects import Atomic, BinaryActuator, Compound, DigitalActuator, Interlock
+from umo.objects.interlock import interlocks_of
 from umo.objects.scaling import to_raw
 
 if TYPE_CHECKING:
@@ -76,24 +79,40 @@ class Guard:
         self.written = self.whole.clock.now
 
     def rest(self) -> None:
-        """At the default: after connecting, and after a reset, which passes over every guard."""
-        self.target = self.default
+        """At the default: after connecting, and with a reset, which passes over every guard."""
+        self.target = self._planned = self.default
         self.written = None
+        self._resetting = True
         self._slewed = self.whole.clock.now
-        self._base = self.default
-        self._step = 0.0
+
+    def lapse(self) -> list[Failure]:
+        """Its default as if written, whatever a subclass makes of `write`; sent with `update`, asynchronous at once."""
+        self.target, self.written = self.default, None
+        self.whole._set_default(self.slot)
+        try:
+            if not self.item.synchronous:
+                self.whole.send(self.slot)
+        except DriverError as error:
+            return list(error.failures)
+        return []
 
     def slew(self) -> None:
-        """Pending becomes what the rate allows in this period, from what the hardware last accepted."""
-        assert self.rate is not None
-        image, slot, clock = self.whole, self.slot, self.whole.clock
-        if clock.now > self._slewed:
-            self._step = self.rate * (clock.dt or clock.now - self._slewed)
-            self._slewed, self._base = clock.now, image.values[slot]
-        low, high = self._base - self._step, self._base + self._step
-        value = min(max(self.target, low), high)
-        image.pending[slot] = value
-        image.pending_raws[slot] = to_raw(value, *image.wires[slot].scale)
+        """Pending becomes what the rate allows in this period, from what the hardware last accepted.
+
+        One step a period, however often this is called. A reset that the device did not take is made up whole.
+        """
+        image, slot, now = self.whole, self.slot, self.whole.clock.now
+        accepted = image.values[slot]
+        if self._resetting and accepted != self.default:
+            self._planned = self.default
+        elif now > self._slewed:
+            assert self.rate is not None
+            step = self.rate * (image.clock.dt or now - self._slewed)
+            self._planned = _towards(self.target, accepted, step)
+            self._resetting = False
+            self._slewed = now
+        image.pending[slot] = self._planned
+        image.pending_raws[slot] = to_raw(self._planned, *image.wires[slot].scale)
 
 
 class Guards:
@@ -103,9 +122,8 @@ class Guards:
         self._image = image
         self.events: deque[Event] = deque(maxlen=EVENTS)
         """The last thousand."""
-        compounds = [root, *(node for node in root.walk() if isinstance(node, Compound))]
-        self._interlocks = [interlock for node in compounds for interlock in node.interlocks()]
-        self._forbids = [self._slots(interlock) for interlock in self._interlocks]
+        self._interlocks = interlocks_of(root)
+        self._forbids = [_slots(interlock, image) for interlock in self._interlocks]
         self._reasons: list[str | None] = [None] * len(self._interlocks)
         named = {slot for slots in self._forbids for slot in slots}
         own = {slot for slot, item in enumerate(image.items) if _is_guarded(item)}
@@ -151,13 +169,7 @@ class Guards:
         if guard.written is None or now - guard.written < guard.expires - A_TICK:
             return []
         self._happened(guard.slot, f"not written for {guard.expires:g} s: to its default", Kind.EXPIRED)
-        failures: list[Failure] = []
-        try:
-            guard.item.write(guard.item.default)
-        except DriverError as error:
-            failures += error.failures
-        guard.written = None
-        return failures
+        return guard.lapse()
 
     def _happened(self, slot: int, text: str, kind: Kind) -> None:
         event = Event(self._image.clock.now, self._image.items[slot].path, text)
@@ -165,13 +177,15 @@ class Guards:
         self._image.note(slot, kind)
         log.warning("%s %s", event.path, event.text)
 
-    def _slots(self, interlock: Interlock) -> list[int]:
-        slot_of = self._image.slot_of
-        items: Iterable[Atomic] = interlock.actuators()
-        for item in items:
-            if id(item) not in slot_of:
-                raise DeclarationError(f"interlock {interlock.reason!r} forbids {item!r} of another machine")
-        return list(dict.fromkeys(slot_of[id(item)] for item in items))
+
+def _slots(interlock: Interlock, image: Image) -> list[int]:
+    return list(dict.fromkeys(image.slot_of[id(item)] for item in interlock.actuators()))
+
+
+def _towards(target: float, start: float, step: float) -> float:
+    """A step nearer to the target; there, when no more than a step is left but for rounding."""
+    left = target - start
+    return target if abs(left) <= step * (1 + 1e-9) else start + copysign(step, left)
 
 
 def _is_guarded(item: Atomic) -> bool:
@@ -183,6 +197,9 @@ def _is_guarded(item: Atomic) -> bool:
 def _reason(interlock: Interlock) -> str | None:
     """Why it forbids now, None if it does not. What it cannot find out counts as true."""
     try:
-        return interlock.reason if interlock.condition() else None
+        holds = interlock.condition()
+        if not isinstance(holds, bool | np.bool_):  # None, for want of a return, would never forbid
+            raise TypeError(f"{holds!r} is neither True nor False")
+        return interlock.reason if holds else None
     except Exception as error:
         return f"{interlock.reason} (or not: {type(error).__name__}: {error})"

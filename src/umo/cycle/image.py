@@ -187,7 +187,8 @@ class Image(ABC):
 
     def update_some(self, slots: Sequence[int]) -> bool:
         for guard in self.slewed:
-            guard.slew()
+            if guard.slot in slots:
+                guard.slew()
         failures: list[Failure] = []
         for driver, group in self._by_driver(slots):
             try:

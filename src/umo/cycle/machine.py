@@ -15,6 +15,7 @@ from umo.cycle.guards import Event, Guards
 from umo.cycle.image import Image
 from umo.cycle.signals import StopFlag
 from umo.drivers.contract import Direction
+from umo.errors import DriverError
 from umo.objects import Compound, Node
 
 
@@ -77,10 +78,17 @@ class ConnectedMachine:
         return self.image.sample_some(self._slots_of(part)[0])
 
     def _guarded_sample(self) -> bool:
+        """The guards are looked at when sensors failed, too; one DriverError lists what both could not reach."""
         try:
-            return self.image.sample()
-        finally:
-            self.guards.evaluate()
+            good = self.image.sample()
+        except DriverError as unread:
+            try:
+                self.guards.evaluate()
+            except DriverError as unreset:
+                raise DriverError("could not be read or reset", [*unread.failures, *unreset.failures]) from unread
+            raise
+        self.guards.evaluate()
+        return good
 
     @property
     def events(self) -> deque[Event]:

@@ -49,6 +49,29 @@ class Interlock:
             raise DeclarationError(f"the condition of an interlock is a function, not {self.condition!r}")
         if not isinstance(self.reason, str) or not self.reason.strip():
             raise DeclarationError(f"an interlock says its reason, not {self.reason!r}")
+        if not isinstance(self.forbids, Iterable):
+            raise DeclarationError(f"interlock {self.reason!r} forbids a list of objects, not {self.forbids!r}")
         object.__setattr__(self, "forbids", tuple(self.forbids))
         if not self.actuators():
             raise DeclarationError(f"interlock {self.reason!r} forbids nothing")
+
+
+def interlocks_of(root: Compound) -> list[Interlock]:
+    """Every interlock of a machine, as declared; DeclarationError for what is none or forbids another machine's."""
+    own = set(map(id, root.atoms()))
+    found = [each for node in (root, *root.walk()) if isinstance(node, Compound) for each in _declared_by(node)]
+    for interlock in found:
+        for item in interlock.actuators():
+            if id(item) not in own:
+                raise DeclarationError(f"interlock {interlock.reason!r} forbids {item!r} of another machine")
+    return found
+
+
+def _declared_by(node: Compound) -> list[Interlock]:
+    declared = node.interlocks()
+    each = list(declared) if isinstance(declared, Iterable) else [declared]
+    for interlock in each:
+        if not isinstance(interlock, Interlock):
+            owner = node.path or type(node).__name__
+            raise DeclarationError(f"{owner}.interlocks gives {interlock!r}; it returns a list of Interlock, or yields")
+    return each

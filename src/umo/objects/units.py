@@ -61,6 +61,8 @@ def seconds(duration: str | float) -> float:
         if isinstance(duration, str):
             number, unit = _DURATION.fullmatch(duration.strip()).groups()  # type: ignore[union-attr]
             value = convert(float(number), unit, "s")
+        elif isinstance(duration, bool):
+            raise TypeError
         else:
             value = float(duration)
     except (AttributeError, TypeError, ValueError, OverflowError):

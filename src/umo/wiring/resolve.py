@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import math
 import sys
 from collections.abc import Hashable, Mapping
 from pathlib import Path
@@ -18,7 +19,7 @@ from pydantic import ConfigDict, ValidationError, create_model
 from umo.drivers import registry
 from umo.drivers.contract import Channel, Direction, Driver
 from umo.errors import DeclarationError, Fault, WiringError, did_you_mean
-from umo.objects import Atomic, Compound, Digital, DigitalActuator, DigitalSensor
+from umo.objects import Atomic, BinaryActuator, Compound, Digital, DigitalActuator, DigitalSensor, Node
 from umo.objects.atomic import Calibration
 from umo.objects.scaling import to_raw
 from umo.objects.units import seconds
@@ -238,15 +239,11 @@ class _Resolver:
         return duration
 
     def _check_periods(self, period: float | None) -> None:
+        if period is None:
+            return
         for node in [self.root, *self.root.walk()]:
-            if period is None or not isinstance(node, Compound) or node.longest_period is None:
-                continue
-            longest = seconds(node.longest_period)
-            if period > longest * (1 + 1e-9):
-                name = node.path or type(node).__name__
-                self.source.fault(
-                    'wire."timer".period', f"{period * 1e3:g} ms is longer than {name} allows ({longest * 1e3:g} ms)"
-                )
+            if why := _unfit(period, node):
+                self.source.fault('wire."timer".period', f"{period * 1e3:g} ms is {why}")
 
     def _process(self, period: float) -> Process:
         table, names = self.source.process, [field.name for field in dataclasses.fields(Process)]
@@ -278,6 +275,19 @@ class _Resolver:
         owner, name = known[key]
         whole = isinstance(value, int) and isinstance(getattr(owner, name), int)
         return Parameter(owner, name, value if whole else float(value))
+
+
+def _unfit(period: float, node: Node) -> str:
+    """What such a period is for the object; empty if it fits."""
+    if isinstance(node, Compound) and node.longest_period is not None:
+        longest = seconds(node.longest_period)
+        if period > longest * (1 + 1e-9):
+            return f"longer than {node.path or type(node).__name__} allows ({longest * 1e3:g} ms)"
+    if isinstance(node, BinaryActuator | DigitalActuator):
+        expires = node.expires or math.inf  # it must outlast the way from one write to the next
+        if period > expires * (1 - 1e-9):
+            return f"not shorter than a command of {node.path} holds ({expires * 1e3:g} ms)"
+    return ""
 
 
 def _parameters(root: Compound) -> dict[str, tuple[object, str]]:
