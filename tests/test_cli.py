@@ -13,7 +13,7 @@ from typer.testing import CliRunner, Result
 
 from umo.cli.app import app
 from umo.process.lock import lock_file
-from umo.stations.station import find
+from umo.process.station import find
 
 FOLDER_FILES = ("objects.py", "control.py", "application.py", "plant.py")
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 import umo
-from umo.stations.station import find
+from umo.process.station import find
 
 pytest.importorskip("mujoco")
 pymodbus = pytest.importorskip("pymodbus.client")

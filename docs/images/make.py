@@ -9,7 +9,7 @@ from pathlib import Path
 from PIL import Image
 
 import umo
-from umo.stations.station import find
+from umo.process.station import find
 from umo.stations.ztheta.application import main
 from umo.stations.ztheta.objects import machine
 from umo.stations.ztheta.render import render

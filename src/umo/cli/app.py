@@ -75,7 +75,7 @@ def run(
 @app.command(epilog="Examples: umo check ztheta  |  umo check ztheta -w modbus  |  umo check . -w wiring/bench.toml")
 def check(station: StationName, wiring: WiringName = None) -> None:
     """Find every fault of a wiring, without touching hardware."""
-    from umo.stations.station import find
+    from umo.process.station import find
 
     from .show import check_station
 
@@ -85,7 +85,7 @@ def check(station: StationName, wiring: WiringName = None) -> None:
 @app.command(epilog="Examples: umo tree ztheta  |  umo tree ztheta -w second_generation")
 def tree(station: StationName, wiring: WiringName = None) -> None:
     """Show the hierarchy of objects with units, ranges and wiring (the paper's Figure 4)."""
-    from umo.stations.station import find
+    from umo.process.station import find
 
     from .show import show_tree
 
@@ -108,7 +108,7 @@ def get(
     unit: Annotated[str | None, typer.Option(help="Show digital values in this unit.")] = None,
 ) -> None:
     """Connect, read objects by path, reset and leave. No control code runs."""
-    from umo.stations.station import find
+    from umo.process.station import find
 
     from .hand import get_values
 
@@ -128,7 +128,7 @@ def set_(
     hold: Annotated[float | None, typer.Option(min=0.0, help="Seconds to hold it; else until Ctrl-C.")] = None,
 ) -> None:
     """Connect, write one actuator and hold it, show what is read, then reset. No control code runs."""
-    from umo.stations.station import find
+    from umo.process.station import find
 
     from .hand import set_value
 
@@ -199,7 +199,7 @@ def plant(
     report: Annotated[Path | None, typer.Option(metavar="FILE.json", help="Keep the plant's truth here.")] = None,
 ) -> None:
     """Serve a station's plant as a process of its own, as a controller box on a bench would (Modbus TCP)."""
-    from umo.stations.station import find
+    from umo.process.station import find
 
     from .show import serve_plant
 

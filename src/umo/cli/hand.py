@@ -24,7 +24,7 @@ from umo.objects import (
 )
 from umo.objects.units import convert
 from umo.process.lock import only_one
-from umo.stations.station import Station
+from umo.process.station import Station
 from umo.wiring import driver_options
 
 from .console import out

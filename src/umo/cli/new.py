@@ -6,7 +6,7 @@ import shutil
 from importlib.resources import as_file, files
 from pathlib import Path
 
-from umo.stations.station import StationError
+from umo.process.station import StationError
 
 from .console import out
 

@@ -13,7 +13,7 @@ from umo.process.job import Job, Plan
 from umo.process.lock import only_one
 from umo.process.outcome import Failed, Parts
 from umo.process.start import LINUX
-from umo.stations.station import StationError
+from umo.process.station import StationError
 
 from .console import err, out
 from .follow import Seen, follow

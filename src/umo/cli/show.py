@@ -13,7 +13,7 @@ from umo.drivers import Direction, Driver, registry
 from umo.errors import ChannelError, UmoError, WiringError
 from umo.objects import Atomic, Compound, Digital, DigitalActuator, Node
 from umo.objects.interlock import interlocks_of
-from umo.stations.station import Station, StationError
+from umo.process.station import Station, StationError
 from umo.wiring import check, resolve
 from umo.wiring.source import Source, read
 

@@ -16,7 +16,7 @@ from typing import Any
 
 from umo.errors import DeclarationError, UmoError
 from umo.objects import Compound
-from umo.stations.station import Station, StationError, find
+from umo.process.station import Station, StationError, find
 from umo.wiring import Wired, driver_options, resolve
 
 MAIN = "__umo_main__"

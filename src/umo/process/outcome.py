@@ -24,7 +24,7 @@ from umo.errors import (
     WiringError,
 )
 from umo.objects import Compound
-from umo.stations.station import StationError
+from umo.process.station import StationError
 
 USER_ERRORS = (
     WiringError,

@@ -12,9 +12,11 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import umo.stations
 from umo.errors import DeclarationError, UmoError, did_you_mean
 from umo.objects import Compound
+
+SHIPPED = "umo.stations"
+"""The package of the stations that ship with umo."""
 
 
 class StationError(UmoError, LookupError):
@@ -80,8 +82,9 @@ class Station:
 
 def shipped() -> dict[str, Path]:
     """The stations that ship with umo, by name."""
-    folders = [Path(folder) for folder in umo.stations.__path__]
-    names = [module.name for module in pkgutil.iter_modules(umo.stations.__path__) if module.ispkg]
+    package = importlib.import_module(SHIPPED)  # by name: stations stand above this layer
+    folders = [Path(folder) for folder in package.__path__]
+    names = [module.name for module in pkgutil.iter_modules(package.__path__) if module.ispkg]
     return {name: next(folder / name for folder in folders if (folder / name).is_dir()) for name in names}
 
 
@@ -94,7 +97,7 @@ def find(text: str) -> Station:
             sys.path.insert(0, folder)  # so that its modules and its drivers are found by their bare names
         return Station(path.resolve().name, path.resolve(), "")
     if text in (known := shipped()):
-        return Station(text, known[text], f"umo.stations.{text}.")
+        return Station(text, known[text], f"{SHIPPED}.{text}.")
     if path.is_dir():
         raise StationError(f"{text} is no station: it has no objects.py (`umo new DIR` makes one)")
     raise StationError(f"no station {text!r}{did_you_mean(text, known)}: a directory, or one of: {', '.join(known)}")
