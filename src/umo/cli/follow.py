@@ -14,7 +14,7 @@ from umo.frames import Reader
 from umo.objects import Atomic, Compound
 from umo.process import Started
 from umo.process.job import Job
-from umo.process.outcome import Outcome
+from umo.process.outcome import Outcome, Parts
 
 from .console import err
 
@@ -71,6 +71,9 @@ def follow(job: Job, seen: Seen, observers: list[Callable[[Any], None]]) -> tupl
                 break
             started.poll(LOOK)
         elapsed = 0.0 if begun is None else time.perf_counter() - begun
+    if outcome.unsafe:  # what the control process had no more time to say
+        outcome.simulated = seen.time
+        outcome.parts = Parts(seen.placed, seen.parts_total or None)
     if lost:
         _say(f"{lost} periods came too fast to be noted in the trace")
     return outcome, elapsed
