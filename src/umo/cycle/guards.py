@@ -104,7 +104,7 @@ class Guard:
         image, slot, now = self.whole, self.slot, self.whole.clock.now
         accepted = image.values[slot]
         if self._resetting and accepted != self.default:
-            self._planned = self.default
+            self._planned, self._slewed = self.default, now
         elif now > self._slewed:
             assert self.rate is not None
             step = self.rate * (image.clock.dt or now - self._slewed)
