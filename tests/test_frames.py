@@ -319,7 +319,10 @@ def test_a_ring_that_is_cut_short_is_refused(tmp_path: Path) -> None:
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root can give a file away")
 def test_another_users_ring_is_refused() -> None:
     with running() as (_, ring, _connection):
-        os.chown(ring.path, 65534, -1)
+        try:
+            os.chown(ring.path, 65534, -1)
+        except PermissionError:
+            pytest.skip("this root may not give a file away")
         with pytest.raises(FramesError, match=r"another user's \(uid 65534\)"):
             Reader(ring.path)
 

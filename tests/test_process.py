@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import select
@@ -310,6 +311,19 @@ def test_a_mistake_of_the_user_is_status_2(tmp_path: Path, change: dict[str, Any
     assert outcome.failure is not None
     assert re.search(said, outcome.failure.message), outcome.failure.message
     assert outcome.status == 2
+
+
+def test_a_start_that_cannot_be_written_down_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(file: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    outcome = Run(process_box.wiring(tmp_path / "box")).outcome()
+    assert outcome.status == 1
+    assert outcome.failure is not None
+    assert "could not be written down" in outcome.failure.message
+    assert "No space left" in outcome.failure.message
+    assert not (tmp_path / "box").exists()
 
 
 def test_the_control_process_has_one_thread_and_no_collector(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import time
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from umo.errors import StandsStopped
+from umo.errors import StandsStopped, UmoError
 
 VARIABLE = "UMO_STATE"
 """Environment variable that names another folder, for containers and tests."""
@@ -69,11 +69,15 @@ class Record:
         self._station, self._wiring = station, wiring
 
     def begin(self, acknowledged: bool) -> None:
-        """The machine is about to run; StandsStopped if its last run ended unsafely and nobody acknowledged it."""
+        """The machine is about to run; StandsStopped if its last run ended unsafely and nobody acknowledged it.
+        UmoError where that cannot be written down: an unsafe end could not be told from a safe one."""
         before = self.standing()
         if before is not None and not acknowledged:
             raise StandsStopped(f"{before}.\nLook at the machine, then start it with --acknowledge")
-        self._write(Ended(self._station, self._wiring, "running", time.time()))
+        try:
+            self._write(Ended(self._station, self._wiring, "running", time.time()))
+        except OSError as error:
+            raise UmoError(f"the start could not be written down in {self._path.parent}: {error.strerror}") from None
 
     def finish(self) -> None:
         """The run ended safely."""
