@@ -80,6 +80,14 @@ def test_watch_takes_objects_and_compounds() -> None:
         assert "no object 'moter'" in said(result)
 
 
+def test_watch_takes_paths_alone_where_one_station_runs() -> None:
+    with running():
+        result = umo("watch", "valve", "--once")
+        assert result.exit_code == 0
+        assert "valve" in result.stdout
+        assert "motor" not in result.stdout
+
+
 def test_watch_says_which_stations_there_are() -> None:
     result = umo("watch", "press")
     assert (result.exit_code, "nothing runs" in said(result)) == (2, True)

@@ -135,11 +135,14 @@ def set_(
     guarded(lambda: set_value(find(station), wiring, path, value, hold))
 
 
-@app.command(epilog="Examples: umo watch  |  umo watch ztheta z  |  umo watch ztheta z.encoder z.motor --seconds 10")
+@app.command(epilog="Examples: umo watch  |  umo watch z gripper.vacuum  |  umo watch ztheta z.encoder --seconds 10")
 def watch(
-    station: Annotated[str | None, typer.Argument(metavar="[STATION]", help="A name or pid of `umo ps`.")] = None,
-    paths: Annotated[
-        list[str] | None, typer.Argument(metavar="[PATH]...", help="Objects, or compounds for all in them.")
+    words: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[STATION] [PATH]...",
+            help="A name or pid of `umo ps`, where more than one runs; objects, or compounds for all in them.",
+        ),
     ] = None,
     once: Annotated[bool, typer.Option("--once", help="Show the values now, and end.")] = False,
     seconds: Annotated[float | None, typer.Option(min=0.0, help="End after so long.")] = None,
@@ -147,7 +150,7 @@ def watch(
     """Watch a running station: values, traces, missed periods. It cannot be disturbed by this."""
     from .watch import watch as show
 
-    guarded(lambda: show(station, paths or [], once, seconds))
+    guarded(lambda: show(words or [], once, seconds))
 
 
 @app.command(epilog="Examples: umo ps  |  umo ps --json")

@@ -50,6 +50,22 @@ def attach(name: str | None) -> Reader:
     raise FramesError(f"more than one station runs, name one or its pid: {pids}")
 
 
+def attach_first(words: list[str]) -> tuple[Reader, list[str]]:
+    """The station that the first word names and the words after it; else the only one that runs, and all the words."""
+    try:
+        return attach(words[0] if words else None), words[1:]
+    except FramesError:
+        found = _readers()
+        if len(found) == 1 and any(_names(found[0], word) for word in words[:1]):
+            return found[0], words
+        raise
+
+
+def _names(reader: Reader, word: str) -> bool:
+    """Whether a word is the path of an object or a compound."""
+    return any(path == word or path.startswith(f"{word}.") for path in reader.paths)
+
+
 def _readers() -> list[Reader]:
     """One for each living ring; one that cannot be attached to is named."""
     found = []

@@ -19,7 +19,7 @@ from umo.frames import Reader, State
 from umo.objects import Quality
 
 from .console import out
-from .running import attach
+from .running import attach_first
 
 PICTURES = 10
 """A second."""
@@ -30,9 +30,11 @@ SPAN = 16.0
 BLOCKS = "▁▂▃▄▅▆▇█"
 
 
-def watch(station: str | None, paths: list[str], once: bool, seconds: float | None) -> None:
-    """Show a running station until it ends, Ctrl-C, or for `seconds` s."""
-    with attach(station) as reader:
+def watch(words: list[str], once: bool, seconds: float | None) -> None:
+    """Show a running station until it ends, Ctrl-C, or for `seconds` s. `words`: its name or pid, then paths; where
+    one runs alone, paths only."""
+    reader, paths = attach_first(words)
+    with reader:
         picture = Picture(reader, _chosen(reader, paths))
         if once or not sys.stdout.isatty():
             picture.take()
