@@ -85,6 +85,16 @@ def test_what_is_not_written_any_more_goes_to_its_default_once(synchronous: bool
         assert "not written for 0.005 s" in event.text
 
 
+def test_commands_that_expire_together_do_so_in_the_order_declared() -> None:
+    m = press(ram=actuator(expires="2 ms", synchronous=False), lamp=relay(expires="2 ms"))
+    connection = connect(m, wiring())
+    with connection:
+        m.lamp.write(OnOff.ON)
+        m.ram.write(1.0)
+        periods(m, 2)
+        assert [event.path for event in connection.machine.events] == ["ram", "lamp"]
+
+
 def test_a_later_write_arms_it_again() -> None:
     m = press(lamp=relay(expires=0.002))
     connection = connect(m, wiring())
@@ -279,6 +289,8 @@ def test_a_reset_that_was_not_taken_is_made_up_whole() -> None:
         m.ram.write(9.0)
         periods(m)
         assert m.ram.read() == 0.0
+        m.update()  # no step beside it in the same period
+        assert m.ram.read() == 0.0
         periods(m)
         assert m.ram.read() == 1.0
 
@@ -367,6 +379,23 @@ def test_a_condition_that_cannot_be_answered_forbids() -> None:
     m = Blind(timer=timer(), door=switch(), height=sensor(), ram=actuator(), lamp=relay(), heater=actuator())
     with connect(m, wiring()), pytest.raises(Interlocked, match=r"the door is open \(or not: ZeroDivisionError"):
         m.ram.write(1.0)
+
+
+def test_an_interlock_that_stays_true_for_another_cause_acts_once_and_says_the_cause() -> None:
+    class Blind(Press):
+        def interlocks(self) -> Iterator[Interlock]:
+            yield Interlock(lambda: {}[self.height.read()], [self.ram], "blind")
+
+    box = Scripted({"height": [0, 2, 4]})
+    m = Blind(timer=timer(), door=switch(), height=sensor(), ram=actuator(), lamp=relay(), heater=actuator())
+    connection = connect(m, wiring(box))
+    with connection:
+        for cause in ("0.0", "1.0", "2.0"):
+            with pytest.raises(Interlocked, match=rf"KeyError: {cause}"):
+                m.ram.write(1.0)
+            m.timer.read()
+            m.sample()
+        assert len(box.segments("reset")) == len(connection.machine.events) == 1
 
 
 @pytest.mark.parametrize("answer", [None, 0, 0.0, "", OnOff.OFF])

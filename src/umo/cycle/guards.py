@@ -129,7 +129,8 @@ class Guards:
         own = {slot for slot, item in enumerate(image.items) if _is_guarded(item)}
         image.guards = {slot: Guard(image, slot) for slot in sorted(named | own)}
         image.slewed = [guard for guard in image.guards.values() if guard.rate is not None]
-        self._expiring = [guard for guard in image.guards.values() if guard.expires is not None]
+        guards = [image.guards.get(image.slot_of[id(item)]) for item in root.atoms()]  # as declared
+        self._expiring = [guard for guard in guards if guard is not None and guard.expires is not None]
 
     def __bool__(self) -> bool:
         return bool(self._image.guards)
