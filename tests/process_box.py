@@ -166,7 +166,7 @@ class Box(Driver):
 
 def wiring(file: Path, **options: Any) -> dict[str, Any]:
     """A wiring of `machine()` to a box, plain data."""
-    process = options.pop("process", {})
+    process = {"hang_timeout": "5 s"} | options.pop("process", {})  # what a busy machine does is not tested here
     return {
         "drivers": {"box": {"type": "process_box:Box", "file": str(file), **options}},
         "wire": {

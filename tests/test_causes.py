@@ -48,7 +48,7 @@ def longest(wiring: dict[str, Any], application: str, cause: Cause) -> Verdict:
 
 
 def patient(folder: Path, **options: Any) -> dict[str, Any]:
-    return process_box.wiring(folder / "box", process={"hang_timeout": "2 s", **options})
+    return process_box.wiring(folder / "box", process=options)
 
 
 def test_a_slow_driver_is_named(tmp_path: Path) -> None:

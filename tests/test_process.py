@@ -86,12 +86,13 @@ def cells(tmp_path: Path) -> Cells:
     return Cells(tmp_path / "box")
 
 
-@pytest.fixture(autouse=True)
-def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Drivers of these tests answer at once or never."""
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
+    """For drivers that never answer: the limits that end the waiting, as small as a shared machine allows. What the
+    wiring's [process] has of them."""
     monkeypatch.setattr(guardian, "STARTING_LIMIT", 1.0)
     monkeypatch.setattr(reset, "GRACE", 0.2)
-    monkeypatch.setattr(reset, "PAUSE", 0.01)
+    return {"hang_timeout": "100 ms"}
 
 
 def standing() -> list[Path]:
@@ -116,13 +117,16 @@ def calls_of_a_run(folder: Path) -> int:
 
 
 @pytest.mark.parametrize(("action", "step"), [("raise", 1), ("kill", 1), ("hang", 1), ("spin", 7), ("stop", 7)])
-def test_at_every_call_of_a_driver_the_end_is_safe_and_reported(tmp_path: Path, action: str, step: int) -> None:
+def test_at_every_call_of_a_driver_the_end_is_safe_and_reported(
+    tmp_path: Path, action: str, step: int, request: pytest.FixtureRequest
+) -> None:
     (tmp_path / "first").mkdir()
     calls = calls_of_a_run(tmp_path / "first")
     assert calls > 20
+    process = {} if action in ("raise", "kill") else request.getfixturevalue("impatient")
     for at in range(1, calls + 1, step):
         file = tmp_path / f"box-{at}"
-        outcome = Run(process_box.wiring(file, at=at, action=action), acknowledge=True).outcome()
+        outcome = Run(process_box.wiring(file, at=at, action=action, process=process), acknowledge=True).outcome()
         where = f"{action} at call {at} of {calls}: {outcome}"
         assert Cells(file).levels == {"motor": 0, "valve": 0}, where
         assert outcome.status != 0, where
@@ -158,8 +162,10 @@ def test_an_exception_of_the_application_is_reported_with_its_place(tmp_path: Pa
     assert standing() == []
 
 
-def test_an_endless_loop_in_user_code_is_ended_and_its_line_named(tmp_path: Path, cells: Cells) -> None:
-    outcome = Run(process_box.wiring(tmp_path / "box"), "loop_at").outcome()
+def test_an_endless_loop_in_user_code_is_ended_and_its_line_named(
+    tmp_path: Path, cells: Cells, impatient: dict[str, str]
+) -> None:
+    outcome = Run(process_box.wiring(tmp_path / "box", process=impatient), "loop_at").outcome()
     assert outcome.status == 1
     assert outcome.failure is not None
     assert "hung: no sign of life for 100 ms while running" in outcome.failure.message
@@ -171,7 +177,7 @@ def test_an_endless_loop_in_user_code_is_ended_and_its_line_named(tmp_path: Path
 def test_the_guardian_resets_what_a_dead_or_stopped_process_left(
     tmp_path: Path, cells: Cells, number: signal.Signals
 ) -> None:
-    run = Run(process_box.wiring(tmp_path / "box"), "forever").until_running()
+    run = Run(process_box.wiring(tmp_path / "box", process={"hang_timeout": "200 ms"}), "forever").until_running()
     os.kill(run.control, number)
     outcome = run.outcome()
     assert outcome.failure is not None

@@ -796,3 +796,41 @@ def test_no_text_makes_anything_but_faults(tmp_path_factory, text):
     path = tmp_path_factory.getbasetemp() / "any.toml"
     path.write_bytes(text.encode("utf-8", "surrogatepass"))
     assert all(str(fault) for fault in check(bench(), path))
+
+
+# [process] ------------------------------------------------------------------------------------------------
+
+
+def process_of(table: dict[str, Any], period: str = "1 ms") -> Any:
+    machine = bench()
+    return resolve(machine, wired(machine, Scripted(), entries={"timer": {"period": period}}) | {"process": table})
+
+
+def test_the_limit_for_a_hang_is_20_periods_and_at_least_100_ms() -> None:
+    assert process_of({}).process.hang_timeout == 0.1
+    assert process_of({}, "10 ms").process.hang_timeout == pytest.approx(0.2)
+    assert process_of({"hang_timeout": "30 ms"}).process.hang_timeout == pytest.approx(0.03)
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        ({"hang_timeout": "1 ms"}, "less than two periods"),
+        ({"hang_timeout": "soon"}, "no duration"),
+        ({"reset_for": 0}, "is 0"),
+        ({"priority": 99}, "whole number from 1 to 98"),
+        ({"priority": True}, "whole number"),
+        ({"cpu": -1}, "whole number"),
+        ({"hang": "1 s"}, "did you mean 'hang_timeout'"),
+    ],
+)
+def test_a_process_table_that_makes_no_sense_is_a_fault(table: dict[str, Any], said: str) -> None:
+    with pytest.raises(WiringError, match=said):
+        process_of(table)
+
+
+def test_real_time_is_what_the_timers_driver_says() -> None:
+    assert not process_of({}).realtime
+    machine = bench()
+    real = wired(machine, Scripted(), entries={"timer": {"driver": "timerfd"}})
+    assert resolve(machine, real).realtime
