@@ -21,10 +21,10 @@ import numpy as np
 
 from bench.box_server import COILS, OUTPUTS
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, OnOff
-from umo.control.sequences import next_period
+from umo.cycle.sequences import next_period
 from umo.process import guardian
-from umo.process.channel import Channel
 from umo.process.job import Job
+from umo.process.messages import MessageSocket
 
 PERIOD = 0.0025
 LATEST = 0.05
@@ -121,9 +121,9 @@ def _measure(what: str, whom: str, number: int, kills: int, port: int, cells: An
     return found
 
 
-def _start(port: int) -> tuple[int, Channel]:
+def _start(port: int) -> tuple[int, MessageSocket]:
     """A guardian forked from this process, which has imported what one imports."""
-    channel, there = Channel.pair()
+    channel, there = MessageSocket.pair()
     job = Job(machine="bench.kills:machine", application="bench.kills:run", wiring=wiring(port), acknowledge=True)
     channel.send("job", job=job.dump().decode())
     guard = os.fork()

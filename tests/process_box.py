@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import umo
-from umo.control.sequences import next_period
+from umo.cycle.sequences import next_period
 from umo.drivers import Channel, Direction, Driver
 
 CALLS, STRUCK, LEVELS = 0, 1, 2
@@ -28,7 +28,7 @@ class Machine(umo.Compound):
     valve: umo.BinaryActuator[umo.OnOff]
     placed: int = 0
 
-    stopping = ("valve", "motor")
+    stop_order = ("valve", "motor")
 
 
 def machine() -> Machine:

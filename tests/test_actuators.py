@@ -281,7 +281,7 @@ def test_a_state_of_another_type_raises_and_changes_nothing(box, value):
     machine = outputs()
     with connect(machine, wired(machine, box)) as m:
         m.valve.write(OnOff.ON)
-        with pytest.raises(StateError, match=r"valve: .* is no state of OnOff"):
+        with pytest.raises(StateError, match=r"valve: .* is not a state of OnOff"):
             m.valve.write(value)
         assert m.valve.pending is OnOff.ON
 
@@ -340,7 +340,7 @@ def test_a_wrong_state_is_an_error_at_declaration(states, one, default):
 def test_the_base_of_two_state_types_is_none_itself():
     from umo import TwoState
 
-    with pytest.raises(DeclarationError, match="no two-state type"):
+    with pytest.raises(DeclarationError, match="not a two-state type"):
         BinaryActuator(TwoState, one=OnOff.ON, default=OnOff.OFF)
 
 

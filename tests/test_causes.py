@@ -16,11 +16,12 @@ import pytest
 import process_box
 from test_process import Run
 from umo.cli.why import why
-from umo.frames import Reader, blackbox
-from umo.frames.causes import Cause, Verdict, explain, missed_rows
+from umo.frames import Reader
 from umo.frames.layout import Layout
-from umo.process import realtime
+from umo.latency import blackbox
+from umo.latency.causes import Cause, Verdict, explain, missed_rows
 from umo.process.watcher import box_folder
+from umo.system import realtime
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux")
 
@@ -29,7 +30,7 @@ pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="pr
 def every_miss(monkeypatch: pytest.MonkeyPatch) -> None:
     """A box for every miss: on a busy computer there are others than the one provoked."""
     monkeypatch.setattr("umo.process.watcher.AT_MOST_EVERY", 0.0)
-    monkeypatch.setattr("umo.frames.blackbox.KEPT", 1000)
+    monkeypatch.setattr("umo.latency.blackbox.KEPT", 1000)
 
 
 def longest(wiring: dict[str, Any], application: str, cause: Cause) -> Verdict:

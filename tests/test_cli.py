@@ -172,7 +172,7 @@ def test_one_run_per_machine(umo, tank: Path) -> None:
         (["get", "ztheta", "z"], "z is a compound object; name one of its parts: motor, encoder, encoder_zero"),
         (["set", "ztheta", "z.encoder", "1"], "z.encoder is a sensor; only actuators can be set"),
         (["set", "ztheta", "gripper.vacuum", "OFFF"], "has no state 'OFFF' (did you mean 'OFF'?)"),
-        (["set", "ztheta", "z.motor", "much"], "'much' is no number in V"),
+        (["set", "ztheta", "z.motor", "much"], "'much' is not a number in V"),
         (["set", "ztheta", "z.motor", "3 kg"], "'kg' cannot be expressed in 'V'"),
         (["plant", "ztheta", "--report", "nowhere/r.json"], "there is no folder nowhere"),
         (["plant", "ztheta", "--fault", "leaky-cap"], "did you mean 'leaky-cup'?"),

@@ -233,7 +233,7 @@ def test_the_keys_of_parts_make_paths_that_name_one_object_each(parts):
         "period",
         "dt",
         "start",
-        "stopping",
+        "stop_order",
         "children",
         "setup",
         "running",
@@ -252,10 +252,10 @@ def test_names_with_an_underscore_are_umos():
         type("Bad", (Compound,), {"__annotations__": {"_motor": DigitalActuator}})
 
 
-def test_a_stopping_order_of_unknown_objects_is_an_error_at_declaration():
+def test_a_stop_order_of_unknown_objects_is_an_error_at_declaration():
     class Stops(Compound):
         motor: DigitalActuator
-        stopping = ("moter",)
+        stop_order = ("moter",)
 
     with pytest.raises(PathError, match="did you mean 'motor'"):
         Stops(motor=actuator())

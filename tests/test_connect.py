@@ -42,7 +42,7 @@ class Arm(Compound):
     gripper: BinarySensor[PassFail]
     gain: float = 1.0
 
-    stopping = ("z.motor", "theta", "z")
+    stop_order = ("z.motor", "theta", "z")
 
 
 def arm() -> Arm:

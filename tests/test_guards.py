@@ -189,7 +189,7 @@ def test_a_command_that_is_written_every_period_never_expires() -> None:
 
 @pytest.mark.usefixtures("both_forms")
 def test_what_is_sent_moves_no_faster_than_the_rate() -> None:
-    m = press(ram=actuator(max_rate=1000.0, resolution=0.001))
+    m = press(ram=actuator(slew_rate=1000.0, resolution=0.001))
     with connect(m, wiring()):
         m.ram.write(2.5)
         assert m.ram.pending == 2.5
@@ -202,7 +202,7 @@ def test_what_is_sent_moves_no_faster_than_the_rate() -> None:
 
 
 def test_write_judges_the_target_not_the_step() -> None:
-    m = press(ram=actuator(max_rate=1.0), heater=actuator(max_rate=1.0, limits="clamp"))
+    m = press(ram=actuator(slew_rate=1.0), heater=actuator(slew_rate=1.0, limits="clamp"))
     with connect(m, wiring()):
         with pytest.raises(umo.RangeError):
             m.ram.write(11.0)
@@ -212,7 +212,7 @@ def test_write_judges_the_target_not_the_step() -> None:
 
 
 def test_updating_twice_in_a_period_moves_it_once() -> None:
-    m = press(ram=actuator(max_rate=1000.0))
+    m = press(ram=actuator(slew_rate=1000.0))
     with connect(m, wiring()):
         m.ram.write(9.0)
         m.timer.read()
@@ -223,7 +223,7 @@ def test_updating_twice_in_a_period_moves_it_once() -> None:
 
 
 def test_a_target_turned_round_within_a_period_waits_for_the_next() -> None:
-    box, m = Scripted(), press(ram=actuator(max_rate=1000.0))
+    box, m = Scripted(), press(ram=actuator(slew_rate=1000.0))
     with connect(m, wiring(box)):
         m.timer.read()
         m.ram.write(9.0)
@@ -236,7 +236,7 @@ def test_a_target_turned_round_within_a_period_waits_for_the_next() -> None:
 
 
 def test_the_update_of_another_part_takes_nothing_from_the_step() -> None:
-    m = press(ram=actuator(max_rate=1000.0))
+    m = press(ram=actuator(slew_rate=1000.0))
     with connect(m, wiring()):
         m.ram.write(9.0)
         m.timer.read()
@@ -247,7 +247,7 @@ def test_the_update_of_another_part_takes_nothing_from_the_step() -> None:
 
 
 def test_the_target_is_reached_when_distance_and_rate_say() -> None:
-    m = press(ram=actuator(max_rate=100.0))
+    m = press(ram=actuator(slew_rate=100.0))
     with connect(m, wiring()):
         m.ram.write(1.0)
         periods(m, 10)  # ten times 0.1 is less than 1.0
@@ -255,7 +255,7 @@ def test_the_target_is_reached_when_distance_and_rate_say() -> None:
 
 
 def test_a_missed_period_is_made_up_by_the_rate() -> None:
-    m = press(ram=actuator(max_rate=1000.0))
+    m = press(ram=actuator(slew_rate=1000.0))
     with connect(m, wiring(missed=[0, 3, 0])):
         m.ram.write(9.0)
         periods(m)
@@ -265,7 +265,7 @@ def test_a_missed_period_is_made_up_by_the_rate() -> None:
 
 
 def test_a_reset_passes_over_the_rate_and_takes_the_target_along() -> None:
-    m = press(ram=actuator(max_rate=1000.0))
+    m = press(ram=actuator(slew_rate=1000.0))
     with connect(m, wiring()):
         m.ram.write(9.0)
         periods(m, 5)
@@ -276,7 +276,7 @@ def test_a_reset_passes_over_the_rate_and_takes_the_target_along() -> None:
 
 
 def test_a_reset_that_was_not_taken_is_made_up_whole() -> None:
-    box, m = Scripted(), press(ram=actuator(max_rate=1000.0))
+    box, m = Scripted(), press(ram=actuator(slew_rate=1000.0))
     with connect(m, wiring(box)):
         m.ram.write(9.0)
         periods(m, 5)
@@ -297,7 +297,7 @@ def test_a_reset_that_was_not_taken_is_made_up_whole() -> None:
 
 
 def test_after_a_failed_transfer_the_slew_goes_on_from_what_was_confirmed() -> None:
-    box, m = Scripted(), press(ram=actuator(max_rate=1000.0))
+    box, m = Scripted(), press(ram=actuator(slew_rate=1000.0))
     with connect(m, wiring(box)):
         m.ram.write(9.0)
         periods(m, 2)
@@ -505,7 +505,7 @@ def test_a_vector_with_a_forbidden_member_changes_none() -> None:
 
 
 def test_a_vector_write_counts_for_expiry_and_rate() -> None:
-    m = press(ram=actuator(max_rate=1000.0), heater=actuator(expires="3 ms"))
+    m = press(ram=actuator(slew_rate=1000.0), heater=actuator(expires="3 ms"))
     with connect(m, wiring()):
         for _ in range(10):
             Vector([m.ram, m.heater]).write([4.0, 5.0])
@@ -514,7 +514,7 @@ def test_a_vector_write_counts_for_expiry_and_rate() -> None:
 
 
 def test_a_machine_connects_again_with_its_guards_as_new() -> None:
-    m = press(ram=actuator(max_rate=1000.0, expires="5 ms"))
+    m = press(ram=actuator(slew_rate=1000.0, expires="5 ms"))
     for _ in range(2):
         with connect(m, wiring(Scripted({"door": [0, 0, 0, 1]}))):
             m.ram.write(5.0)
@@ -529,16 +529,16 @@ def test_a_machine_connects_again_with_its_guards_as_new() -> None:
     ("declare", "said"),
     [
         (lambda: actuator(expires=0), "expires is 0"),
-        (lambda: actuator(expires="soon"), "no duration"),
-        (lambda: actuator(expires=True), "no duration"),
-        (lambda: relay(expires=-1), "no duration"),
-        (lambda: actuator(max_rate=0.0), "not above 0"),
-        (lambda: actuator(max_rate=float("nan")), "not a finite number"),
-        (lambda: actuator(max_rate=1.0, synchronous=False), "synchronous"),
+        (lambda: actuator(expires="soon"), "not a duration"),
+        (lambda: actuator(expires=True), "not a duration"),
+        (lambda: relay(expires=-1), "not a duration"),
+        (lambda: actuator(slew_rate=0.0), "not above 0"),
+        (lambda: actuator(slew_rate=float("nan")), "not a finite number"),
+        (lambda: actuator(slew_rate=1.0, synchronous=False), "synchronous"),
         (lambda: Interlock("open", [actuator()], "why"), "is a function"),  # type: ignore[arg-type]
         (lambda: Interlock(lambda: True, [], "why"), "forbids nothing"),
         (lambda: Interlock(lambda: True, actuator(), "why"), "a list of objects"),  # type: ignore[arg-type]
-        (lambda: Interlock(lambda: True, [sensor()], "why"), "no actuator"),  # type: ignore[list-item]
+        (lambda: Interlock(lambda: True, [sensor()], "why"), "not an actuator"),  # type: ignore[list-item]
         (lambda: Interlock(lambda: True, [actuator()], " "), "says its reason"),
     ],
 )
@@ -570,7 +570,7 @@ def test_interlocks_that_make_no_sense_are_refused_before_anything_is_touched(de
 
 
 def test_guards_are_shown_where_objects_are() -> None:
-    assert "at most 5 V/s, expires after 0.1 s" in actuator(max_rate=5.0, expires="100 ms").describe()
+    assert "at most 5 V/s, expires after 0.1 s" in actuator(slew_rate=5.0, expires="100 ms").describe()
     assert "expires after 0.1 s" in relay(expires="100 ms").describe()
 
 
@@ -628,7 +628,7 @@ def test_all_guards_together_do_what_a_small_model_does(
     steps: list[tuple[int, bool, float | None, str]], expires: int, rate: float, arrays: bool
 ) -> None:
     before, forms.ARRAYS_FROM = forms.ARRAYS_FROM, 0 if arrays else 10**9
-    m = press(ram=actuator(max_rate=rate, expires=expires * PERIOD, resolution=1e-4))
+    m = press(ram=actuator(slew_rate=rate, expires=expires * PERIOD, resolution=1e-4))
     model = Model(rate, expires)
     try:
         with connect(m, wiring(missed=[step[0] for step in steps])):

@@ -65,7 +65,7 @@ def machine() -> Machine:
         timer=timer(),
         door=switch(),
         height=sensor(),
-        drives=Drives(slow=actuator(default=1.0, max_rate=float(RATE), expires=lasting), quick=actuator()),
+        drives=Drives(slow=actuator(default=1.0, slew_rate=float(RATE), expires=lasting), quick=actuator()),
         remote=actuator(synchronous=False, expires=lasting),
         brake=relay(expires=lasting),
     )

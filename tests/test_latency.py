@@ -16,7 +16,7 @@ from umo.cli.latency import _histogram, _table
 from umo.latency import Samples, judge
 from umo.latency.measure import Measured
 from umo.latency.verdict import advice
-from umo.process.realtime import Refusal
+from umo.system.realtime import Refusal
 
 
 def measured(total_us: list[float], missed: int = 0, refusals: tuple[Refusal, ...] = ()) -> Measured:

@@ -17,8 +17,8 @@ import pytest
 import process_box
 from process_box import CALLS, Cells
 from umo.process import guardian, reset
-from umo.process.channel import Channel
 from umo.process.job import Job
+from umo.process.messages import MessageSocket
 from umo.process.outcome import Outcome
 from umo.process.record import read, state_folder
 
@@ -33,7 +33,7 @@ class Run:
         job = Job(machine="process_box:machine", application=f"process_box:{application}", wiring=wiring, path=path)
         for name, value in more.items():
             setattr(job, name, value)
-        self.channel, there = Channel.pair()
+        self.channel, there = MessageSocket.pair()
         self.channel.send("job", job=job.dump().decode())
         self.guardian = os.fork()
         if self.guardian == 0:
@@ -305,7 +305,7 @@ def test_outputs_that_the_control_process_could_not_reach_are_tried_by_the_guard
     ("change", "said"),
     [
         ({"machine": "process_box:nothing"}, "cannot be imported"),
-        ({"machine": "process_box:OUTPUTS"}, "is no function"),
+        ({"machine": "process_box:OUTPUTS"}, "is not a function"),
         ({"station": "zteta", "machine": None}, "did you mean 'ztheta'"),
         ({"wiring": {"wire": {}}}, "faults in the wiring"),
         ({"options": {"nonsense": 1}}, "--nonsense"),

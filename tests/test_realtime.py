@@ -13,13 +13,13 @@ from typing import Any
 
 import pytest
 
-from umo.process import realtime
+from umo.system import realtime
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="real time needs Linux")
 
 PREPARE = """
 import gc, json, os
-from umo.process.realtime import prepare
+from umo.system.realtime import prepare
 refusals = prepare(70)
 status = open("/proc/self/status").read()
 print(json.dumps({

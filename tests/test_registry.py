@@ -44,7 +44,7 @@ def test_what_cannot_be_imported_is_an_error(name):
 
 @pytest.mark.parametrize("name", ["umo:connect", "umo:Compound", "umo.drivers:contract", "math:pi"])
 def test_what_is_no_driver_is_an_error(name):
-    with pytest.raises(WiringError, match="is no umo driver"):
+    with pytest.raises(WiringError, match="is not a umo driver"):
         registry.find(name)
 
 

@@ -171,7 +171,7 @@ def test_drive_is_the_loop_on_a_connected_machine():
 
 
 def test_an_application_that_is_no_sequence_is_a_type_error():
-    with pytest.raises(TypeError, match="is no sequence"):
+    with pytest.raises(TypeError, match="is not a sequence"):
         run(bench(), None, lambda m: 5)
 
 

@@ -193,7 +193,7 @@ def test_missed_periods_count_in_a_wait(whole, missed):
 def test_a_wait_for_no_duration_is_an_error(wrong):
     with Cycle() as cycle:
         cycle.start(wait(wrong))
-        with pytest.raises(DeclarationError, match="is no duration"):
+        with pytest.raises(DeclarationError, match="is not a duration"):
             cycle.steps(1)
 
 
@@ -543,7 +543,7 @@ def test_a_sleep_of_asyncio_is_a_type_error_though_it_yields_nothing():
 
 @pytest.mark.parametrize("wrong", [None, 5, lambda: None, iter([])])
 def test_only_a_coroutine_is_a_sequence(wrong):
-    with Cycle() as cycle, pytest.raises(TypeError, match="is no sequence; call an `async def` function"):
+    with Cycle() as cycle, pytest.raises(TypeError, match="is not a sequence; call an `async def` function"):
         cycle.start(wrong)
 
 

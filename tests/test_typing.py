@@ -82,7 +82,7 @@ def test_what_neither_checker_finds_is_found_at_run_time():
     class Machine(Compound):
         motor: DigitalActuator
 
-    with connect(Machine(motor=actuator())) as m, pytest.raises(RangeError, match="True is no number"):
+    with connect(Machine(motor=actuator())) as m, pytest.raises(RangeError, match="True is not a number"):
         m.motor.write(True)
-    with pytest.raises(DeclarationError, match="is no state of OnOff"):
+    with pytest.raises(DeclarationError, match="is not a state of OnOff"):
         BinaryActuator(OnOff, one=OnOff.ON, default=PassFail.PASS)

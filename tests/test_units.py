@@ -22,7 +22,7 @@ def test_units_are_pints_and_the_sampling_period(unit):
 
 @pytest.mark.parametrize("unit", ["parsnip", "m s)", "V(", "furlong per"])
 def test_an_unknown_unit_is_an_error_at_declaration(unit):
-    with pytest.raises(DeclarationError, match="is no unit that pint knows"):
+    with pytest.raises(DeclarationError, match="is not a unit that pint knows"):
         DigitalSensor(unit, minimum=0.0, maximum=1.0, resolution=0.1)
 
 
@@ -80,7 +80,7 @@ def test_a_duration_is_a_number_of_seconds_or_a_text(text, value):
      math.inf, -1.0, 10**400, None, [1]],
 )  # fmt: skip
 def test_what_is_no_duration_is_an_error(wrong):
-    with pytest.raises(DeclarationError, match="is no duration"):
+    with pytest.raises(DeclarationError, match="is not a duration"):
         seconds(wrong)
 
 

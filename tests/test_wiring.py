@@ -445,12 +445,12 @@ def test_a_period_that_is_not_the_timers():
 class Law(Compound):
     timer: DigitalSensor
     motor: DigitalActuator
-    longest_period = "2 ms"
+    max_period = "2 ms"
 
 
 class Fast(Compound):
     motor: DigitalActuator
-    longest_period = 0.0005
+    max_period = 0.0005
 
 
 class Both(Compound):
@@ -480,7 +480,7 @@ def test_a_timer_is_an_asynchronous_sensor_in_sampling_periods_that_does_not_hol
         actuator(),
     ):
         key, message = one_fault(Odd(timer=wrong), None)
-        assert (key, "timer is no asynchronous DigitalSensor" in message) == ('wire."timer"', True)
+        assert (key, "timer is not an asynchronous DigitalSensor" in message) == ('wire."timer"', True)
     held = DigitalSensor(
         "sampling_period", minimum=0, maximum=9, resolution=1, synchronous=False, on_error="hold", max_age=1
     )
@@ -816,7 +816,7 @@ def test_the_limit_for_a_hang_is_20_periods_and_at_least_100_ms() -> None:
     ("table", "said"),
     [
         ({"hang_timeout": "1 ms"}, "less than two periods"),
-        ({"hang_timeout": "soon"}, "no duration"),
+        ({"hang_timeout": "soon"}, "not a duration"),
         ({"reset_for": 0}, "is 0"),
         ({"priority": 99}, "whole number from 1 to 98"),
         ({"priority": True}, "whole number"),

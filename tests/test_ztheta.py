@@ -73,7 +73,7 @@ OUTPUTS += [f"dio:{line}" for line in ("counterweight", "vacuum", "pressure")]
 def test_all_parts_are_placed_wherever_everything_starts(seed: int) -> None:
     run = Run(wiring(), seed=seed)
     assert run.error is None
-    report = run.plant.report()
+    report = run.plant.truth()
     assert report.placed == 3, report
     assert run.machine.placed == 3
     run.assert_safe()
@@ -81,14 +81,14 @@ def test_all_parts_are_placed_wherever_everything_starts(seed: int) -> None:
 
 def test_the_drive_of_the_second_generation_does_the_same_work() -> None:
     """The paper's section 2.1: another converter, scale and polarity; only the wiring differs."""
-    assert Run(wiring("second_generation"), seed=3).plant.report().placed == 3
+    assert Run(wiring("second_generation"), seed=3).plant.truth().placed == 3
 
 
 def test_the_same_code_runs_at_a_longer_period_with_the_gains_of_that_circuit() -> None:
     slow = wiring(**wiring("modbus")["parameters"])
     slow["wire"]["timer"]["period"] = "5 ms"
     run = Run(slow, parts=1, seed=3)
-    assert run.plant.report().placed == 1
+    assert run.plant.truth().placed == 1
 
 
 def test_a_longer_period_than_the_machine_allows_is_refused() -> None:
@@ -123,7 +123,7 @@ def test_every_fault_ends_in_its_own_clear_failure(fault: str, seed: int) -> Non
     run = Run(wiring(), parts=2, seed=seed, faults=[fault])
     assert type(run.error) is kind
     assert message in str(run.error)
-    assert run.plant.report().placed < 2
+    assert run.plant.truth().placed < 2
     run.assert_safe()
 
 
@@ -151,7 +151,7 @@ def test_an_encoder_that_dies_on_the_way_stops_the_axis() -> None:
 
 def test_a_part_that_comes_late_is_gripped_at_the_second_try() -> None:
     run = Run(wiring(courier_time=0.0, transit_height=100_100.0), parts=1, seed=1)
-    assert run.plant.report().placed == 1
+    assert run.plant.truth().placed == 1
 
 
 def test_homing_succeeds_when_the_counters_are_known_from_a_run_before(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -166,7 +166,7 @@ def test_homing_succeeds_when_the_counters_are_known_from_a_run_before(monkeypat
     umo.run(machine(), wired, one)
     monkeypatch.setattr("umo.stations.ztheta.physics.Physics.power_up", lambda self: None)
     umo.run(machine(), wired, one)
-    assert plant.report().placed == 2
+    assert plant.truth().placed == 2
 
 
 def test_one_step_is_a_member_of_the_step_output() -> None:

@@ -160,7 +160,7 @@ def test_nothing_works_before_open() -> None:
     with pytest.raises(DriverError, match="not open"):
         machine.advance()
     with pytest.raises(DriverError, match="not open"):
-        machine.report()
+        machine.truth()
 
 
 def test_without_mujoco_open_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -516,7 +516,7 @@ def test_nothing_stands_under_the_cup_until_z_has_risen_above_100_mm() -> None:
     machine.advance(1000)
     assert machine.z_um < 55_000
     deliver(machine)
-    assert machine.report().parts[0].delivered
+    assert machine.truth().parts[0].delivered
     write(machine, dac=-400)
     machine.advance(1000)
     assert machine.z_um > 59_000
@@ -537,7 +537,7 @@ def test_a_part_is_picked_turned_and_placed_and_then_the_next_one_comes() -> Non
         assert machine.physics.courier.current == at_work  # z is not above 100 mm yet
         drive_to(machine, TRANSIT_UM, 1600)
         assert machine.physics.courier.current == at_work + 1
-    report = machine.report()
+    report = machine.truth()
     assert report.placed == 2
     for part in report.parts:
         assert part.error_um is not None and part.error_um < courier.TOLERANCE_UM / 10
@@ -550,10 +550,10 @@ def test_a_part_put_back_without_the_turn_is_not_placed() -> None:
     deliver(machine)
     assert grip(machine)
     drive_to(machine, 70_000)
-    assert machine.report().parts[0].lifted
+    assert machine.truth().parts[0].lifted
     drive_to(machine, PICK_UM)
     release(machine)
-    part = machine.report().parts[0]
+    part = machine.truth().parts[0]
     assert not part.placed and part.error_deg == pytest.approx(90.0, abs=0.5)
 
 
@@ -582,7 +582,7 @@ def test_no_part_the_courier_comes_empty() -> None:
     deliver(machine)
     assert machine.physics.courier.present
     assert not grip(machine, ms=300)
-    assert not any(part.delivered for part in machine.report().parts)
+    assert not any(part.delivered for part in machine.truth().parts)
 
 
 def test_no_courier_nothing_ever_comes() -> None:
@@ -624,7 +624,7 @@ def test_dropped_part_loses_its_seal_while_it_is_turned() -> None:
     assert read(machine, "dio:gripper") == 0
     turn(machine, 200)
     assert read(machine, "dio:gripper") == 1
-    part = machine.report().parts[0]
+    part = machine.truth().parts[0]
     assert part.lifted and not part.placed
 
 

@@ -81,7 +81,7 @@ class FakePlant:
     def advance(self, periods: int = 1) -> None:
         self.periods += periods
 
-    def report(self) -> FakeReport:
+    def truth(self) -> FakeReport:
         return FakeReport()
 
 
@@ -494,7 +494,7 @@ def test_the_report_is_written_when_another_part_has_been_placed(
         placed = 1
 
     class Placing(FakePlant):
-        def report(self) -> FakeReport:
+        def truth(self) -> FakeReport:
             if path.exists() and not seen:
                 seen.append(json.loads(path.read_text())["placed"])
                 stop.set()

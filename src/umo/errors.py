@@ -9,6 +9,8 @@ UmoError
 |-- PathError (LookupError)          a path that names no object of the machine
 |-- NotConnected (RuntimeError)      a value was asked of an object outside `connect`
 |-- DriverError (OSError)            the device: every path and channel that failed
+|   |-- DeviceTimeout (TimeoutError) a call did not end within the driver's timeout
+|   |-- ChannelsFailed               some channels of a block transfer; the others stand
 |   `-- StopError                    outputs that could not be brought to their defaults
 |-- BadInput (RuntimeError)          a control law was fed by a sensor that is not GOOD
 |-- Interlocked (RuntimeError)       an interlock forbids what was to be written
@@ -23,9 +25,10 @@ Cancelled (BaseException)            thrown into sequences when the machine stop
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+
+from umo.text import cause_of, did_you_mean
 
 
 class UmoError(Exception):
@@ -112,6 +115,21 @@ def _by_cause(failures: Sequence[Failure]) -> list[str]:
     return [f"{', '.join(objects)}: {cause}" for cause, objects in causes.items()]
 
 
+class DeviceTimeout(DriverError, TimeoutError):
+    """The device did not answer within the driver's `timeout`."""
+
+
+class ChannelsFailed(DriverError):
+    """Raised by a driver's block transfer: these channels failed, all others were transferred.
+
+    `causes` holds an exception, or a text, for the text of each channel that failed.
+    """
+
+    def __init__(self, causes: Mapping[str, Exception | str]) -> None:
+        self.causes = {text: cause if isinstance(cause, str) else cause_of(cause) for text, cause in causes.items()}
+        super().__init__("; ".join(f"{text}: {cause}" for text, cause in self.causes.items()))
+
+
 class StopError(DriverError):
     """These outputs could not be brought to their defaults."""
 
@@ -160,15 +178,3 @@ class FramesError(UmoError, RuntimeError):
 
 class Cancelled(BaseException):
     """Thrown into a sequence when the machine stops or when a sequence beside it failed."""
-
-
-def cause_of(error: Exception) -> str:
-    """What a driver's exception says, in one line."""
-    text = str(error).partition("\n")[0] or type(error).__name__
-    return text if isinstance(error, OSError) else f"{type(error).__name__}: {text}"
-
-
-def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """The nearest of the known names as a phrase to append to a message; empty if none is near."""
-    near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
-    return f" (did you mean {near[0]!r}?)" if near else ""

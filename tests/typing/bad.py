@@ -9,10 +9,10 @@ from umo import BinaryActuator, BinarySensor, DigitalActuator, EnableDisable, On
 
 def wrong_values(m: Manipulator) -> None:
     m.gripper.vacuum.write(PassFail.PASS)  # E: a state of another type
-    m.gripper.vacuum.write(1)  # E: a bare number is no state
+    m.gripper.vacuum.write(1)  # E: a bare number is not a state
     m.gripper.vacuum.write(True)  # E: nor is a bool
     m.gripper.vacuum.write("ON")  # E: nor is a text
-    m.z.motor.write(OnOff.ON)  # E: a state is no number
+    m.z.motor.write(OnOff.ON)  # E: a state is not a number
     m.z.motor.write("5 V")  # E: nor is a text
     m.z.motor.write(None)  # E: nothing to write
 

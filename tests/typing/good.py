@@ -43,7 +43,7 @@ class Manipulator(Compound):
     gripper: Gripper
     axes: list[ServoAxis]
     grippers: dict[str, Gripper]
-    stopping = ("z.motor",)
+    stop_order = ("z.motor",)
 
 
 def axis() -> ServoAxis:

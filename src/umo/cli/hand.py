@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from umo.cycle import connect
-from umo.errors import PathError, RangeError, StateError, did_you_mean
+from umo.errors import PathError, RangeError, StateError
 from umo.objects import (
     Atomic,
     Binary,
@@ -25,6 +25,7 @@ from umo.objects import (
 from umo.objects.units import convert
 from umo.process.lock import only_one
 from umo.process.station import Station
+from umo.text import did_you_mean
 from umo.wiring import driver_options
 
 from .console import out
@@ -108,7 +109,7 @@ def _parse(item: Any, text: str) -> float | TwoState:
         return state
     match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", text)
     if match is None:
-        raise RangeError(f"{item.path}: {text!r} is no number in {item.units}")
+        raise RangeError(f"{item.path}: {text!r} is not a number in {item.units}")
     value = convert(float(match[1]), match[2] or item.units, item.units)
     if not item.minimum <= value <= item.maximum and item.limits == "raise":
         raise RangeError(f"{item.path}: {value:g} {item.units} is outside {item.minimum:g} to {item.maximum:g}")

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from umo.cycle.record import Trace
+from umo.cycle.trace import Trace
 from umo.objects import Atomic, Binary, Digital
 
 POINTS = 4000

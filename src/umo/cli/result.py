@@ -10,7 +10,7 @@ from typing import Any
 
 from rich.table import Table
 
-from umo.cycle.record import Statistics
+from umo.cycle.trace import Statistics
 from umo.process.outcome import Outcome
 
 

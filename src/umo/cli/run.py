@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from umo.cycle import connect, drive
-from umo.cycle.record import Statistics, Trace
+from umo.cycle.trace import Statistics, Trace
 from umo.process.job import Job, Plan
 from umo.process.lock import only_one
 from umo.process.outcome import Failed, Parts

@@ -10,9 +10,10 @@ from typing import Any
 
 from rich.table import Table
 
-from umo.errors import FramesError, did_you_mean
+from umo.errors import FramesError
 from umo.frames import Reader, rings
 from umo.process.record import Ended, read, state_folder
+from umo.text import did_you_mean
 
 from .console import err, out
 

@@ -14,9 +14,10 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from umo.errors import PathError, did_you_mean
+from umo.errors import PathError
 from umo.frames import Reader, State
 from umo.objects import Quality
+from umo.text import did_you_mean
 
 from .console import out
 from .running import attach_first

@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from umo.errors import FramesError, did_you_mean
-from umo.frames import Reader, blackbox, rings
-from umo.frames.causes import AFTER, WAKE, Verdict, explain, missed_rows, split, tally
+from umo.errors import FramesError
+from umo.frames import Reader, rings
 from umo.frames.layout import USAGE
+from umo.latency import blackbox
+from umo.latency.causes import AFTER, WAKE, Verdict, explain, missed_rows, split, tally
 from umo.process.watcher import box_folder
+from umo.text import did_you_mean
 
 from .console import out
 

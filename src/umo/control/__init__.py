@@ -4,9 +4,9 @@ from umo.control.claim import Claim
 from umo.control.inputs import UNREFERENCED, state_of, value_of
 from umo.control.profile import Profile, Setpoint
 from umo.control.regulation import Hysteresis
-from umo.control.sequences import next_period, together, until, wait
 from umo.control.servo import Servo
 from umo.control.stepping import STEPS_PER_PERIOD, Stepping
+from umo.cycle.sequences import next_period, together, until, wait
 
 __all__ = [
     "STEPS_PER_PERIOD",

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import inf
+from types import ModuleType
 from typing import Any, NamedTuple
-
-from ruckig import InputParameter, Result, Ruckig, RuckigError, Trajectory
 
 from umo.errors import RangeError
 
@@ -30,8 +29,8 @@ class Profile:
     jerk: float
     """Largest jerk, units per s cubed."""
     setpoint: Setpoint = field(default=Setpoint(0.0, 0.0, 0.0), init=False)
-    _planner: Any = field(default_factory=lambda: Ruckig(1), init=False, repr=False)
-    _trajectory: Any = field(default_factory=lambda: Trajectory(1), init=False, repr=False)
+    _planner: Any = field(default_factory=lambda: _ruckig().Ruckig(1), init=False, repr=False)
+    _trajectory: Any = field(default_factory=lambda: _ruckig().Trajectory(1), init=False, repr=False)
     _elapsed: float = field(default=0.0, init=False)
     _duration: float = field(default=0.0, init=False)
 
@@ -46,7 +45,8 @@ class Profile:
         `velocity` lowers the largest speed for this path. RangeError when a number is not finite or a limit
         not positive.
         """
-        plan = InputParameter(1)
+        ruckig = _ruckig()
+        plan = ruckig.InputParameter(1)
         plan.current_position = [self.setpoint.position]
         plan.current_velocity = [self.setpoint.velocity]
         plan.current_acceleration = [self.setpoint.acceleration]
@@ -56,9 +56,9 @@ class Profile:
         plan.max_jerk = [self.jerk]
         try:
             result = self._planner.calculate(plan, self._trajectory)
-        except RuckigError as error:
+        except ruckig.RuckigError as error:
             raise RangeError(f"no path to {target!r}: {str(error).strip()}") from None
-        if result not in (Result.Working, Result.Finished):
+        if result not in (ruckig.Result.Working, ruckig.Result.Finished):
             raise RangeError(f"no path to {target!r} within {self!r}: {result.name}")
         self._elapsed = 0.0
         self._duration = float(self._trajectory.duration)
@@ -77,3 +77,10 @@ class Profile:
             if self.done:
                 self._duration = 0.0
         return self.setpoint
+
+
+def _ruckig() -> ModuleType:
+    """Imported with the first profile and not with umo: it takes 0.2 s."""
+    import ruckig
+
+    return ruckig  # type: ignore[no-any-return]

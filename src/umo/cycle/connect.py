@@ -13,7 +13,7 @@ from umo.cycle.forms import make_image
 from umo.cycle.image import Image
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.signals import StopFlag
-from umo.cycle.stopping import stopping_order
+from umo.cycle.stop_order import stop_sequence
 from umo.drivers.contract import Driver
 from umo.errors import DeclarationError, DriverError, Failure, StopError
 from umo.objects import Compound
@@ -30,7 +30,7 @@ class connect(Generic[C]):
 
     Entering checks the wiring (WiringError lists every fault), opens the drivers, initialises every object at
     its default, arms the circuits' watchdogs, then takes one sample. Leaving resets every actuator, in the
-    order of the root's `stopping`, then finalises in reverse order; one failure never stops the rest, and
+    order of the root's `stop_order`, then finalises in reverse order; one failure never stops the rest, and
     StopError lists by path what could not be brought to its default. After a failed entry the same is
     done to everything that was initialised.
     """
@@ -137,7 +137,7 @@ class connect(Generic[C]):
 
     def _reset(self) -> list[Failure]:
         failures = []
-        for slot in self._stopping_order():
+        for slot in self._stop_sequence():
             self.on_step()
             failures += self.image.try_each([slot], "reset")
         return failures
@@ -166,10 +166,10 @@ class connect(Generic[C]):
     def _declared_order(self) -> list[int]:
         return [self.image.slot_of[id(item)] for item in self.root.atoms()]
 
-    def _stopping_order(self) -> list[int]:
+    def _stop_sequence(self) -> list[int]:
         """The slots of the initialised actuators."""
         initialized = set(self._initialized)
-        slots = [self.image.slot_of[id(item)] for item in stopping_order(self.root)]
+        slots = [self.image.slot_of[id(item)] for item in stop_sequence(self.root)]
         return [slot for slot in slots if slot in initialized]
 
 

@@ -17,9 +17,10 @@ from umo.cycle.block import Block
 from umo.cycle.clock import Clock
 from umo.cycle.journal import Journal, Kind
 from umo.drivers.contract import Channel, Direction, Driver
-from umo.errors import DriverError, Failure, cause_of
+from umo.errors import DriverError, Failure
 from umo.objects import Atomic, Binary, BinaryActuator, BinarySensor, DigitalActuator, DigitalSensor, Quality
 from umo.objects.scaling import FloatArray, IntArray, to_raw, to_value
+from umo.text import cause_of
 from umo.wiring.resolved import Wire
 
 if TYPE_CHECKING:

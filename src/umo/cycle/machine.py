@@ -8,11 +8,11 @@ from functools import partial
 from time import monotonic_ns
 from typing import Any
 
-from umo.control.sequences import Sequences, Task
 from umo.cycle.clock import Clock
 from umo.cycle.frame import Frame, Observer, show
 from umo.cycle.guards import Event, Guards
 from umo.cycle.image import Image
+from umo.cycle.sequences import Sequences, Task
 from umo.cycle.signals import StopFlag
 from umo.drivers.contract import Direction
 from umo.errors import DriverError

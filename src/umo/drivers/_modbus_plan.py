@@ -136,11 +136,11 @@ class Request:
         return cells
 
 
-Plan = tuple[Request, ...]
+Requests = tuple[Request, ...]
 _Placed = tuple[int, ModbusChannel]
 
 
-def plan_reads(channels: Sequence[ModbusChannel], *, bridge_gaps: bool = False) -> Plan:
+def plan_reads(channels: Sequence[ModbusChannel], *, bridge_gaps: bool = False) -> Requests:
     """The reads that serve all the channels: runs of one table, over small gaps too if `bridge_gaps`."""
 
     def joins(end: int, channel: ModbusChannel) -> bool:
@@ -149,7 +149,7 @@ def plan_reads(channels: Sequence[ModbusChannel], *, bridge_gaps: bool = False) 
     return _plan(channels, joins, lambda table: table.most_read)
 
 
-def plan_writes(channels: Sequence[ModbusChannel]) -> Plan:
+def plan_writes(channels: Sequence[ModbusChannel]) -> Requests:
     """The writes that serve all the channels: runs without gaps, as nobody commanded the cells between.
 
     Channels that share a cell are written one by one in the order given, so that the last one stands.
@@ -166,7 +166,7 @@ def _plan(
     channels: Sequence[ModbusChannel],
     joins: Callable[[int, ModbusChannel], bool],
     most: Callable[[Table], int],
-) -> Plan:
+) -> Requests:
     runs: list[list[_Placed]] = []
     table: Table | None = None
     start = end = 0

@@ -10,7 +10,7 @@ import numpy as np
 from umo.drivers._modbus_plan import (
     HIGHEST_ADDRESS,
     ModbusChannel,
-    Plan,
+    Requests,
     parse,
     plan_reads,
     plan_writes,
@@ -86,8 +86,8 @@ class Modbus(Driver):
         self._bridge_gaps = bridge_gaps
         self._link_type = _find_link()  # here and not in `open`: a guardian has no time for imports
         self._link: Link | None = None
-        self._reads: dict[tuple[Channel, ...], Plan] = {}
-        self._writes: dict[tuple[Channel, ...], Plan] = {}
+        self._reads: dict[tuple[Channel, ...], Requests] = {}
+        self._writes: dict[tuple[Channel, ...], Requests] = {}
 
     def channel(self, text: str) -> ModbusChannel:
         return parse(text, little=self._little)
@@ -144,15 +144,15 @@ class Modbus(Driver):
         self._link.begin(self.timeout)
         return self._link
 
-    def _plan_reads(self, channels: Sequence[ModbusChannel]) -> Plan:
+    def _plan_reads(self, channels: Sequence[ModbusChannel]) -> Requests:
         return plan_reads(channels, bridge_gaps=self._bridge_gaps)
 
 
 def _planned(
-    plans: dict[tuple[Channel, ...], Plan],
+    plans: dict[tuple[Channel, ...], Requests],
     channels: Sequence[Channel],
-    make: Callable[[Sequence[ModbusChannel]], Plan],
-) -> Plan:
+    make: Callable[[Sequence[ModbusChannel]], Requests],
+) -> Requests:
     """The plan for these channels, made once; a machine has few groups of them, the bound is for others."""
     key = tuple(channels)
     plan = plans.get(key)

@@ -9,7 +9,8 @@ import importlib
 from importlib.metadata import EntryPoint, entry_points
 
 from umo.drivers.contract import Driver
-from umo.errors import WiringError, did_you_mean
+from umo.errors import WiringError
+from umo.text import did_you_mean
 
 GROUP = "umo.drivers"
 
@@ -33,5 +34,5 @@ def find(name: str) -> type[Driver]:
     except Exception as error:  # a module may raise anything
         raise WiringError(f"driver {name!r} cannot be imported: {error}") from error
     if not (isinstance(found, type) and issubclass(found, Driver)):
-        raise WiringError(f"{name!r} is no umo driver")
+        raise WiringError(f"{name!r} is not a umo driver")
     return found

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from umo.errors import FramesError, PathError, did_you_mean
+from umo.errors import FramesError, PathError
 from umo.frames import folder
 from umo.frames.layout import BEAT, CHECKSUM, DESCRIPTION, HEAD, HEADER, MAGIC, MISSED, STATE, VERSION, Layout
 from umo.frames.ring import State
+from umo.text import did_you_mean
 
 Frames = npt.NDArray[Any]
 """Copies of frames, oldest first: a structured array with the fields of `Layout.columns`."""

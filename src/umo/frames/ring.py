@@ -35,7 +35,7 @@ from umo.frames.layout import (
     VERSION,
     Layout,
 )
-from umo.frames.usage import Usage
+from umo.system.usage import Usage
 
 MOST_BYTES = 4 << 20
 MOST_SLOTS = 4096

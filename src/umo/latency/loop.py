@@ -16,8 +16,7 @@ import numpy.typing as npt
 from umo.cycle import connect
 from umo.drivers.timerfd import Ticker
 from umo.objects import BinaryActuator, Compound, DigitalActuator, DigitalSensor, OnOff
-from umo.process import realtime
-from umo.process.control import die_with_parent
+from umo.system import realtime
 
 
 class Example(Compound):
@@ -84,7 +83,7 @@ def _child(there: Connection, period: float, priority: int, cpu: int | None) -> 
     """Never returns."""
     try:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        die_with_parent(signal.SIGKILL)
+        realtime.die_with_parent(signal.SIGKILL)
         machine = example()
         wire: dict[str, Any] = {item.path: {"driver": "simulated"} for item in machine.atoms()}
         wire["timer"] = {"driver": "timerfd", "period": period}

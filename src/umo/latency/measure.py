@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from umo.latency import native
 from umo.latency.loop import Loop
-from umo.process.realtime import Refusal
+from umo.system.realtime import Refusal
 
 SLICE = 0.5
 """s"""

@@ -26,7 +26,7 @@ class BinaryActuator(Binary[S]):
         super().__init__(states, one, synchronous)
         self._expires = _expiry(expires)
         if type(default) is not states:
-            raise DeclarationError(f"default={default!r} is no state of {states.__name__}")
+            raise DeclarationError(f"default={default!r} is not a state of {states.__name__}")
         self._default = default
 
     @property
@@ -80,7 +80,7 @@ class DigitalActuator(Digital):
 
     `limits` says what happens beyond the range: "raise" (RangeError, nothing changes) or "clamp" (the
     nearest bound is taken and `write` returns False). NaN and infinities always raise. `expires` ("100 ms", or s):
-    not written for so long it goes to its default. `max_rate` (units per s, synchronous only): what is sent moves
+    not written for so long it goes to its default. `slew_rate` (units per s, synchronous only): what is sent moves
     towards what was written no faster than this; `pending` shows what was written, `read` what was sent.
     """
 
@@ -100,15 +100,15 @@ class DigitalActuator(Digital):
         limits: Literal["raise", "clamp"] = "raise",
         synchronous: bool = True,
         expires: str | float | None = None,
-        max_rate: float | None = None,
+        slew_rate: float | None = None,
     ) -> None:
         super().__init__(units, minimum, maximum, resolution, zero_offset, synchronous)
         self._expires = _expiry(expires)
-        self._max_rate = None if max_rate is None else _finite("max_rate", max_rate)
+        self._max_rate = None if slew_rate is None else _finite("slew_rate", slew_rate)
         if self._max_rate is not None and self._max_rate <= 0:
-            raise DeclarationError(f"max_rate {max_rate:g} is not above 0 {units}/s")
+            raise DeclarationError(f"slew_rate {slew_rate:g} is not above 0 {units}/s")
         if self._max_rate is not None and not synchronous:
-            raise DeclarationError("max_rate is for a synchronous actuator: it is sent a step each period")
+            raise DeclarationError("slew_rate is for a synchronous actuator: it is sent a step each period")
         if limits not in ("raise", "clamp"):
             raise DeclarationError(f'limits={limits!r} is neither "raise" nor "clamp"')
         self._default = _finite("default", default)
@@ -127,7 +127,7 @@ class DigitalActuator(Digital):
         return self._expires
 
     @property
-    def max_rate(self) -> float | None:
+    def slew_rate(self) -> float | None:
         """The fastest change of what is sent, in `units` per s; None: any."""
         return self._max_rate
 

@@ -91,9 +91,9 @@ class Binary(Atomic, Generic[S]):
 
     def __init__(self, states: type[S], one: S, synchronous: bool) -> None:
         if not (isinstance(states, type) and issubclass(states, TwoState)) or states is TwoState:
-            raise DeclarationError(f"{states!r} is no two-state type")
+            raise DeclarationError(f"{states!r} is not a two-state type")
         if type(one) is not states:
-            raise DeclarationError(f"one={one!r} is no state of {states.__name__}")
+            raise DeclarationError(f"one={one!r} is not a state of {states.__name__}")
         super().__init__(synchronous)
         self._states = states
         self._one: S = one
@@ -122,7 +122,7 @@ class Binary(Atomic, Generic[S]):
         if state is self._zero:
             return 0
         raise StateError(
-            f"{self.path or type(self).__name__}: {state!r} is no state of {self._states.__name__} "
+            f"{self.path or type(self).__name__}: {state!r} is not a state of {self._states.__name__} "
             f"({self._one} or {self._zero})"
         )
 
@@ -215,7 +215,7 @@ class Digital(Atomic):
         """A plain finite float; a bool, a text or a state is refused."""
         name = self.path or type(self).__name__
         if isinstance(value, bool | np.bool_) or not hasattr(value, "__float__"):
-            raise RangeError(f"{name}: {value!r} is no number in {self._units}")
+            raise RangeError(f"{name}: {value!r} is not a number in {self._units}")
         try:
             number = float(value)
         except (TypeError, ValueError, OverflowError) as error:  # an array of many, an integer beyond floats

@@ -19,10 +19,11 @@ from typing import (
     get_origin,
 )
 
-from umo.errors import DeclarationError, PathError, did_you_mean
+from umo.errors import DeclarationError, PathError
 from umo.objects.atomic import Atomic, Binary
 from umo.objects.link import Unconnected
 from umo.objects.node import Node
+from umo.text import did_you_mean
 
 if TYPE_CHECKING:
     from umo.objects.interlock import Interlock
@@ -41,9 +42,9 @@ class Compound(Node):
     Parts may also stand in lists and dicts (frozen at construction). A class's own state belongs in `setup`.
     """
 
-    stopping: ClassVar[tuple[str, ...]] = ()
+    stop_order: ClassVar[tuple[str, ...]] = ()
     """Paths below this object in the order in which they are brought to their defaults; the rest follows."""
-    longest_period: ClassVar[str | float | None] = None
+    max_period: ClassVar[str | float | None] = None
     """The longest sampling period that this object's `control` is meant for, in s or as "2 ms"."""
 
     _children: Mapping[str, Node] = MappingProxyType({})
@@ -75,7 +76,7 @@ class Compound(Node):
         for name, child in children.items():
             child._adopt(self, name)
         self._children, self._fixed = MappingProxyType(children), frozenset(fixed)
-        for path in self.stopping:
+        for path in self.stop_order:
             self.find(path)
         self.setup()
 
@@ -226,4 +227,4 @@ def _check_type(where: str, value: object, hint: Any) -> None:
         if isinstance(value, Binary) and args and isinstance(args[0], type) and value.states is not args[0]:
             raise DeclarationError(f"{where} wants {args[0].__name__}, not {value.states.__name__}")
     elif isinstance(value, Node) and hint is not Any and get_origin(hint) not in (Union, UnionType):
-        raise DeclarationError(f"{where} is annotated {hint}, which is no place for {value!r}")
+        raise DeclarationError(f"{where} is annotated {hint}, which is not a place for {value!r}")

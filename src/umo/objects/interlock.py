@@ -41,7 +41,7 @@ class Interlock:
             elif isinstance(node, BinaryActuator | DigitalActuator):
                 found.append(node)
             else:
-                raise DeclarationError(f"interlock {self.reason!r} forbids {node!r}, which is no actuator")
+                raise DeclarationError(f"interlock {self.reason!r} forbids {node!r}, which is not an actuator")
         return found
 
     def __post_init__(self) -> None:

@@ -35,7 +35,7 @@ def check_unit(unit: str) -> str:
     try:
         registry().parse_units(unit)
     except Exception as error:  # pint raises a dozen types, some of them tokenizer errors
-        raise DeclarationError(f"{unit!r} is no unit that pint knows ({error})") from None
+        raise DeclarationError(f"{unit!r} is not a unit that pint knows ({error})") from None
     return unit
 
 
@@ -66,7 +66,7 @@ def seconds(duration: str | float) -> float:
         else:
             value = float(duration)
     except (AttributeError, TypeError, ValueError, OverflowError):
-        raise DeclarationError(f'{duration!r} is no duration; write for example "20 ms"') from None
+        raise DeclarationError(f'{duration!r} is not a duration; write for example "20 ms"') from None
     if not math.isfinite(value) or value < 0:
-        raise DeclarationError(f"{duration!r} is no duration: it must be finite and not negative")
+        raise DeclarationError(f"{duration!r} is not a duration: it must be finite and not negative")
     return value

@@ -40,7 +40,7 @@ class Vector(Generic[A]):
         likes = {_likeness(item) for item in self._objects}
         if len(likes) > 1:
             raise DeclarationError(f"a Vector holds like objects, not {' and '.join(map(str, sorted(likes)))}")
-        self._plan: _Plan | None = None
+        self._where: _Slots | None = None
 
     def __len__(self) -> int:
         return len(self._objects)
@@ -53,10 +53,10 @@ class Vector(Generic[A]):
 
     def read(self) -> FloatArray:
         """The values, a new array of shape (n,); asynchronous sensors are read from the hardware now."""
-        plan = self._planned()
+        slots = self._located()
         if not self._objects[0].synchronous and self._objects[0].direction is Direction.INPUT:
-            plan.image.sample_some(plan.all_slots)
-        return plan.image.get_values(plan.slots)
+            slots.image.sample_some(slots.all_slots)
+        return slots.image.get_values(slots.slots)
 
     def write(self, values: FloatArray | Sequence[float] | float | TwoState | Sequence[TwoState]) -> bool:
         """Take new values: an array of shape (n,) or one value for all. All or nothing: RangeError changes none.
@@ -66,29 +66,29 @@ class Vector(Generic[A]):
         """
         if self._objects[0].direction is not Direction.OUTPUT:
             raise DeclarationError(f"{self!r} holds sensors; only actuators are written")
-        plan = self._planned()
-        numbers, taken = self._levels(values) if plan.limits is None else plan.limits.check(self._objects, values)
-        raws = to_raws(numbers, plan.resolution, plan.zero_offset)
-        plan.image.write_many(plan.slots, plan.all_slots, numbers, raws)
+        slots = self._located()
+        numbers, taken = self._levels(values) if slots.limits is None else slots.limits.check(self._objects, values)
+        raws = to_raws(numbers, slots.resolution, slots.zero_offset)
+        slots.image.write_many(slots.slots, slots.all_slots, numbers, raws)
         if not self._objects[0].synchronous:
-            plan.image.update_some(plan.all_slots)
+            slots.image.update_some(slots.all_slots)
         return taken
 
     def sample(self) -> bool:
         """Synchronous sensors: read the hardware now, these alone; True if all are GOOD."""
-        plan = self._planned()
-        return plan.image.sample_some(plan.all_slots) if self._objects[0].synchronous else True
+        slots = self._located()
+        return slots.image.sample_some(slots.all_slots) if self._objects[0].synchronous else True
 
     def update(self) -> bool:
         """Synchronous actuators: send what is pending now, of these alone."""
-        plan = self._planned()
-        return plan.image.update_some(plan.all_slots) if self._objects[0].synchronous else True
+        slots = self._located()
+        return slots.image.update_some(slots.all_slots) if self._objects[0].synchronous else True
 
-    def _planned(self) -> _Plan:
+    def _located(self) -> _Slots:
         image = self._objects[0]._image.whole
-        if self._plan is None or self._plan.image is not image:
-            self._plan = _Plan(image, self._objects)
-        return self._plan
+        if self._where is None or self._where.image is not image:
+            self._where = _Slots(image, self._objects)
+        return self._where
 
     def _levels(self, states: Any) -> tuple[FloatArray, bool]:
         if isinstance(states, np.ndarray) and states.dtype.kind in "bfiu":
@@ -98,7 +98,7 @@ class Vector(Generic[A]):
         if len(each) != len(self):
             raise StateError(f"{len(each)} states for {len(self)} objects")
         one, zero = first.one, first.zero
-        if self._planned().alike:
+        if self._located().alike:
             levels = [1.0 if state is one else 0.0 if state is zero else first._level(state) for state in each]
         else:
             levels = [
@@ -117,7 +117,7 @@ class Vector(Generic[A]):
         return f"<Vector of {len(self)}: {self._objects[0].path} ... {self._objects[-1].path}>"
 
 
-class _Plan:
+class _Slots:
     """Where the objects stand in one image, and their scales as arrays."""
 
     def __init__(self, image: Image, objects: Sequence[Atomic]) -> None:
@@ -151,7 +151,7 @@ class _Limits:
         """The values to take and whether they are those given."""
         given = np.asarray(values)
         if given.dtype.kind not in "fiu" or given.shape not in ((), self.minimum.shape):
-            raise RangeError(f"{given.dtype} of shape {given.shape} is no array of {len(objects)} numbers")
+            raise RangeError(f"{given.dtype} of shape {given.shape} is not an array of {len(objects)} numbers")
         numbers = given.astype(np.float64, copy=False) if given.shape else np.full(len(objects), given, np.float64)
         inside = (numbers >= self.minimum) & (numbers <= self.maximum)  # False for NaN
         if np.count_nonzero(inside) == len(objects):  # a fifth of the time of all()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import gc
 import os
 import signal
@@ -13,24 +12,23 @@ from pathlib import Path
 
 from umo.cycle import connect, drive
 from umo.cycle.signals import request_stop
-from umo.cycle.stopping import stopping_order
+from umo.cycle.stop_order import stop_sequence
 from umo.errors import StopError
 from umo.frames import Ring, published
 from umo.objects import Compound, DigitalSensor
-from umo.process import realtime
-from umo.process.channel import Channel
 from umo.process.job import Plan
 from umo.process.life import Life, Stage
+from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome, Parts
+from umo.system import realtime
 
-PR_SET_PDEATHSIG = 1
 GUARDIAN_GONE = "the guardian is gone; the control process stopped the machine by itself"
 
 
 class Control:
     """Runs one plan in the process that calls it, which was forked by the guardian."""
 
-    def __init__(self, plan: Plan, life: Life, channel: Channel, guardian: int, ring: Path) -> None:
+    def __init__(self, plan: Plan, life: Life, channel: MessageSocket, guardian: int, ring: Path) -> None:
         self._plan = plan
         self._life = life
         self._channel = channel
@@ -43,13 +41,13 @@ class Control:
         stop before the machine was connected."""
         self._asked = asked
         outcome = Outcome()
-        die_with_parent(signal.SIGTERM)
+        realtime.die_with_parent(signal.SIGTERM)
         try:
             self._work(outcome)
         except BaseException as error:
             outcome.failure = Failed.of(error)
             if isinstance(error, StopError):
-                actuators = {item.path for item in stopping_order(self._plan.machine)}
+                actuators = {item.path for item in stop_sequence(self._plan.machine)}
                 outcome.unreached = sorted({failure.path for failure in error.failures} & actuators)
         if self._orphaned:
             outcome.unsafe = True
@@ -96,11 +94,6 @@ class Control:
         self._life.enter(Stage.RUNNING)
         if self._orphaned or self._asked():
             request_stop(self._asked())
-
-
-def die_with_parent(number: int) -> None:
-    """Be sent this signal when the guardian ends, however it does (prctl(2))."""
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, number, 0, 0, 0)
 
 
 def end(status: int) -> None:

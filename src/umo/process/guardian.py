@@ -13,16 +13,16 @@ from contextlib import suppress
 from pathlib import Path
 from time import monotonic, sleep
 
-from umo.process import realtime
-from umo.process.channel import Channel
 from umo.process.control import Control, end
 from umo.process.job import Job, Plan
 from umo.process.life import Life, Stage
 from umo.process.lock import lock_file, only_one
+from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome
 from umo.process.record import Record
 from umo.process.reset import Resetter, summary
 from umo.process.watcher import Watcher
+from umo.system import realtime
 
 LOOK = 0.02
 """s between two looks at the starter and at the frames; death is seen at once."""
@@ -37,7 +37,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 def main(file: int) -> int:
     """A guardian process from its first message, the job, to its exit status."""
-    channel = Channel(socket.socket(fileno=file))
+    channel = MessageSocket(socket.socket(fileno=file))
     message = channel.receive(None)
     if message is None:
         return 1
@@ -58,7 +58,7 @@ def main(file: int) -> int:
 class Guardian:
     """Keeps one control process."""
 
-    def __init__(self, plan: Plan, channel: Channel, record: Record) -> None:
+    def __init__(self, plan: Plan, channel: MessageSocket, record: Record) -> None:
         self._plan = plan
         self._channel = channel
         self._record = record

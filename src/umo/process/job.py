@@ -31,7 +31,7 @@ class Job:
 
     station: str | None = None
     machine: str | None = None
-    """`module:function`, where there is no station."""
+    """`module:function`, where there is not a station."""
     application: str | None = None
     wiring: str | dict[str, Any] | None = None
     options: dict[str, Any] = field(default_factory=dict)
@@ -55,7 +55,7 @@ def reference(function: Callable[..., Any]) -> tuple[str, str | None]:
     """A function as `module:name`, and the script that it is in; DeclarationError if it cannot be imported."""
     name, module = getattr(function, "__qualname__", ""), getattr(function, "__module__", None)
     if not name.isidentifier() or module is None:
-        raise DeclarationError(f"{function!r} is no function of a module; the control process could not import it")
+        raise DeclarationError(f"{function!r} is not a function of a module; the control process could not import it")
     if module != "__main__":
         return f"{module}:{name}", None
     script = getattr(sys.modules["__main__"], "__file__", None)
@@ -134,7 +134,7 @@ def _import(text: str, script: str | None) -> Any:
             module.__dict__.update(runpy.run_path(str(script), run_name=MAIN))
         found = getattr(importlib.import_module(name), attribute)
         if not callable(found):
-            raise DeclarationError(f"{text} is no function")
+            raise DeclarationError(f"{text} is not a function")
         return found
     except UmoError:
         raise

@@ -74,14 +74,11 @@ class Parts:
         """Count the parts: by a plant's own report where there is one, else as the control code did."""
         found = cls(getattr(machine, "placed", None), getattr(machine, "parts_total", None))
         for driver in drivers.values():
-            report = getattr(driver, "report", None)
-            if report is None:
-                continue
-            parts = report().parts
-            found.truth = True
-            found.placed = sum(part.placed for part in parts)
-            found.error_um = max((p.error_um for p in parts if p.error_um is not None), default=None)
-            found.error_deg = max((p.error_deg for p in parts if p.error_deg is not None), default=None)
+            report = driver.report()
+            if "placed" in report:
+                found.truth = True
+                found.placed = report["placed"]
+                found.error_um, found.error_deg = report.get("error_um"), report.get("error_deg")
         return found
 
 

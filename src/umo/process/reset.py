@@ -16,11 +16,11 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from time import monotonic
 
-from umo.cycle.stopping import stopping_order
+from umo.cycle.stop_order import stop_sequence
 from umo.drivers.contract import Driver
-from umo.errors import cause_of
 from umo.objects import BinaryActuator, Compound, DigitalActuator
 from umo.objects.scaling import to_raw
+from umo.text import cause_of
 from umo.wiring import Wire, Wired
 
 GRACE = 1.0
@@ -44,7 +44,7 @@ class Resetter:
 
     def __init__(self, machine: Compound, wired: Wired) -> None:
         by_item = {id(wire.item): wire for wire in wired.wires}
-        self._wires = [by_item[id(item)] for item in stopping_order(machine)]
+        self._wires = [by_item[id(item)] for item in stop_sequence(machine)]
         self._names = {id(driver): name for name, driver in wired.drivers.items()}
         self.limit = call_limit(wired)
         self.paths = [wire.item.path for wire in self._wires]

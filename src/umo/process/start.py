@@ -17,10 +17,10 @@ from typing import Any
 from umo.errors import DriverError, TaskFailed
 from umo.frames import Reader
 from umo.objects import Compound
-from umo.process.channel import Channel
 from umo.process.job import Job, reference
+from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome
-from umo.process.realtime import Refusal
+from umo.system.realtime import Refusal
 
 LINUX = sys.platform.startswith("linux")
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -91,7 +91,7 @@ class Started:
         self.notices: list[str] = []
         self._outcome: Outcome | None = None
         text = job.dump().decode()
-        self._channel, there = Channel.pair()
+        self._channel, there = MessageSocket.pair()
         self._guardian = subprocess.Popen(
             [sys.executable, "-m", "umo.process", str(there.fileno())],
             pass_fds=[there.fileno()],

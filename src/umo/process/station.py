@@ -12,8 +12,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from umo.errors import DeclarationError, UmoError, did_you_mean
+from umo.errors import DeclarationError, UmoError
 from umo.objects import Compound
+from umo.text import did_you_mean
 
 SHIPPED = "umo.stations"
 """The package of the stations that ship with umo."""
@@ -99,5 +100,5 @@ def find(text: str) -> Station:
     if text in (known := shipped()):
         return Station(text, known[text], f"{SHIPPED}.{text}.")
     if path.is_dir():
-        raise StationError(f"{text} is no station: it has no objects.py (`umo new DIR` makes one)")
+        raise StationError(f"{text} is not a station: it has no objects.py (`umo new DIR` makes one)")
     raise StationError(f"no station {text!r}{did_you_mean(text, known)}: a directory, or one of: {', '.join(known)}")

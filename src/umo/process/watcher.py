@@ -8,10 +8,11 @@ from pathlib import Path
 from time import monotonic, time
 
 from umo.errors import FramesError
-from umo.frames import Reader, blackbox
+from umo.frames import Reader
 from umo.frames.publish import new_path
-from umo.process import realtime
+from umo.latency import blackbox
 from umo.process.record import state_folder
+from umo.system import realtime
 
 AT_MOST_EVERY = 10.0
 """s from one black box to the next."""

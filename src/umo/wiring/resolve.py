@@ -18,11 +18,12 @@ from pydantic import ConfigDict, ValidationError, create_model
 
 from umo.drivers import registry
 from umo.drivers.contract import Channel, Direction, Driver
-from umo.errors import DeclarationError, Fault, WiringError, did_you_mean
+from umo.errors import DeclarationError, Fault, WiringError
 from umo.objects import Atomic, BinaryActuator, Compound, Digital, DigitalActuator, DigitalSensor, Node
 from umo.objects.atomic import Calibration
 from umo.objects.scaling import to_raw
 from umo.objects.units import seconds
+from umo.text import did_you_mean
 from umo.wiring.resolved import Parameter, Process, Wire, Wired
 from umo.wiring.source import Entry, Source, pydantic_faults, read
 
@@ -213,7 +214,7 @@ class _Resolver:
             return None
         key = 'wire."timer"'
         if not isinstance(timer, DigitalSensor) or timer.synchronous or timer.units != "sampling_period":
-            self.source.fault(key, "timer is no asynchronous DigitalSensor in sampling_period")
+            self.source.fault(key, "timer is not an asynchronous DigitalSensor in sampling_period")
         elif timer._max_age is not None:
             self.source.fault(key, 'timer cannot hold: time would stand still; on_error="raise"')
         wired = self.source.entries.get("timer")
@@ -228,7 +229,7 @@ class _Resolver:
             return None
         try:
             if isinstance(value, bool) or not isinstance(value, str | int | float):
-                raise DeclarationError(f'{value!r} is no duration; write for example "20 ms"')
+                raise DeclarationError(f'{value!r} is not a duration; write for example "20 ms"')
             duration = seconds(value)
         except DeclarationError as error:
             self.source.fault(key, str(error))
@@ -279,8 +280,8 @@ class _Resolver:
 
 def _unfit(period: float, node: Node) -> str:
     """What such a period is for the object; empty if it fits."""
-    if isinstance(node, Compound) and node.longest_period is not None:
-        longest = seconds(node.longest_period)
+    if isinstance(node, Compound) and node.max_period is not None:
+        longest = seconds(node.max_period)
         if period > longest * (1 + 1e-9):
             return f"longer than {node.path or type(node).__name__} allows ({longest * 1e3:g} ms)"
     if isinstance(node, BinaryActuator | DigitalActuator):

@@ -11,7 +11,8 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictStr, ValidationError
 
 from umo.drivers.contract import Driver
-from umo.errors import Fault, did_you_mean
+from umo.errors import Fault
+from umo.text import did_you_mean
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 SECTIONS = ("drivers", "wire", "parameters", "process")

@@ -13,8 +13,8 @@ class Tank(Compound):
     band: float = 10.0
     """How far the level may stray from its target, mm; `[parameters]` of a wiring may set it."""
 
-    stopping = ("inlet", "drain")
-    longest_period = "200 ms"
+    stop_order = ("inlet", "drain")
+    max_period = "200 ms"
 
     def setup(self) -> None:
         self.task = "idle"

@@ -99,8 +99,8 @@ class Manipulator(Compound):
     puff_time: float = 0.05
     """How long the pressure blows a part off the cup, s."""
 
-    stopping = ("z.motor", "theta", "counterweight", "pressure_solenoid", "z", "gripper")
-    longest_period = "10 ms"
+    stop_order = ("z.motor", "theta", "counterweight", "pressure_solenoid", "z", "gripper")
+    max_period = "10 ms"
 
     def setup(self) -> None:
         self.task = "idle"

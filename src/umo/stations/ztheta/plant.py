@@ -20,17 +20,18 @@ where it is while the pressure is between 680 and 820 counts; 752 carry the arm 
 
 Levels take effect at the next physics step of 1 ms. Each rising edge of dio:step makes a step, in the direction
 that stood before the transfer: a direction written together with UP is too late, that step goes the old way.
-The truth (`z_um`, `theta_deg`, `report()`) is for tests and observers; no channel carries it.
+The truth (`z_um`, `theta_deg`, `truth()`) is for tests and observers; no channel carries it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from umo.drivers.contract import Channel, Direction, Driver, IntArray
-from umo.errors import ChannelError, DriverError, WiringError, did_you_mean
+from umo.errors import ChannelError, DriverError, WiringError
+from umo.text import did_you_mean
 
 from .courier import Report
 from .devices import STEP
@@ -274,6 +275,15 @@ class Plant(Driver):
         """The model itself, for rendering."""
         return self._opened()
 
-    def report(self) -> Report:
+    def truth(self) -> Report:
         """What became of every part so far."""
         return self._opened().courier.report()
+
+    def report(self) -> dict[str, Any]:
+        """How many parts were placed, and the largest errors of those (um, deg)."""
+        parts = self.truth().parts
+        return {
+            "placed": sum(part.placed for part in parts),
+            "error_um": max((part.error_um for part in parts if part.error_um is not None), default=None),
+            "error_deg": max((part.error_deg for part in parts if part.error_deg is not None), default=None),
+        }

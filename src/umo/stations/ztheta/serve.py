@@ -169,14 +169,14 @@ async def _keep_pace(box: Box, stop: asyncio.Event, report: Path | None) -> None
         left = box.turn()
         if loop.time() >= look:
             look = loop.time() + REPORT_EVERY
-            if placed != (placed := box.plant.report().placed):
+            if placed != (placed := box.plant.truth().placed):
                 _write_report(box, report)
         await asyncio.sleep(left)
 
 
 def summary(box: Box) -> dict[str, object]:
     """The plant's report, and what the box has to add to it."""
-    report = box.plant.report()
+    report = box.plant.truth()
     return {
         "placed": report.placed,
         **dataclasses.asdict(report),
@@ -187,7 +187,7 @@ def summary(box: Box) -> dict[str, object]:
 
 
 def final_state(box: Box) -> str:
-    report, drops = box.plant.report(), box.watchdog.drops
+    report, drops = box.plant.truth(), box.watchdog.drops
     return (
         f"{report.placed} of {len(report.parts)} parts placed; z at {box.plant.z_um / 1000:.3f} mm, theta at "
         f"{box.plant.theta_deg:.3f} deg; {box.requests} requests, the watchdog dropped the outputs "

@@ -12,7 +12,7 @@ from typing import Any
 MOST = 1 << 18
 
 
-class Channel:
+class MessageSocket:
     """One end. Both the guardian and the control process hold the other: it ends when both are gone."""
 
     def __init__(self, end: socket.socket) -> None:
@@ -20,7 +20,7 @@ class Channel:
         self.ended = False
 
     @classmethod
-    def pair(cls) -> tuple[Channel, socket.socket]:
+    def pair(cls) -> tuple[MessageSocket, socket.socket]:
         """An end to keep and one to hand on."""
         here, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         for end in (here, there):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from umo import BinaryActuator, Compound, DigitalSensor, OnOff, connect
-from umo.cycle.record import Statistics, Trace
+from umo.cycle.trace import Statistics, Trace
 from umo.testing import VirtualTimer, periods, put
 
 

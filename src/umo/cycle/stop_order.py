@@ -6,10 +6,10 @@ from umo.drivers.contract import Direction
 from umo.objects import Atomic, Compound
 
 
-def stopping_order(root: Compound) -> list[Atomic]:
-    """The machine's actuators: those that the root's `stopping` names, in its order, then the rest as declared."""
+def stop_sequence(root: Compound) -> list[Atomic]:
+    """The machine's actuators: those that the root's `stop_order` names, in its order, then the rest as declared."""
     order: dict[int, Atomic] = {}
-    for path in root.stopping:
+    for path in root.stop_order:
         node = root.find(path)
         for item in [node] if isinstance(node, Atomic) else node.atoms():  # type: ignore[attr-defined]
             order.setdefault(id(item), item)

@@ -21,6 +21,7 @@ IDLE = 16 << 20
 """Bytes from which on an anonymous mapping counts as a library's buffer."""
 UNUSED = ("blas", "gfortran", "pydantic", "libcrypto", "libssl")
 """In the names of libraries that no loop calls."""
+PR_SET_PDEATHSIG = 1
 PR_SET_TIMERSLACK = 29
 CAP_IPC_LOCK = 14
 LIMITS = "/etc/security/limits.d/umo.conf, then a new login"
@@ -66,6 +67,11 @@ def guard(priority: int, cpu: int | None = None) -> None:
     core = choose_core(cpu, use_fifo(priority + 1) is None)
     if len(allowed - {core}) > 0:
         os.sched_setaffinity(0, allowed - {core})
+
+
+def die_with_parent(number: int) -> None:
+    """Be sent this signal when the parent process ends, however it does (prctl(2))."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, number, 0, 0, 0)
 
 
 def stand_back() -> None:

@@ -103,7 +103,7 @@ class Task:
 
     def __init__(self, sequence: Sequence) -> None:
         if not isinstance(sequence, Coroutine):
-            raise TypeError(f"{sequence!r} is no sequence; call an `async def` function")
+            raise TypeError(f"{sequence!r} is not a sequence; call an `async def` function")
         self._sequence = sequence
         self.done = False
         self.result: Any = None
