@@ -14,6 +14,7 @@ from umo import (
     DeclarationError,
     DigitalActuator,
     DigitalSensor,
+    Direction,
     EnableDisable,
     NotConnected,
     OnOff,
@@ -21,6 +22,7 @@ from umo import (
     PathError,
     connect,
 )
+from umo.cycle.stop_order import stop_sequence
 from umo.testing import Scripted, periods
 
 pytestmark = pytest.mark.usefixtures("both_forms")
@@ -339,12 +341,14 @@ def test_sample_update_and_reset_of_a_part_move_that_part_only():
         ]
 
 
-def test_reset_recurses_in_declared_order():
+def test_reset_recurses_over_the_actuators_in_stop_order_then_the_sensors():
     machine, box = robot(), Scripted()
     with connect(machine, wired(machine, box)) as m:
         start = len(box.calls)
         m.reset()
-        assert [call.channels[0] for call in box.calls[start:]] == [a.path for a in machine.atoms()]
+        sensors = [item.path for item in machine.atoms() if item.direction is Direction.INPUT]
+        expected = [*(item.path for item in stop_sequence(machine)), *sensors]
+        assert [call.channels[0] for call in box.calls[start:]] == expected
 
 
 class Noted:

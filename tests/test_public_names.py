@@ -24,7 +24,7 @@ OBJECTS = {
     "Vector",
 } | STATES
 ERRORS = {
-    "AlreadyRunning",
+    "DeviceHeld",
     "BadInput",
     "Busy",
     "Cancelled",

@@ -8,13 +8,13 @@ real-time control software development" (1998).
 from umo.cycle import Frame, connect, drive, run
 from umo.drivers import Channel, Direction, Driver
 from umo.errors import (
-    AlreadyRunning,
     BadInput,
     Busy,
     Cancelled,
     ChannelError,
     ChannelsFailed,
     DeclarationError,
+    DeviceHeld,
     DeviceTimeout,
     DriverError,
     Failure,
@@ -59,7 +59,6 @@ from umo.process import RunFailed, Started, start
 from umo.wiring import check
 
 __all__ = [
-    "AlreadyRunning",
     "BadInput",
     "BinaryActuator",
     "BinarySensor",
@@ -71,6 +70,7 @@ __all__ = [
     "CompleteIncomplete",
     "Compound",
     "DeclarationError",
+    "DeviceHeld",
     "DeviceTimeout",
     "DigitalActuator",
     "DigitalSensor",

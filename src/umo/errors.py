@@ -18,8 +18,8 @@ UmoError
 |-- TimeExpired (TimeoutError)       a condition did not come true in its time
 |-- TaskFailed (RuntimeError)        the machine could not do its work: base of a station's own errors
 |-- FramesError (RuntimeError)       frames that cannot be published, or attached to
-|-- AlreadyRunning (RuntimeError)    another process runs this machine
-`-- StandsStopped (RuntimeError)     the machine's last run ended unsafely and was not acknowledged
+|-- DeviceHeld (RuntimeError)        another process, or another machine of this one, holds a device
+`-- StandsStopped (RuntimeError)     the last run on a device ended unsafely and was not acknowledged
 Cancelled (BaseException)            thrown into sequences when the machine stops
 """
 
@@ -164,12 +164,12 @@ class TaskFailed(UmoError, RuntimeError):
     """The machine could not do what it was asked; stations derive their own errors from this."""
 
 
-class AlreadyRunning(UmoError, RuntimeError):
-    """Another process runs this machine."""
+class DeviceHeld(UmoError, RuntimeError):
+    """A device is held already: by another process, or by another connected machine of this one."""
 
 
 class StandsStopped(UmoError, RuntimeError):
-    """The machine's last run did not end by itself; whoever starts it again says that they know."""
+    """The last run on a device did not end safely; whoever drives it again says that they know."""
 
 
 class FramesError(UmoError, RuntimeError):

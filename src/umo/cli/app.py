@@ -26,6 +26,9 @@ WiringName = Annotated[
     str | None,
     typer.Option("--wiring", "-w", metavar="NAME|FILE", help="One of the station's wirings, or a TOML file."),
 ]
+Acknowledge = Annotated[
+    bool, typer.Option("--acknowledge", help="Go on although the last run on one of the devices ended unsafely.")
+]
 
 
 def guarded(work: Callable[[], int | None]) -> None:
@@ -52,9 +55,7 @@ def run(
     summary: Annotated[
         Path | None, typer.Option(metavar="FILE.json", help="Write the figures of the run here.")
     ] = None,
-    acknowledge: Annotated[
-        bool, typer.Option("--acknowledge", help="Start although the last run ended unsafely.")
-    ] = False,
+    acknowledge: Acknowledge = False,
     full_traceback: Annotated[bool, typer.Option("--traceback", help="Show all of an exception.")] = False,
 ) -> None:
     """Run a station; exit status 0 only if all parts were placed.
@@ -106,13 +107,14 @@ def get(
     paths: Annotated[list[str], typer.Argument(metavar="PATH...", help="Objects, such as z.encoder.")],
     wiring: WiringName = None,
     unit: Annotated[str | None, typer.Option(help="Show digital values in this unit.")] = None,
+    acknowledge: Acknowledge = False,
 ) -> None:
-    """Connect, read objects by path, reset and leave. No control code runs."""
+    """Read objects by path. Of a station that runs from its frames; else connect, read, reset and leave."""
     from umo.process.station import find
 
     from .hand import get_values
 
-    guarded(lambda: get_values(find(station), wiring, paths, unit))
+    guarded(lambda: get_values(find(station), wiring, paths, unit, acknowledge))
 
 
 @app.command(
@@ -126,13 +128,14 @@ def set_(
     value: Annotated[str, typer.Argument(help="A state (ON), a number, or a number with a unit ('80 mm').")],
     wiring: WiringName = None,
     hold: Annotated[float | None, typer.Option(min=0.0, help="Seconds to hold it; else until Ctrl-C.")] = None,
+    acknowledge: Acknowledge = False,
 ) -> None:
     """Connect, write one actuator and hold it, show what is read, then reset. No control code runs."""
     from umo.process.station import find
 
     from .hand import set_value
 
-    guarded(lambda: set_value(find(station), wiring, path, value, hold))
+    guarded(lambda: set_value(find(station), wiring, path, value, hold, acknowledge))
 
 
 @app.command(epilog="Examples: umo watch  |  umo watch z gripper.vacuum  |  umo watch ztheta z.encoder --seconds 10")

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
 from functools import partial
 from math import inf
 from pathlib import Path
 from typing import Any
 
 from umo.cycle import connect
-from umo.errors import PathError, RangeError, StateError
+from umo.errors import FramesError, PathError, RangeError, StateError
+from umo.frames import Reader
 from umo.objects import (
     Atomic,
     Binary,
@@ -20,63 +22,97 @@ from umo.objects import (
     Digital,
     DigitalActuator,
     DigitalSensor,
+    Quality,
     TwoState,
 )
 from umo.objects.units import convert
-from umo.process.lock import only_one
 from umo.process.station import Station
 from umo.text import did_you_mean
-from umo.wiring import driver_options
+from umo.wiring import Wired, driver_options, resolve
 
-from .console import out
+from .console import err, out
+from .running import readers
 
 PAUSE = 0.01
 """Seconds between two looks at a machine that has no timer."""
 
 
-def get_values(station: Station, wiring: str | None, paths: list[str], unit: str | None) -> None:
-    """Print each object's value, unit and quality."""
+def get_values(
+    station: Station, wiring: str | None, paths: list[str], unit: str | None, acknowledge: bool = False
+) -> None:
+    """Print each object's value, unit and quality: of a station that runs from its frames, else connected."""
     file, machine = station.wiring(wiring), station.machine()
     items = [_atomic(machine, path) for path in paths]
-    with only_one(station.path, file), connect(machine, file):
-        width = max(map(len, paths))
-        for path, item in zip(paths, items, strict=True):
-            out.print(f"{path:{width}}  {_value(item, unit)}  {item.quality}", markup=False)
+    width = max(map(len, paths))
+    wired = resolve(machine, file)
+    with ExitStack() as stack:
+        running = _running(station, file, wired)
+        if running is None:
+            stack.enter_context(connect(machine, wired, acknowledge=acknowledge))
+        shown = _now(items) if running is None else _latest(running)
+        for item in items:
+            value, quality = shown[item.path]
+            out.print(f"{item.path:{width}}  {_text(item, value, unit)}  {quality}", markup=False)
+    if running is not None:
+        err.print(f"umo: from the frames of {station.name}, which runs (pid {running.about['pid']})", markup=False)
 
 
-def set_value(station: Station, wiring: str | None, path: str, text: str, hold: float | None) -> int:
+def _running(station: Station, file: Path | None, wired: Wired) -> Reader | None:
+    """The frames of this station, if it runs on one of these devices or with this wiring."""
+    for reader in readers():
+        about = reader.about
+        same = about["wiring"] == ("" if file is None else file.stem)
+        if about["place"] == str(station.path) and (same or set(about["devices"]) & set(wired.devices)):
+            return reader
+    return None
+
+
+def _now(items: Iterable[Any]) -> dict[str, tuple[Any, Quality]]:
+    return {item.path: (item.read(), item.quality) for item in items}
+
+
+def _latest(reader: Reader) -> dict[str, tuple[Any, Quality]]:
+    frame = reader.latest()
+    if frame is None:
+        raise FramesError(f"{reader.about['station']} runs, but has not finished a period yet")
+    values = reader.values(frame)
+    return {path: (values[path], Quality(int(frame["quality"][i]))) for i, path in enumerate(reader.paths)}
+
+
+def set_value(
+    station: Station, wiring: str | None, path: str, text: str, hold: float | None, acknowledge: bool = False
+) -> int:
     """Write one actuator, keep the loop going for `hold` s or until a signal, show what is read, reset."""
     file, machine = station.wiring(wiring), station.machine()
     item = _atomic(machine, path)
     if not isinstance(item, BinaryActuator | DigitalActuator):
         raise PathError(f"{path} is a sensor; only actuators can be set")
-    value = _parse(item, text)
-    with only_one(station.path, file):
-        return _hold(machine, file, item, value, hold)
+    return _hold(machine, file, item, _parse(item, text), hold, acknowledge)
 
 
-def _hold(machine: Compound, file: Path | None, item: Any, value: Any, hold: float | None) -> int:
+def _hold(machine: Compound, file: Path | None, item: Any, value: Any, hold: float | None, acknowledge: bool) -> int:
     paced = {"realtime": True} if "realtime" in driver_options(file) else {}
-    connection = connect(machine, file, **paced)
+    connection = connect(machine, file, acknowledge=acknowledge, **paced)
     with connection as m:
         taken = item.write(value)
         m.update()
-        shown = f"{item.path}  {_value(item, None)}  raw {item.raw}  {item.quality}"
+        shown = f"{item.path}  {_text(item, item.read(), None)}  raw {item.raw}  {item.quality}"
         out.print(shown if taken else f"{shown}  (clamped)", markup=False)
-        _loop(m, hold, partial(item.write, value) if item.expires is not None else None)
+        pause = 0.0 if connection.wired.realtime else connection.wired.period or PAUSE
+        _loop(m, hold, pause, partial(item.write, value) if item.expires is not None else None)
     out.print(f"{item.path}  reset to {item.default}", markup=False)
     return 128 + connection.stop.signal if connection.stop.signal and hold is not None else 0
 
 
-def _loop(m: Compound, hold: float | None, again: Callable[[], object] | None) -> None:
-    """The machine's periods without its control, so that watchdogs are fed; a command that expires is kept up."""
+def _loop(m: Compound, hold: float | None, pause: float, again: Callable[[], object] | None) -> None:
+    """The machine's periods without its control, so that watchdogs are fed; a command that expires is kept up. They
+    take the time of the wall clock, whatever the timer does."""
     timer = m.children().get("timer")
-    end = inf if hold is None else m.now + hold
-    while m.running and m.now < end:
+    end = inf if hold is None else time.monotonic() + hold
+    while m.running and time.monotonic() < end:
         if isinstance(timer, DigitalSensor):
             timer.read()
-        else:
-            time.sleep(PAUSE)
+        time.sleep(pause)
         m.sample()
         if again is not None:
             again()
@@ -90,10 +126,9 @@ def _atomic(machine: Compound, path: str) -> Atomic:
     return item
 
 
-def _value(item: Any, unit: str | None) -> str:
+def _text(item: Atomic, value: Any, unit: str | None) -> str:
     if not isinstance(item, Digital):
-        return str(item.read())
-    value = item.read()
+        return str(value)
     return f"{convert(value, item.units, unit or item.units):.10g} {unit or item.units}"
 
 

@@ -10,7 +10,6 @@ from typing import Any
 from umo.cycle import connect, drive
 from umo.cycle.trace import Statistics, Trace
 from umo.process.job import Job, Plan
-from umo.process.lock import only_one
 from umo.process.outcome import Failed, Parts
 from umo.process.start import LINUX
 from umo.process.station import StationError
@@ -66,10 +65,10 @@ def _fail(failure: Failed, full_traceback: bool) -> int:
 
 def _drive(plan: Plan, result: Result, observers: list[Any]) -> None:
     """The run itself, in this process; whatever ends it is kept, and the actuators are at their defaults after it."""
-    connection = connect(plan.machine, plan.wiring, **plan.options)
+    connection = connect(plan.machine, plan.wired, acknowledge=plan.job.acknowledge)
     outcome = result.outcome
     try:
-        with only_one(plan.place, plan.file), connection as machine:
+        with connection as machine:
             connection.machine.observers += observers
             begun = time.perf_counter()
             try:

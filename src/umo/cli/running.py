@@ -12,7 +12,8 @@ from rich.table import Table
 
 from umo.errors import FramesError
 from umo.frames import Reader, rings
-from umo.process.record import Ended, read, state_folder
+from umo.system.hold import is_held
+from umo.system.record import Ended, all_standing
 from umo.text import did_you_mean
 
 from .console import err, out
@@ -20,7 +21,7 @@ from .console import err, out
 
 def ps(as_json: bool) -> None:
     """What runs, and what stands stopped."""
-    found = [_line(reader) for reader in _readers()]
+    found = [_line(reader) for reader in readers()]
     stopped = standing()
     if as_json:
         out.print_json(json.dumps({"running": found, "stopped": [vars(ended) for ended in stopped]}))
@@ -35,15 +36,13 @@ def ps(as_json: bool) -> None:
 
 def attach(name: str | None) -> Reader:
     """The frames of one running station, by name or pid; FramesError lists those that run."""
-    readers = _readers()
+    found = readers()
     wanted = None if name is None else Path(name).resolve().name
-    fitting = [
-        r for r in readers if name is None or r.about["station"] in (name, wanted) or str(r.about["pid"]) == name
-    ]
+    fitting = [r for r in found if name is None or r.about["station"] in (name, wanted) or str(r.about["pid"]) == name]
     if len(fitting) == 1:
         return fitting[0]
-    names = [str(reader.about["station"]) for reader in readers]
-    if not readers:
+    names = [str(reader.about["station"]) for reader in found]
+    if not found:
         raise FramesError(f"nothing runs{_others()}; `umo run STATION` in real time can be watched")
     if not fitting:
         raise FramesError(f"{name!r} does not run{did_you_mean(str(name), names)}; running: {', '.join(names)}")
@@ -56,7 +55,7 @@ def attach_first(words: list[str]) -> tuple[Reader, list[str]]:
     try:
         return attach(words[0] if words else None), words[1:]
     except FramesError:
-        found = _readers()
+        found = readers()
         if len(found) == 1 and any(_names(found[0], word) for word in words[:1]):
             return found[0], words
         raise
@@ -67,7 +66,7 @@ def _names(reader: Reader, word: str) -> bool:
     return any(path == word or path.startswith(f"{word}.") for path in reader.paths)
 
 
-def _readers() -> list[Reader]:
+def readers() -> list[Reader]:
     """One for each living ring; one that cannot be attached to is named."""
     found = []
     for path in rings():
@@ -80,9 +79,7 @@ def _readers() -> list[Reader]:
 
 def standing() -> list[Ended]:
     """The machines that stand stopped, or whose processes are all gone."""
-    running = {(r.about["station"], r.about["wiring"]) for r in _readers()}
-    found = [ended for path in sorted((state_folder() / "machines").glob("*.json")) if (ended := read(path))]
-    return [e for e in found if e.state == "stopped" or (e.station, e.wiring) not in running]
+    return [ended for ended in all_standing() if ended.state != "running" or not is_held(ended.device)]
 
 
 def _line(reader: Reader) -> dict[str, Any]:

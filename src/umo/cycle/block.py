@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from umo.drivers.contract import Channel, Driver
@@ -11,7 +12,7 @@ from umo.objects.scaling import IntArray
 class Block:
     """Neighbouring slots that one driver moves in one transfer."""
 
-    def __init__(self, driver: Driver, channels: tuple[Channel, ...], start: int, buffer: IntArray) -> None:
+    def __init__(self, driver: Driver[Any], channels: tuple[Channel, ...], start: int, buffer: IntArray) -> None:
         self.driver = driver
         self.channels = channels
         self.start = start
@@ -22,6 +23,8 @@ class Block:
         """Inputs: what the driver fills. Outputs: the pending raws themselves."""
         self.view = buffer.data
         """The same as a memoryview: between two of these a copy takes a third of numpy's time."""
+        self.transfer: Callable[[Any, IntArray], None]
+        """The driver's block transfer, as the transfer stage calls it."""
         self.scales: Any = None
         """Inputs: resolution, zero offset and bounds of its objects, as the form of the image wants them."""
         self.unsettled: set[int] = set()

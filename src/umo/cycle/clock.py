@@ -23,16 +23,16 @@ class Clock:
         self.now = 0.0
         self.dt = period
         self.on_tick: Callable[[], None] = _nothing
-        """Called when the timer has returned: the period begins."""
+        """Called when the timer has returned, while the clock still shows the period before."""
 
     def advance(self, missed: int) -> None:
         """The timer was read: 0 after it blocked for one tick, else the ticks that had already passed."""
+        self.on_tick()
         self.missed = missed
         self.ticks = missed if missed > 1 else 1
         self.number += self.ticks
         self.now = self.number * self.period
         self.dt = self.ticks * self.period
-        self.on_tick()
 
 
 def _nothing() -> None:
@@ -40,7 +40,7 @@ def _nothing() -> None:
 
 
 class WallClock(Clock):
-    """For machines without a timer: wall-clock seconds since connecting."""
+    """For machines without a timer: seconds since connecting, looked at when the whole machine is sampled."""
 
     __slots__ = ("_source", "_start")
 
@@ -49,10 +49,9 @@ class WallClock(Clock):
         self._source = source
         self._start = source()
 
-    @property
-    def now(self) -> float:
-        return self._source() - self._start
-
-    @now.setter
-    def now(self, value: float) -> None:
-        """Only the base class sets it, to 0 at the start."""
+    def look(self) -> None:
+        """A period begins: `dt` is the time since the one before."""
+        self.on_tick()
+        now = self._source() - self._start
+        self.number += 1
+        self.dt, self.now = now - self.now, now

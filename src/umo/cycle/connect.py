@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import threading
+import time
 from collections.abc import Callable, Mapping
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Generic, TypeVar
@@ -14,12 +16,20 @@ from umo.cycle.image import Image
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.signals import StopFlag
 from umo.cycle.stop_order import stop_sequence
+from umo.cycle.transfer import settling, wait_for
 from umo.drivers.contract import Driver
 from umo.errors import DeclarationError, DriverError, Failure, StopError
 from umo.objects import Compound
+from umo.system.custody import Custody
+from umo.text import cause_of
 from umo.wiring import Wired, resolve
 
 C = TypeVar("C", bound=Compound)
+
+
+_ENTERING = threading.Lock()
+_ENTERED: set[int] = set()
+"""The machines (by id) that are connected, or about to be."""
 
 
 class connect(Generic[C]):
@@ -28,26 +38,39 @@ class connect(Generic[C]):
     `wiring` is a TOML file, its contents as a dict, or None: everything on simulated channels at 1 ms.
     `options` go to every driver that takes one of that name (`seed=1`).
 
-    Entering checks the wiring (WiringError lists every fault), opens the drivers, initialises every object at
-    its default, arms the circuits' watchdogs, then takes one sample. Leaving resets every actuator, in the
-    order of the root's `stop_order`, then finalises in reverse order; one failure never stops the rest, and
-    StopError lists by path what could not be brought to its default. After a failed entry the same is
-    done to everything that was initialised.
+    Entering checks the wiring (WiringError lists every fault), holds the drivers' devices (DeviceHeld names who has
+    one; StandsStopped if the last run on one ended unsafely, unless `acknowledge`), opens the drivers, initialises
+    every object at its default, arms the circuits' watchdogs, then takes one sample. Leaving resets every actuator
+    in stop order, then finalises in reverse order; one failure never stops the rest, and StopError lists by path
+    what could not be brought to its default. After a failed entry the same is done to everything that was
+    initialised.
     """
 
-    def __init__(self, root: C, wiring: Path | str | Mapping[str, Any] | None = None, **options: Any) -> None:
+    def __init__(
+        self,
+        root: C,
+        wiring: Path | str | Mapping[str, Any] | Wired | None = None,
+        *,
+        acknowledge: bool = False,
+        **options: Any,
+    ) -> None:
         if root._parent is not None:
             raise DeclarationError(f"{root.path} is a part of a machine; connect the whole machine")
         self.root = root
         self._wiring = wiring
         self._options = options
+        self._acknowledge = acknowledge
         self.stop = StopFlag()
-        self.on_step: Callable[[], None] = lambda: None
+        self.on_step: Callable[[], object] = lambda: None
         """Called before every call of a driver while connecting and leaving: a sign of life."""
+        self.pause: Callable[[float], object] = time.sleep
+        """How leaving waits, in s, before it resets a second time."""
+        self.custody: Custody | None = None
+        """Who keeps the devices for this connection, if not the connection itself."""
         self.wired: Wired
         self.machine: ConnectedMachine
         self._restore: list[Callable[[], object]] = []
-        self._opened: list[tuple[str, Driver]] = []
+        self._opened: list[str] = []
         self._initialized: list[int] = []  # slots
 
     @property
@@ -55,16 +78,27 @@ class connect(Generic[C]):
         """The process image."""
         return self.machine.image
 
-    def driver(self, name: str) -> Driver:
+    def driver(self, name: str) -> Driver[Any]:
         """The open driver of that name in the wiring."""
         return self.wired.drivers[name]
 
     def __enter__(self) -> C:
-        if self.root.connected:
-            raise DeclarationError(f"{type(self.root).__name__} is connected already")
-        self._opened, self._initialized = [], []
-        self.wired = resolve(self.root, self._wiring, self._options)
-        self._restore = []
+        with _ENTERING:
+            if id(self.root) in _ENTERED:
+                raise DeclarationError(f"{type(self.root).__name__} is connected already")
+            _ENTERED.add(id(self.root))
+        try:
+            self._enter()
+        except BaseException:
+            _ENTERED.discard(id(self.root))
+            raise
+        return self.root
+
+    def _enter(self) -> None:
+        self._opened, self._initialized, self._restore = [], [], []
+        given = self._wiring
+        self.wired = given if isinstance(given, Wired) else resolve(self.root, given, self._options)
+        custody = self.custody or Custody(self.wired.devices, type(self.root).__name__, acknowledge=self._acknowledge)
         self.stop.install()
         try:
             for wire in self.wired.wires:
@@ -72,48 +106,54 @@ class connect(Generic[C]):
             for parameter in self.wired.parameters:
                 self._restore.append(parameter.apply().apply)
             clock = WallClock() if self.wired.period is None else Clock(self.wired.period)
-            image = make_image(self.wired.wires, clock, self.wired.timer)
-            self.machine = ConnectedMachine(self.root, image, self.stop)
+            self.machine = ConnectedMachine(self.root, make_image(self.wired, clock), self.stop)
         except BaseException:
             self._give_back()
+            if custody is not self.custody:
+                custody.finish()
             raise
+        self._custody = custody
         try:
             self._start()
         except BaseException as error:
             self._leave(error)
             raise
-        return self.root
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._leave(error)
+        try:
+            self._leave(error)
+        finally:
+            _ENTERED.discard(id(self.root))
 
     def _start(self) -> None:
-        for name, driver in self.wired.drivers.items():
-            self.on_step()
-            self._opened.append((name, driver))
-            _try(name, "opened", driver.open)
+        transfer = self.image.transfer
+        transfer.on_call = self.on_step
+        for name in self.wired.drivers:
+            self._opened.append(name)
+            transfer.open(name)
         for slot in self._declared_order():
-            self.on_step()
             self._initialized.append(slot)
-            failures = self.image.try_each([slot], "initialize")
-            if failures:
-                raise DriverError("could not be initialised", failures)
+            failure = self.image.initialize(slot)
+            if failure is not None:
+                raise DriverError("could not be initialised", [failure])
         for name, limit in self.wired.watchdogs.items():
-            _try(name, "given its watchdog", partial(self.wired.drivers[name].watchdog, limit))
+            transfer.watchdog(name, limit)
         self.machine.sample(self.root)
 
     def _leave(self, cause: BaseException | None) -> None:
         """Everything back to its default, everything given back; what was not reached is raised at the end."""
+        unreached: list[Failure] = [Failure("application", "-", "leaving was interrupted")]
         try:
+            self.machine.finish_period()
             failures = self._cancel_sequences()
             unreached = self._reset()
             failures += self._finalize() + self._close()
         finally:
             self.machine.disconnect()
-            self.image.disconnect()
             self._give_back()
+            self._end_custody(unreached, cause)
         if unreached:
             raise StopError("not brought to their defaults", [*unreached, *failures]) from cause
         if failures:
@@ -127,40 +167,46 @@ class connect(Generic[C]):
         finally:
             self.stop.restore()
 
+    def _end_custody(self, unreached: list[Failure], cause: BaseException | None) -> None:
+        if self._custody is self.custody:  # its keeper looks after what was not reached
+            return
+        if unreached:
+            what = "it was left" if cause is None else cause_of(cause)
+            self._custody.stopped(what, [failure.path for failure in unreached])
+        else:
+            self._custody.finish()
+
     def _cancel_sequences(self) -> list[Failure]:
         try:
             self.machine.sequences.cancel()
         except BaseException as error:  # whatever it is, the outputs are still to be reset
-            first = str(error).partition("\n")[0]
-            return [Failure("application", "-", f"{type(error).__name__} while stopping: {first}")]
+            return [Failure("application", "-", f"while stopping: {cause_of(error)}")]
         return []
 
     def _reset(self) -> list[Failure]:
-        failures = []
-        for slot in self._stop_sequence():
-            self.on_step()
-            failures += self.image.try_each([slot], "reset")
+        """A request that failed may still be under way, and undo a reset that came before it: then everything is reset
+        a second time, later."""
+        slots = self._stop_sequence()
+        failures = self._reset_once(slots)
+        if self.image.transfer.unsure:
+            wait_for(settling(self.wired), self.pause, self.on_step)
+            failures = self._reset_once(slots)
         return failures
 
+    def _reset_once(self, slots: list[int]) -> list[Failure]:
+        return [failure for _, failure in self.image.reset_each(slots) if failure is not None]
+
     def _finalize(self) -> list[Failure]:
-        failures = []
-        for slot in reversed(self._initialized):
-            self.on_step()
-            wire = self.image.wires[slot]
-            try:
-                wire.driver.finalize(wire.channel)
-            except Exception as error:
-                failures.append(Failure(wire.item.path, wire.channel.text, f"not finalised: {error}"))
-        return failures
+        found = map(self.image.transfer.finalize, reversed(self._initialized))
+        return [replace(failure, cause=f"not finalised: {failure.cause}") for failure in found if failure is not None]
 
     def _close(self) -> list[Failure]:
         failures = []
-        for name, driver in reversed(self._opened):
-            self.on_step()
+        for name in reversed(self._opened):
             try:
-                driver.close()
+                self.image.transfer.close(name)
             except Exception as error:
-                failures.append(Failure(f"driver {name}", "-", f"not closed: {error}"))
+                failures.append(Failure(f"driver {name}", "-", f"not closed: {cause_of(error)}"))
         return failures
 
     def _declared_order(self) -> list[int]:
@@ -171,12 +217,3 @@ class connect(Generic[C]):
         initialized = set(self._initialized)
         slots = [self.image.slot_of[id(item)] for item in stop_sequence(self.root)]
         return [slot for slot in slots if slot in initialized]
-
-
-def _try(name: str, what: str, call: Callable[[], None]) -> None:
-    try:
-        call()
-    except DriverError as error:
-        raise DriverError(f"driver {name}: {error}", error.failures) from error
-    except Exception as error:
-        raise DriverError(f"driver {name} could not be {what}: {type(error).__name__}: {error}") from error

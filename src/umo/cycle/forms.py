@@ -15,17 +15,16 @@ import numpy as np
 from umo.cycle.block import Block
 from umo.cycle.clock import Clock
 from umo.cycle.image import Image
-from umo.objects import Atomic
 from umo.objects.scaling import FloatArray, IntArray, to_values
-from umo.wiring.resolved import Wire
+from umo.wiring.resolved import Wired
 
 ARRAYS_FROM = 85
 """Objects from which on the array form is the faster one."""
 
 
-def make_image(wires: Sequence[Wire], clock: Clock, timer: Atomic | None = None) -> Image:
-    form = ArrayImage if len(wires) >= ARRAYS_FROM else ListImage
-    return form(wires, clock, timer)
+def make_image(wired: Wired, clock: Clock) -> Image:
+    form = ArrayImage if len(wired.wires) >= ARRAYS_FROM else ListImage
+    return form(wired, clock)
 
 
 class ListImage(Image):

@@ -1,30 +1,30 @@
 """The process image: flat sequences of raw integers and of values; an object holds its index, its slot.
 
 Slots stand in blocks, one for each driver and direction, so that a period is one transfer a block. The two
-forms (`forms.py`) store the same numbers in lists or in arrays; all decisions are taken here.
+forms (`forms.py`) store the same numbers in lists or in arrays; all decisions are taken here. What moves goes through
+the transfer stage, what is commanded of a guarded actuator through the command stage.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
-from operator import index
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from umo.cycle.block import Block
 from umo.cycle.clock import Clock
-from umo.cycle.journal import Journal, Kind
-from umo.drivers.contract import Channel, Direction, Driver
+from umo.cycle.transfer import Transfer
+from umo.drivers.contract import Channel, Direction
 from umo.errors import DriverError, Failure
 from umo.objects import Atomic, Binary, BinaryActuator, BinarySensor, DigitalActuator, DigitalSensor, Quality
 from umo.objects.scaling import FloatArray, IntArray, to_raw, to_value
 from umo.text import cause_of
-from umo.wiring.resolved import Wire
+from umo.wiring.resolved import Wire, Wired
 
 if TYPE_CHECKING:
-    from umo.cycle.guards import Guard
+    from umo.cycle.commands import Commands
 
 Actuator = BinaryActuator[Any] | DigitalActuator
 Sensor = BinarySensor[Any] | DigitalSensor
@@ -38,37 +38,43 @@ class Image(ABC):
     quality: Any
     times: Any
 
-    def __init__(self, wires: Sequence[Wire], clock: Clock, timer: Atomic | None = None) -> None:
+    def __init__(self, wired: Wired, clock: Clock) -> None:
         self.clock = clock
-        self.wires = sorted(wires, key=_group_order(wires))
+        self.wires = sorted(wired.wires, key=_group_order(wired.wires))
         self.items = [wire.item for wire in self.wires]
         self.slot_of = {id(item): slot for slot, item in enumerate(self.items)}
-        self.timer = -1 if timer is None else self.slot_of[id(timer)]
-        self.guards: dict[int, Guard] = {}
-        """By slot, those actuators whose writes are looked at (`umo.cycle.guards`)."""
-        self.slewed: list[Guard] = []
-        self.journal: Journal | None = None
-        """Where asynchronous traffic is noted, if someone reads it."""
+        self.timer = -1 if wired.timer is None else self.slot_of[id(wired.timer)]
+        self.transfer = Transfer(self.wires, wired, self.timer)
+        self.commands: Commands
         count = len(self.wires)
-        self.raws_array = np.zeros(count, np.int64)
+        self.raws: Any = self.transfer.raws
         self.pending_raws_array = np.zeros(count, np.int64)
-        self.raws: Any = self.raws_array.data  # a memoryview: quicker than numpy's items
         self.pending_raws: Any = self.pending_raws_array.data
         self.scales = [(*wire.scale, *_bounds(wire)) for wire in self.wires]
         self.base = [_base_quality(item) for item in self.items]
+        self._exact = [_is_exact(wire) for wire in self.wires]
+        self._raw_bounds = None if all(self._exact) else np.array([wire.raw_bounds for wire in self.wires]).T
         self._make(count)
         self.inputs = self._blocks(Direction.INPUT)
         self.outputs = self._blocks(Direction.OUTPUT)
+        self.transfer.bind(self.inputs, self.outputs)
         self._good: bool | None = None
         """Whether all of `sampled` are GOOD; None when a quality has changed since that was looked up."""
         self.sampled = slice(0, self.inputs[-1].stop if self.inputs else 0)
         for block in self.inputs:
             self._prepare(block)
         for slot, item in enumerate(self.items):
-            self._set_quality(slot, self.base[slot])
             if item.direction is Direction.OUTPUT:
-                self._set_default(slot)
-            item._connect(self, slot)
+                self._set_quality(slot, Quality.GOOD)
+                self.set_default(slot)
+            else:
+                self._set_quality(slot, Quality.BAD)  # nothing was read yet
+
+    def connect(self, commands: Commands) -> None:
+        """The objects find their values here from now on."""
+        self.commands = commands
+        for slot, item in enumerate(self.items):
+            item._connect(self, slot, item.synchronous and slot not in commands.by_slot and self._exact[slot])
 
     def disconnect(self) -> None:
         for item in self.items:
@@ -100,10 +106,6 @@ class Image(ABC):
     def put_pending(self, slots: slice | IntArray, values: FloatArray, raws: IntArray) -> None:
         """Many written at once; the values were checked."""
 
-    @property
-    def whole(self) -> Image:
-        return self
-
     @abstractmethod
     def get_values(self, slots: slice | IntArray) -> FloatArray:
         """A new array."""
@@ -111,19 +113,21 @@ class Image(ABC):
     # A whole period ------------------------------------------------------------------------------------
 
     def sample(self) -> bool:
-        """Every synchronous sensor, one transfer a driver. A failed block does not stop the others."""
+        """Every synchronous sensor, one transfer a driver. What failed does not stop the others."""
         failures: list[Failure] = []
         now = self.clock.now
         for block in self.inputs:
             try:
-                block.driver.read_many(block.channels, block.buffer)
+                block.transfer(block.channels, block.buffer)
             except Exception as error:
-                for slot in range(block.start, block.stop):
-                    self._fail_input(slot, cause_of(error), failures)
+                self._sample_rest(block, error, now, failures)
                 continue
             outside = self._convert(block, now)
             if outside or block.unsettled:
                 self._settle(block, outside, now, failures)
+        journal = self.transfer.journal
+        if journal is not None:
+            journal.sampled = journal.count
         if failures:
             raise DriverError("could not be read", failures)
         if self._good is None:
@@ -132,130 +136,162 @@ class Image(ABC):
 
     def update(self) -> bool:
         """Every synchronous actuator, written since or not, one transfer a driver."""
-        for guard in self.slewed:
-            guard.slew()
+        if self.commands.slewing:
+            self.commands.slew()
         failures: list[Failure] = []
         now = self.clock.now
         for block in self.outputs:
             try:
-                block.driver.write_many(block.channels, block.buffer)
+                block.transfer(block.channels, block.buffer)
             except Exception as error:
-                for slot in range(block.start, block.stop):
-                    self._fail_output(slot, cause_of(error), failures)
+                self._update_rest(block, error, failures)
                 continue
             self._commit(block, now)
             if block.unsettled:
                 for slot in block.unsettled:
                     self._set_quality(slot, Quality.GOOD)
                 block.unsettled.clear()
+        journal = self.transfer.journal
+        if journal is not None:
+            journal.updated = journal.count
         if failures:
             raise DriverError("could not be written", failures)
         return True
+
+    def _sample_rest(self, block: Block, error: Exception, now: float, failures: list[Failure]) -> None:
+        """A block of which at least some failed: the others stand."""
+        causes = dict(self.transfer.block_failed(block, error, inputs=True))
+        for slot, raw in zip(range(block.start, block.stop), block.view, strict=True):
+            if slot in causes:
+                self._fail_input(slot, causes[slot], failures)
+            else:
+                self.raws[slot] = raw
+                self._accept(slot, raw, failures)
+
+    def _update_rest(self, block: Block, error: Exception, failures: list[Failure]) -> None:
+        causes = dict(self.transfer.block_failed(block, error, inputs=False))
+        for slot in range(block.start, block.stop):
+            if slot in causes:
+                self._fail_output(slot, causes[slot], failures)
+            else:
+                self.raws[slot] = self.pending_raws[slot]
+                self._accepted(slot)
 
     # Some objects --------------------------------------------------------------------------------------
 
     def read_now(self, slot: int) -> float:
         """An asynchronous sensor: the hardware, now. The timer's moves the clock."""
-        wire = self.wires[slot]
         failures: list[Failure] = []
         try:
-            self.raws[slot] = raw = index(wire.driver.read(wire.channel))
+            raw = self.transfer.read(slot)
         except Exception as error:
-            self.note(slot, Kind.FAILED_READ)
             self._fail_input(slot, cause_of(error), failures)
         else:
             if slot == self.timer:
                 self.clock.advance(raw)
             self._accept(slot, raw, failures)
-            self.note(slot, Kind.READ)
-        _raise(failures, "could not be read")
+        if failures:
+            raise DriverError("could not be read", failures)
         return cast(float, self.values[slot])
 
     def sample_some(self, slots: Sequence[int]) -> bool:
         failures: list[Failure] = []
-        for driver, group in self._by_driver(slots):
-            out = np.empty(len(group), np.int64)
-            try:
-                driver.read_many(self._channels(group), out)
-            except Exception as error:
-                for slot in group:
-                    self._fail_input(slot, cause_of(error), failures)
+        for slot, found in self.transfer.read_some(slots):
+            if isinstance(found, str):
+                self._fail_input(slot, found, failures)
             else:
-                for slot, raw in zip(group, out.tolist(), strict=True):
-                    self._accept(slot, raw, failures)
-        _raise(failures, "could not be read")
+                self._accept(slot, found, failures)
+        if failures:
+            raise DriverError("could not be read", failures)
         return all(self.quality[slot] == Quality.GOOD for slot in slots)
 
     def update_some(self, slots: Sequence[int]) -> bool:
-        for guard in self.slewed:
-            if guard.slot in slots:
-                guard.slew()
+        self.commands.slew(slots)
         failures: list[Failure] = []
-        for driver, group in self._by_driver(slots):
-            try:
-                driver.write_many(self._channels(group), self.pending_raws_array[group])
-            except Exception as error:
-                for slot in group:
-                    self._fail_output(slot, cause_of(error), failures)
+        for slot, cause in self.transfer.write_some(slots, self.pending_raws_array):
+            if cause is None:
+                self._accepted(slot)
             else:
-                for slot in group:
-                    self._accepted(slot)
-        _raise(failures, "could not be written")
+                self._fail_output(slot, cause, failures)
+        if failures:
+            raise DriverError("could not be written", failures)
         return True
 
-    def send(self, slot: int) -> bool:
-        """An asynchronous actuator was written."""
-        wire = self.wires[slot]
+    def command(self, slot: int, value: float) -> bool:
+        """A value within its range was written to an actuator that is guarded, asynchronous, or whose range its raw
+        integers do not meet."""
+        if not self.commands.take(slot, value):
+            return False
+        self.pending[slot] = value
+        self.pending_raws[slot] = self.wires[slot].raw(value)
+        if not self.items[slot].synchronous and (failures := self.try_send(slot)):
+            raise DriverError("could not be written", failures)
+        return True
+
+    def try_send(self, slot: int) -> list[Failure]:
+        """What is pending of one actuator, to the hardware now."""
         failures: list[Failure] = []
         try:
-            wire.driver.write(wire.channel, self.pending_raws[slot])
+            self.transfer.write(slot, self.pending_raws[slot])
         except Exception as error:
-            self.note(slot, Kind.FAILED_WRITE)
             self._fail_output(slot, cause_of(error), failures)
         else:
             self._accepted(slot)
-            self.note(slot, Kind.WRITE)
-        _raise(failures, "could not be written")
-        return True
+        return failures
 
-    def write_many(self, slots: slice | IntArray, each: Sequence[int], values: FloatArray, raws: IntArray) -> None:
-        """Many written at once, all or nothing; their ranges were checked. `each` lists the same slots."""
-        if not self.guards:
+    def write_many(self, slots: slice | IntArray, each: Sequence[int], values: FloatArray, raws: IntArray) -> bool:
+        """Many written at once; their ranges were checked. `each` lists the same slots. Whether all were taken: an
+        actuator that is inhibited stays as it is."""
+        if self._raw_bounds is not None:
+            raws = np.clip(raws, *self._raw_bounds[:, slots])
+        if not self.commands.by_slot:
             self.put_pending(slots, values, raws)
-            return
-        guarded = [(self.guards[s], float(v)) for s, v in zip(each, values, strict=True) if s in self.guards]
-        for guard, value in guarded:
-            guard.check(value)
-        self.put_pending(slots, values, raws)
-        for guard, value in guarded:
-            guard.take(value)
+            return True
+        taken = [self.commands.take(slot, float(value)) for slot, value in zip(each, values, strict=True)]
+        if all(taken):
+            self.put_pending(slots, values, raws)
+            return True
+        free = np.array(taken)
+        self.put_pending(np.array(each)[free], values[free], raws[free])
+        return False
+
+    def inhibited(self, slot: int) -> str | None:
+        """Why an interlock keeps this actuator at its default."""
+        return self.commands.inhibited(slot)
+
+    def acknowledge(self, slots: Iterable[int]) -> bool:
+        return self.commands.acknowledge(slots)
 
     def reset_some(self, slots: Iterable[int]) -> None:
-        failures = self.try_each(slots, "reset")
-        _raise(failures, "could not be reset")
+        failures = [failure for _, failure in self.reset_each(slots) if failure is not None]
+        if failures:
+            raise DriverError("could not be reset", failures)
 
-    def try_each(self, slots: Iterable[int], segment: str) -> list[Failure]:
-        """Call the driver's `initialize` or `reset` for each; one failure never stops the rest."""
-        failures: list[Failure] = []
+    def reset_each(self, slots: Iterable[int]) -> Iterator[tuple[int, Failure | None]]:
+        """The driver's reset for each; one failure never stops the rest."""
+        slots = list(slots)
         for slot in slots:
-            wire, item = self.wires[slot], self.items[slot]
-            default = None
-            if item.direction is Direction.OUTPUT:
-                self._set_default(slot)
-                default = self.pending_raws[slot]
-                if slot in self.guards:
-                    self.guards[slot].rest()
-            try:
-                getattr(wire.driver, segment)(wire.channel, default)
-            except Exception as error:
-                failures.append(Failure(item.path, wire.channel.text, cause_of(error)))
-                self._set_quality(slot, Quality.BAD)
-                self.note(slot, Kind.FAILED_RESET)
-            else:
-                if default is not None:
-                    self._accepted(slot)
-                self.note(slot, Kind.RESET)
-        return failures
+            self._at_default(slot)
+        for slot, failure in self.transfer.bring_to_default(slots):
+            self._was_reset(slot, failure)
+            yield slot, failure
+
+    def initialize(self, slot: int) -> Failure | None:
+        self._at_default(slot)
+        failure = self.transfer.initialize(slot)
+        self._was_reset(slot, failure)
+        return failure
+
+    def _at_default(self, slot: int) -> None:
+        if self.items[slot].direction is Direction.OUTPUT:
+            self.set_default(slot)
+            self.commands.rest(slot)
+
+    def _was_reset(self, slot: int, failure: Failure | None) -> None:
+        if failure is not None:
+            self._set_quality(slot, Quality.BAD)
+        elif self.items[slot].direction is Direction.OUTPUT:
+            self._accepted(slot)
 
     def set_referenced(self, slot: int, referenced: bool) -> None:
         self.base[slot] = Quality.GOOD if referenced else Quality.UNREFERENCED
@@ -263,11 +299,6 @@ class Image(ABC):
             self._set_quality(slot, self._judge(slot, self.values[slot]))
 
     # Inside --------------------------------------------------------------------------------------------
-
-    def note(self, slot: int, kind: Kind) -> None:
-        """Into the journal, if one is kept."""
-        if self.journal is not None and slot != self.timer:
-            self.journal.add(slot, kind, self.raws[slot], self.values[slot])
 
     def _settle(self, block: Block, outside: list[tuple[int, float]], now: float, failures: list[Failure]) -> None:
         """The slow path of `sample`: something in the block is, or was, not as it should be."""
@@ -290,7 +321,6 @@ class Image(ABC):
         """One sensor was read."""
         resolution, zero_offset, low, high = self.scales[slot]
         value = to_value(raw, resolution, zero_offset)
-        self.raws[slot] = raw
         if isinstance(self.items[slot], Binary) and not low <= value <= high:
             self._fail_input(slot, _not_binary(raw), failures)
             return
@@ -307,9 +337,9 @@ class Image(ABC):
     def _accepted(self, slot: int) -> None:
         """One actuator's pending value is at the hardware."""
         self.values[slot] = self.pending[slot]
-        self.raws[slot] = self.pending_raws[slot]
         self.times[slot] = self.clock.now
-        self.quality[slot] = Quality.GOOD
+        if self.quality[slot]:
+            self._set_quality(slot, Quality.GOOD)
 
     def _fail_input(self, slot: int, cause: str, failures: list[Failure]) -> None:
         item = cast(Sensor, self.items[slot])
@@ -331,17 +361,11 @@ class Image(ABC):
                 if block.start <= slot < block.stop:
                     block.unsettled.add(slot)
 
-    def _set_default(self, slot: int) -> None:
+    def set_default(self, slot: int) -> None:
+        """Its default is pending."""
         value = cast(Actuator, self.items[slot])._default_value()
         self.pending[slot] = value
-        self.pending_raws[slot] = to_raw(value, *self.wires[slot].scale)
-
-    def _by_driver(self, slots: Sequence[int]) -> list[tuple[Driver, list[int]]]:
-        groups: dict[int, tuple[Driver, list[int]]] = {}
-        for slot in slots:
-            driver = self.wires[slot].driver
-            groups.setdefault(id(driver), (driver, []))[1].append(slot)
-        return list(groups.values())
+        self.pending_raws[slot] = self.wires[slot].raw(value)
 
     def _channels(self, slots: Iterable[int]) -> tuple[Channel, ...]:
         return tuple(self.wires[slot].channel for slot in slots)
@@ -350,7 +374,7 @@ class Image(ABC):
         inputs = direction is Direction.INPUT
         slots = [s for s, item in enumerate(self.items) if item.synchronous and item.direction is direction]
         blocks = []
-        for driver, group in self._by_driver(slots):
+        for driver, group in self.transfer.by_driver(slots):
             start, stop = group[0], group[-1] + 1
             buffer = np.zeros(len(group), np.int64) if inputs else self.pending_raws_array[start:stop]
             buffer.flags.writeable = inputs  # what is pending is not the driver's to change
@@ -387,6 +411,8 @@ def _not_binary(raw: int) -> str:
     return f"read {raw}; a binary channel reads 0 or 1"
 
 
-def _raise(failures: list[Failure], what: str) -> None:
-    if failures:
-        raise DriverError(what, failures)
+def _is_exact(wire: Wire) -> bool:
+    """Whether the raw integer nearest to any value in the range stands for a value in the range."""
+    if wire.calibration is None or wire.item.direction is Direction.INPUT:
+        return True
+    return tuple(sorted(to_raw(end, *wire.scale) for end in wire.calibration[:2])) == wire.raw_bounds

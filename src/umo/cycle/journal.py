@@ -5,8 +5,8 @@ from __future__ import annotations
 import struct
 from enum import IntEnum
 
-ENTRY = struct.Struct("=IIqd")
-"""Slot, kind, raw, value: 24 bytes."""
+ENTRY = struct.Struct("=IIqq")
+"""Slot, kind, raw, raw before: 24 bytes."""
 
 
 class Kind(IntEnum):
@@ -20,6 +20,7 @@ class Kind(IntEnum):
     FAILED_RESET = 5
     EXPIRED = 6
     INTERLOCKED = 7
+    INITIALIZE = 8
 
 
 class Journal:
@@ -33,13 +34,15 @@ class Journal:
         self.buffer = bytearray(capacity * ENTRY.size)
         self.count = 0
         self.lost = 0
+        self.sampled = self.updated = -1
 
-    def add(self, slot: int, kind: Kind, raw: int, value: float) -> None:
+    def add(self, slot: int, kind: Kind, raw: int, before: int) -> None:
         if self.count == self.capacity:
             self.lost += 1
             return
-        ENTRY.pack_into(self.buffer, self.count * ENTRY.size, slot, kind, raw, value)
+        ENTRY.pack_into(self.buffer, self.count * ENTRY.size, slot, kind, raw, before)
         self.count += 1
 
     def clear(self) -> None:
         self.count = self.lost = 0
+        self.sampled = self.updated = -1

@@ -6,14 +6,15 @@ from collections import deque
 from collections.abc import Callable, Coroutine
 from functools import partial
 from time import monotonic_ns
-from typing import Any
+from typing import Any, NamedTuple
 
 from umo.cycle.clock import Clock
+from umo.cycle.commands import Commands, Event
 from umo.cycle.frame import Frame, Observer, show
-from umo.cycle.guards import Event, Guards
 from umo.cycle.image import Image
 from umo.cycle.sequences import Sequences, Task
 from umo.cycle.signals import StopFlag
+from umo.cycle.stop_order import stop_sequence
 from umo.drivers.contract import Direction
 from umo.errors import DriverError
 from umo.objects import Compound, Node
@@ -31,30 +32,25 @@ class ConnectedMachine:
         self.observers: list[Observer] = []
         """Called after every period with its frame."""
         self.frame = Frame(image)
-        self._slots: dict[int, tuple[list[int], list[int], list[int]]] = {}
+        self.commands = Commands(root, image)
+        self._guarded = bool(self.commands.by_slot)
+        self._stop_order = [image.slot_of[id(item)] for item in stop_sequence(root)]
+        self._slots: dict[int, _Slots] = {}
         self._acts: dict[int, list[Callable[[], None]]] = {}
         self._started = 0
-        try:
-            self.guards = Guards(root, image)
-        except BaseException:
-            image.disconnect()
-            raise
+        self._open = False
+        """A period has begun and its frame was not shown yet."""
         self.clock.on_tick = self._tick
+        image.connect(self.commands)
         self._compounds = [root, *(node for node in root.walk() if isinstance(node, Compound))]
         for compound in self._compounds:
             compound._connect(self)
         self._root_acts = self._overrides(root)
-        if type(root).sample is Compound.sample:
-            # the loop's own calls, without the way over `self.sample`
-            root.__dict__["sample"] = self._guarded_sample if self.guards else image.sample
-        if type(root).update is Compound.update:
-            root.__dict__["update"] = self._update
 
     def disconnect(self) -> None:
-        self.root.__dict__.pop("sample", None)
-        self.root.__dict__.pop("update", None)
         for compound in self._compounds:
             compound._disconnect()
+        self.image.disconnect()
 
     @property
     def running(self) -> bool:
@@ -73,9 +69,11 @@ class ConnectedMachine:
         return self.clock.now
 
     def sample(self, part: Compound) -> bool:
-        if part is self.root:
-            return self._guarded_sample()
-        return self.image.sample_some(self._slots_of(part)[0])
+        if part is not self.root:
+            return self.image.sample_some(self._slots_of(part).inputs)
+        if not self.clock.period:
+            self.clock.look()  # type: ignore[attr-defined]
+        return self._guarded_sample() if self._guarded else self.image.sample()
 
     def _guarded_sample(self) -> bool:
         """The guards are looked at when sensors failed, too; one DriverError lists what both could not reach."""
@@ -83,17 +81,17 @@ class ConnectedMachine:
             good = self.image.sample()
         except DriverError as unread:
             try:
-                self.guards.evaluate()
+                self.commands.evaluate()
             except DriverError as unreset:
                 raise DriverError("could not be read or reset", [*unread.failures, *unreset.failures]) from unread
             raise
-        self.guards.evaluate()
+        self.commands.evaluate()
         return good
 
     @property
     def events(self) -> deque[Event]:
         """What guards did, the last thousand times."""
-        return self.guards.events
+        return self.commands.events
 
     def control(self, part: Compound) -> None:
         """Sequences first (the root's alone), then each overridden `control`, a parent before its parts."""
@@ -106,22 +104,35 @@ class ConnectedMachine:
             act()
 
     def update(self, part: Compound) -> bool:
-        return self._update() if part is self.root else self.image.update_some(self._slots_of(part)[1])
-
-    def _update(self) -> bool:
+        if part is not self.root:
+            return self.image.update_some(self._slots_of(part).outputs)
         try:
             return self.image.update()
         finally:
-            if self.observers:
-                self._show()
+            self._finish()
 
     def reset(self, part: Compound) -> None:
-        self.image.reset_some(self._slots_of(part)[2])
+        self.image.reset_some(self._slots_of(part).all)
+
+    def acknowledge(self, part: Compound) -> bool:
+        return self.image.acknowledge(self._slots_of(part).all)
 
     def start(self, sequence: Coroutine[Any, Any, Any]) -> Task:
         return self.sequences.start(sequence)
 
+    def finish_period(self) -> None:
+        """Show the frame of a period whose `sample` or `control` failed, so that no `update` did."""
+        if self._open:
+            self._finish()
+
+    def _finish(self) -> None:
+        self._open = False
+        if self.observers:
+            self._show()
+
     def _tick(self) -> None:
+        self.finish_period()
+        self._open = True
         self._started = monotonic_ns()
 
     def _show(self) -> None:
@@ -131,16 +142,16 @@ class ConnectedMachine:
         frame.number, frame.time, frame.missed = clock.number, clock.now, clock.missed
         show(frame, self.observers)
 
-    def _slots_of(self, part: Compound) -> tuple[list[int], list[int], list[int]]:
-        """The slots to sample, to update and to reset."""
+    def _slots_of(self, part: Compound) -> _Slots:
         if id(part) not in self._slots:
             slot_of = self.image.slot_of
-            atoms = list(part.atoms())
-            moved = [atom for atom in atoms if atom.synchronous]
-            self._slots[id(part)] = (
-                [slot_of[id(atom)] for atom in moved if atom.direction is Direction.INPUT],
-                [slot_of[id(atom)] for atom in moved if atom.direction is Direction.OUTPUT],
-                [slot_of[id(atom)] for atom in atoms],
+            atoms = {slot_of[id(atom)]: atom for atom in part.atoms()}
+            sensors = [slot for slot, atom in atoms.items() if atom.direction is Direction.INPUT]
+            actuators = [slot for slot in self._stop_order if slot in atoms]
+            self._slots[id(part)] = _Slots(
+                [slot for slot in sensors if atoms[slot].synchronous],
+                [slot for slot, atom in atoms.items() if atom.synchronous and atom.direction is Direction.OUTPUT],
+                [*actuators, *sensors],
             )
         return self._slots[id(part)]
 
@@ -150,6 +161,17 @@ class ConnectedMachine:
             nodes: list[Node] = [part, *part.walk()]
             self._acts[id(part)] = [_bound(node) for node in nodes if type(node).control is not Node.control]
         return self._acts[id(part)]
+
+
+class _Slots(NamedTuple):
+    """The slots of a part."""
+
+    inputs: list[int]
+    """To sample."""
+    outputs: list[int]
+    """To update."""
+    all: list[int]
+    """To reset: the actuators in stop order, then the sensors."""
 
 
 def _bound(node: Node) -> Callable[[], None]:

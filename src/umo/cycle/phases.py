@@ -1,18 +1,16 @@
 """What each phase of a period took: the timer, each driver's sample, the control code, each driver's update.
 
-Watching costs about 0.3 us a transfer, so it is put between the image and its drivers only where someone
-looks at it (`umo.frames`).
+Watching costs about 0.3 us a transfer, so it is switched on only where someone looks at it (`umo.frames`).
 """
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from time import monotonic_ns
-from typing import Any, cast
+from typing import Any
 
 from umo.cycle.image import Image
-from umo.drivers.contract import Channel, Driver, IntArray
+from umo.drivers.contract import Driver
 
 UNKNOWN = -1
 
@@ -20,7 +18,7 @@ UNKNOWN = -1
 class Phases:
     """Watches one connected image; `names` stand in the order of a period, `ns` holds the last period's times."""
 
-    def __init__(self, image: Image, drivers: Mapping[str, Driver]) -> None:
+    def __init__(self, image: Image, drivers: Mapping[str, Driver[Any]]) -> None:
         names = {id(driver): name for name, driver in drivers.items()}
         inputs = [f"sample {names[id(block.driver)]}" for block in image.inputs]
         outputs = [f"update {names[id(block.driver)]}" for block in image.outputs]
@@ -29,16 +27,17 @@ class Phases:
         self.ns = list(self._none)
         """Duration of each phase in ns; "control" is whatever the drivers did not take."""
         self._control = 1 + len(inputs)
-        self._timer: Any = None
-        for index, block in enumerate(image.inputs, 1):
-            block.driver = cast(Driver, _Watched(block.driver, self.ns, index))
-        for index, block in enumerate(image.outputs, self._control + 1):
-            block.driver = cast(Driver, _Watched(block.driver, self.ns, index))
-        if image.timer >= 0:
-            wire = image.wires[image.timer]
-            self._timer = wire.driver
-            watched = cast(Driver, _Watched(wire.driver, self.ns, 0))
-            image.wires[image.timer] = dataclasses.replace(wire, driver=watched)
+        self._image = image
+        self._timer = None if image.timer < 0 else image.wires[image.timer].driver
+        for number, block in enumerate(image.inputs, 1):
+            block.transfer = self._timed(block.transfer, number)
+        for number, block in enumerate(image.outputs, self._control + 1):
+            block.transfer = self._timed(block.transfer, number)
+        image.transfer.tick = self._timed(image.transfer.tick, 0)
+
+    def remove(self) -> None:
+        """The drivers are called without being watched again."""
+        self._image.transfer.bind(self._image.inputs, self._image.outputs)
 
     def finish(self, execution: int) -> None:
         """The period is over: what is left of its execution time (ns) was spent in control code and in umo."""
@@ -55,35 +54,14 @@ class Phases:
         ticker = getattr(self._timer, "ticker", None)
         return UNKNOWN if ticker is None else ticker.woke - ticker.due
 
+    def _timed(self, call: Callable[..., Any], number: int) -> Callable[..., Any]:
+        ns = self.ns
 
-class _Watched:
-    """Stands before a driver and times its transfers; everything else goes straight through."""
+        def timed(*arguments: Any) -> Any:
+            began = monotonic_ns()
+            try:
+                return call(*arguments)
+            finally:
+                ns[number] = monotonic_ns() - began
 
-    def __init__(self, driver: Driver, ns: Any, index: int) -> None:
-        self._driver = driver
-        self._ns = ns
-        self._index = index
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._driver, name)
-
-    def read(self, channel: Channel) -> int:
-        began = monotonic_ns()
-        try:
-            return self._driver.read(channel)
-        finally:
-            self._ns[self._index] = monotonic_ns() - began
-
-    def read_many(self, channels: Sequence[Channel], out: IntArray) -> None:
-        began = monotonic_ns()
-        try:
-            self._driver.read_many(channels, out)
-        finally:
-            self._ns[self._index] = monotonic_ns() - began
-
-    def write_many(self, channels: Sequence[Channel], raws: IntArray) -> None:
-        began = monotonic_ns()
-        try:
-            self._driver.write_many(channels, raws)
-        finally:
-            self._ns[self._index] = monotonic_ns() - began
+        return timed

@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from umo.drivers.contract import Direction
-from umo.objects import Atomic, Compound
+from umo.objects import Atomic, Compound, Node
 
 
 def stop_sequence(root: Compound) -> list[Atomic]:
-    """The machine's actuators: those that the root's `stop_order` names, in its order, then the rest as declared."""
-    order: dict[int, Atomic] = {}
-    for path in root.stop_order:
-        node = root.find(path)
-        for item in [node] if isinstance(node, Atomic) else node.atoms():  # type: ignore[attr-defined]
-            order.setdefault(id(item), item)
-    for item in root.atoms():
-        order.setdefault(id(item), item)
-    return [item for item in order.values() if item.direction is Direction.OUTPUT]
+    """The machine's actuators in the order in which they are brought to their defaults.
+
+    At every level of the tree: first what `stop_order` names, in its order, then the other parts as declared, each
+    in an order of its own. What a compound further up names comes where that says.
+    """
+    order = dict.fromkeys(_in_order(root))  # of an object that is met twice the first place counts
+    return [item for item in order if item.direction is Direction.OUTPUT]
+
+
+def _in_order(node: Node) -> Iterator[Atomic]:
+    """Every atomic object; one that is named appears again among the rest."""
+    if isinstance(node, Atomic):
+        yield node
+        return
+    assert isinstance(node, Compound)
+    for path in node.stop_order:
+        yield from _in_order(node.find(path))
+    for child in node.children().values():
+        yield from _in_order(child)

@@ -18,7 +18,9 @@ from umo.frames.ring import Ring, State
 
 
 @contextmanager
-def published(connection: connect[Any], station: str, wiring: str = "", path: Path | None = None) -> Iterator[Ring]:
+def published(
+    connection: connect[Any], station: str, wiring: str = "", path: Path | None = None, *, place: Path | None = None
+) -> Iterator[Ring]:
     """Publish every period of a connected machine while the block lasts.
 
         connection = umo.connect(machine, wiring)
@@ -26,7 +28,7 @@ def published(connection: connect[Any], station: str, wiring: str = "", path: Pa
             ...
 
     `umo ps` and `umo watch press` then find it. `path` is the ring's file, by itself a new one in the user's
-    folder. FramesError where there is no room.
+    folder; `place` the station's. FramesError where there is no room.
     """
     phases = Phases(connection.image, connection.wired.drivers)
     layout = Layout(
@@ -35,6 +37,8 @@ def published(connection: connect[Any], station: str, wiring: str = "", path: Pa
         {
             "station": station,
             "wiring": wiring,
+            "place": "" if place is None else str(place),
+            "devices": connection.wired.devices,
             "pid": os.getpid(),
             "started": time.time(),
             "started_monotonic": time.monotonic_ns(),

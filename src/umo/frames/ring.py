@@ -74,7 +74,7 @@ class Ring:
         self._machine: Any = None
         self._task: tuple[Any, bytes] = (None, b"")
         self.usage = Usage()
-        image.journal = self._journal = Journal(EVENTS)
+        image.transfer.journal = self._journal = Journal(EVENTS)
         dtype = layout.dtype
         self.slot_bytes = dtype.itemsize
         self._content = layout.content
@@ -173,7 +173,7 @@ class Ring:
         """The last frame stands; readers see that the ring has ended. The file goes, what they mapped stays."""
         self.state(State.ENDED)
         self.usage.close()
-        self.image.journal = None
+        self.image.transfer.journal = None
         self.path.unlink(missing_ok=True)
         for view in (self._live, self._words, self._numbers, self._bytes):
             view.release()

@@ -39,6 +39,11 @@ class BinaryActuator(Binary[S]):
         """s without a write after which the default is sent; None: never."""
         return self._expires
 
+    @property
+    def inhibited(self) -> str | None:
+        """Why an interlock keeps it at its default now; None: it does not."""
+        return self._image.inhibited(self._slot)
+
     def describe(self) -> str:
         return super().describe() + _expiry_text(self._expires)
 
@@ -48,10 +53,13 @@ class BinaryActuator(Binary[S]):
         return self._state(self._image.pending[self._slot])
 
     def write(self, value: S) -> bool:
-        """Take a new state: synchronous for the next `update`, asynchronous at once. True: taken as given.
+        """Take a new state: synchronous for the next `update`, asynchronous at once.
 
-        Raises StateError for a state of another type and changes nothing; asynchronous also DriverError.
+        True: taken as given; False: inhibited by an interlock. Raises StateError for a state of another type and
+        changes nothing; asynchronous also DriverError.
         """
+        if not self._direct:
+            return self._image.command(self._slot, float(self._level(value)))
         image, slot = self._image, self._slot
         if value is self._one:
             image.pending[slot] = 1.0
@@ -61,7 +69,7 @@ class BinaryActuator(Binary[S]):
             image.pending_raws[slot] = 1 if self._inverted else 0
         else:
             self._level(value)  # raises
-        return True if self._synchronous else image.send(slot)
+        return True
 
     def update(self) -> bool:
         """Synchronous: send the pending state; True when the driver accepted it. Asynchronous: True."""
@@ -84,7 +92,7 @@ class DigitalActuator(Digital):
     towards what was written no faster than this; `pending` shows what was written, `read` what was sent.
     """
 
-    __slots__ = ("_clamp", "_default", "_expires", "_max_rate")
+    __slots__ = ("_clamp", "_default", "_expires", "_slew_rate")
 
     direction = Direction.OUTPUT
 
@@ -104,10 +112,10 @@ class DigitalActuator(Digital):
     ) -> None:
         super().__init__(units, minimum, maximum, resolution, zero_offset, synchronous)
         self._expires = _expiry(expires)
-        self._max_rate = None if slew_rate is None else _finite("slew_rate", slew_rate)
-        if self._max_rate is not None and self._max_rate <= 0:
+        self._slew_rate = None if slew_rate is None else _finite("slew_rate", slew_rate)
+        if self._slew_rate is not None and self._slew_rate <= 0:
             raise DeclarationError(f"slew_rate {slew_rate:g} is not above 0 {units}/s")
-        if self._max_rate is not None and not synchronous:
+        if self._slew_rate is not None and not synchronous:
             raise DeclarationError("slew_rate is for a synchronous actuator: it is sent a step each period")
         if limits not in ("raise", "clamp"):
             raise DeclarationError(f'limits={limits!r} is neither "raise" nor "clamp"')
@@ -127,12 +135,17 @@ class DigitalActuator(Digital):
         return self._expires
 
     @property
+    def inhibited(self) -> str | None:
+        """Why an interlock keeps it at its default now; None: it does not."""
+        return self._image.inhibited(self._slot)
+
+    @property
     def slew_rate(self) -> float | None:
         """The fastest change of what is sent, in `units` per s; None: any."""
-        return self._max_rate
+        return self._slew_rate
 
     def describe(self) -> str:
-        rate = "" if self._max_rate is None else f", at most {self._max_rate:g} {self._units}/s"
+        rate = "" if self._slew_rate is None else f", at most {self._slew_rate:g} {self._units}/s"
         return super().describe() + rate + _expiry_text(self._expires)
 
     @property
@@ -147,18 +160,20 @@ class DigitalActuator(Digital):
     def write(self, value: float) -> bool:
         """Take a new value in `units`: synchronous for the next `update`, asynchronous at once.
 
-        True: taken as given (rounding to the resolution is no change); False: clamped. Raises RangeError
-        beyond the range under limits="raise" and for what is not a finite number, and changes nothing;
-        asynchronous also DriverError.
+        True: taken as given (rounding to the resolution is not a change); False: clamped, or inhibited by an
+        interlock. Raises RangeError beyond the range under limits="raise" and for what is not a finite number, and
+        changes nothing; asynchronous also DriverError.
         """
         if value.__class__ is not float:
             value = self._number(value)
         if not self._minimum <= value <= self._maximum:
             return self._write_beyond(value)
+        if not self._direct:
+            return self._image.command(self._slot, value)
         image, slot = self._image, self._slot
         image.pending[slot] = value
         image.pending_raws[slot] = round((value - self._zero_offset) / self._resolution)  # scaling.to_raw
-        return True if self._synchronous else image.send(slot)
+        return True
 
     def update(self) -> bool:
         """Synchronous: send the pending value; True when the driver accepted it. Asynchronous: True."""
@@ -172,7 +187,7 @@ class DigitalActuator(Digital):
         value = self._number(value)
         if not self._clamp:
             raise RangeError(f"{self.path}: {value:g} {self._units} is outside {self._minimum:g} to {self._maximum:g}")
-        self.write(self._minimum if value < self._minimum else self._maximum)
+        self._image.command(self._slot, self._minimum if value < self._minimum else self._maximum)
         return False
 
     def _default_value(self) -> float:

@@ -24,7 +24,7 @@ S = TypeVar("S", bound=TwoState)
 class Atomic(Node):
     """An object with one value: an actuator or sensor together with its electronics and circuit (section 4.4)."""
 
-    __slots__ = ("_image", "_slot", "_synchronous")
+    __slots__ = ("_direct", "_image", "_slot", "_synchronous")
 
     direction: ClassVar[Direction]
     """OUTPUT: an actuator, with `write` and `update`. INPUT: a sensor, with `sample`."""
@@ -35,6 +35,7 @@ class Atomic(Node):
         self._name = ""
         self._synchronous = synchronous
         self._slot = -1
+        self._direct = False
         self._disconnect()
 
     @property
@@ -64,13 +65,18 @@ class Atomic(Node):
         """At once, also when synchronous: actuators go to their default, sensors clear their circuit's faults."""
         self._image.reset_some((self._slot,))
 
+    def acknowledge(self) -> bool:
+        return self._image.acknowledge((self._slot,))
+
     def describe(self) -> str:
         """Range and units in a few characters, for tables."""
         raise NotImplementedError
 
-    def _connect(self, image: Image, slot: int) -> None:
+    def _connect(self, image: Image, slot: int, direct: bool) -> None:
+        """`direct`: a write goes straight into the image and leaves with the next `update`, nothing stands between."""
         self._image = image
         self._slot = slot
+        self._direct = direct
 
     def _disconnect(self) -> None:
         self._image = cast("Image", Unconnected(self))

@@ -43,7 +43,8 @@ class Compound(Node):
     """
 
     stop_order: ClassVar[tuple[str, ...]] = ()
-    """Paths below this object in the order in which they are brought to their defaults; the rest follows."""
+    """Paths below this object in the order in which they are brought to their defaults; the rest follows as declared.
+    The order of a part holds within it, unless one further up names its parts itself."""
     max_period: ClassVar[str | float | None] = None
     """The longest sampling period that this object's `control` is meant for, in s or as "2 ms"."""
 
@@ -130,8 +131,12 @@ class Compound(Node):
         return self._machine.update(self)
 
     def reset(self) -> None:
-        """Every object below, at once: actuators to their defaults, sensors clear their circuit's faults."""
+        """Every object below, at once: actuators to their defaults, in their stop order, then sensors clear their
+        circuit's faults."""
         self._machine.reset(self)
+
+    def acknowledge(self) -> bool:
+        return self._machine.acknowledge(self)
 
     def start(self, sequence: Coroutine[Any, Any, Any]) -> Task:
         """Let a sequence run beside the others, from the next period on; its error comes out of `control`."""

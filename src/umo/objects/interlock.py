@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Literal
 
 from umo.errors import DeclarationError
 from umo.objects.actuators import BinaryActuator, DigitalActuator
@@ -13,8 +14,8 @@ from umo.objects.compound import Compound
 
 @dataclass(frozen=True, eq=False)
 class Interlock:
-    """While `condition()` is true, what it `forbids` can only be written its default; when it becomes true, all of
-    that is reset at once.
+    """While `condition()` is true, what it `forbids` is inhibited: it is reset at once, in its stop order, and stays at
+    its default; `write` returns False, `inhibited` says why. A write after the condition has gone takes effect.
 
         class Lathe(Compound):
             door: BinarySensor[OpenClosed]
@@ -25,12 +26,16 @@ class Interlock:
 
     The condition is asked once a period, after `sample`; it reads synchronous sensors and actuators and is quick. One
     that raises counts as true: `state_of` and `value_of` of `umo.control` raise for a sensor that is not GOOD.
-    `forbids` names actuators, or compounds for all actuators in them. Not a safety function (design.md section 7).
+    `forbids` names actuators, or compounds for all actuators in them. `latched`: it inhibits until the condition has
+    gone and `acknowledge()` was called, of an actuator or of a compound. `effect="stop"`: `write` raises Interlocked in
+    place of returning False, which ends a run that does not expect it. Not a safety function.
     """
 
     condition: Callable[[], bool]
     forbids: Iterable[BinaryActuator | DigitalActuator | Compound]  # type: ignore[type-arg]
     reason: str
+    latched: bool = False
+    effect: Literal["inhibit", "stop"] = "inhibit"
 
     def actuators(self) -> list[Atomic]:
         """Every actuator it forbids, in declared order; DeclarationError for anything else."""
@@ -49,6 +54,8 @@ class Interlock:
             raise DeclarationError(f"the condition of an interlock is a function, not {self.condition!r}")
         if not isinstance(self.reason, str) or not self.reason.strip():
             raise DeclarationError(f"an interlock says its reason, not {self.reason!r}")
+        if self.effect not in ("inhibit", "stop"):
+            raise DeclarationError(f'effect={self.effect!r} is neither "inhibit" nor "stop"')
         if not isinstance(self.forbids, Iterable):
             raise DeclarationError(f"interlock {self.reason!r} forbids a list of objects, not {self.forbids!r}")
         object.__setattr__(self, "forbids", tuple(self.forbids))

@@ -31,6 +31,13 @@ class Node:
     def control(self) -> None:
         """Acts once per period; overridden by classes that have something to do. A parent acts before its children."""
 
+    def acknowledge(self) -> bool:
+        """Free the actuators of this object that a latched interlock still inhibits though its condition has gone.
+
+        True: none of them is inhibited any more.
+        """
+        raise NotImplementedError
+
     def _adopt(self, parent: Compound, name: str) -> None:
         if self._parent is not None:
             raise DeclarationError(

@@ -11,8 +11,13 @@ channel is resolution -1, zero offset 1.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
+
+NEAR = 1e-6
+"""Of a bit."""
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -24,6 +29,13 @@ def to_value(raw: int, resolution: float, zero_offset: float) -> float:
 
 def to_raw(value: float, resolution: float, zero_offset: float) -> int:
     return round((value - zero_offset) / resolution)
+
+
+def raw_bounds(minimum: float, maximum: float, resolution: float, zero_offset: float) -> tuple[int, int]:
+    """The least and the greatest raw integer whose value lies within the range; the least is above the greatest where
+    there is none. A value that misses a bound by a rounding error of the division lies at it."""
+    ends = sorted(((minimum - zero_offset) / resolution, (maximum - zero_offset) / resolution))
+    return math.ceil(ends[0] - NEAR), math.floor(ends[1] + NEAR)
 
 
 def to_values(

@@ -61,18 +61,18 @@ class Vector(Generic[A]):
     def write(self, values: FloatArray | Sequence[float] | float | TwoState | Sequence[TwoState]) -> bool:
         """Take new values: an array of shape (n,) or one value for all. All or nothing: RangeError changes none.
 
-        True: all taken as given; False: some were clamped (limits="clamp"). Synchronous for the next
-        `update`, asynchronous at once.
+        True: all taken as given; False: some were clamped (limits="clamp") or are inhibited by an interlock.
+        Synchronous for the next `update`, asynchronous at once.
         """
         if self._objects[0].direction is not Direction.OUTPUT:
             raise DeclarationError(f"{self!r} holds sensors; only actuators are written")
         slots = self._located()
         numbers, taken = self._levels(values) if slots.limits is None else slots.limits.check(self._objects, values)
         raws = to_raws(numbers, slots.resolution, slots.zero_offset)
-        slots.image.write_many(slots.slots, slots.all_slots, numbers, raws)
+        free = slots.image.write_many(slots.slots, slots.all_slots, numbers, raws)
         if not self._objects[0].synchronous:
             slots.image.update_some(slots.all_slots)
-        return taken
+        return taken and free
 
     def sample(self) -> bool:
         """Synchronous sensors: read the hardware now, these alone; True if all are GOOD."""
@@ -85,7 +85,7 @@ class Vector(Generic[A]):
         return slots.image.update_some(slots.all_slots) if self._objects[0].synchronous else True
 
     def _located(self) -> _Slots:
-        image = self._objects[0]._image.whole
+        image = self._objects[0]._image
         if self._where is None or self._where.image is not image:
             self._where = _Slots(image, self._objects)
         return self._where
@@ -123,7 +123,7 @@ class _Slots:
     def __init__(self, image: Image, objects: Sequence[Atomic]) -> None:
         self.image = image
         image.values  # noqa: B018  (NotConnected before anything is indexed)
-        if any(item._image.whole is not image for item in objects):
+        if any(item._image is not image for item in objects):
             raise DeclarationError("a Vector holds objects of one machine")
         self.all_slots = [item._slot for item in objects]
         self.slots = _as_slice(self.all_slots)

@@ -1,5 +1,5 @@
 """Processes: a control process that nothing disturbs, and a guardian that outlives it (design.md section 7)."""
 
-from umo.process.start import RunFailed, Started, Status, start
+from umo.process.start import RunFailed, Started, start
 
-__all__ = ["RunFailed", "Started", "Status", "start"]
+__all__ = ["RunFailed", "Started", "start"]

@@ -7,39 +7,45 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 
-from umo.cycle import connect, drive
+from umo.cycle import Frame, connect, drive
 from umo.cycle.signals import request_stop
+from umo.cycle.stage import Stage
 from umo.cycle.stop_order import stop_sequence
-from umo.errors import StopError
+from umo.errors import FramesError, StopError
 from umo.frames import Ring, published
 from umo.objects import Compound, DigitalSensor
 from umo.process.job import Plan
-from umo.process.life import Life, Stage
+from umo.process.life import Life
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome, Parts
 from umo.system import realtime
+from umo.system.custody import Custody
+from umo.text import text_of
 
-GUARDIAN_GONE = "the guardian is gone; the control process stopped the machine by itself"
+WATCHED_EVERY = 0.5
+"""s for which the guardian may be silent at least, before it counts as gone: a busy computer delays it."""
 
 
 class Control:
     """Runs one plan in the process that calls it, which was forked by the guardian."""
 
-    def __init__(self, plan: Plan, life: Life, channel: MessageSocket, guardian: int, ring: Path) -> None:
+    def __init__(self, plan: Plan, custody: Custody, life: Life, channel: MessageSocket, ring: Path) -> None:
         self._plan = plan
+        self._custody = custody
         self._life = life
         self._channel = channel
-        self._guardian = guardian
+        self._guardian = os.getppid()
         self._path = ring
-        self._asked: Callable[[], int | None] = lambda: None
+        self._hang = plan.wired.process.hang_timeout
+        self._alarm = ""
 
-    def run(self, asked: Callable[[], int | None]) -> Outcome:
-        """Connect, drive, leave; whatever ends it is in the outcome. `asked` gives the signal, if any, that asked to
-        stop before the machine was connected."""
-        self._asked = asked
+    def run(self) -> Outcome:
+        """Connect, drive, leave; whatever ends it is in the outcome."""
         outcome = Outcome()
         realtime.die_with_parent(signal.SIGTERM)
         try:
@@ -49,34 +55,71 @@ class Control:
             if isinstance(error, StopError):
                 actuators = {item.path for item in stop_sequence(self._plan.machine)}
                 outcome.unreached = sorted({failure.path for failure in error.failures} & actuators)
-        if self._orphaned:
+        if self.orphaned or self._life.unwatched > self._patience:
+            self._alarm = self._alarm or "the guardian is gone"
             outcome.unsafe = True
-            outcome.failure = outcome.failure or Failed("GuardianGone", GUARDIAN_GONE, 1)
+        if self._alarm and outcome.failure is None:
+            what = f"{self._alarm}; the control process stopped the machine by itself"
+            outcome.failure = Failed("Stopped", what, 1)
         return outcome
 
     @property
-    def _orphaned(self) -> bool:
+    def orphaned(self) -> bool:
+        """Whether the guardian has ended."""
         return os.getppid() != self._guardian
+
+    @property
+    def _patience(self) -> float:
+        return max(self._hang, WATCHED_EVERY)
 
     def _work(self, outcome: Outcome) -> None:
         plan = self._plan
         process = plan.wired.process
         refusals = realtime.prepare(process.priority, process.cpu)
-        connection = connect(plan.machine, plan.wiring, **plan.options)
+        connection = connect(plan.machine, plan.wired)
+        connection.custody = self._custody
         connection.on_step = self._life.beat
         with connection as machine:
             try:
-                with published(connection, plan.name, plan.wiring_name, self._path) as ring:
-                    connection.machine.observers.append(self._life.beat)
+                with self._published(connection) as ring:
+                    connection.machine.observers.append(self._each_period)
                     self._ready(machine, ring, refusals)
                     outcome.result = drive(machine, plan.application)
             finally:
-                self._life.enter(Stage.LEAVING)
-                outcome.stopped_by = connection.stop.signal
+                self._life.enter(Stage.STOPPING)
+                outcome.stopped_by = None if self._alarm else self._life.asked or connection.stop.signal
                 outcome.simulated = machine.now
                 outcome.parts = Parts.of(machine, connection.wired.drivers)
 
-    def _ready(self, machine: Compound, ring: Ring, refusals: list[realtime.Refusal]) -> None:
+    @contextmanager
+    def _published(self, connection: connect[Any]) -> Iterator[Ring | None]:
+        """Frames are for those who watch: a machine runs without them where there is no room for any."""
+        with ExitStack() as stack:
+            ring = None
+            try:
+                ring = stack.enter_context(
+                    published(connection, self._plan.name, self._plan.wiring_name, self._path, place=self._plan.place)
+                )
+            except (FramesError, OSError) as error:
+                self._channel.send("notice", text=f"this run cannot be watched or traced: {text_of(error)}")
+            yield ring
+
+    def _each_period(self, frame: Frame) -> None:
+        """A sign of life; and a look at whether this process stood still, was asked to stop, or is not watched."""
+        life = self._life
+        gap = life.beat()
+        if gap > self._hang:
+            self._stop(f"nothing ran for {gap:.1f} s: the computer, or all of its processes, stood still")
+        elif life.asked:
+            request_stop(life.asked)
+        elif life.unwatched > self._patience:
+            self._stop(f"the guardian has not been seen for {life.unwatched:.1f} s")
+
+    def _stop(self, why: str) -> None:
+        self._alarm = self._alarm or why
+        request_stop()
+
+    def _ready(self, machine: Compound, ring: Ring | None, refusals: list[realtime.Refusal]) -> None:
         gc.freeze()
         if isinstance(timer := machine.children().get("timer"), DigitalSensor):
             timer.read()  # the ticks that passed until here
@@ -88,12 +131,12 @@ class Control:
             "running",
             pid=os.getpid(),
             guardian=self._guardian,
-            files=[ring.file],
+            files=[] if ring is None else [ring.file],
             refusals=[[refusal.what, refusal.why, refusal.grant] for refusal in refusals],
         )
         self._life.enter(Stage.RUNNING)
-        if self._orphaned or self._asked():
-            request_stop(self._asked())
+        if self.orphaned or self._life.asked:
+            request_stop(self._life.asked or None)
 
 
 def end(status: int) -> None:

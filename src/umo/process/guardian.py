@@ -1,9 +1,12 @@
-"""The guardian: forks the control process, sees it die or hang, and brings the machine to its defaults then."""
+"""The guardian: forks the control process, sees it die or hang, and brings the machine to its defaults then.
+
+What it needs for that it has from the start: a child on standby, descriptors, shared memory. It believes nothing that
+the control process says but a clean report, and whatever goes wrong in it ends in resetting.
+"""
 
 from __future__ import annotations
 
 import faulthandler
-import json
 import os
 import signal
 import socket
@@ -12,45 +15,47 @@ import tempfile
 from contextlib import suppress
 from pathlib import Path
 from time import monotonic, sleep
+from typing import NoReturn
 
+from umo.cycle.signals import SIGNALS
+from umo.cycle.stage import Stage
 from umo.process.control import Control, end
 from umo.process.job import Job, Plan
-from umo.process.life import Life, Stage
-from umo.process.lock import lock_file, only_one
+from umo.process.life import Life
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome
-from umo.process.record import Record
 from umo.process.reset import Resetter, summary
 from umo.process.watcher import Watcher
 from umo.system import realtime
+from umo.system.custody import Custody
+from umo.text import cause_of
 
 LOOK = 0.02
 """s between two looks at the starter and at the frames; death is seen at once."""
 WHERE = signal.SIGUSR2
 """At this signal the control process writes down where its Python code stands."""
 STARTING_LIMIT = 30.0
-"""s that a step of connecting may take."""
+"""s that a step of connecting may take, beside two periods."""
 BURIAL = 5.0
 """s that a killed process may take to end."""
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+SPARES = 4
+"""Descriptors kept free for the end."""
 
 
-def main(file: int) -> int:
-    """A guardian process from its first message, the job, to its exit status."""
+def main(file: int, job_file: int) -> int:
+    """A guardian process from its job to its exit status."""
     channel = MessageSocket(socket.socket(fileno=file))
-    message = channel.receive(None)
-    if message is None:
-        return 1
+    custody = None
     try:
-        job = Job.load(message["job"].encode())
+        with open(job_file, "rb") as opened:
+            job = Job.load(opened.read())
         plan = Plan(job)
-        with only_one(plan.place, plan.file):
-            record = Record(lock_file(plan.place, plan.file), plan.name, plan.wiring_name)
-            guardian = Guardian(plan, channel, record)
-            record.begin(job.acknowledge)
-            outcome = guardian.run()
-    except Exception as error:
+        custody = Custody(plan.wired.devices, plan.name, plan.wiring_name, acknowledge=job.acknowledge)
+        outcome = Guardian(plan, channel, custody).run()
+    except BaseException as error:
         outcome = Outcome(Failed.of(error))
+        if custody is not None:  # nothing was forked, so nothing was driven
+            custody.finish()
     channel.send("ended", outcome=outcome.dump())
     return outcome.status
 
@@ -58,179 +63,190 @@ def main(file: int) -> int:
 class Guardian:
     """Keeps one control process."""
 
-    def __init__(self, plan: Plan, channel: MessageSocket, record: Record) -> None:
+    def __init__(self, plan: Plan, channel: MessageSocket, custody: Custody) -> None:
         self._plan = plan
         self._channel = channel
-        self._record = record
-        self._resetter = Resetter(plan.machine, plan.wired)
+        self._custody = custody
         self._process = plan.wired.process
         self._life = Life()
         self._stop: int | None = None
-        self._stopping = False
+        self._asked = False
         self._pid = 0
         self._status: int | None = None
-        self._report, self._reporting = os.pipe()
+        self._given_up = 0.0
+        """When a process that cannot be ended is waited for no more."""
+        self._spares = [os.open(os.devnull, os.O_RDONLY) for _ in range(SPARES)]
         self._traces = tempfile.TemporaryFile()  # noqa: SIM115  (as long as the process)
         self._watcher = Watcher(plan.name)
+        self._resetter = Resetter(
+            plan.machine, plan.wired, lambda: realtime.guard(self._process.priority, self._process.cpu)
+        )
 
     def run(self) -> Outcome:
         """From fork to the last reset."""
         for number in SIGNALS:
             signal.signal(number, self._ask)
+        self._resetter.stand_by()
         self._fork()
-        realtime.guard(self._process.priority, self._process.cpu)
         try:
-            return self._keep()
-        finally:
-            self._watcher.finish()
+            realtime.guard(self._process.priority, self._process.cpu)
+            outcome = self._keep()
+        except BaseException as error:  # whatever it is, the machine comes first
+            outcome = self._step_in(f"the guardian failed: {cause_of(error)}")
+        self._resetter.dismiss()
+        self._watcher.finish()
+        return outcome
 
     def _keep(self) -> Outcome:
         hung = self._watch()
         if hung:
-            return self._step_in(hung)
-        if self._life.stage is not Stage.ENDED:
+            return self._step_in(self._what_hung(hung))
+        outcome = Outcome.decode(self._life.reported()) if self._life.stage is Stage.ENDED else None
+        if outcome is None:
             return self._step_in("")
-        self._bury()
-        return self._settle(self._read_report())
+        self._is_dead(BURIAL)
+        return self._settle(outcome)
 
     # While it runs -------------------------------------------------------------------------------------
 
     def _fork(self) -> None:
-        guardian = os.getpid()
         held, holding = os.pipe()
         self._pid = os.fork()
         if self._pid == 0:
             self._life.hold()
             os.write(holding, b"!")
-            self._in_child(guardian)
+            self._in_child()
         os.close(holding)
-        os.close(self._reporting)
         os.read(held, 1)  # the child holds its lock, or is dead already
         os.close(held)
 
-    def _in_child(self, guardian: int) -> None:
-        """The control process; never returns."""
+    def _in_child(self) -> NoReturn:
+        """The control process."""
         try:
-            control = Control(self._plan, self._life, self._channel, guardian, self._watcher.path)
+            for number in SIGNALS:  # until the machine is connected
+                signal.signal(number, lambda number, frame: self._life.ask(number))
+            control = Control(self._plan, self._custody, self._life, self._channel, self._watcher.path)
             faulthandler.register(WHERE, file=self._traces, all_threads=False)
-            outcome = control.run(lambda: self._stop)
-            if outcome.unsafe:  # the guardian is gone: it is for this process to say so
+            outcome = control.run()
+            self._life.report(outcome.encode())
+            if outcome.unsafe:  # the guardian is gone or stopped: it is for this process to say so
                 assert outcome.failure is not None
-                self._record.stopped(outcome.failure.message, outcome.unreached)
+                self._custody.stopped(outcome.failure.message, outcome.unreached)
                 self._channel.send("ended", outcome=outcome.dump())
-            with suppress(OSError):
-                os.write(self._reporting, json.dumps(outcome.dump()).encode())
             self._life.enter(Stage.ENDED)
+            if outcome.unsafe and not control.orphaned:
+                os.kill(os.getppid(), signal.SIGKILL)
             end(outcome.status)
         except BaseException:
-            sys.excepthook(*sys.exc_info())
-        os._exit(1)
+            with suppress(BaseException):
+                sys.excepthook(*sys.exc_info())
+        finally:
+            os._exit(1)
 
     def _watch(self) -> str:
         """Until the control process is gone (""), or hangs: then what is known of it."""
-        while True:
-            due = monotonic() + LOOK
-            if self._life.gone(LOOK):
-                return ""
-            late = monotonic() - due
+        seen = monotonic()
+        while not self._life.gone(LOOK):
+            late = monotonic() - seen - LOOK
+            seen = monotonic()
+            self._life.watch()
             self._listen()
             self._watcher.look()
             limit = self._limit()
-            if self._life.silence > limit and late < limit / 2:  # else this computer stood still, not the process
-                return f"no sign of life for {limit * 1e3:g} ms while {self._life.stage.name.lower()}"
+            if late > limit / 2:  # this computer stood still: the control process says so itself, if it still can
+                continue
+            if self._life.silence > limit:
+                return f"no sign of life for {limit * 1e3:g} ms while {self._life.stage}"
+        return ""
 
     def _limit(self) -> float:
-        stage = self._life.stage
-        if stage is Stage.RUNNING:
-            return self._process.hang_timeout
-        return STARTING_LIMIT if stage is Stage.STARTING else self._resetter.limit
+        if self._life.stage is Stage.STARTING:
+            return STARTING_LIMIT + 2 * (self._plan.wired.period or 0.0)
+        return self._process.hang_timeout
 
     def _ask(self, number: int, frame: object) -> None:
         self._stop = self._stop or number
 
     def _listen(self) -> None:
-        """Requests to stop: from the starter, by its end, by a signal. Notes the ring of the control process."""
+        """Requests to stop: from the starter, by its end, by a signal."""
         while (message := self._channel.receive()) is not None:
+            for file in message["files"]:
+                os.close(file)
             if message["kind"] == "stop":
-                self._stop = self._stop or int(message.get("signal") or signal.SIGTERM)
+                self._stop = self._stop or _signal(message.get("signal"))
             elif message["kind"] == "keep":
                 self._watcher.keep("on demand")
         if self._channel.ended:
-            self._stop = self._stop or signal.SIGHUP
-        if self._stop is not None and not self._stopping:
-            self._stopping = True
-            os.kill(self._pid, self._stop)
+            self._stop = self._stop or signal.SIGTERM
+        if self._stop is not None and not self._asked:
+            self._asked = True
+            self._life.ask(self._stop)
+            os.kill(self._pid, signal.SIGTERM)  # it ends a wait; what was asked stands in the shared memory
 
     # Its end -------------------------------------------------------------------------------------------
 
-    def _read_report(self) -> Outcome:
-        """What the control process said at its end."""
-        text = b""
-        while data := os.read(self._report, 65536):
-            text += data
-        return Outcome.load(json.loads(text))
+    def _what_hung(self, hung: str) -> str:
+        stopped = " (it was stopped by a signal)" if _is_stopped(self._pid) else ""
+        return f"the control process hung: {hung}{stopped}{self._where()}"
 
-    def _step_in(self, hung: str) -> Outcome:
+    def _step_in(self, why: str) -> Outcome:
         """It is dead without having left, or it hangs: make sure that it is dead, and reset the machine."""
-        where = self._where() if hung else ""
-        stopped = hung and _is_stopped(self._pid)
+        while self._spares:
+            os.close(self._spares.pop())
         with suppress(ProcessLookupError):
             os.kill(self._pid, signal.SIGKILL)
         left = self._reset(self._resetter.paths)
-        if hung:
-            what = f"the control process hung: {hung}{' (it was stopped by a signal)' if stopped else ''}{where}"
-        else:
-            what = f"the control process {_ending(self._status)}"
-        what += self._write_down(what, list(left))
+        what = why or f"the control process {_ending(self._status)}"
         self._watcher.keep(what)
         told = f"not reached: {summary(left)}" if left else "the guardian reset every actuator"
-        return Outcome(Failed("ControlLost", f"{what}; {told}", 1), unsafe=True, unreached=list(left))
+        unwritten = self._custody.stopped(what, list(left))
+        message = "; ".join(filter(None, [what, told, unwritten]))
+        return Outcome(Failed("ControlLost", message, 1), unsafe=True, unreached=list(left))
 
     def _settle(self, outcome: Outcome) -> Outcome:
         """The control process left by itself; what it could not reach is tried again."""
         if outcome.unreached:
             left = self._reset(outcome.unreached)
-            outcome.unreached = list(left)
-            assert outcome.failure is not None
+            outcome.unsafe, outcome.unreached = True, list(left)
+            outcome.failure = outcome.failure or Failed("StopError", "not brought to their defaults", 3)
             told = f"not reached: {summary(left)}" if left else "reset by the guardian afterwards"
             outcome.failure.message += f"\n{told}"
-            if left:
-                outcome.unsafe = True
-            else:
-                outcome.failure.status = 1
+            outcome.failure.status = 3 if left else 1
         if outcome.unsafe:
-            assert outcome.failure is not None
-            self._write_down(outcome.failure.message.partition("\n")[0], outcome.unreached)
+            what = outcome.failure.message.partition("\n")[0] if outcome.failure else "it was stopped"
+            unwritten = self._custody.stopped(what, outcome.unreached)
+            if unwritten and outcome.failure:
+                outcome.failure.message += f"; {unwritten}"
         else:
-            self._record.finish()
+            self._custody.finish()
+        if outcome.failure is not None:
+            self._watcher.keep(outcome.failure.message.partition("\n")[0])
         return outcome
-
-    def _write_down(self, what: str, unreached: list[str]) -> str:
-        """For the next start; where that cannot be done, say so."""
-        try:
-            self._record.stopped(what, unreached)
-        except OSError as error:  # the record of the start stands all the same
-            return f" (this could not be written down: {error})"
-        return ""
 
     def _reset(self, paths: list[str]) -> dict[str, str]:
         return self._resetter.reset(
             paths,
             self._process.reset_for,
-            once_dead=self._bury,
+            is_dead=self._is_dead,
             said=lambda text: self._channel.send("notice", text=text),
         )
 
-    def _bury(self) -> None:
-        """Wait for the end of the control process: its connections are closed then. One that sticks in the kernel,
-        in a call of its device, cannot be waited for."""
-        until = monotonic() + BURIAL
-        while self._status is None and monotonic() < until:
+    def _is_dead(self, within: float = 0.0) -> bool:
+        """Whether the control process has ended: its connections are closed then. One that sticks in the kernel, in a
+        call of its device, counts as dead after a while: it cannot be waited for."""
+        if self._status is not None:
+            return True
+        until = monotonic() + within
+        self._given_up = self._given_up or monotonic() + BURIAL
+        while True:
+            self._life.watch()
             pid, status = os.waitpid(self._pid, os.WNOHANG)
             if pid:
                 self._status = status
-            else:
-                sleep(0.0005)
+                return True
+            if monotonic() >= until:
+                return monotonic() >= self._given_up
+            sleep(0.0005)
 
     def _where(self) -> str:
         """Where the Python code of a hanging process stands, as far as it can still tell."""
@@ -242,6 +258,12 @@ class Guardian:
                 if line.strip().startswith("File "):
                     return f", at {line.strip().removeprefix('File ')}"
         return ""
+
+
+def _signal(number: object) -> int:
+    """A number that a message names, if it is a signal that asks to stop."""
+    known = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    return number if isinstance(number, int) and number in known else signal.SIGTERM
 
 
 def _is_stopped(pid: int) -> bool:

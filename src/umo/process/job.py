@@ -40,6 +40,11 @@ class Job:
     script: str | None = None
     """The file that `__main__` came from, if a function of it is meant."""
 
+    @property
+    def name(self) -> str:
+        """For lists of processes."""
+        return self.station or str(self.machine)
+
     def dump(self) -> bytes:
         try:
             return json.dumps(asdict(self)).encode()
@@ -85,11 +90,6 @@ class Plan:
     @property
     def wiring_name(self) -> str:
         return self.wiring.stem if isinstance(self.wiring, Path) else ""
-
-    @property
-    def file(self) -> Path | None:
-        """The wiring's file; a machine is known by its place and its wiring."""
-        return self.wiring if isinstance(self.wiring, Path) else None
 
     def _share(self, main: Callable[..., Any] | None) -> tuple[dict[str, Any], list[str]]:
         """Hand each option to whoever takes one of that name: the application's main, the drivers, or both."""

@@ -1,8 +1,9 @@
-"""What guardian and control process share: one page of memory with a lock that tells when its holder died.
+"""What guardian and control process share: memory with a lock that tells when its holder died, and signs of life.
 
 The lock is a process-shared, robust pthread mutex: the kernel hands it on with EOWNERDEAD while the dead process is
 still being taken apart, 0.2 ms after a SIGKILL, where waiting for the exit took up to 30 ms with locked memory
-(POSIX.1-2017, pthread_mutexattr_setrobust).
+(POSIX.1-2017, pthread_mutexattr_setrobust). Nothing here needs a descriptor, so nothing that the control process does
+with its own can spoil it.
 """
 
 from __future__ import annotations
@@ -11,27 +12,29 @@ import ctypes
 import errno
 import mmap
 import time
-from enum import IntEnum
-from time import monotonic_ns
+
+from umo.cycle.stage import Stage
 
 MUTEX = 64
 """Bytes set aside for a pthread_mutex_t: 40 on x86-64, 48 on AArch64."""
-STAGE, BEAT = 0, 1
+STAGE, BEAT, ASKED, WATCH, LENGTH = range(5)
+CELLS = 8
+REPORT = MUTEX + 8 * CELLS
+LARGEST = 1 << 16
+"""Bytes of a report."""
 CLOCK_MONOTONIC = 1
 PROCESS_SHARED = ROBUST = 1
-
-
-class Stage(IntEnum):
-    """How far the control process has come."""
-
-    STARTING = 0
-    RUNNING = 1
-    LEAVING = 2
-    ENDED = 3
+CLOCK = getattr(time, "CLOCK_BOOTTIME", getattr(time, "CLOCK_MONOTONIC", 0))
+"""Goes on while the computer is suspended."""
 
 
 class _Timespec(ctypes.Structure):
     _fields_ = [("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long)]
+
+
+def clock() -> int:
+    """ns on the clock of the signs of life."""
+    return time.clock_gettime_ns(CLOCK)
 
 
 class Life:
@@ -39,14 +42,15 @@ class Life:
 
     def __init__(self) -> None:
         self._libc = ctypes.CDLL(None, use_errno=True)
-        self._page = mmap.mmap(-1, mmap.PAGESIZE)  # anonymous and shared
-        self._mutex = ctypes.c_char.from_buffer(self._page)
-        self._cells = memoryview(self._page)[MUTEX : MUTEX + 64].cast("q")
+        self._memory = mmap.mmap(-1, REPORT + LARGEST)  # anonymous and shared
+        self._mutex = ctypes.c_char.from_buffer(self._memory)
+        self._cells = memoryview(self._memory)[MUTEX:REPORT].cast("q")
         attributes = ctypes.create_string_buffer(64)
         self._libc.pthread_mutexattr_init(attributes)
         self._libc.pthread_mutexattr_setpshared(attributes, PROCESS_SHARED)
         self._libc.pthread_mutexattr_setrobust(attributes, ROBUST)
         self._libc.pthread_mutex_init(ctypes.byref(self._mutex), attributes)
+        self.watch()
         self.enter(Stage.STARTING)
 
     # The control process -------------------------------------------------------------------------------
@@ -59,20 +63,53 @@ class Life:
         self._cells[STAGE] = stage
         self.beat()
 
-    def beat(self, frame: object = None) -> None:
-        """A sign of life; an observer of every period while running."""
-        self._cells[BEAT] = monotonic_ns()
+    def beat(self) -> float:
+        """A sign of life, in every period while running; s since the one before."""
+        cells, now = self._cells, time.clock_gettime_ns(CLOCK)
+        before = cells[BEAT]
+        cells[BEAT] = now
+        return (now - before) * 1e-9
+
+    @property
+    def unwatched(self) -> float:
+        """Seconds since the guardian last looked."""
+        return (clock() - self._cells[WATCH]) * 1e-9
+
+    @property
+    def asked(self) -> int:
+        """The signal that the guardian asked to stop with; 0 for none."""
+        return int(self._cells[ASKED])
+
+    def report(self, text: bytes) -> None:
+        """What there is to say at the end; what is too long is left out, and the guardian will not understand it."""
+        self._memory[REPORT : REPORT + min(len(text), LARGEST)] = text[:LARGEST]
+        self._cells[LENGTH] = len(text)
 
     # The guardian --------------------------------------------------------------------------------------
 
+    def watch(self) -> None:
+        """The guardian's own sign of life."""
+        self._cells[WATCH] = clock()
+
+    def ask(self, number: int) -> None:
+        """Ask the control process to stop, as this signal would."""
+        self._cells[ASKED] = number
+
     @property
     def stage(self) -> Stage:
-        return Stage(self._cells[STAGE])
+        try:
+            return Stage(self._cells[STAGE])
+        except ValueError:  # the control process may write anything
+            return Stage.RUNNING
 
     @property
     def silence(self) -> float:
         """Seconds since the last sign of life."""
-        return (monotonic_ns() - self._cells[BEAT]) * 1e-9
+        return (clock() - self._cells[BEAT]) * 1e-9
+
+    def reported(self) -> bytes:
+        """What the control process said at its end."""
+        return bytes(self._memory[REPORT : REPORT + min(max(self._cells[LENGTH], 0), LARGEST)])
 
     def gone(self, within: float) -> bool:
         """Wait up to `within` s for the holder of the lock to die; whether it did."""

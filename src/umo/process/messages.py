@@ -17,6 +17,8 @@ class MessageSocket:
 
     def __init__(self, end: socket.socket) -> None:
         self._socket = end
+        self._poll = select.poll()
+        self._poll.register(end, select.POLLIN)
         self.ended = False
 
     @classmethod
@@ -36,18 +38,31 @@ class MessageSocket:
 
     def receive(self, timeout: float | None = 0.0) -> dict[str, Any] | None:
         """The next message within `timeout` s; None if there is none, or none any more (`ended`). Its `files` are
-        the receiver's to close."""
-        if self.ended or not select.select([self._socket], [], [], timeout)[0]:
+        the receiver's to close. What is not a message is passed over."""
+        if self.ended or not self._poll.poll(None if timeout is None else timeout * 1e3):
             return None
-        try:
-            data, files, _, _ = socket.recv_fds(self._socket, MOST, 4)
-        except OSError:
-            data, files = b"", []
+        data, files = self._next()
         if not data:
             self.ended = True
             return None
-        message: dict[str, Any] = json.loads(data)
-        return message | {"files": list(files)}
+        try:
+            message = json.loads(data)
+            kind = message["kind"]
+        except (ValueError, TypeError, KeyError, RecursionError):
+            message, kind = {}, ""
+        return {**message, "kind": str(kind), "files": list(files)}
+
+    def _next(self) -> tuple[bytes, list[int]]:
+        """A peer that ended with messages of ours unread makes one call fail; its own last messages come after that."""
+        for _ in range(2):
+            try:
+                data, files, _, _ = socket.recv_fds(self._socket, MOST, 4)
+                return data, files
+            except ConnectionResetError:
+                continue
+            except OSError:
+                break
+        return b"", []
 
     def fileno(self) -> int:
         return self._socket.fileno()

@@ -12,8 +12,8 @@ from typing import Any
 import umo
 from umo.drivers import Driver
 from umo.errors import (
-    AlreadyRunning,
     DeclarationError,
+    DeviceHeld,
     FramesError,
     PathError,
     RangeError,
@@ -25,6 +25,7 @@ from umo.errors import (
 )
 from umo.objects import Compound
 from umo.process.station import StationError
+from umo.text import text_of
 
 USER_ERRORS = (
     WiringError,
@@ -32,14 +33,16 @@ USER_ERRORS = (
     PathError,
     RangeError,
     StateError,
-    AlreadyRunning,
+    DeviceHeld,
     StandsStopped,
     StationError,
     FramesError,
 )
 FAILED, MISTAKE, UNREACHED = 1, 2, 3
-LONGEST = 20_000
-"""Characters of a traceback that are passed on."""
+LONGEST = 12_000
+"""Characters of a traceback, of a message or of a result that are passed on."""
+LARGEST = 60_000
+"""Bytes of an outcome on its way to another process."""
 
 
 @dataclass
@@ -54,8 +57,11 @@ class Failed:
 
     @classmethod
     def of(cls, error: BaseException) -> Failed:
-        lines = "".join(traceback.format_exception(error))
-        return cls(type(error).__name__, message_of(error), status_of(error), lines[-LONGEST:])
+        try:
+            lines = "".join(traceback.format_exception(error))
+        except Exception:  # of an exception that cannot be shown
+            lines = type(error).__name__
+        return cls(type(error).__name__, message_of(error)[:LONGEST], status_of(error), lines[-LONGEST:])
 
 
 @dataclass
@@ -110,18 +116,47 @@ class Outcome:
         return FAILED if self.parts.total and self.parts.placed != self.parts.total else 0
 
     def dump(self) -> dict[str, Any]:
-        data = asdict(self)
+        """As plain data of a bounded size, whatever the application returned."""
+        data = {name: value for name, value in vars(self).items() if name != "result"}
+        data |= {"failure": self.failure and asdict(self.failure), "parts": asdict(self.parts)}
+        return data | {"result": plain(self.result)}
+
+    def encode(self) -> bytes:
+        """As JSON, at most `LARGEST` bytes: names of actuators are left out before anything is lost."""
+        for most in (None, 1000, 100, 0):
+            text = json.dumps(self.dump() | {"unreached": self.unreached[:most]}).encode()
+            if len(text) <= LARGEST:
+                break
+        return text
+
+    @classmethod
+    def decode(cls, text: bytes) -> Outcome | None:
+        """None if it is not an outcome."""
         try:
-            json.dumps(self.result)
-        except (TypeError, ValueError):
-            data["result"] = repr(self.result)
-        return data
+            outcome = cls.load(json.loads(text))
+            return outcome if isinstance(outcome.status, int) else None
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+            return None
 
     @classmethod
     def load(cls, data: dict[str, Any]) -> Outcome:
+        data = dict(data)
         failure = data.pop("failure")
         parts = Parts(**data.pop("parts"))
         return cls(failure=failure and Failed(**failure), parts=parts, **data)
+
+
+def plain(result: Any) -> Any:
+    """The same if it is plain data of a moderate size; else its text, cut."""
+    try:
+        if len(json.dumps(result)) <= LONGEST:
+            return result
+    except Exception:
+        pass
+    try:
+        return repr(result)[:LONGEST]
+    except Exception:
+        return f"<{type(result).__name__}, which cannot be shown>"
 
 
 def status_of(failure: BaseException) -> int:
@@ -136,8 +171,8 @@ def message_of(failure: BaseException) -> str:
         return f"{message_of(failure.__cause__)}\n{failure}"
     if isinstance(failure, UmoError):
         notes = getattr(failure, "__notes__", [])
-        return "\n".join([str(failure), *notes])
+        return "\n".join([text_of(failure), *notes])
     own = tuple(str(Path(umo.__file__).parent / name) for name in ("cycle", "control", "cli", "process"))
     frames = [frame for frame in traceback.extract_tb(failure.__traceback__) if not frame.filename.startswith(own)]
     where = f" at {frames[-1].filename}:{frames[-1].lineno}" if frames else ""
-    return f"{type(failure).__name__}: {failure}{where} (--traceback shows all of it)"
+    return f"{type(failure).__name__}: {text_of(failure)}{where} (--traceback shows all of it)"

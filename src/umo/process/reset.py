@@ -1,133 +1,276 @@
 """Bringing a machine to its defaults from outside, after its control process is dead.
 
-Each attempt is made by a child process of its own: the drivers are opened afresh in it, and if a call never
-returns, or crashes, the guardian ends that child and goes on with the rest.
+Each attempt is made by a child process of its own, in which the drivers are opened afresh: a driver that hangs or
+crashes costs that child and one attempt. The first child is forked before the control process and stands by, so that
+no limit that is reached later can keep it from its work; where a later one cannot be forked, the guardian does the work
+itself. All calls go through the transfer stage.
 """
 
 from __future__ import annotations
 
-import json
 import os
-import select
 import signal
 import sys
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from dataclasses import dataclass, field
-from time import monotonic
+from time import monotonic, sleep
+from types import FrameType
+from typing import Literal, NoReturn
 
 from umo.cycle.stop_order import stop_sequence
-from umo.drivers.contract import Driver
-from umo.objects import BinaryActuator, Compound, DigitalActuator
-from umo.objects.scaling import to_raw
+from umo.cycle.transfer import Transfer, settling, wait_for
+from umo.errors import DeviceTimeout
+from umo.objects import Compound
+from umo.process.board import Board, Reached
+from umo.system import realtime
 from umo.text import cause_of
-from umo.wiring import Wire, Wired
+from umo.wiring import Wired
 
 GRACE = 1.0
 """s that a call of a driver may take beyond twice its timeout."""
 PAUSE = 0.2
 """s between two attempts."""
-
-
-@dataclass
-class Attempt:
-    """What a child reached, and why it did not reach the rest, by path."""
-
-    reached: set[str] = field(default_factory=set)
-    failures: dict[str, str] = field(default_factory=dict)
-    stuck: Driver | None = None
-    """Whose call did not return."""
+PATIENCE = 3.0
+"""s to which the drivers' timeouts grow from attempt to attempt: a device that serves one connection at a time may
+need long to let go of the dead process's."""
+LOOK = 0.0005
+SPARES = 16
+"""Descriptors that the child on standby keeps free for the drivers."""
+IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class Resetter:
-    """Resets the actuators of one machine, in its order of stopping."""
+    """Resets the actuators of one machine, in its stop order."""
 
-    def __init__(self, machine: Compound, wired: Wired) -> None:
+    def __init__(self, machine: Compound, wired: Wired, guard: Callable[[], object] = lambda: None) -> None:
         by_item = {id(wire.item): wire for wire in wired.wires}
         self._wires = [by_item[id(item)] for item in stop_sequence(machine)]
-        self._names = {id(driver): name for name, driver in wired.drivers.items()}
-        self.limit = call_limit(wired)
+        self._wired = wired
+        self._guard = guard
+        self._timeouts = {name: driver.timeout for name, driver in wired.drivers.items()}
         self.paths = [wire.item.path for wire in self._wires]
+        self._board = Board(self.paths)
+        self._attempt = 0
+        self._stuck: set[int] = set()
+        self._child = 0
+        self._start = self._heard = -1
+
+    def stand_by(self) -> None:
+        """Fork the child of the first attempt now."""
+        self._heard, self._start = os.pipe()
+        self._child = os.fork()
+        if self._child == 0:
+            self._wait_for_work()
+
+    def dismiss(self) -> None:
+        """The machine ended safely: nothing is to be reset."""
+        if self._child:
+            os.kill(self._child, signal.SIGKILL)
+            os.waitpid(self._child, 0)
+            self._child = 0
 
     def reset(
         self,
         paths: Iterable[str],
         lasting: float,
         *,
-        once_dead: Callable[[], object] = lambda: None,
+        is_dead: Callable[[], bool] = lambda: True,
         said: Callable[[str], object] = lambda text: None,
     ) -> dict[str, str]:
         """Bring these actuators to their defaults, trying for `lasting` s; what was not reached, with the cause.
 
-        `once_dead` returns when the old process is gone for certain: then everything is reset a second time, since
-        a request of the dead process may still have been under way.
+        `is_dead` says whether the old process is gone for certain: then everything is reset once more, and a last
+        time when a request that was still under way has been carried out.
         """
-        left = dict.fromkeys(paths, "")
+        numbers = {path: number for number, path in enumerate(self.paths)}
+        left = {path: "" for path in paths if path in numbers}
         until = monotonic() + lasting
         told = False
-        stuck: set[int] = set()
-        while True:
-            wires = [wire for wire in self._wires if wire.item.path in left]
-            wires.sort(key=lambda wire: id(wire.driver) in stuck)  # the others first
-            attempt = self._attempt(wires, once_dead)
-            stuck.add(id(attempt.stuck))
-            left = {path: attempt.failures.get(path, "no answer") for path in left if path not in attempt.reached}
+        while left:
+            self._run([numbers[path] for path in left], is_dead)
+            reached = {path for path in left if self._board.reached(numbers[path]) is Reached.YES}
+            left = {path: self._board.cause(numbers[path]) or "no answer" for path in left if path not in reached}
             if not left or monotonic() >= until:
-                return left
+                break
             if not told:
                 told = True
                 said(f"not reached yet, trying for {lasting:g} s: {summary(left)}")
-            select.select([], [], [], PAUSE)
+            self._pause(is_dead)
+        return left
 
-    def _attempt(self, wires: list[Wire], once_dead: Callable[[], object]) -> Attempt:
-        told, tell = os.pipe()
-        heard, hear = os.pipe()
-        child = os.fork()
-        if child == 0:
-            _in_child(wires, tell, heard, (told, hear))
-        os.close(tell)
-        os.close(heard)
-        try:
-            once_dead()
-            with suppress(OSError):
-                os.write(hear, b"!")
-            return self._listen(told, child, wires)
-        finally:
-            os.close(told)
-            os.close(hear)
+    # The guardian's side -------------------------------------------------------------------------------
 
-    def _listen(self, told: int, child: int, wires: list[Wire]) -> Attempt:
-        """Follow the child until it ends; end it when one of its calls does not return."""
-        attempt, text = Attempt(), b""
-        stuck = ""
-        while select.select([told], [], [], self.limit)[0]:
-            data = os.read(told, 65536)
-            if not data:
-                break
-            text += data
+    def _run(self, numbers: list[int], is_dead: Callable[[], bool]) -> None:
+        """One attempt."""
+        numbers.sort(key=lambda number: id(self._wires[number].driver) in self._stuck)  # the others first
+        self._board.clear()
+        limit = self._limit()
+        if not self._begin(numbers):
+            self._work_here(numbers, is_dead, limit)
         else:
-            stuck = f"a call did not return within {self.limit:g} s"
-            os.kill(child, signal.SIGKILL)
-        status = os.waitpid(child, 0)[1]
-        *lines, _ = text.split(b"\n")
-        for path, cause in map(json.loads, lines):
-            if cause is None:
-                attempt.reached.add(path)
-            else:
-                attempt.reached.discard(path)
-                attempt.failures[path] = cause
-        if os.WIFSIGNALED(status) and not stuck:
-            stuck = f"the driver crashed ({signal.Signals(os.WTERMSIG(status)).name})"
-        if stuck:
-            silent = [w for w in wires if w.item.path not in attempt.reached and w.item.path not in attempt.failures]
-            attempt.stuck = silent[0].driver if silent else None
-            attempt.failures.update((wire.item.path, stuck) for wire in silent)
-        return attempt
+            self._follow(is_dead, limit)
+        self._attempt += 1
 
+    def _begin(self, numbers: list[int]) -> bool:
+        """Let the child on standby work, or fork another; False where that cannot be."""
+        try:
+            if self._child and len(numbers) == len(self._wires):
+                os.write(self._start, b"!")
+                return True
+            self.dismiss()
+            self._child = os.fork()
+        except OSError:
+            self._child = 0
+            return False
+        if self._child == 0:
+            self._work_as_child(numbers)
+        return True
 
-def call_limit(wired: Wired) -> float:
-    """How long a call of any of the drivers may take, in s, before it counts as one that never returns."""
-    return GRACE + 2 * max((driver.timeout for driver in wired.drivers.values()), default=0.0)
+    def _follow(self, is_dead: Callable[[], bool], limit: float) -> None:
+        """Until the child ends; end it when one of its calls does not return."""
+        why = ""
+        while True:
+            pid, status = os.waitpid(self._child, os.WNOHANG)
+            if pid:
+                break
+            if is_dead():
+                self._board.declare_dead()
+            if not why and self._board.silence > limit:
+                why = f"a call did not return within {limit:g} s"
+                os.kill(self._child, signal.SIGKILL)
+            sleep(LOOK)
+        self._child = 0
+        if os.WIFSIGNALED(status) and not why:
+            why = f"the driver crashed ({signal.Signals(os.WTERMSIG(status)).name})"
+        if why:
+            self._blame(why)
+
+    def _blame(self, why: str) -> None:
+        """The call that was under way did it; what comes after it was not tried."""
+        if self._board.at >= 0:
+            self._stuck.add(id(self._wires[self._board.at].driver))
+            self._board.note(self._board.at, why)
+        for number in range(len(self.paths)):
+            if self._board.reached(number) is Reached.UNTRIED:
+                self._board.note(number, why)
+
+    def _work_here(self, numbers: list[int], is_dead: Callable[[], bool], limit: float) -> None:
+        """No child can be had: in this process; a call that does not return is interrupted by an alarm."""
+
+        def interrupt(number: int, frame: FrameType | None) -> None:
+            raise DeviceTimeout(f"a call did not return within {limit:g} s")
+
+        def look() -> None:
+            signal.setitimer(signal.ITIMER_REAL, limit)
+            if is_dead():
+                self._board.declare_dead()
+
+        before = signal.signal(signal.SIGALRM, interrupt)
+        try:
+            self._bring_to_defaults(numbers, look)
+        except Exception as error:
+            self._blame(cause_of(error))
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0)
+            signal.signal(signal.SIGALRM, before)
+
+    def _pause(self, is_dead: Callable[[], bool]) -> None:
+        until = monotonic() + PAUSE
+        while monotonic() < until:
+            is_dead()
+            sleep(0.01)
+
+    def _limit(self) -> float:
+        return GRACE + 2 * max(map(self._patience, self._timeouts), default=0.0)
+
+    def _patience(self, name: str) -> float:
+        """The timeout of a driver in this attempt, s."""
+        timeout = self._timeouts[name]
+        return max(timeout, min(timeout * 2.0**self._attempt, PATIENCE))
+
+    # In the child --------------------------------------------------------------------------------------
+
+    def _wait_for_work(self) -> NoReturn:
+        try:
+            realtime.die_with_parent(signal.SIGKILL)
+            for number in IGNORED:
+                signal.signal(number, signal.SIG_IGN)
+            os.close(self._start)
+            spares = [os.open(os.devnull, os.O_RDONLY) for _ in range(SPARES)]
+            if os.read(self._heard, 1):
+                for file in spares:
+                    os.close(file)
+                self._work_as_child(list(range(len(self._wires))))
+        finally:
+            os._exit(1)
+
+    def _work_as_child(self, numbers: list[int]) -> NoReturn:
+        try:
+            for number in IGNORED:
+                signal.signal(number, signal.SIG_IGN)
+            self._guard()
+            self._bring_to_defaults(numbers, lambda: None)
+            os._exit(0)
+        except BaseException:
+            with suppress(BaseException):
+                sys.excepthook(*sys.exc_info())
+        finally:
+            os._exit(1)
+
+    def _bring_to_defaults(self, numbers: list[int], look: Callable[[], object]) -> None:
+        """Open, initialise at the defaults, reset once the old process is dead, and again when what was under way has
+        been carried out; then give all back."""
+        board = self._board
+        transfer = Transfer(self._wires, self._wired)
+        names = {id(driver): name for name, driver in self._wired.drivers.items()}
+
+        def call() -> None:
+            board.beat()
+            look()
+
+        transfer.on_call = call
+        opened = self._open(numbers, transfer, names)
+        ready = [number for number in numbers if names[id(self._wires[number].driver)] in opened]
+        reached = self._pass(transfer, ready, "initialize")
+        while not board.dead:
+            call()
+            sleep(LOOK)
+        reached = self._pass(transfer, reached, "reset")
+        if reached:
+            wait_for(settling(self._wired), sleep, call)
+            reached = self._pass(transfer, reached, "reset")
+        for number in reversed(reached):
+            transfer.finalize(number)
+        for name in reversed(opened):
+            with suppress(Exception):
+                transfer.close(name)
+
+    def _open(self, numbers: list[int], transfer: Transfer, names: dict[int, str]) -> list[str]:
+        """The drivers that could be opened; the actuators of the others are noted."""
+        opened = []
+        for name in dict.fromkeys(names[id(self._wires[number].driver)] for number in numbers):
+            mine = [number for number in numbers if names[id(self._wires[number].driver)] == name]
+            self._wired.drivers[name].timeout = self._patience(name)
+            self._board.begin(mine[0])
+            try:
+                transfer.open(name)
+            except Exception as error:
+                for number in mine:
+                    self._board.note(number, cause_of(error))
+                with suppress(Exception):
+                    transfer.close(name)
+                continue
+            opened.append(name)
+        return opened
+
+    def _pass(self, transfer: Transfer, numbers: list[int], segment: Literal["initialize", "reset"]) -> list[int]:
+        """One segment for each; those that were reached."""
+        reached = []
+        for number, failure in transfer.bring_to_default(numbers, segment, self._board.begin, patient=False):
+            self._board.note(number, None if failure is None else failure.cause)
+            if failure is None:
+                reached.append(number)
+        return reached
 
 
 def summary(left: dict[str, str]) -> str:
@@ -136,69 +279,3 @@ def summary(left: dict[str, str]) -> str:
     for path, cause in left.items():
         causes.setdefault(cause, []).append(path)
     return "; ".join(f"{', '.join(paths)}: {cause}" for cause, paths in causes.items())
-
-
-# In the child ------------------------------------------------------------------------------------------
-
-
-def _in_child(wires: list[Wire], tell: int, heard: int, others: tuple[int, int]) -> None:
-    """Never returns."""
-    try:
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            signal.signal(number, signal.SIG_IGN)
-        for file in others:
-            os.close(file)
-        _bring_to_defaults(wires, tell, lambda: os.read(heard, 1))
-        os._exit(0)
-    except BaseException:
-        sys.excepthook(*sys.exc_info())
-        os._exit(1)
-
-
-def _bring_to_defaults(wires: list[Wire], tell: int, wait: Callable[[], object]) -> None:
-    """Open, initialise at the defaults, and once the old process is dead reset again; then give all back."""
-    opened: dict[int, Driver] = {}
-    failed: dict[int, str] = {}
-    prepared = []
-    for wire in wires:
-        driver = wire.driver
-        if id(driver) not in opened and id(driver) not in failed:
-            try:
-                opened[id(driver)] = driver
-                driver.open()
-            except Exception as error:
-                failed[id(driver)] = cause_of(error)
-        if id(driver) in failed:
-            _say(tell, wire, failed[id(driver)])
-        elif _try(tell, wire, "initialize"):
-            prepared.append(wire)
-    wait()
-    for wire in prepared:
-        _try(tell, wire, "reset")
-    for wire in reversed(prepared):
-        with suppress(Exception):
-            wire.driver.finalize(wire.channel)
-    for driver in opened.values():
-        with suppress(Exception):
-            driver.close()
-
-
-def _try(tell: int, wire: Wire, segment: str) -> bool:
-    try:
-        getattr(wire.driver, segment)(wire.channel, default_raw(wire))
-    except Exception as error:
-        _say(tell, wire, cause_of(error))
-        return False
-    _say(tell, wire, None)
-    return True
-
-
-def default_raw(wire: Wire) -> int:
-    """The raw integer of an actuator's default on its channel."""
-    item = wire.item
-    assert isinstance(item, BinaryActuator | DigitalActuator)
-    return to_raw(item._default_value(), *wire.scale)
-
-
-def _say(tell: int, wire: Wire, cause: str | None) -> None:
-    os.write(tell, json.dumps([wire.item.path, cause]).encode() + b"\n")

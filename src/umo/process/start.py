@@ -6,15 +6,16 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Coroutine, Mapping
 from contextlib import suppress
-from enum import Enum
 from pathlib import Path
 from time import monotonic
 from types import TracebackType
 from typing import Any
 
-from umo.errors import DriverError, TaskFailed
+from umo.cycle.stage import Stage
+from umo.errors import DriverError, FramesError, TaskFailed
 from umo.frames import Reader
 from umo.objects import Compound
 from umo.process.job import Job, reference
@@ -25,17 +26,6 @@ from umo.system.realtime import Refusal
 LINUX = sys.platform.startswith("linux")
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """The loop's process holds one thread; numpy's own would be started with it."""
-
-
-class Status(Enum):
-    """How far a started machine has come."""
-
-    STARTING = "starting"
-    RUNNING = "running"
-    ENDED = "ended"
-
-    def __str__(self) -> str:
-        return self.value
 
 
 class RunFailed(TaskFailed):
@@ -90,17 +80,19 @@ class Started:
         """What the control process was not granted."""
         self.notices: list[str] = []
         self._outcome: Outcome | None = None
-        text = job.dump().decode()
+        text = job.dump()
         self._channel, there = MessageSocket.pair()
-        self._guardian = subprocess.Popen(
-            [sys.executable, "-m", "umo.process", str(there.fileno())],
-            pass_fds=[there.fileno()],
-            stdin=subprocess.DEVNULL,
-            start_new_session=True,  # Ctrl-C at the terminal is for the starter to pass on
-            env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, job.path))} | ONE_THREAD,
-        )
-        there.close()
-        self._channel.send("job", job=text)
+        with there, tempfile.TemporaryFile() as file:
+            file.write(text)
+            file.seek(0)
+            files = [there.fileno(), file.fileno()]
+            self._guardian = subprocess.Popen(
+                [sys.executable, "-m", "umo.process", *map(str, files), job.name],
+                pass_fds=files,
+                stdin=subprocess.DEVNULL,
+                start_new_session=True,  # Ctrl-C at the terminal is for the starter to pass on
+                env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, job.path))} | ONE_THREAD,
+            )
 
     @property
     def guardian(self) -> int:
@@ -108,11 +100,12 @@ class Started:
         return self._guardian.pid
 
     @property
-    def status(self) -> Status:
+    def stage(self) -> Stage:
+        """STARTING, RUNNING or ENDED."""
         self.poll()
         if self._outcome is not None:
-            return Status.ENDED
-        return Status.STARTING if self.pid is None else Status.RUNNING
+            return Stage.ENDED
+        return Stage.STARTING if self.pid is None else Stage.RUNNING
 
     @property
     def values(self) -> dict[str, float | str]:
@@ -180,8 +173,9 @@ class Started:
         if message["kind"] == "running":
             self.pid = message["pid"]
             self.refusals = [Refusal(*refusal) for refusal in message["refusals"]]
-            with suppress(OSError):
-                self.frames = Reader(f"/proc/self/fd/{message['files'][0]}")
+            with suppress(OSError, FramesError):
+                for file in message["files"]:
+                    self.frames = Reader(f"/proc/self/fd/{file}")
         elif message["kind"] == "notice":
             self.notices.append(message["text"])
         elif message["kind"] == "ended":
@@ -190,10 +184,16 @@ class Started:
             os.close(file)
 
     def _vanished(self) -> Outcome:
-        """Neither process said how it ended."""
-        if self.pid is None:
-            status = self._guardian.wait()
-            return Outcome(Failed("NotStarted", f"the guardian ended with status {status} before anything ran", 1))
+        """Neither process said how it ended: the guardian's exit status does, if it had one."""
+        status = self._guardian.wait()
+        if status == 0:
+            return Outcome()
+        if status > 128:
+            return Outcome(stopped_by=status - 128)
+        if status > 0 or self.pid is None:
+            when = "" if self.pid is not None else " before anything ran"
+            text = f"the guardian ended with status {status}{when}; what it had to say was lost"
+            return Outcome(Failed("Lost", text, max(status, 1)), unsafe=status == 3)
         text = (
             "guardian and control process are gone, nobody could reset the actuators; "
             "only the circuits' own watchdogs can have dropped them"

@@ -11,8 +11,8 @@ from umo.errors import FramesError
 from umo.frames import Reader
 from umo.frames.publish import new_path
 from umo.latency import blackbox
-from umo.process.record import state_folder
 from umo.system import realtime
+from umo.system.record import state_folder
 
 AT_MOST_EVERY = 10.0
 """s from one black box to the next."""

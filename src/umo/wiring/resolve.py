@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import math
+import operator
 import sys
 from collections.abc import Hashable, Mapping
 from pathlib import Path
@@ -21,9 +22,9 @@ from umo.drivers.contract import Channel, Direction, Driver
 from umo.errors import DeclarationError, Fault, WiringError
 from umo.objects import Atomic, BinaryActuator, Compound, Digital, DigitalActuator, DigitalSensor, Node
 from umo.objects.atomic import Calibration
-from umo.objects.scaling import to_raw
+from umo.objects.scaling import raw_bounds, to_raw
 from umo.objects.units import seconds
-from umo.text import did_you_mean
+from umo.text import cause_of, did_you_mean
 from umo.wiring.resolved import Parameter, Process, Wire, Wired
 from umo.wiring.source import Entry, Source, pydantic_faults, read
 
@@ -72,9 +73,10 @@ class _Resolver:
         parameters = [p for key, value in self.source.parameters.items() if (p := self._parameter(key, value))]
         for name in sorted(self.unused):
             self.source.fault("", f"no driver of this wiring takes the option {name!r}")
-        process = self._process(period or 0.0)
         drivers = {name: driver for name, driver in self.drivers.items() if driver is not None}
-        return Wired(drivers, wires, period, timer, parameters, watchdogs, process), self.source.faults
+        wired = Wired(drivers, wires, period, timer, parameters, watchdogs, self._hardware(drivers))
+        self._check_time(wired)
+        return dataclasses.replace(wired, process=self._process(wired)), self.source.faults
 
     # Drivers -------------------------------------------------------------------------------------------
 
@@ -127,6 +129,19 @@ class _Resolver:
             self.source.fault(f"drivers.{name}", str(error) or repr(error))
         return None
 
+    def _hardware(self, drivers: dict[str, Driver[Any]]) -> dict[str, tuple[str, ...]]:
+        """The devices that each driver takes."""
+        found = {}
+        for name, driver in drivers.items():
+            try:
+                devices = tuple(map(str, driver.devices()))
+            except Exception as error:
+                self.source.fault(f"drivers.{name}", f"cannot name its devices: {cause_of(error)}")
+                continue
+            if devices:
+                found[name] = devices
+        return found
+
     # Wires ---------------------------------------------------------------------------------------------
 
     def _wire(self, path: str, item: Atomic) -> Wire | None:
@@ -154,7 +169,7 @@ class _Resolver:
         if entry.inverted is not None:
             self.source.fault(f"{key}.inverted", "is for binary objects; use a negative resolution")
         calibration = self._calibration(key, item, entry)
-        self._check_raws(key, calibration, channel)
+        self._check_raws(key, item, calibration, channel)
         return Wire(item, driver, channel, calibration)
 
     def _check_place(self, key: str, path: str, driver: str, channel: Channel) -> None:
@@ -190,12 +205,14 @@ class _Resolver:
             self.source.fault(key, f"the default {item.default:g} {item.units} is outside the narrowed range")
         return calibration
 
-    def _check_raws(self, key: str, calibration: Calibration, channel: Channel) -> None:
+    def _check_raws(self, key: str, item: Digital, calibration: Calibration, channel: Channel) -> None:
         try:
             ends = [to_raw(v, calibration.resolution, calibration.zero_offset) for v in calibration[:2]]
         except OverflowError:
             self.source.fault(key, f"the resolution {calibration.resolution:g} makes raw values beyond any channel")
             return
+        if isinstance(item, DigitalActuator) and operator.gt(*raw_bounds(*calibration)):
+            self.source.fault(key, f"no multiple of the resolution {calibration.resolution:g} lies within the range")
         lowest, highest = max(channel.lowest, INT64.min), min(channel.highest, INT64.max)
         if not lowest <= min(ends) <= max(ends) <= highest:
             self.source.fault(
@@ -246,13 +263,32 @@ class _Resolver:
             if why := _unfit(period, node):
                 self.source.fault('wire."timer".period', f"{period * 1e3:g} ms is {why}")
 
-    def _process(self, period: float) -> Process:
+    def _check_time(self, wired: Wired) -> None:
+        """Virtual time runs as fast as it can: no hardware is made for that."""
+        if wired.timer is not None and wired.period is not None and wired.hardware and not wired.realtime:
+            name, devices = next(iter(wired.hardware.items()))
+            timer = self.source.entries["timer"].driver
+            self.source.fault(
+                'wire."timer".driver',
+                f"{timer} keeps virtual time, but driver {name} takes hardware ({devices[0]}); "
+                'wire the timer to a real clock, { driver = "timerfd", period = ... }',
+            )
+
+    def _process(self, wired: Wired) -> Process:
         table, names = self.source.process, [field.name for field in dataclasses.fields(Process)]
         for name in table.keys() - set(names):
             self.source.fault(f"process.{name}", f"unknown key{did_you_mean(name, names)}; known: {', '.join(names)}")
-        hang = self._duration("process.hang_timeout", table.get("hang_timeout")) or max(20 * period, 0.1)
-        if hang < 2 * period:
+        period, waits = wired.period or 0.0, longest_period(wired)
+        hang = self._duration("process.hang_timeout", table.get("hang_timeout"))
+        if hang is None:
+            hang = max(20 * period, Process().hang_timeout, 1.2 * waits)
+        elif hang < 2 * period:
             self.source.fault("process.hang_timeout", f"{hang * 1e3:g} ms is less than two periods")
+        elif hang <= waits and wired.realtime:
+            self.source.fault(
+                "process.hang_timeout",
+                f"{hang * 1e3:g} ms is not above the {waits * 1e3:g} ms of timeouts that one period may hold",
+            )
         reset_for = self._duration("process.reset_for", table.get("reset_for")) or Process().reset_for
         priority = self._whole("process.priority", table.get("priority", Process().priority), 1, 98)
         cpu = table.get("cpu")
@@ -276,6 +312,17 @@ class _Resolver:
         owner, name = known[key]
         whole = isinstance(value, int) and isinstance(getattr(owner, name), int)
         return Parameter(owner, name, value if whole else float(value))
+
+
+def longest_period(wired: Wired) -> float:
+    """The s that one period may take when every call of a driver times out: a block transfer for each driver and
+    direction, and a call for each asynchronous object."""
+    calls = {
+        (id(wire.driver), wire.item.path if not wire.item.synchronous else wire.item.direction): wire.driver.timeout
+        for wire in wired.wires
+        if wire.item is not wired.timer
+    }
+    return (wired.period or 0.0) + sum(calls.values())
 
 
 def _unfit(period: float, node: Node) -> str:

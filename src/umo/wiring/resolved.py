@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from umo.drivers.contract import Channel, Driver
 from umo.objects.atomic import Atomic, Binary, Calibration, Digital
+from umo.objects.scaling import raw_bounds, to_raw
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +25,23 @@ class Wire:
         if self.calibration is not None:
             return self.calibration.resolution, self.calibration.zero_offset
         return (-1.0, 1.0) if self.inverted else (1.0, 0.0)
+
+    @property
+    def raw_bounds(self) -> tuple[int, int]:
+        """The least and the greatest raw integer of an actuator whose value lies within the range."""
+        if self.calibration is None:
+            return 0, 1
+        return raw_bounds(*self.calibration)
+
+    def raw(self, value: float) -> int:
+        """The raw integer nearest to an actuator's value, of those within its range."""
+        least, greatest = self.raw_bounds
+        return min(max(to_raw(value, *self.scale), least), greatest)
+
+    @property
+    def name(self) -> str:
+        """The object and its channel, for messages."""
+        return f"{self.item.path} (channel {self.channel.text})"
 
     def apply(self) -> Wire:
         """Set the object to this wire's calibration; returns the wire that restores what it had."""
@@ -58,7 +76,8 @@ class Process:
     """How the control process is kept in real time: the wiring's `[process]`, times in s."""
 
     hang_timeout: float = 0.1
-    """Without a finished period for so long the guardian takes the process for hanging (20 periods, at least 0.1 s)."""
+    """Without a finished period for so long the guardian takes the process for hanging. By itself 20 periods, at least
+    0.1 s, and more than all drivers together may spend in timeouts in one period."""
     reset_for: float = 10.0
     """How long the guardian goes on trying to reach a device that is away."""
     priority: int = 80
@@ -80,7 +99,14 @@ class Wired:
     parameters: list[Parameter] = field(default_factory=list)
     watchdogs: dict[str, float] = field(default_factory=dict)
     """Seconds by driver name."""
+    hardware: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    """The devices that each driver takes, by its name; drivers that take none are left out."""
     process: Process = Process()
+
+    @property
+    def devices(self) -> list[str]:
+        """Every device of the machine."""
+        return sorted({device for devices in self.hardware.values() for device in devices})
 
     @property
     def realtime(self) -> bool:

@@ -1,0 +1,263 @@
+"""The transfer stage: the one way from a machine to its drivers, for the image and for the guardian alike.
+
+Whatever calls a driver does so here. So what belongs to every call is here, once: the time that each phase of a period
+takes, the journal, what an exception means for the objects concerned, and which drivers have stopped answering.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from math import inf
+from operator import index
+from time import monotonic
+from typing import Any, Literal
+
+import numpy as np
+
+from umo.cycle.block import Block
+from umo.cycle.journal import Journal, Kind
+from umo.drivers.contract import Channel, Direction, Driver
+from umo.errors import ChannelsFailed, DriverError, Failure
+from umo.objects.scaling import IntArray
+from umo.text import cause_of
+from umo.wiring.resolved import Wire, Wired
+
+SETTLE = 0.25
+"""s that a device is given at least to carry out what was still under way."""
+LONGEST_SETTLE = 1.0
+SLICE = 0.05
+RECENT = 0.5
+"""s, and twice its timeout, for which a driver that timed out is expected to do so again."""
+_DONE = {"initialize": Kind.INITIALIZE, "reset": Kind.RESET}
+
+
+def _nothing(*_: object) -> None:
+    pass
+
+
+class Transfer:
+    """The drivers of one machine. A slot is an index into `wires` and `raws`."""
+
+    def __init__(self, wires: Sequence[Wire], wired: Wired, timer: int = -1) -> None:
+        self.wires = wires
+        self.drivers = wired.drivers
+        self.timer = timer
+        self._real = {id(wired.drivers[name]) for name in wired.hardware}
+        self.raws_array = np.zeros(len(wires), np.int64)
+        self.raws: Any = self.raws_array.data  # a memoryview: quicker than numpy's items
+        """The integer that each object last had at the hardware."""
+        self.journal: Journal | None = None
+        """Where traffic beside the transfers of the whole machine is noted, if someone reads it."""
+        self.on_call: Callable[[], object] = _nothing
+        """Called before each call that is not part of a period: a sign of life."""
+        self.tick: Callable[[Channel], int]
+        """How the timer is read."""
+        self._late: dict[int, float] = {}
+        """By id, the drivers of which a call timed out, and when that was."""
+        self.unsure = False
+        """A write of a driver with hardware failed, and nobody knows whether the device will still carry it out."""
+
+    # Whole drivers -------------------------------------------------------------------------------------
+
+    def open(self, name: str) -> None:
+        self._whole(name, "opened", self.drivers[name].open)
+
+    def close(self, name: str) -> None:
+        self._whole(name, "closed", self.drivers[name].close)
+
+    def watchdog(self, name: str, seconds: float) -> None:
+        self._whole(name, "given its watchdog", lambda: self.drivers[name].watchdog(seconds))
+
+    def _whole(self, name: str, what: str, call: Callable[[], None]) -> None:
+        self.on_call()
+        try:
+            call()
+        except DriverError as error:
+            raise DriverError(f"driver {name}: {error}", error.failures) from error
+        except Exception as error:
+            raise DriverError(f"driver {name} could not be {what}: {cause_of(error)}") from error
+
+    # Blocks: a whole period ----------------------------------------------------------------------------
+
+    def bind(self, inputs: Iterable[Block], outputs: Iterable[Block]) -> None:
+        """The blocks' `transfer` and the timer's `tick` are the drivers' own."""
+        for block in inputs:
+            block.transfer = block.driver.read_many
+        for block in outputs:
+            block.transfer = block.driver.write_many
+        if self.timer >= 0:
+            self.tick = self.wires[self.timer].driver.read
+
+    def block_failed(self, block: Block, error: Exception, inputs: bool) -> list[tuple[int, str]]:
+        """The slots of a block that failed, each with its cause; the others stand."""
+        return self._failed(block.driver, range(block.start, block.stop), error, not inputs)
+
+    # Some objects --------------------------------------------------------------------------------------
+
+    def read(self, slot: int) -> int:
+        """One object's raw integer from the hardware, now; any exception of its driver."""
+        wire = self.wires[slot]
+        if slot == self.timer:
+            self.raws[slot] = raw = index(self.tick(wire.channel))
+            return raw
+        try:
+            raw = index(wire.driver.read(wire.channel))
+        except Exception as error:
+            self._failed(wire.driver, (slot,), error, False)
+            self.note(slot, Kind.FAILED_READ)
+            raise
+        self._moved(slot, raw, Kind.READ)
+        return raw
+
+    def write(self, slot: int, raw: int) -> None:
+        """One object's raw integer to the hardware, now; any exception of its driver."""
+        wire = self.wires[slot]
+        try:
+            wire.driver.write(wire.channel, raw)
+        except Exception as error:
+            self._failed(wire.driver, (slot,), error, True)
+            self.note(slot, Kind.FAILED_WRITE)
+            raise
+        self._moved(slot, raw, Kind.WRITE)
+
+    def read_some(self, slots: Sequence[int]) -> Iterator[tuple[int, int | str]]:
+        """Some sensors, one transfer a driver: each slot with its raw integer, or with the cause why there is none."""
+        for driver, group in self.by_driver(slots):
+            out = np.empty(len(group), np.int64)
+            failed = self._some(driver.read_many, driver, group, out, False)
+            for slot, raw in zip(group, out.tolist(), strict=True):
+                if slot in failed:
+                    self.note(slot, Kind.FAILED_READ)
+                    yield slot, failed[slot]
+                else:
+                    self._moved(slot, raw, Kind.READ)
+                    yield slot, raw
+
+    def write_some(self, slots: Sequence[int], raws: IntArray) -> Iterator[tuple[int, str | None]]:
+        """Some actuators, one transfer a driver, from the machine's pending raws: each slot with the cause of its
+        failure, or None."""
+        for driver, group in self.by_driver(slots):
+            failed = self._some(driver.write_many, driver, group, raws[group], True)
+            for slot in group:
+                if slot in failed:
+                    self.note(slot, Kind.FAILED_WRITE)
+                else:
+                    self._moved(slot, int(raws[slot]), Kind.WRITE)
+                yield slot, failed.get(slot)
+
+    def _some(self, call: Any, driver: Driver[Any], group: list[int], raws: IntArray, write: bool) -> dict[int, str]:
+        try:
+            call(tuple(self.wires[slot].channel for slot in group), raws)
+        except Exception as error:
+            return dict(self._failed(driver, group, error, write))
+        self._late.pop(id(driver), None)
+        return {}
+
+    # Connecting, resetting, leaving --------------------------------------------------------------------
+
+    def initialize(self, slot: int) -> Failure | None:
+        return self._segment(slot, "initialize", self._default(slot))
+
+    def finalize(self, slot: int) -> Failure | None:
+        return self._segment(slot, "finalize")
+
+    def bring_to_default(
+        self,
+        slots: Iterable[int],
+        segment: Literal["initialize", "reset"] = "reset",
+        begin: Callable[[int], object] = _nothing,
+        patient: bool = True,
+    ) -> Iterator[tuple[int, Failure | None]]:
+        """Reset (or initialise) each in turn; one failure never stops the rest. The slots of a driver that does not
+        answer in time are left to the end, so that it holds none of the others back; if not `patient`, each such driver
+        gets one more try there, and the rest of its slots fails with it. `begin` is called with each slot."""
+        waiting: list[int] = []
+        for slot in slots:
+            if self._is_late(self.wires[slot].driver):
+                waiting.append(slot)
+            else:
+                begin(slot)
+                yield slot, self._segment(slot, segment, self._default(slot))
+        given_up: dict[int, str] = {}
+        for slot in waiting:
+            wire = self.wires[slot]
+            if id(wire.driver) in given_up:
+                yield slot, Failure(wire.item.path, wire.channel.text, given_up[id(wire.driver)])
+                continue
+            begin(slot)
+            failure = self._segment(slot, segment, self._default(slot))
+            if failure is not None and not patient:
+                given_up[id(wire.driver)] = failure.cause
+            yield slot, failure
+
+    def _default(self, slot: int) -> int | None:
+        """The raw integer of an actuator's default; None for a sensor."""
+        wire = self.wires[slot]
+        return wire.raw(wire.item._default_value()) if wire.item.direction is Direction.OUTPUT else None  # type: ignore[attr-defined]
+
+    def _segment(self, slot: int, segment: str, *default: int | None) -> Failure | None:
+        """One of the paper's segments; what failed."""
+        self.on_call()
+        wire = self.wires[slot]
+        began = monotonic()
+        try:
+            getattr(wire.driver, segment)(wire.channel, *default)
+        except Exception as error:
+            self._failed(wire.driver, (slot,), error, True, monotonic() - began)
+            self.note(slot, Kind.FAILED_RESET)
+            return Failure(wire.item.path, wire.channel.text, cause_of(error))
+        self._late.pop(id(wire.driver), None)
+        if segment in _DONE:
+            self._moved(slot, self.raws[slot] if default[0] is None else default[0], _DONE[segment])
+        return None
+
+    # What every call has in common ---------------------------------------------------------------------
+
+    def _failed(
+        self, driver: Driver[Any], slots: Sequence[int], error: Exception, write: bool, took: float = 0.0
+    ) -> list[tuple[int, str]]:
+        """The slots that failed, with the cause: all of a call, or those that the driver names."""
+        if isinstance(error, TimeoutError) or took >= driver.timeout:
+            self._late[id(driver)] = monotonic()
+        if write and isinstance(error, OSError) and id(driver) in self._real:
+            self.unsure = True
+        if isinstance(error, ChannelsFailed):
+            causes = error.causes
+            named = [(slot, causes[text]) for slot in slots if (text := self.wires[slot].channel.text) in causes]
+            if named:
+                return named
+        return [(slot, cause_of(error)) for slot in slots]
+
+    def _is_late(self, driver: Driver[Any]) -> bool:
+        return monotonic() - self._late.get(id(driver), -inf) < RECENT + 2 * driver.timeout
+
+    def _moved(self, slot: int, raw: int, kind: Kind) -> None:
+        if self.journal is not None:
+            self.journal.add(slot, kind, raw, self.raws[slot])
+        self.raws[slot] = raw
+
+    def note(self, slot: int, kind: Kind) -> None:
+        """Into the journal, if one is kept: something happened to this object and its level did not change."""
+        if self.journal is not None and slot != self.timer:
+            raw = self.raws[slot]
+            self.journal.add(slot, kind, raw, raw)
+
+    def by_driver(self, slots: Iterable[int]) -> list[tuple[Driver[Any], list[int]]]:
+        groups: dict[int, tuple[Driver[Any], list[int]]] = {}
+        for slot in slots:
+            driver = self.wires[slot].driver
+            groups.setdefault(id(driver), (driver, []))[1].append(slot)
+        return list(groups.values())
+
+
+def settling(wired: Wired) -> float:
+    """How long, in s, a device may take to carry out what was still under way when it began to answer again."""
+    return max([SETTLE, *(min(wired.drivers[name].timeout, LONGEST_SETTLE) for name in wired.hardware)])
+
+
+def wait_for(seconds: float, pause: Callable[[float], object], on_call: Callable[[], object]) -> None:
+    """In slices, each with a sign of life."""
+    while seconds > 0:
+        on_call()
+        pause(min(SLICE, seconds))
+        seconds -= SLICE

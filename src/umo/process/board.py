@@ -1,0 +1,87 @@
+"""What became of each actuator while a machine is being brought to its defaults, in memory shared with who does it.
+
+The child writes, the guardian reads: neither a pipe nor a message stands between them that could be full or broken.
+"""
+
+from __future__ import annotations
+
+import mmap
+from collections.abc import Sequence
+from enum import IntEnum
+
+from umo.process.life import clock
+
+BEAT, AT, DEAD = range(3)
+HEADER = 64
+TEXT = 160
+"""Bytes for the cause of a failure."""
+ENTRY = 1 + TEXT
+
+
+class Reached(IntEnum):
+    """What the last attempt made of an actuator."""
+
+    UNTRIED = 0
+    YES = 1
+    NO = 2
+
+
+class Board:
+    """A line for each actuator, by number."""
+
+    def __init__(self, paths: Sequence[str]) -> None:
+        self.paths = list(paths)
+        self._memory = mmap.mmap(-1, HEADER + ENTRY * max(len(paths), 1))  # anonymous and shared
+        self._cells = memoryview(self._memory)[:HEADER].cast("q")
+        self.clear()
+
+    def clear(self) -> None:
+        """Before an attempt. Whether the old process is dead stays known."""
+        for number in range(len(self.paths)):
+            self._memory[HEADER + number * ENTRY] = Reached.UNTRIED
+        self._cells[AT] = -1
+        self.beat()
+
+    # The child -----------------------------------------------------------------------------------------
+
+    def beat(self) -> None:
+        self._cells[BEAT] = clock()
+
+    def begin(self, number: int) -> None:
+        """A call for this actuator begins."""
+        self._cells[AT] = number
+        self.beat()
+
+    def note(self, number: int, cause: str | None) -> None:
+        """It was reached (None), or not."""
+        at = HEADER + number * ENTRY
+        text = (cause or "").encode(errors="replace")[:TEXT]
+        self._memory[at + 1 : at + ENTRY] = text.ljust(TEXT, b"\0")
+        self._memory[at] = Reached.YES if cause is None else Reached.NO
+
+    @property
+    def dead(self) -> bool:
+        """Whether the old control process has ended for certain."""
+        return bool(self._cells[DEAD])
+
+    # The guardian --------------------------------------------------------------------------------------
+
+    def declare_dead(self) -> None:
+        self._cells[DEAD] = 1
+
+    @property
+    def silence(self) -> float:
+        """Seconds since the last call began."""
+        return (clock() - self._cells[BEAT]) * 1e-9
+
+    @property
+    def at(self) -> int:
+        """The actuator whose call began last; -1 for none."""
+        return int(self._cells[AT])
+
+    def reached(self, number: int) -> Reached:
+        return Reached(self._memory[HEADER + number * ENTRY])
+
+    def cause(self, number: int) -> str:
+        at = HEADER + number * ENTRY
+        return bytes(self._memory[at + 1 : at + ENTRY]).rstrip(b"\0").decode(errors="replace")

@@ -1,0 +1,40 @@
+"""The devices of one run: held, and with a record on disk, from before they are driven to their safe end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from umo.system.hold import Hold
+from umo.system.record import Record
+
+
+class Custody:
+    """Taken before a driver is opened: DeviceHeld, or StandsStopped unless `acknowledge`; ended by one of its methods.
+
+    A process that ends without that leaves a record which says so.
+    """
+
+    def __init__(self, devices: Iterable[str], station: str, wiring: str = "", *, acknowledge: bool = False) -> None:
+        devices = tuple(devices)
+        self.hold = Hold(devices, f"{station}, {wiring}" if wiring else station)
+        self._record = Record(devices, station, wiring)
+        try:
+            self._record.begin(acknowledge)
+        except BaseException:
+            self.hold.release()
+            raise
+
+    def finish(self) -> None:
+        """Every actuator is at its default, by the ordinary way."""
+        self._record.finish()
+        self.hold.release()
+
+    def stopped(self, what: str, unreached: list[str]) -> str:
+        """The devices stand stopped until somebody acknowledges it. What could not be written down, in words."""
+        try:
+            self._record.stopped(what, unreached)
+        except OSError as error:  # the record of the start stands all the same
+            return f"this could not be written down: {error.strerror or error}"
+        finally:
+            self.hold.release()
+        return ""

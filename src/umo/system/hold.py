@@ -1,0 +1,126 @@
+"""Holding devices: one process at a time drives a device, from whatever station, wiring, program or user.
+
+On Linux a device is held by an abstract Unix socket of its name (unix(7)). Binding it is atomic and system-wide (within
+one network namespace), needs neither a folder nor a right, and the kernel ends it with the last process that has it
+and tells everybody which one that is. Elsewhere nothing is held: real time is for Linux.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import socket
+import struct
+import sys
+import time
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+
+from umo.errors import DeviceHeld
+
+LINUX = sys.platform.startswith("linux")
+LONGEST = 107
+"""Bytes of a socket's name."""
+BACKLOG = 4096
+TABLE = Path("/proc/net/unix")
+
+
+class Hold:
+    """Devices that this process holds, and every process that it forks from now on: until all of those have ended or
+    released them. DeviceHeld says who holds one since when; then none of the others is held either."""
+
+    def __init__(self, devices: Iterable[str], purpose: str) -> None:
+        self.devices = sorted(set(devices))
+        self._sockets: list[socket.socket] = []
+        if not LINUX:
+            return
+        try:
+            for device in self.devices:
+                self._take(device, purpose)
+        except BaseException:
+            self.release()
+            raise
+
+    def release(self) -> None:
+        while self._sockets:
+            self._sockets.pop().close()
+
+    def _take(self, device: str, purpose: str) -> None:
+        taken = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._sockets.append(taken)
+        try:
+            taken.bind(_name(device))
+        except OSError:
+            raise DeviceHeld(f"{device} is held by {holder(device)}") from None
+        taken.listen(BACKLOG)
+        note = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)  # its name is what others read in /proc/net/unix
+        self._sockets.append(note)
+        with suppress(OSError):
+            note.bind(f"\0{_note(device, os.getpid())}{time.time():.0f} {_plain(purpose)}".encode()[:LONGEST])
+
+
+def is_held(device: str) -> bool:
+    """Whether a process holds the device now."""
+    return LINUX and _peer(device)[0] != 0
+
+
+def holder(device: str) -> str:
+    """Who holds a device, for what and since when, as far as the kernel tells."""
+    pid, uid = _peer(device)
+    if not pid:
+        return "another process"
+    what, since = _noted(device, pid)
+    who = "this program itself" if pid == os.getpid() else f"pid {pid} of {_user(uid)}"
+    if not Path(f"/proc/{pid}").exists():
+        who += ", which has ended; a process that it started is still there"
+    when = "" if since is None else f", since {time.strftime('%Y-%m-%d %H:%M:%S', time.localtime(since))}"
+    return f"{who}{f' ({what})' if what else ''}{when}"
+
+
+def _peer(device: str) -> tuple[int, int]:
+    """The kernel's word on who listens there: pid and user; 0 where it cannot be asked."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+        probe.setblocking(False)
+        try:
+            probe.connect(_name(device))
+            pid, uid, _ = struct.unpack("3i", probe.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+        except OSError:
+            return 0, 0
+    return pid, uid
+
+
+def _noted(device: str, pid: int) -> tuple[str, float | None]:
+    """What the holder says of itself: for what, and since when."""
+    start = f"@{_note(device, pid)}"
+    with suppress(OSError, ValueError):
+        for line in TABLE.read_text(errors="replace").splitlines():
+            _, found, rest = line.partition(start)
+            if found:
+                since, _, purpose = rest.partition(" ")
+                return purpose, float(since)
+    return "", None
+
+
+def _name(device: str) -> bytes:
+    return f"\0umo device {_digest(device)}".encode()
+
+
+def _note(device: str, pid: int) -> str:
+    return f"umo holds {_digest(device)} {pid} "
+
+
+def _digest(device: str) -> str:
+    return hashlib.sha256(device.encode(errors="surrogateescape")).hexdigest()[:24]
+
+
+def _plain(text: str) -> str:
+    return "".join(c if c.isprintable() and c.isascii() else "?" for c in text)
+
+
+def _user(uid: int) -> str:
+    with suppress(ImportError, KeyError):
+        import pwd
+
+        return f"user {pwd.getpwuid(uid).pw_name}"
+    return f"user {uid}"

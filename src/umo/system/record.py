@@ -1,0 +1,205 @@
+"""What became of the last run on a device, on disk: it outlives the processes, and the computer's going down.
+
+A record says "running" from before a device is driven to the safe end, when it is removed. One that is there while
+nobody holds the device tells of an unsafe end: the device stands stopped, and whoever drives it next says that they
+know. Every user keeps records of their own, which all may read and nobody else can change: another user's record,
+or one that cannot be read, is told and can be acknowledged, not removed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import secrets
+import stat
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from umo.errors import StandsStopped, UmoError
+from umo.system import folders
+
+VARIABLE = "UMO_STATE"
+"""Environment variable that names another place, for containers and tests: who sets it has records of their own."""
+FOLDER = "devices"
+SUFFIX = ".json"
+LARGEST = 1 << 20
+LONGEST = 2000
+"""Bytes of a record, and characters of the text in it."""
+KEPT_MODE = 0o1644
+"""The sticky bit keeps systemd-tmpfiles from removing an old file (tmpfiles.d(5), XDG base directories)."""
+
+
+def place() -> Path:
+    """Where the users' folders lie that outlive a run."""
+    if given := os.environ.get(VARIABLE):
+        path = Path(given)
+        path.mkdir(parents=True, exist_ok=True)
+        return path
+    return folders.first_writable(folders.SHARED)
+
+
+def state_folder() -> Path:
+    """This user's folder for what outlives a run; OSError where there is none."""
+    return folders.own(place(), 0o755)
+
+
+@dataclass
+class Ended:
+    """A record's content."""
+
+    device: str
+    station: str
+    wiring: str
+    state: str
+    """running or stopped"""
+    when: float
+    """s since 1970"""
+    what: str = ""
+    unreached: list[str] = field(default_factory=list)
+    id: str = ""
+    seen: list[str] = field(default_factory=list)
+    """Records of other users that the writer has acknowledged."""
+    user: str = ""
+    """Who wrote it, if another user."""
+    mine: bool = True
+
+    def __str__(self) -> str:
+        when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(self.when))
+        name = f"{self.station} ({self.wiring})" if self.wiring else self.station
+        by = f" by {self.user}" if self.user else ""
+        if self.state == "running":
+            return (
+                f"{name} was started{by} at {when}, and all of its processes ended at once, or the computer did; "
+                "only the circuits' own watchdogs can have dropped its outputs"
+            )
+        if self.state != "stopped":
+            return f"how the last run on device {self.device}{by} ended is not known: {self.what}"
+        reached = f"not reached: {', '.join(self.unreached)}" if self.unreached else "every actuator was reset"
+        return f"{name} was stopped{by} at {when}: {self.what}; {reached}"
+
+
+class Record:
+    """The record of one run, on each of its devices."""
+
+    def __init__(self, devices: Iterable[str], station: str, wiring: str) -> None:
+        self._devices = sorted(set(devices))
+        self._station, self._wiring = station, wiring
+        self._seen: dict[str, list[str]] = {}
+
+    def begin(self, acknowledged: bool) -> None:
+        """The devices are about to be driven; StandsStopped if the last run on one of them ended unsafely and nobody
+        acknowledged it. UmoError where that cannot be written down: an unsafe end could not be told from a safe one."""
+        before = [ended for device in self._devices for ended in standing(device)]
+        if before and not acknowledged:
+            told = "\n".join(dict.fromkeys(f"{ended}." for ended in before))
+            raise StandsStopped(f"{told}\nLook at the machine, then start it with --acknowledge (acknowledge=True)")
+        try:
+            for device in self._devices:
+                others = [ended.id for ended in before if ended.device == device and not ended.mine and ended.id]
+                self._seen[device] = [*(mine.seen if (mine := _own(device)) else []), *others]
+                self._write(device, "running")
+        except OSError as error:
+            raise UmoError(f"the start could not be written down: {error.strerror or error}") from None
+
+    def finish(self) -> None:
+        """The run ended safely."""
+        for device in self._devices:
+            with suppress(OSError):
+                if self._seen[device]:
+                    self._write(device, "ended")
+                else:
+                    (_folder() / _file(device)).unlink(missing_ok=True)
+
+    def stopped(self, what: str, unreached: list[str]) -> None:
+        """The run ended unsafely: the devices stand stopped. OSError where that cannot be written."""
+        for device in self._devices:
+            self._write(device, "stopped", what, unreached)
+
+    def _write(self, device: str, state: str, what: str = "", unreached: Sequence[str] = ()) -> None:
+        ended = Ended(device, self._station, self._wiring, state, time.time(), what[:LONGEST], list(unreached))
+        ended.id, ended.seen = secrets.token_hex(8), self._seen[device]
+        _replace(_folder() / _file(device), asdict(ended))
+
+
+def standing(device: str) -> list[Ended]:
+    """How the last runs on a device ended, if not safely: this user's, and others' that were not acknowledged yet."""
+    mine = _own(device)
+    seen = [] if mine is None else mine.seen
+    return [ended for ended in _all(_file(device)) if ended.state != "ended" and (not ended.id or ended.id not in seen)]
+
+
+def all_standing() -> list[Ended]:
+    """Every record of every user that does not tell of a safe end; those of running machines too."""
+    return [ended for ended in _all(f"*{SUFFIX}") if ended.state != "ended"]
+
+
+def _own(device: str) -> Ended | None:
+    return next((ended for ended in _all(_file(device)) if ended.mine), None)
+
+
+def _all(pattern: str) -> Iterator[Ended]:
+    for folder, status in folders.folders(place()):
+        try:
+            files = sorted((folder / FOLDER).glob(pattern))
+        except OSError:
+            files = []
+        for path in files:
+            ended = _read(path, status.st_uid)
+            if ended is not None:
+                yield ended
+
+
+def _read(path: Path, owner: int) -> Ended | None:
+    """None if there is nothing, or nothing of the folder's owner."""
+    try:
+        file = os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        return _unknown(path, owner, error.strerror or str(error))
+    with open(file, "rb") as opened:
+        status = os.fstat(file)
+        if status.st_uid != owner or not stat.S_ISREG(status.st_mode):
+            return None
+        try:
+            ended = Ended(**json.loads(opened.read(LARGEST)))
+            ended.device + ended.what + ended.id, ended.when + 0, list(ended.seen)  # of the right types
+        except (OSError, ValueError, TypeError, RecursionError):
+            return _unknown(path, owner, "its record cannot be read")
+    ended.mine = not hasattr(os, "getuid") or owner == os.getuid()
+    ended.user = "" if ended.mine else f"user {owner}"
+    return ended
+
+
+def _unknown(path: Path, owner: int, why: str) -> Ended:
+    mine = not hasattr(os, "getuid") or owner == os.getuid()
+    user = "" if mine else f"user {owner}"
+    return Ended(path.stem, "", "", "unknown", 0.0, why, user=user, mine=mine)
+
+
+def _folder() -> Path:
+    path = state_folder() / FOLDER
+    path.mkdir(mode=0o755, exist_ok=True)
+    path.chmod(0o755)
+    return path
+
+
+def _file(device: str) -> str:
+    return hashlib.sha256(device.encode(errors="surrogateescape")).hexdigest()[:24] + SUFFIX
+
+
+def _replace(path: Path, content: dict[str, Any]) -> None:
+    """Whole or not at all, also when the computer goes down."""
+    new = path.with_suffix(f".{os.getpid()}.new")
+    file = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_NOFOLLOW", 0), 0o644)
+    with open(file, "w", encoding="utf-8", errors="replace") as opened:
+        os.chmod(new, KEPT_MODE)
+        json.dump(content, opened)
+        opened.flush()
+        os.fsync(file)
+    new.replace(path)
