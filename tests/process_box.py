@@ -121,6 +121,9 @@ class Box(Driver):
         self._file, self._at, self._action, self._away = Path(file), at, action, away
         self._cells: Cells | None = None
 
+    def devices(self) -> list[str]:
+        return [f"file {self._file}"]
+
     def channel(self, text: str) -> Channel:
         return Channel(text, Direction.OUTPUT if text in OUTPUTS else Direction.INPUT, 32, signed=True)
 

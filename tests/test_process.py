@@ -8,6 +8,7 @@ import re
 import select
 import signal
 import sys
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from umo.process import guardian, reset
 from umo.process.job import Job
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Outcome
-from umo.process.record import read, state_folder
+from umo.system.record import Ended, all_standing
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux")
 
@@ -34,15 +35,18 @@ class Run:
         for name, value in more.items():
             setattr(job, name, value)
         self.channel, there = MessageSocket.pair()
-        self.channel.send("job", job=job.dump().decode())
+        file = tempfile.TemporaryFile()  # noqa: SIM115  (the guardian's)
+        file.write(job.dump())
+        file.seek(0)
         self.guardian = os.fork()
         if self.guardian == 0:
             self.channel.close()
             try:
-                os._exit(guardian.main(there.detach()))
+                os._exit(guardian.main(there.detach(), os.dup(file.fileno())))
             finally:
                 os._exit(99)
         there.close()
+        file.close()
         self.notices: list[str] = []
         self.control = 0
 
@@ -95,9 +99,9 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
     return {"hang_timeout": "100 ms"}
 
 
-def standing() -> list[Path]:
-    """The machines that stand stopped."""
-    return sorted((state_folder() / "machines").glob("*.json"))
+def standing() -> list[Ended]:
+    """The devices that stand stopped."""
+    return all_standing()
 
 
 def assert_safe(cells: Cells) -> None:
@@ -206,7 +210,7 @@ def test_a_starter_that_is_gone_stops_the_machine(tmp_path: Path, cells: Cells) 
     run = Run(process_box.wiring(tmp_path / "box"), "forever").until_running()
     run.channel.close()
     status = os.waitpid(run.guardian, 0)[1]
-    assert os.WEXITSTATUS(status) == 128 + signal.SIGHUP
+    assert os.WEXITSTATUS(status) == 128 + signal.SIGTERM
     assert_safe(cells)
 
 
@@ -215,9 +219,7 @@ def test_a_machine_that_was_stopped_unsafely_wants_to_be_acknowledged(tmp_path: 
     run = Run(wiring, "forever").until_running()
     os.kill(run.control, signal.SIGKILL)
     run.outcome()
-    (record,) = standing()
-    ended = read(record)
-    assert ended is not None
+    (ended,) = standing()
     assert "was killed (SIGKILL); every actuator was reset" in str(ended)
     refused = Run(wiring).outcome()
     assert refused.status == 2
@@ -251,7 +253,8 @@ def test_while_a_machine_runs_it_cannot_be_started_again(tmp_path: Path) -> None
     second = Run(wiring).outcome()
     assert second.status == 2
     assert second.failure is not None
-    assert "already running" in second.failure.message
+    assert f"file {tmp_path / 'box'} is held by pid {run.guardian} of " in second.failure.message
+    assert "(Machine), since 20" in second.failure.message
     run.channel.send("stop")
     assert run.outcome().status == 128 + signal.SIGTERM
 
@@ -272,7 +275,7 @@ def test_a_device_that_stays_away_is_named_with_status_3(tmp_path: Path, cells: 
     assert outcome.failure is not None
     assert "not reached: valve, motor: no route to the device" in outcome.failure.message
     (record,) = standing()
-    assert "not reached: valve, motor" in str(read(record))
+    assert "not reached: valve, motor" in str(record)
 
 
 def test_a_device_that_comes_back_is_reset_after_all(tmp_path: Path, cells: Cells, away: Path) -> None:

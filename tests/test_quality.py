@@ -410,7 +410,7 @@ def test_a_failed_reset_of_a_compound_resets_the_rest_and_lists_what_failed(box)
         m.update()
         number = len(box.calls)
         box.at(number, OSError("cut"))
-        box.at(number + 1, OSError("cut too"))
+        box.at(number + 2, OSError("cut too"))  # the actuators come first
         with pytest.raises(DriverError) as caught:
             m.reset()
         assert failed(caught.value) == ["a", "s"]
