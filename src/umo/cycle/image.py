@@ -156,7 +156,7 @@ class Image(ABC):
 
     def read_now(self, slot: int) -> float:
         """An asynchronous sensor: the hardware, now. The timer's moves the clock."""
-        wire = self.wires[slot]
+        wire, before = self.wires[slot], self.raws[slot]
         failures: list[Failure] = []
         try:
             self.raws[slot] = raw = index(wire.driver.read(wire.channel))
@@ -167,7 +167,7 @@ class Image(ABC):
             if slot == self.timer:
                 self.clock.advance(raw)
             self._accept(slot, raw, failures)
-            self.note(slot, Kind.READ)
+            self.note(slot, Kind.READ, before)
         _raise(failures, "could not be read")
         return cast(float, self.values[slot])
 
@@ -205,7 +205,7 @@ class Image(ABC):
 
     def send(self, slot: int) -> bool:
         """An asynchronous actuator was written."""
-        wire = self.wires[slot]
+        wire, before = self.wires[slot], self.raws[slot]
         failures: list[Failure] = []
         try:
             wire.driver.write(wire.channel, self.pending_raws[slot])
@@ -214,7 +214,7 @@ class Image(ABC):
             self._fail_output(slot, cause_of(error), failures)
         else:
             self._accepted(slot)
-            self.note(slot, Kind.WRITE)
+            self.note(slot, Kind.WRITE, before)
         _raise(failures, "could not be written")
         return True
 
@@ -238,7 +238,7 @@ class Image(ABC):
         """Call the driver's `initialize` or `reset` for each; one failure never stops the rest."""
         failures: list[Failure] = []
         for slot in slots:
-            wire, item = self.wires[slot], self.items[slot]
+            wire, item, before = self.wires[slot], self.items[slot], self.raws[slot]
             default = None
             if item.direction is Direction.OUTPUT:
                 self._set_default(slot)
@@ -254,7 +254,7 @@ class Image(ABC):
             else:
                 if default is not None:
                     self._accepted(slot)
-                self.note(slot, Kind.RESET)
+                self.note(slot, Kind.RESET, before)
         return failures
 
     def set_referenced(self, slot: int, referenced: bool) -> None:
@@ -264,10 +264,11 @@ class Image(ABC):
 
     # Inside --------------------------------------------------------------------------------------------
 
-    def note(self, slot: int, kind: Kind) -> None:
-        """Into the journal, if one is kept."""
+    def note(self, slot: int, kind: Kind, before: int | None = None) -> None:
+        """Into the journal, if one is kept; `before` is the raw that the slot had, None where it is still that."""
         if self.journal is not None and slot != self.timer:
-            self.journal.add(slot, kind, self.raws[slot], self.values[slot])
+            raw = self.raws[slot]
+            self.journal.add(slot, kind, raw, raw if before is None else before)
 
     def _settle(self, block: Block, outside: list[tuple[int, float]], now: float, failures: list[Failure]) -> None:
         """The slow path of `sample`: something in the block is, or was, not as it should be."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,9 +11,11 @@ from typing import Any
 
 from umo.cycle import connect
 from umo.cycle.phases import Phases
-from umo.frames import folder
+from umo.cycle.stage import Stage
+from umo.errors import FramesError
+from umo.frames.folder import new_path
 from umo.frames.layout import Layout, describe_objects
-from umo.frames.ring import Ring, State
+from umo.frames.ring import Ring
 
 
 @contextmanager
@@ -26,34 +27,42 @@ def published(connection: connect[Any], station: str, wiring: str = "", path: Pa
             ...
 
     `umo ps` and `umo watch press` then find it. `path` is the ring's file, by itself a new one in the user's
-    folder. FramesError where there is no room.
+    folder. FramesError where there is no room, and where this connection is being published already.
     """
-    phases = Phases(connection.image, connection.wired.drivers)
-    layout = Layout(
-        describe_objects(connection.image.items),
-        tuple(phases.names),
-        {
-            "station": station,
-            "wiring": wiring,
-            "pid": os.getpid(),
-            "started": time.time(),
-            "started_monotonic": time.monotonic_ns(),
-            "period": connection.wired.period or 0.0,
-        },
-    )
-    ring = Ring(connection.image, phases, layout, path or new_path(station))
-    ring.watch(connection.root)
-    ring.state(State.RUNNING)
-    connection.machine.observers.append(ring)
+    if connection.image.journal is not None:
+        raise FramesError(f"{station} is being published already; a connection has one ring of frames at a time")
+    about = {
+        "station": station,
+        "wiring": wiring,
+        "pid": os.getpid(),
+        "started": time.time(),
+        "started_monotonic": time.monotonic_ns(),
+        "period": connection.wired.period or 0.0,
+    }
+    observers = connection.machine.observers
+    with _timed(connection) as phases:
+        layout = Layout(describe_objects(connection.image.items), tuple(phases.names), about)
+        ring = Ring(connection.image, phases, layout, path or new_path(station))
+        try:
+            ring.watch(connection.root)
+            ring.state(Stage.RUNNING)
+            observers.append(ring)
+            yield ring
+        finally:
+            if ring in observers:
+                observers.remove(ring)
+            ring.close()
+
+
+@contextmanager
+def _timed(connection: connect[Any]) -> Iterator[Phases]:
+    """What each phase takes, while the block lasts: then the drivers stand bare again."""
+    image = connection.image
+    blocks = [(block, block.driver) for block in (*image.inputs, *image.outputs)]
+    wires = list(image.wires)
     try:
-        yield ring
+        yield Phases(image, connection.wired.drivers)
     finally:
-        if ring in connection.machine.observers:
-            connection.machine.observers.remove(ring)
-        ring.close()
-
-
-def new_path(station: str) -> Path:
-    """A file for a new ring, in the user's folder."""
-    name = re.sub(r"[^\w-]", "_", station)
-    return folder.folder() / f"{name}-{os.getpid()}-{time.monotonic_ns():x}{folder.SUFFIX}"
+        for block, driver in blocks:
+            block.driver = driver
+        image.wires[:] = wires

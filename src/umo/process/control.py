@@ -28,7 +28,7 @@ GUARDIAN_GONE = "the guardian is gone; the control process stopped the machine b
 class Control:
     """Runs one plan in the process that calls it, which was forked by the guardian."""
 
-    def __init__(self, plan: Plan, life: Life, channel: MessageSocket, guardian: int, ring: Path) -> None:
+    def __init__(self, plan: Plan, life: Life, channel: MessageSocket, guardian: int, ring: Path | None) -> None:
         self._plan = plan
         self._life = life
         self._channel = channel

@@ -203,6 +203,8 @@ class Guardian:
             self._write_down(outcome.failure.message.partition("\n")[0], outcome.unreached)
         else:
             self._record.finish()
+        if outcome.failure is not None:
+            self._watcher.keep(outcome.failure.message.partition("\n")[0])
         return outcome
 
     def _write_down(self, what: str, unreached: list[str]) -> str:
