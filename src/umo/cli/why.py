@@ -62,6 +62,8 @@ def _keep(station: str | None) -> Path:
 
 def _report(reader: Reader, file: Path) -> None:
     frames, about = reader.read(), reader.about
+    if not len(frames):
+        raise FramesError(f"no period is in {file}")
     kept = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(about.get("kept", about["started"])))
     name = f"{about['station']} ({about['wiring']})" if about["wiring"] else about["station"]
     out.print(f"{name}, {kept}: {about.get('reason', '')}", highlight=False, markup=False)

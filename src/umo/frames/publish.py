@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +26,9 @@ def published(connection: connect[Any], station: str, wiring: str = "", path: Pa
         with connection as m, umo.published(connection, "press"):
             ...
 
-    `umo ps` and `umo watch press` then find it. `path` is the ring's file, by itself a new one in the user's
-    folder. FramesError where there is no room, and where this connection is being published already.
+    `umo ps` and `umo watch press` then find it, in a new file in the user's folder. Who chooses `path` instead finds
+    the last frames in it when the block has ended, and removes it. FramesError where there is no room, and where this
+    connection is being published already.
     """
     if connection.image.journal is not None:
         raise FramesError(f"{station} is being published already; a connection has one ring of frames at a time")
@@ -52,6 +53,9 @@ def published(connection: connect[Any], station: str, wiring: str = "", path: Pa
             if ring in observers:
                 observers.remove(ring)
             ring.close()
+            if path is None:
+                with suppress(OSError):  # then whoever looks next removes it
+                    ring.path.unlink(missing_ok=True)
 
 
 @contextmanager

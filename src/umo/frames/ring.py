@@ -6,7 +6,6 @@ import os
 import platform
 import struct
 import zlib
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -148,12 +147,10 @@ class Ring:
         return self._task[1], done if type(done) is int else 0, total if type(total) is int else 0
 
     def close(self) -> None:
-        """The last frame stands; readers see that the ring has ended. The file goes, what they mapped stays."""
+        """The last frame stands; readers see that the ring has ended. The file is for its maker to remove."""
         self.state(Stage.ENDED)
         self.usage.close()
         self.image.journal = None
-        with suppress(OSError):  # then whoever looks next removes it
-            self.path.unlink(missing_ok=True)
         for view in (self._live, self._words, self._numbers, self._bytes):
             view.release()
         self._map.close()
