@@ -8,7 +8,7 @@ import random
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +17,9 @@ from typer.testing import CliRunner
 
 from machines import bench, wired
 from test_frames import running, write
-from umo import connect, published
+from umo import FramesError, connect, published
 from umo.cli.app import app
+from umo.cli.why import why
 from umo.cycle.phases import Phases
 from umo.frames import Layout, Reader, Ring, Stage
 from umo.frames.folder import new_path
@@ -146,12 +147,12 @@ def test_why_bears_every_damage_of_a_box(tmp_path: Path) -> None:
             pass
     content = (tmp_path / "x.box").read_bytes()
     chance = random.Random(1)
-    for at in [*range(0, 128), *(chance.randrange(len(content)) for _ in range(200))]:
+    for at in [*range(128), *(chance.randrange(len(content)) for _ in range(70))]:
         damaged = bytearray(content)
         damaged[at] ^= chance.choice([1, 2, 16, 128, 255])
         (tmp_path / "y.box").write_bytes(damaged)
-        result = CliRunner().invoke(app, ["why", "--file", str(tmp_path / "y.box")])
-        assert result.exit_code in (0, 2), (at, result.exception)
+        with suppress(FramesError):
+            assert why(None, False, tmp_path / "y.box") == 0
 
 
 def test_why_of_a_folder_is_an_error_in_a_line(tmp_path: Path) -> None:

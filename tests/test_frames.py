@@ -344,6 +344,7 @@ with running() as (m, ring, connection):
         frame.number, frame.time = number, float(number)
         image.values[:] = [float(number)] * len(image.items)
         image.raws_array.fill(number)
+        ring.journal.add(0, 0, number, -number)
         ring(frame)
     sys.stdin.read()
 """
@@ -377,14 +378,19 @@ def test_the_ring_of_a_killed_process_is_recognised_and_removed() -> None:
 def test_no_torn_frame_at_full_speed() -> None:
     with writer("fast") as (_, path), Reader(path) as reader:
         reader.next = reader.head
-        read = 0
+        read = kept = 0
         while read < 50_000:
             frames = reader.read()
             number = frames["number"]
             assert (frames["time"] == number).all()
             assert (frames["values"] == number[:, None]).all()
             assert (frames["raws"] == number[:, None]).all()
+            for frame in frames[-10:]:
+                entries = reader.journal(frame)
+                assert entries is None or entries.tolist() == [(0, 0, frame["number"], -frame["number"])]
+                kept += entries is not None
             read += len(frames)
+        assert kept > 0
 
 
 def test_a_frame_being_written_is_never_returned() -> None:
