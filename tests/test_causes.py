@@ -20,7 +20,6 @@ from umo.frames import Reader
 from umo.frames.layout import Layout
 from umo.latency import blackbox
 from umo.latency.causes import Cause, Verdict, explain, missed_rows
-from umo.process.watcher import box_folder
 from umo.system import realtime
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux")
@@ -39,7 +38,7 @@ def longest(wiring: dict[str, Any], application: str, cause: Cause) -> Verdict:
     outcome = Run(wiring, application).outcome()
     assert outcome.status == 0, outcome
     found = []
-    for path in blackbox.boxes(box_folder()):
+    for path in blackbox.boxes(blackbox.folder()):
         with Reader(path) as reader:
             frames = reader.read()
             found += [explain(frames, reader.layout, row) for row in missed_rows(frames)]
@@ -102,11 +101,22 @@ def test_umo_why_prints_the_last_box(tmp_path: Path, capsys: pytest.CaptureFixtu
     longest(wiring, "slow_driver", Cause.DRIVER)
     assert why(None, False, None) == 0
     assert "a period was missed" in capsys.readouterr().out
-    for path in blackbox.boxes(box_folder()):
+    for path in blackbox.boxes(blackbox.folder()):
         assert why(None, False, path) == 0
     said = capsys.readouterr().out
     assert "driver box took 2" in said
     assert "sample box, us" in said
+
+
+def test_a_run_that_failed_leaves_a_black_box_of_its_end_however_short_it_was(tmp_path: Path) -> None:
+    outcome = Run(patient(tmp_path), "fail_at").outcome()
+    assert outcome.status == 1
+    boxes = [Reader(path) for path in blackbox.boxes(blackbox.folder())]
+    (last,) = [box for box in boxes if box.about["reason"] != "a period was missed"]
+    assert "a mistake in the application" in last.about["reason"]
+    assert last.read()["number"][-1] >= 4
+    for box in boxes:
+        box.close()
 
 
 # From figures made by hand ------------------------------------------------------------------------------

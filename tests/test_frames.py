@@ -13,18 +13,21 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from machines import Bench, bench, relay, wired
-from umo import DriverError, FramesError, OnOff, PathError, connect, published
-from umo.cycle.journal import ENTRY, Kind
+from umo import DigitalSensor, DriverError, FramesError, OnOff, PathError, connect, published
+from umo.cycle.journal import CAPACITY, Journal, Kind
 from umo.cycle.phases import Phases
-from umo.frames import Reader, Ring, State, rings
-from umo.frames.folder import folder
-from umo.frames.layout import EVENTS, Layout, describe_objects
+from umo.frames import Reader, Ring, Stage, rings
+from umo.frames.file import make
+from umo.frames.folder import folder, is_living, new_path
+from umo.frames.layout import JOURNAL, Layout, describe_objects
+from umo.frames.ring import ENTRIES
 from umo.testing import Scripted, VirtualTimer, periods
 
 
@@ -61,12 +64,15 @@ def test_a_frame_is_the_period_as_the_machine_saw_it() -> None:
 
 
 def test_the_header_alone_is_enough_to_read_a_frame() -> None:
-    with running() as (m, ring, _):
+    with running(valve=relay(synchronous=False)) as (m, ring, _):
         m.motor.write(7.5)
-        periods(m, 2)
+        periods(m)
+        m.valve.write(OnOff.ON)
+        periods(m)
         content = ring.path.read_bytes()
-    magic, version, _, first, size, slots, described = struct.unpack_from("<8sIIQQQQ", content)
-    assert (magic, version) == (b"umoframe", 1)
+    header = struct.unpack_from("<8sIIQQQQQQ", content)
+    magic, version, _, first, size, slots, journal, capacity, described = header
+    assert (magic, version) == (b"umoframe", 2)
     text = json.loads(content[128 : 128 + described])
     fields = {field["name"]: field for field in text["fields"]}
     paths = [entry["path"] for entry in text["objects"]]
@@ -79,6 +85,20 @@ def test_the_header_alone_is_enough_to_read_a_frame() -> None:
     assert values[paths.index("motor")] == 7.5
     assert text["objects"][paths.index("motor")]["unit"] == "V"
     assert text["objects"][paths.index("valve")]["one"] == "ON"
+
+    def number(name: str) -> int:
+        return int(struct.unpack_from("<q", content, at + fields[name]["offset"])[0])
+
+    entry = {field["name"]: field for field in text["journal"]["fields"]}
+    assert number("entries") == 1
+    begin = journal + number("journal") % capacity * text["journal"]["entry_bytes"]
+
+    def part(name: str) -> int:
+        return int(np.frombuffer(content, entry[name]["type"], 1, begin + entry[name]["offset"])[0])
+
+    assert (paths[part("slot")], part("raw"), part("before")) == ("valve", 1, 0)
+    assert text["journal"]["kinds"][str(part("kind"))] == "WRITE"
+    assert struct.unpack_from("<q", content, 88)[0] <= number("journal") + capacity
 
 
 def test_phases_add_up_to_the_execution_time() -> None:
@@ -99,9 +119,16 @@ def test_a_collection_is_counted_in_its_period() -> None:
         assert counts[1] >= 1
 
 
-def test_asynchronous_traffic_is_kept_in_order_and_bounded() -> None:
-    box = Scripted()
-    with running(box, valve=relay(synchronous=False)) as (m, ring, connection), Reader(ring.path) as reader:
+def told(reader: Reader, frame: Any) -> list[tuple[str, Kind, int, int]]:
+    """A frame's journal: path, kind, raw, before."""
+    entries = reader.journal(frame)
+    assert entries is not None
+    return [(reader.paths[slot], Kind(kind), raw, before) for slot, kind, raw, before in entries.tolist()]
+
+
+def test_asynchronous_traffic_is_kept_in_order_with_what_was_before() -> None:
+    box = Scripted({"pressure": [0, 0, 412]})
+    with running(box, valve=relay(synchronous=False)) as (m, ring, _), Reader(ring.path) as reader:
         m.timer.read()
         m.sample()
         m.valve.write(OnOff.ON)
@@ -111,23 +138,137 @@ def test_asynchronous_traffic_is_kept_in_order_and_bounded() -> None:
             m.valve.write(OnOff.OFF)
         box.broken = None
         m.update()
-        frame = reader.latest()
-        entries = [ENTRY.unpack(bytes(entry)) for entry in frame["journal"][: frame["events"]]]
-        slot_of = connection.image.slot_of
-        assert [(slot, Kind(kind)) for slot, kind, _, _ in entries] == [
-            (slot_of[id(m.valve)], Kind.WRITE),
-            (slot_of[id(m.motor)], Kind.RESET),
-            (slot_of[id(m.valve)], Kind.FAILED_WRITE),
+        assert told(reader, reader.latest()) == [
+            ("valve", Kind.WRITE, 1, 0),
+            ("motor", Kind.RESET, 0, 0),
+            ("valve", Kind.FAILED_WRITE, 1, 1),
         ]
-        assert entries[0][2:] == (1, 1.0)
-        m.timer.read()
-        for _ in range(EVENTS + 5):
-            m.valve.write(OnOff.ON)
-        m.update()
-        frame = reader.latest()
-        assert (frame["events"], frame["events_lost"]) == (EVENTS, 5)
         periods(m)
-        assert reader.latest()["events"] == 0
+        assert told(reader, reader.latest()) == []
+
+
+def test_a_reading_of_an_asynchronous_sensor_is_in_the_journal_and_the_timers_is_not() -> None:
+    encoder = DigitalSensor("mm", minimum=0, maximum=1000, resolution=1, synchronous=False)
+    box = Scripted({"encoder": [7, 412]})
+    with running(box, encoder=encoder) as (m, ring, _), Reader(ring.path) as reader:
+        m.timer.read()
+        m.sample()
+        m.encoder.read()
+        m.encoder.read()
+        box.broken = OSError("cut")
+        with pytest.raises(DriverError):
+            m.encoder.read()
+        box.broken = None
+        m.update()
+        assert [(kind, raw) for _, kind, raw, _ in told(reader, reader.latest())] == [
+            (Kind.READ, 7),
+            (Kind.READ, 412),
+            (Kind.FAILED_READ, 412),
+        ]
+        assert told(reader, reader.latest())[1] == ("encoder", Kind.READ, 412, 7)
+
+
+def test_a_frame_says_where_in_its_journal_the_transfers_of_the_whole_machine_stood() -> None:
+    with running(valve=relay(synchronous=False)) as (_, ring, connection), Reader(ring.path) as reader:
+        journal: Journal = ring.journal
+        assert (journal.sampled, journal.updated) == (-1, -1)
+        journal.add(0, Kind.WRITE, 1, 0)
+        journal.sampled = journal.count
+        journal.add(0, Kind.WRITE, 0, 1)
+        journal.updated = journal.count
+        ring(connection.machine.frame)
+        frame = reader.latest()
+        assert (frame["sampled"], frame["updated"], frame["entries"]) == (1, 2, 2)
+        ring(connection.machine.frame)
+        frame = reader.latest()
+        assert (frame["sampled"], frame["updated"], frame["entries"]) == (-1, -1, 0)
+
+
+def test_what_found_no_room_in_the_journal_is_counted() -> None:
+    with running() as (_, ring, connection), Reader(ring.path) as reader:
+        for number in range(CAPACITY + 5):
+            ring.journal.add(0, Kind.WRITE, number, number - 1)
+        ring(connection.machine.frame)
+        frame = reader.latest()
+        assert (frame["entries"], frame["entries_lost"]) == (CAPACITY, 5)
+        entries = reader.journal(frame)
+        assert entries is not None
+        assert entries["raw"].tolist() == list(range(CAPACITY))
+        ring(connection.machine.frame)
+        assert reader.latest()["entries_lost"] == 0
+
+
+def write(ring: Ring, frame: Any, number: int, entries: int) -> None:
+    """A frame with so many entries, all of which hold its number."""
+    for _ in range(entries):
+        ring.journal.add(0, Kind.WRITE, number, -number)
+    frame.number = number
+    ring(frame)
+
+
+def test_the_journal_of_a_frame_is_whole_or_gone() -> None:
+    """Through some laps of the journal, with entries over its end."""
+    each = 1000
+    with running() as (_, ring, connection), Reader(ring.path) as reader:
+        for number in range(3 * ENTRIES // each):
+            write(ring, connection.machine.frame, number, each)
+        frames = reader.read()
+        journals = [reader.journal(frame) for frame in frames]
+        there = [entries is not None for entries in journals]
+        assert there == [False] * (len(frames) - ENTRIES // each) + [True] * (ENTRIES // each)
+        for frame, entries in zip(frames, journals, strict=True):
+            if entries is not None:
+                assert entries["raw"].tolist() == [frame["number"]] * each
+                assert entries["before"].tolist() == [-frame["number"]] * each
+
+
+def test_entries_that_are_being_written_over_are_not_returned() -> None:
+    with running() as (_, ring, connection), Reader(ring.path) as reader:
+        write(ring, connection.machine.frame, 1, 10)
+        write(ring, connection.machine.frame, 2, 10)
+        ring._live[JOURNAL // 8] = ENTRIES + 1  # the first of them
+        first, second = reader.last(2)
+        assert reader.journal(first) is None
+        assert reader.journal(second) is not None
+
+
+def test_a_machine_without_asynchronous_traffic_has_small_frames() -> None:
+    with running() as (_, ring, _connection):
+        assert ring.slot_bytes <= 512
+        assert ring.slots == 4096
+
+
+@pytest.mark.usefixtures("both_forms")
+def test_whoever_looks_while_a_frame_is_being_filled_finds_that_it_is_not_whole() -> None:
+    """The sequence number of its slot, looked up whenever the ring asks the image for something to put into it."""
+    with running() as (m, ring, connection):
+        periods(m, 3)
+        seen: list[int] = []
+
+        class Looking:
+            def __getattr__(self, name: str) -> Any:
+                seen.extend(struct.unpack_from("<Q", ring._bytes, ring._first + 3 * ring.slot_bytes))
+                return getattr(connection.image, name)
+
+        ring.image = Looking()  # type: ignore[assignment]
+        ring(connection.machine.frame)
+        ring.image = connection.image
+        assert seen == [7, 7, 7]  # values, raws, quality
+        with Reader(ring.path) as reader:
+            assert reader.latest()["sequence"] == 8
+
+
+def test_how_late_the_timer_woke_is_unknown_when_ticks_were_missed() -> None:
+    """The tick that a late reader is told of is not the one that it was late for."""
+
+    class Ticking(VirtualTimer):
+        ticker = SimpleNamespace(due=1_000, woke=1_250)
+
+    m = bench()
+    connection = connect(m, wired(m, Scripted(), clock=Ticking([0, 2, 0])))
+    with connection, published(connection, "bench") as ring, Reader(ring.path) as reader:
+        periods(m, 3)
+        assert reader.read()["wake"].tolist() == [250, -1, 250]
 
 
 def test_what_the_machine_says_of_its_work_goes_along() -> None:
@@ -178,9 +319,9 @@ def test_after_the_end_the_frames_stay_and_the_ring_is_gone() -> None:
     with running() as (m, ring, _):
         reader = Reader(ring.path)
         periods(m, 3)
-        assert reader.state is State.RUNNING
+        assert reader.state is Stage.RUNNING
         assert rings() == [ring.path]
-    assert reader.state is State.ENDED
+    assert reader.state is Stage.ENDED
     assert reader.read()["number"].tolist() == [1, 2, 3]
     assert rings() == []
     reader.close()
@@ -203,6 +344,7 @@ with running() as (m, ring, connection):
         frame.number, frame.time = number, float(number)
         image.values[:] = [float(number)] * len(image.items)
         image.raws_array.fill(number)
+        ring.journal.add(0, 0, number, -number)
         ring(frame)
     sys.stdin.read()
 """
@@ -224,10 +366,10 @@ def writer(how: str) -> Iterator[tuple[subprocess.Popen[str], Path]]:
 def test_the_ring_of_a_killed_process_is_recognised_and_removed() -> None:
     with writer("slow") as (process, path), Reader(path) as reader:
         assert rings() == [path]
-        assert reader.state is State.RUNNING
+        assert reader.state is Stage.RUNNING
         process.kill()
         process.wait()
-        assert reader.state is State.ENDED
+        assert reader.state is Stage.ENDED
         assert len(reader.read()) == 3
         assert rings() == []
         assert not path.exists()
@@ -236,14 +378,19 @@ def test_the_ring_of_a_killed_process_is_recognised_and_removed() -> None:
 def test_no_torn_frame_at_full_speed() -> None:
     with writer("fast") as (_, path), Reader(path) as reader:
         reader.next = reader.head
-        read = 0
+        read = kept = 0
         while read < 50_000:
             frames = reader.read()
             number = frames["number"]
             assert (frames["time"] == number).all()
             assert (frames["values"] == number[:, None]).all()
             assert (frames["raws"] == number[:, None]).all()
+            for frame in frames[-10:]:
+                entries = reader.journal(frame)
+                assert entries is None or entries.tolist() == [(0, 0, frame["number"], -frame["number"])]
+                kept += entries is not None
             read += len(frames)
+        assert kept > 0
 
 
 def test_a_frame_being_written_is_never_returned() -> None:
@@ -251,11 +398,34 @@ def test_a_frame_being_written_is_never_returned() -> None:
     with running() as (m, ring, _):
         periods(m, 3)
         at = ring._first + 2 * ring.slot_bytes
-        ring._words[at >> 3] = 5  # frame 2 is being written
         with Reader(ring.path) as reader:
-            assert reader._frames[2]["number"] == 3
+            ring._words[at >> 3] = 5  # frame 2 is being written
             assert reader.read()["number"].tolist() == [1, 2]
             assert reader.lost == 1
+            assert reader.latest()["number"] == 2
+
+
+def test_copies_over_the_end_of_the_ring_are_like_any_other() -> None:
+    """numpy packs the fields of frames that it concatenates."""
+    with running() as (_, ring, connection), Reader(ring.path) as reader:
+        frame = connection.machine.frame
+        for number in range(ring.slots + 10):
+            write(ring, frame, number, 0)
+            if number == ring.slots - 5:
+                plain = reader.read()
+        for frames in (reader.last(20), reader.read()):
+            assert frames.dtype == plain.dtype == reader.layout.dtype
+            assert frames.strides == (ring.slot_bytes,)
+            assert frames["number"].tolist() == list(range(ring.slots + 10 - len(frames), ring.slots + 10))
+
+
+def test_the_last_frame_of_a_ring_that_holds_none_is_none() -> None:
+    with running() as (m, ring, _), Reader(ring.path) as reader:
+        assert reader.latest() is None
+        assert len(reader.read()) == len(reader.last(5)) == 0
+        periods(m)
+        ring._words[ring._first >> 3] = 0  # damaged
+        assert reader.latest() is None
 
 
 def test_a_reader_that_dies_while_copying_disturbs_nobody() -> None:
@@ -285,8 +455,194 @@ def test_with_checksums_a_flipped_byte_is_noticed() -> None:
             assert len(reader.last(3)) == 3
             ring._bytes[ring._first + ring.slot_bytes + 40] ^= 1
             assert reader.last(3)["number"].tolist() == [1, 3]
+            write(ring, connection.machine.frame, 4, 2)
+            assert told(reader, reader.latest()) == [("encoder", Kind.WRITE, 4, -4)] * 2
+            ring._bytes[ring._journal_at + 8] ^= 1
+            assert reader.journal(reader.latest()) is None
+            write(ring, connection.machine.frame, 5, 0)
+            assert told(reader, reader.latest()) == []
         connection.machine.observers.remove(ring)
         ring.close()
+
+
+def test_with_checksums_the_content_of_an_earlier_lap_is_not_taken_for_the_frame() -> None:
+    """On a processor with weakly ordered stores the new sequence number may be seen before the frame behind it."""
+    m = bench()
+    connection = connect(m, wired(m, Scripted(), clock=VirtualTimer()))
+    with connection:
+        phases = Phases(connection.image, connection.wired.drivers)
+        layout = Layout(describe_objects(connection.image.items), tuple(phases.names), {"station": "x"})
+        ring = Ring(connection.image, phases, layout, folder() / "x.frames", checksum=True)
+        with Reader(ring.path) as reader:
+            write(ring, connection.machine.frame, 0, 0)
+            stale = bytes(ring._bytes[ring._first + 8 : ring._first + ring.slot_bytes])
+            for number in range(1, ring.slots + 1):
+                write(ring, connection.machine.frame, number, 0)
+            assert reader.latest()["number"] == ring.slots
+            ring._bytes[ring._first + 8 : ring._first + ring.slot_bytes] = stale
+            assert reader.latest()["number"] == ring.slots - 1
+        ring.close()
+
+
+# Making, and removing ------------------------------------------------------------------------------------
+
+LISTER = """
+import sys
+from umo.frames import rings
+print(flush=True)
+while True:
+    rings()
+"""
+
+
+@pytest.fixture(params=["nameless", "hidden"])
+def both_ways(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rings are made in both ways: as a file without a name at first, and where that is not possible."""
+    if request.param == "hidden":
+        monkeypatch.delattr(os, "O_TMPFILE", raising=False)
+
+
+@pytest.mark.usefixtures("both_ways")
+def test_rings_can_be_made_while_others_list_them() -> None:
+    lister = subprocess.Popen([sys.executable, "-c", LISTER], stdout=subprocess.PIPE)
+    try:
+        assert lister.stdout is not None
+        lister.stdout.readline()
+        for _ in range(100):
+            with running() as (_, ring, _connection):
+                assert rings() == [ring.path]
+        assert lister.poll() is None
+    finally:
+        lister.kill()
+        lister.communicate()
+    assert list(folder().iterdir()) == []
+
+
+@pytest.mark.usefixtures("both_ways")
+def test_a_ring_can_be_removed_by_nobody_while_it_lives() -> None:
+    """At every call of the operating system on the way: a lister finds nothing, or a ring that lives."""
+    calls = 0
+
+    def list_at(frame: Any, event: str, argument: Any) -> None:
+        nonlocal calls
+        if event == "c_call" and argument.__name__ not in ("setprofile",):
+            sys.setprofile(None)
+            calls += 1
+            assert len(rings()) <= 1
+            sys.setprofile(list_at)
+
+    path = new_path("bench")
+    sys.setprofile(list_at)
+    try:
+        file, memory = make(path, b"umoframe", 4096)
+    finally:
+        sys.setprofile(None)
+    assert calls > 5
+    assert rings() == [path]
+    memory.close()
+    os.close(file)
+    assert rings() == []
+
+
+def test_what_is_not_a_ring_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "ring").write_bytes(b"umoframe" + bytes(5000))
+    (folder() / "link.frames").symlink_to(tmp_path / "ring")
+    (folder() / "mine.frames").write_text("not umo's")
+    (folder() / "mine.new").write_bytes(b"umoframe")
+    os.mkfifo(folder() / "pipe.frames")
+    (folder() / "folder.frames").mkdir()
+    before = sorted(folder().iterdir())
+    assert rings() == []
+    assert sorted(folder().iterdir()) == before
+    assert (tmp_path / "ring").exists()
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root can give a file away")
+def test_another_users_ring_is_not_removed() -> None:
+    path = folder() / "theirs.frames"
+    path.write_bytes(b"umoframe" + bytes(5000))
+    os.chown(path, 65534, -1)
+    assert rings() == []
+    assert path.exists()
+
+
+def test_the_ring_of_a_killed_process_makes_way_for_a_new_one() -> None:
+    with writer("slow") as (process, path):
+        process.kill()
+        process.wait()
+        assert path.exists()
+        with running() as (_, ring, _connection):
+            assert [path.name for path in folder().iterdir()] == [ring.path.name]
+
+
+@pytest.mark.usefixtures("both_ways")
+def test_a_ring_takes_the_place_of_a_dead_one_and_of_nothing_else(tmp_path: Path) -> None:
+    path = tmp_path / "x.frames"
+    path.write_bytes(b"umoframe" + bytes(100))
+    m = bench()
+    connection = connect(m, wired(m, Scripted(), clock=VirtualTimer()))
+    with connection:
+        with published(connection, "bench", path=path):
+            assert is_living(path)
+        path.write_text("a letter")
+        with pytest.raises(FramesError, match=r"x\.frames is there already"), published(connection, "b", path=path):
+            pass
+        path.unlink()
+        path.symlink_to(tmp_path / "nowhere")
+        with pytest.raises(FramesError, match=r"x\.frames is there already"), published(connection, "b", path=path):
+            pass
+        assert not (tmp_path / "nowhere").exists()
+
+
+def test_a_connection_is_published_once_at_a_time() -> None:
+    with running() as (m, ring, connection):
+        drivers = [block.driver for block in connection.image.inputs]
+        with pytest.raises(FramesError, match="press is being published already"), published(connection, "press"):
+            pass
+        periods(m, 2)
+        assert ring.index == 2
+        assert [block.driver for block in connection.image.inputs] == drivers
+
+
+def test_a_connection_can_be_published_again() -> None:
+    m = bench()
+    connection = connect(m, wired(m, Scripted(), clock=VirtualTimer()))
+    with connection:
+        for _ in range(2):
+            with published(connection, "bench") as ring, Reader(ring.path) as reader:
+                periods(m, 2)
+                assert (reader.latest()["phases"] >= 0).all()
+                assert len(reader.read()) == 2
+        periods(m)
+
+
+@pytest.mark.usefixtures("both_ways")
+@pytest.mark.parametrize("calls", [["posix_fallocate"], ["open"], ["link", "rename"]])
+def test_a_ring_that_cannot_be_made_leaves_nothing_behind(calls: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    m = bench()
+    connection = connect(m, wired(m, Scripted(), clock=VirtualTimer()))
+    place = folder()
+    open_file = os.open
+
+    def fails(*arguments: Any, **keywords: Any) -> Any:
+        if calls != ["open"] or str(place) in str(arguments[0]):
+            raise OSError(errno.EMFILE, "Too many open files")
+        return open_file(*arguments, **keywords)
+
+    with connection:
+        gc.collect()
+        before = len(gc.callbacks), len(os.listdir("/proc/self/fd")), [b.driver for b in connection.image.inputs]
+        with monkeypatch.context() as patched:
+            for call in calls:
+                patched.setattr(os, call, fails)
+            with pytest.raises(FramesError, match=r"no room for frames .*Too many"), published(connection, "bench"):
+                pass
+        gc.collect()
+        after = len(gc.callbacks), len(os.listdir("/proc/self/fd")), [b.driver for b in connection.image.inputs]
+        assert after == before
+        assert connection.image.transfer.journal is None
+        assert list(place.iterdir()) == []
+        periods(m)
 
 
 # What cannot be attached to, or published ---------------------------------------------------------------
@@ -295,8 +651,22 @@ def test_with_checksums_a_flipped_byte_is_noticed() -> None:
 def test_a_ring_of_another_version_is_refused_with_a_sentence() -> None:
     with running() as (_, ring, _connection):
         ring._map[8] = 9
-        with pytest.raises(FramesError, match="frames of version 9, this umo reads version 1"):
+        with pytest.raises(FramesError, match="frames of version 9, this umo reads version 2"):
             Reader(ring.path)
+
+
+def test_a_damaged_description_is_refused() -> None:
+    with running() as (_, ring, _connection):
+        ring._map[200] ^= 4
+        with pytest.raises(FramesError, match="is damaged"):
+            Reader(ring.path)
+
+
+def test_a_folder_or_a_pipe_is_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path, tmp_path / "pipe"):
+        with pytest.raises(FramesError, match="not a regular file"):
+            Reader(path)
 
 
 @pytest.mark.parametrize("content", [b"", b"nothing", bytes(5000), b"umoframe" + bytes(5000)])

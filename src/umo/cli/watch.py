@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from umo.errors import PathError
-from umo.frames import Reader, State
+from umo.frames import Reader, Stage
 from umo.objects import Quality
 from umo.text import did_you_mean
 
@@ -46,7 +46,7 @@ def watch(words: list[str], once: bool, seconds: float | None) -> None:
         try:
             with Live(picture.draw(), console=out, auto_refresh=False, screen=False) as live:
                 while not ended and (until is None or time.monotonic() < until):
-                    ended = reader.state is State.ENDED
+                    ended = reader.state is Stage.ENDED
                     picture.take()
                     live.update(picture.draw(), refresh=True)
                     if not ended:

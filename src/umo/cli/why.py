@@ -14,7 +14,6 @@ from umo.frames import Reader, rings
 from umo.frames.layout import USAGE
 from umo.latency import blackbox
 from umo.latency.causes import AFTER, WAKE, Verdict, explain, missed_rows, split, tally
-from umo.process.watcher import box_folder
 from umo.text import did_you_mean
 
 from .console import out
@@ -35,7 +34,7 @@ def why(station: str | None, now: bool, file: Path | None) -> int:
 
 
 def _newest(station: str | None) -> Path:
-    found = blackbox.boxes(box_folder())
+    found = blackbox.boxes(blackbox.folder())
     if station is not None:
         names = [path.name.rsplit("-", 3)[0] for path in found]
         found = [path for path, name in zip(found, names, strict=True) if name == Path(station).resolve().name]
@@ -55,7 +54,7 @@ def _keep(station: str | None) -> Path:
         with Reader(path) as reader:
             name = str(reader.about["station"])
             if station is None or name == Path(station).resolve().name:
-                file = blackbox.name_for(box_folder(), name, time.time())
+                file = blackbox.name_for(blackbox.folder(), name, time.time())
                 blackbox.save(reader, file, "on demand")
                 return file
     raise FramesError("no station runs" if station is None else f"no station {station!r} runs (`umo ps` shows them)")
@@ -63,6 +62,8 @@ def _keep(station: str | None) -> Path:
 
 def _report(reader: Reader, file: Path) -> None:
     frames, about = reader.read(), reader.about
+    if not len(frames):
+        raise FramesError(f"no period is in {file}")
     kept = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(about.get("kept", about["started"])))
     name = f"{about['station']} ({about['wiring']})" if about["wiring"] else about["station"]
     out.print(f"{name}, {kept}: {about.get('reason', '')}", highlight=False, markup=False)

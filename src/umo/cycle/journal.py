@@ -1,16 +1,25 @@
-"""The asynchronous traffic of one period, in order, so that a replay can be exact."""
+"""What moved one object at a time in a period, in order, so that a replay can be exact.
+
+The transfers of the whole machine are not in it: a frame's raw integers say what they moved, and the journal how
+many of its entries came before them. An entry keeps the raw integer that its object had before, so that from a
+frame's raws a reader can go back over the entries to what the transfers moved.
+"""
 
 from __future__ import annotations
 
 import struct
 from enum import IntEnum
 
-ENTRY = struct.Struct("=IIqq")
-"""Slot, kind, raw, raw before: 24 bytes."""
+ENTRY = struct.Struct("<IIqq")
+"""Slot, kind, raw, before: 24 bytes."""
+CAPACITY = 4096
+"""Entries of one period that are kept."""
+NEVER = -1
+"""The transfer of the whole machine did not take place in this period."""
 
 
 class Kind(IntEnum):
-    """What happened to an object between two transfers of the whole machine."""
+    """What happened to an object between two transfers of the whole machine; the numbers stand in frames."""
 
     READ = 0
     WRITE = 1
@@ -24,19 +33,25 @@ class Kind(IntEnum):
 
 
 class Journal:
-    """Reads and writes of asynchronous objects, and resets; the first `capacity` of a period, the rest are counted.
+    """The first `capacity` entries of a period; the rest are counted.
 
     The timer's own reads are not kept: `missed` says the same.
     """
 
-    def __init__(self, capacity: int = 32) -> None:
+    def __init__(self, capacity: int = CAPACITY) -> None:
         self.capacity = capacity
         self.buffer = bytearray(capacity * ENTRY.size)
         self.count = 0
+        """Entries of this period so far."""
         self.lost = 0
-        self.sampled = self.updated = -1
+        """Entries of this period that found no room."""
+        self.sampled = NEVER
+        """How many entries came before the sample of the whole machine; NEVER before it took place."""
+        self.updated = NEVER
+        """How many entries came before the update of the whole machine; NEVER before it took place."""
 
     def add(self, slot: int, kind: Kind, raw: int, before: int) -> None:
+        """An object has this raw integer now, and had another one before (the same where nothing moved)."""
         if self.count == self.capacity:
             self.lost += 1
             return
@@ -44,5 +59,6 @@ class Journal:
         self.count += 1
 
     def clear(self) -> None:
+        """A new period begins."""
         self.count = self.lost = 0
-        self.sampled = self.updated = -1
+        self.sampled = self.updated = NEVER

@@ -1,9 +1,10 @@
 """Frames: one for each finished period, in a ring in shared memory that anyone of the same user can watch."""
 
+from umo.cycle.stage import Stage
 from umo.frames.folder import rings
 from umo.frames.layout import Layout
 from umo.frames.publish import published
 from umo.frames.reader import Reader
-from umo.frames.ring import Ring, State
+from umo.frames.ring import Ring
 
-__all__ = ["Layout", "Reader", "Ring", "State", "published", "rings"]
+__all__ = ["Layout", "Reader", "Ring", "Stage", "published", "rings"]

@@ -1,16 +1,19 @@
 """Where the rings of running stations lie: one folder for each user, in shared memory where there is some.
 
-A ring is locked (flock) by the processes that keep it going and by nobody else, so a ring that can be locked is
-that of a dead process.
+A ring is locked (flock) by the processes that keep it going and by nobody else, and has its name only when it is
+whole and locked. So a ring that can be locked is that of a dead process.
 """
 
 from __future__ import annotations
 
 import os
-import tempfile
+import re
+import time
 from pathlib import Path
 
 from umo.errors import FramesError
+from umo.frames.layout import MAGIC
+from umo.system import folders
 
 try:
     import fcntl
@@ -18,52 +21,55 @@ except ImportError:  # not on this platform: nothing to lock with
     fcntl = None  # type: ignore[assignment]
 
 SUFFIX = ".frames"
-UNFINISHED = ".new"
 VARIABLE = "UMO_FRAMES"
 """Environment variable that names another folder, for containers and tests."""
+SHARED = Path("/dev/shm")
 
 
 def folder() -> Path:
-    """The user's folder, made if need be; FramesError if it is not the user's own."""
-    path = _place()
+    """The user's folder, made if need be; FramesError where that cannot be."""
     try:
-        path.mkdir(mode=0o700, parents=True, exist_ok=True)
-        status = path.lstat()
+        if given := os.environ.get(VARIABLE):
+            return folders.checked(Path(given))
+        return folders.own(folders.first_writable([SHARED]))
     except OSError as error:
         raise FramesError(f"no folder for frames: {error}") from None
-    if hasattr(os, "getuid") and (status.st_uid != os.getuid() or path.is_symlink()):
-        raise FramesError(f"{path} is another user's (uid {status.st_uid})")
-    return path
 
 
-def _place() -> Path:
-    if given := os.environ.get(VARIABLE):
-        return Path(given)
-    shared = Path("/dev/shm")
-    base = shared if os.access(shared, os.W_OK) else Path(tempfile.gettempdir())
-    return base / f"umo-{os.getuid() if hasattr(os, 'getuid') else 'user'}"
+def new_path(station: str) -> Path:
+    """A file for a new ring, in the user's folder. What dead processes left there is removed, which makes room."""
+    rings()
+    name = re.sub(r"[^\w-]", "_", station)[:100]
+    return folder() / f"{name}-{os.getpid()}-{time.monotonic_ns():x}{SUFFIX}"
 
 
 def rings() -> list[Path]:
-    """The rings of living processes, oldest first. Those of dead ones are removed on the way."""
-    found = []
-    for path in sorted(folder().iterdir(), key=_age):
-        if path.suffix not in (SUFFIX, UNFINISHED):
-            continue
-        if not is_alive(path):
-            path.unlink(missing_ok=True)
-        elif path.suffix == SUFFIX:
-            found.append(path)
-    return found
-
-
-def is_alive(path: Path) -> bool:
-    """Whether a process still holds the ring."""
+    """The rings of living processes, oldest first. Those of dead ones are removed on the way, and nothing else is."""
+    place = folder()
     try:
-        with path.open("rb") as file:
-            return held(file.fileno())
+        names = [name for name in os.listdir(place) if name.endswith(SUFFIX) and not name.startswith(".")]
+    except OSError as error:
+        raise FramesError(f"no folder for frames: {error}") from None
+    return [path for path in sorted((place / name for name in names), key=_age) if is_living(path)]
+
+
+def is_living(path: Path) -> bool:
+    """Whether this is a ring of a living process. That of a dead one is removed; any other file stays as it is."""
+    try:
+        file = folders.open_own(path)
     except OSError:
         return False
+    try:
+        if os.pread(file, len(MAGIC), 0) != MAGIC:
+            return False
+        if held(file):
+            return True
+        path.unlink(missing_ok=True)
+    except OSError:  # it stays, then
+        pass
+    finally:
+        os.close(file)
+    return False
 
 
 def held(file: int) -> bool:
@@ -86,6 +92,6 @@ def hold(file: int) -> None:
 
 def _age(path: Path) -> float:
     try:
-        return path.stat().st_ctime
+        return path.lstat().st_ctime
     except OSError:
         return 0.0

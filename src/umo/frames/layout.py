@@ -1,39 +1,49 @@
 """The binary layout of a ring of frames, which the ring's own header describes.
 
-A ring is one file, little-endian: a header of fixed numbers (`HEADER`), a description in JSON behind it, then
-`slots` frames of `slot_bytes` each. A reader in another language needs the fixed numbers below and the JSON,
-which gives the name, type (numpy's notation: "<i8" is a signed integer of 8 bytes), offset, count and unit of
-every field of a frame. Frame number i (from 0) lies in slot i % slots. Its `sequence` is 2 i + 1 while it is
-being written and 2 i + 2 when it is whole.
+A ring is one file, little-endian: a header of fixed numbers (`HEADER`), the live numbers, a description in JSON,
+then `slots` frames of `slot_bytes` each, then the journal of `entries` entries. A reader in another language needs
+the fixed numbers below and the JSON, which gives the name, type (numpy's notation: "<i8" is a signed integer of 8
+bytes), offset, count and unit of every field of a frame and of an entry.
+
+Frame number i (from 0) lies in slot i % slots. Its `sequence` is 2 i + 1 while it is being written and 2 i + 2 when
+it is whole. Entry number k (from 0) lies at k % entries of the journal; a frame gives the number of its first entry
+and their count. They are still there if, after they were copied, the live number JOURNAL is at most that first
+number + `entries`.
 """
 
 from __future__ import annotations
 
 import json
+import mmap
 import struct
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from umo.cycle.journal import ENTRY
+from umo.cycle.journal import Kind
 from umo.errors import FramesError
 from umo.objects import Atomic, Binary, Digital, Quality
 
 MAGIC = b"umoframe"
-VERSION = 1
-HEADER = struct.Struct("<8sIIQQQQ")
-"""Magic, version, flags, offset of the first slot, bytes of a slot, slots, bytes of the description."""
+VERSION = 2
+HEADER = struct.Struct("<8sIIQQQQQQ")
+"""Magic, version, flags, offset of the first slot, bytes of a slot, slots, offset of the journal, its entries, bytes of
+the description."""
 CHECKSUM = 1
-"""Flag: each frame carries a CRC-32, as the order of stores is not certain on this processor."""
-HEAD, STATE, MISSED, BEAT = 64, 72, 80, 88
-"""Offsets of the live numbers, 8 bytes each: frames finished, state, missed periods in all, when the last frame
-was finished (ns of CLOCK_MONOTONIC)."""
+"""Flag: each frame carries a CRC-32, as the order of stores is not certain on this processor: of `sequence` (the even
+one) and all that follows `checksum` up to the end of the last field; and one of its entries."""
+HEAD, STATE, MISSED, JOURNAL, DESCRIBED = 64, 72, 80, 88, 96
+"""Offsets of the live numbers, 8 bytes each: frames finished, state (`umo.cycle.stage`), missed periods in all, number
+of the next entry (moved on before the entries are written); and of the CRC-32 of the description, which stays."""
 DESCRIPTION = 128
 """Offset of the JSON."""
 NOTE = 64
-EVENTS = 32
+
+ENTRY = np.dtype([("slot", "<u4"), ("kind", "<u4"), ("raw", "<i8"), ("before", "<i8")])
+"""An entry of the journal (`umo.cycle.journal`)."""
 
 Column = tuple[str, str, int, str]
 """Name, numpy type, count, unit."""
@@ -62,8 +72,12 @@ FIXED: list[Column] = [
     ("wake", "<i8", 1, "ns from the tick to waking up; -1 unknown"),
     ("execution", "<i8", 1, "ns from the timer's return to the end of update"),
     *USAGE,
-    ("events", "<i8", 1, "entries in use"),
-    ("events_lost", "<i8", 1, ""),
+    ("journal", "<i8", 1, "number of its first entry in the journal"),
+    ("entries", "<i8", 1, "in the journal"),
+    ("entries_lost", "<i8", 1, "that found no room in the journal"),
+    ("sampled", "<i8", 1, "entries before the sample of the whole machine; -1 there was none"),
+    ("updated", "<i8", 1, "entries before the update of the whole machine; -1 there was none"),
+    ("entries_checksum", "<u8", 1, ""),
     ("done", "<i8", 1, "of `total`, what the machine says of its work"),
     ("total", "<i8", 1, "0: it says nothing"),
     ("task", f"S{NOTE}", 1, "UTF-8, what the machine says that it is doing"),
@@ -87,7 +101,6 @@ class Layout:
             ("phases", "<i8", len(self.phases), "ns"),
             ("values", "<f8", count, "each object's own; a binary object's electrical 1 is 1.0"),
             ("raws", "<i8", count, ""),
-            ("journal", f"V{ENTRY.size}", EVENTS, "slot u4, kind u4, raw i8, value f8"),
             ("quality", "<u1", count, ", ".join(f"{int(quality)} {quality}" for quality in Quality)),
         ]
 
@@ -115,7 +128,7 @@ class Layout:
             for name, kind, count, unit in self.columns
         ]
         text = {"about": self.about, "objects": self.objects, "phases": self.phases, "fields": fields}
-        return json.dumps(text).encode()
+        return json.dumps(text | {"journal": _describe_journal()}).encode()
 
     @classmethod
     def parse(cls, description: bytes) -> Layout:
@@ -130,7 +143,35 @@ class Layout:
         return layout
 
 
+class Places(NamedTuple):
+    """Where the parts of a ring's file begin, and how it begins itself."""
+
+    head: bytes
+    """Header, live numbers (all 0) and description."""
+    first: int
+    journal: int
+    size: int
+
+
+def arrange(layout: Layout, slots: int, entries: int, flags: int = 0) -> Places:
+    """The file of a ring with so many frames, and so many entries in its journal."""
+    description, slot = layout.describe(), layout.dtype.itemsize
+    first = -(-(DESCRIPTION + len(description)) // mmap.PAGESIZE) * mmap.PAGESIZE
+    journal = first + slots * slot
+    head = bytearray(DESCRIPTION)
+    HEADER.pack_into(head, 0, MAGIC, VERSION, flags, first, slot, slots, journal, entries, len(description))
+    struct.pack_into("<Q", head, DESCRIBED, zlib.crc32(description))
+    return Places(bytes(head) + description, first, journal, journal + entries * ENTRY.itemsize)
+
+
 _SCALARS = {column[0] for column in FIXED}
+
+
+def _describe_journal() -> dict[str, Any]:
+    """An entry's fields as those of a frame; what its numbers mean."""
+    assert ENTRY.fields is not None
+    fields = [{"name": name, "type": kind.str, "offset": at} for name, (kind, at, *_) in ENTRY.fields.items()]
+    return {"entry_bytes": ENTRY.itemsize, "fields": fields, "kinds": {int(kind): kind.name for kind in Kind}}
 
 
 def describe_objects(items: Sequence[Atomic]) -> tuple[dict[str, Any], ...]:

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import os
-import re
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from umo.cycle import connect
 from umo.cycle.phases import Phases
-from umo.frames import folder
+from umo.cycle.stage import Stage
+from umo.errors import FramesError
+from umo.frames.folder import new_path
 from umo.frames.layout import Layout, describe_objects
-from umo.frames.ring import Ring, State
+from umo.frames.ring import Ring
 
 
 @contextmanager
@@ -27,37 +28,38 @@ def published(
         with connection as m, umo.published(connection, "press"):
             ...
 
-    `umo ps` and `umo watch press` then find it. `path` is the ring's file, by itself a new one in the user's
-    folder; `place` the station's. FramesError where there is no room.
+    `umo ps` and `umo watch press` then find it, in a new file in the user's folder. Who chooses `path` instead finds
+    the last frames in it when the block has ended, and removes it; `place` is the station's folder. FramesError where
+    there is no room, and where this connection is being published already.
     """
+    if connection.image.transfer.journal is not None:
+        raise FramesError(f"{station} is being published already; a connection has one ring of frames at a time")
+    about = {
+        "station": station,
+        "wiring": wiring,
+        "place": "" if place is None else str(place),
+        "devices": connection.wired.devices,
+        "pid": os.getpid(),
+        "started": time.time(),
+        "started_monotonic": time.monotonic_ns(),
+        "period": connection.wired.period or 0.0,
+    }
+    observers = connection.machine.observers
     phases = Phases(connection.image, connection.wired.drivers)
-    layout = Layout(
-        describe_objects(connection.image.items),
-        tuple(phases.names),
-        {
-            "station": station,
-            "wiring": wiring,
-            "place": "" if place is None else str(place),
-            "devices": connection.wired.devices,
-            "pid": os.getpid(),
-            "started": time.time(),
-            "started_monotonic": time.monotonic_ns(),
-            "period": connection.wired.period or 0.0,
-        },
-    )
-    ring = Ring(connection.image, phases, layout, path or new_path(station))
-    ring.watch(connection.root)
-    ring.state(State.RUNNING)
-    connection.machine.observers.append(ring)
     try:
-        yield ring
+        layout = Layout(describe_objects(connection.image.items), tuple(phases.names), about)
+        ring = Ring(connection.image, phases, layout, path or new_path(station))
+        try:
+            ring.watch(connection.root)
+            ring.state(Stage.RUNNING)
+            observers.append(ring)
+            yield ring
+        finally:
+            if ring in observers:
+                observers.remove(ring)
+            ring.close()
+            if path is None:
+                with suppress(OSError):  # then whoever looks next removes it
+                    ring.path.unlink(missing_ok=True)
     finally:
-        if ring in connection.machine.observers:
-            connection.machine.observers.remove(ring)
-        ring.close()
-
-
-def new_path(station: str) -> Path:
-    """A file for a new ring, in the user's folder."""
-    name = re.sub(r"[^\w-]", "_", station)
-    return folder.folder() / f"{name}-{os.getpid()}-{time.monotonic_ns():x}{folder.SUFFIX}"
+        phases.remove()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import mmap
 import os
+import struct
 import zlib
 from pathlib import Path
 from typing import Any
@@ -11,14 +12,30 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from umo.cycle.stage import Stage
 from umo.errors import FramesError, PathError
 from umo.frames import folder
-from umo.frames.layout import BEAT, CHECKSUM, DESCRIPTION, HEAD, HEADER, MAGIC, MISSED, STATE, VERSION, Layout
-from umo.frames.ring import State
+from umo.frames.layout import (
+    CHECKSUM,
+    DESCRIBED,
+    DESCRIPTION,
+    ENTRY,
+    HEAD,
+    HEADER,
+    JOURNAL,
+    MAGIC,
+    MISSED,
+    STATE,
+    VERSION,
+    Layout,
+)
+from umo.system import folders
 from umo.text import did_you_mean
 
 Frames = npt.NDArray[Any]
 """Copies of frames, oldest first: a structured array with the fields of `Layout.columns`."""
+Entries = npt.NDArray[Any]
+"""Copies of entries of the journal, in order: slot, kind (`umo.cycle.journal.Kind`), raw, and the raw before it."""
 
 
 class Reader:
@@ -32,7 +49,7 @@ class Reader:
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
         try:
-            self._file = os.open(self.path, os.O_RDONLY)
+            self._file = folders.open_own(self.path, follow=True)
         except OSError as error:
             raise FramesError(f"no frames at {self.path}: {error.strerror}") from None
         try:
@@ -47,25 +64,28 @@ class Reader:
         self._index = {entry["path"]: i for i, entry in enumerate(self.layout.objects)}
 
     def _attach(self) -> mmap.mmap:
-        status = os.fstat(self._file)
-        if hasattr(os, "getuid") and status.st_uid != os.getuid():
-            raise FramesError(f"{self.path} is another user's (uid {status.st_uid}); only that user may watch it")
-        if status.st_size < DESCRIPTION:
+        length = os.fstat(self._file).st_size
+        if length < DESCRIPTION:
             raise FramesError(f"{self.path} holds no frames")
-        mapped = mmap.mmap(self._file, 0, access=mmap.ACCESS_READ)
-        magic, version, flags, first, size, self.slots, described = HEADER.unpack_from(mapped)
+        mapped = mmap.mmap(self._file, length, access=mmap.ACCESS_READ)
+        magic, version, self.flags, first, size, self.slots, journal, entries, described = HEADER.unpack_from(mapped)
         if magic != MAGIC:
             raise FramesError(f"{self.path} holds no frames")
         if version != VERSION:
             raise FramesError(f"{self.path} has frames of version {version}, this umo reads version {VERSION}")
-        if not self.slots or first + self.slots * size > status.st_size or DESCRIPTION + described > first:
+        ends = DESCRIPTION + described, first + self.slots * size, journal + entries * ENTRY.itemsize
+        if not self.slots or ends[0] > first or ends[1] > journal or ends[2] > length:
             raise FramesError(f"{self.path} is cut short")
-        self.layout = Layout.parse(mapped[DESCRIPTION : DESCRIPTION + described])
+        description = mapped[DESCRIPTION : DESCRIPTION + described]
+        if struct.unpack_from("<Q", mapped, DESCRIBED)[0] != zlib.crc32(description):
+            raise FramesError(f"{self.path} is damaged")
+        self.layout = Layout.parse(description)
         self._dtype = self.layout.dtype
         if self._dtype.itemsize != size:
             raise FramesError(f"{self.path}: frames of {size} bytes do not fit their description")
-        self._checked = bool(flags & CHECKSUM)
-        self._frames: Frames = np.frombuffer(mapped, self._dtype, self.slots, first)
+        self._checked = bool(self.flags & CHECKSUM)
+        self._rows = np.frombuffer(mapped, np.uint8, self.slots * size, first).reshape(self.slots, size)
+        self._journal: Entries = np.frombuffer(mapped, ENTRY, entries, journal)
         return mapped
 
     # What the ring says of itself ----------------------------------------------------------------------
@@ -91,15 +111,9 @@ class Reader:
         return int(self._live[MISSED // 8])
 
     @property
-    def beat(self) -> int:
-        """When the last frame was finished, ns of CLOCK_MONOTONIC; 0 before the first."""
-        return int(self._live[BEAT // 8])
-
-    @property
-    def state(self) -> State:
+    def state(self) -> Stage:
         """What the machine is doing; ENDED also if its processes are gone."""
-        state = State(self._live[STATE // 8])
-        return state if self.alive else State.ENDED
+        return Stage(self._live[STATE // 8]) if self.alive else Stage.ENDED
 
     @property
     def alive(self) -> bool:
@@ -125,11 +139,11 @@ class Reader:
         return frames
 
     def latest(self) -> Any | None:
-        """The last finished frame, None before the first. Leaves `next` and `lost` alone."""
-        while (head := self.head) > 0:
-            frames = self._copy(head - 1, head)
+        """The last finished frame, None where there is none. Leaves `next` and `lost` alone."""
+        for count in (1, 2, self.slots):  # the very last may be being written over already
+            frames = self.last(count)
             if len(frames):
-                return frames[0]
+                return frames[-1]
         return None
 
     def last(self, count: int) -> Frames:
@@ -142,27 +156,48 @@ class Reader:
         numbers = frame["values"].tolist()
         return {entry["path"]: _shown(entry, value) for entry, value in zip(self.layout.objects, numbers, strict=True)}
 
+    # The journal ---------------------------------------------------------------------------------------
+
+    def journal(self, frame: Any) -> Entries | None:
+        """What moved one object at a time in the period of a frame, in order; None where that has been written over."""
+        first, count = int(frame["journal"]), int(frame["entries"])
+        start, entries = self.entries(first, first + count)
+        if start > first or (self._checked and count and zlib.crc32(entries.tobytes()) != frame["entries_checksum"]):
+            return None
+        return entries
+
+    def entries(self, start: int, stop: int) -> tuple[int, Entries]:
+        """The entries of these numbers that are still there, and the number of the first of them."""
+        capacity = len(self._journal)
+        begin = max(start, stop - capacity)
+        entries = self._journal[np.arange(begin, stop) % max(capacity, 1)]
+        oldest = int(self._live[JOURNAL // 8]) - capacity  # after the copy: those before it may be torn
+        there = min(max(begin, oldest), stop)
+        return there, entries[there - begin :]
+
+    # Inside --------------------------------------------------------------------------------------------
+
     def _copy(self, start: int, stop: int) -> Frames:
         """Whole copies of those of the frames that are still there."""
-        if stop <= start:
-            return self._frames[:0].copy()
-        numbers = np.arange(start, stop, dtype=np.uint64)
+        numbers = np.arange(start, max(start, stop), dtype=np.uint64)
+        if not len(numbers):
+            return np.zeros(0, self._dtype)
         begin, end = start % self.slots, (stop - 1) % self.slots + 1
-        if begin < end:
-            frames = self._frames[begin:end].copy()
-        else:
-            frames = np.concatenate([self._frames[begin:], self._frames[:end]])
-        oldest = self.head - self.slots  # frame `oldest` may be being written over at this moment
+        parts = [self._rows[begin:end]] if begin < end else [self._rows[begin:], self._rows[:end]]
+        rows = np.concatenate(parts)  # as bytes: numpy would pack the fields of frames together
+        frames = rows.view(self._dtype)[:, 0]
+        ended = self._live[STATE // 8] == Stage.ENDED  # looked up before the head, which then stands
+        oldest = self.head - self.slots - ended  # frame `oldest` may be being written over at this moment
         whole = (numbers.astype(np.int64) > oldest) & (frames["sequence"] == 2 * numbers + 2)
         if self._checked:
-            whole &= np.array([self._sum(frame) for frame in frames], np.uint64) == frames["checksum"]
+            whole &= np.array([self._sum(row) for row in rows], np.uint64) == frames["checksum"]
         return frames if whole.all() else frames[whole]
 
-    def _sum(self, frame: Any) -> int:
-        return zlib.crc32(frame.tobytes()[16 : self.layout.content])
+    def _sum(self, row: npt.NDArray[np.uint8]) -> int:
+        return zlib.crc32(row[16 : self.layout.content].data, zlib.crc32(row[:8].data))
 
     def close(self) -> None:
-        del self._frames
+        del self._rows, self._journal
         self._live.release()
         self._map.close()
         os.close(self._file)

@@ -2,56 +2,31 @@
 
 from __future__ import annotations
 
-import mmap
 import os
 import platform
 import struct
 import zlib
-from contextlib import suppress
-from enum import IntEnum
 from pathlib import Path
-from time import monotonic_ns
 from typing import Any
 
 from umo.cycle.forms import ArrayImage
 from umo.cycle.frame import Frame
 from umo.cycle.image import Image
-from umo.cycle.journal import ENTRY, Journal
+from umo.cycle.journal import Journal
 from umo.cycle.phases import UNKNOWN, Phases
-from umo.errors import FramesError
-from umo.frames import folder
-from umo.frames.layout import (
-    BEAT,
-    CHECKSUM,
-    DESCRIPTION,
-    EVENTS,
-    HEAD,
-    HEADER,
-    MAGIC,
-    MISSED,
-    NOTE,
-    STATE,
-    USAGE,
-    VERSION,
-    Layout,
-)
+from umo.cycle.stage import Stage
+from umo.frames.file import make
+from umo.frames.layout import CHECKSUM, DESCRIPTION, ENTRY, HEAD, JOURNAL, MISSED, NOTE, STATE, USAGE, Layout, arrange
 from umo.system.usage import Usage
 
 MOST_BYTES = 4 << 20
 MOST_SLOTS = 4096
 FEWEST_SLOTS = 16
-MADV_POPULATE_WRITE = 23
+ENTRIES = 8192
+"""Of the journal, at least two of the longest periods."""
+ENTRY_BYTES = ENTRY.itemsize
 ORDERED = platform.machine().lower() in ("x86_64", "amd64", "i686")
 """Stores become visible in program order: a sequence counter is enough."""
-
-
-class State(IntEnum):
-    """What the machine behind a ring is doing."""
-
-    STARTING = 0
-    RUNNING = 1
-    STOPPING = 2
-    ENDED = 3
 
 
 class Ring:
@@ -73,26 +48,20 @@ class Ring:
         self.missed = 0
         self._machine: Any = None
         self._task: tuple[Any, bytes] = (None, b"")
-        self.usage = Usage()
-        image.transfer.journal = self._journal = Journal(EVENTS)
-        dtype = layout.dtype
-        self.slot_bytes = dtype.itemsize
-        self._content = layout.content
-        self.slots = _slots(self.slot_bytes)
-        description = layout.describe()
-        self._first = -(-(DESCRIPTION + len(description)) // mmap.PAGESIZE) * mmap.PAGESIZE
-        self.file, self._map = _make(path, self._first + self.slots * self.slot_bytes)
-        flags = CHECKSUM if checksum else 0
-        HEADER.pack_into(
-            self._map, 0, MAGIC, VERSION, flags, self._first, self.slot_bytes, self.slots, len(description)
-        )
-        self._map[DESCRIPTION : DESCRIPTION + len(description)] = description
+        self._entries = 0
+        self.slot_bytes = layout.dtype.itemsize
+        self.slots = max(min(MOST_BYTES // self.slot_bytes, MOST_SLOTS), FEWEST_SLOTS)
+        places = arrange(layout, self.slots, ENTRIES, CHECKSUM if checksum else 0)
+        self._first, self._journal_at, self._content = places.first, places.journal, layout.content
+        self._place(layout)
+        self.file, self._map = make(path, places.head, places.size)
+        # from here on nothing fails: whoever makes a ring has all of it to close, or nothing
         self._bytes = memoryview(self._map)
         self._words = self._bytes.cast(image.raws.format)  # numpy's own letter for int64, "l" or "q"
         self._numbers = self._bytes.cast("d")
         self._live = self._words[: DESCRIPTION // 8]
-        self._place(layout)
-        os.rename(path.with_suffix(folder.UNFINISHED), path)  # whoever finds it finds it whole
+        self.usage = Usage()
+        image.transfer.journal = self.journal = Journal()
 
     def _place(self, layout: Layout) -> None:
         fields: Any = layout.dtype.fields
@@ -100,13 +69,13 @@ class Ring:
         self._count = len(layout.objects)
         self._arrays = isinstance(self.image, ArrayImage)
         listed = 0 if self._arrays else self._count  # a list of values goes in with the numbers before it
-        self._front = struct.Struct(f"<qdqqqq{len(USAGE)}qqqqq{NOTE}s{len(layout.phases)}q{listed}d")
+        self._front = struct.Struct(f"<qdqqqq{len(USAGE)}q8q{NOTE}s{len(layout.phases)}q{listed}d")
 
     def watch(self, machine: Any) -> None:
         """Take `task`, `placed` and `parts_total` of this machine along, if it has them."""
         self._machine = machine
 
-    def state(self, state: State) -> None:
+    def state(self, state: Stage) -> None:
         self._live[STATE // 8] = state
 
     def __call__(self, frame: Frame) -> None:
@@ -117,7 +86,7 @@ class Ring:
         words[at >> 3] = 2 * index + 1
         self._fill(frame, at)
         if self.checksum:
-            words[(at >> 3) + 1] = zlib.crc32(self._bytes[at + 16 : at + self._content])
+            words[(at >> 3) + 1] = zlib.crc32(self._bytes[at + 16 : at + self._content], _crc(2 * index + 2))
         words[at >> 3] = 2 * index + 2
         self.index = index = index + 1
         live = self._live
@@ -125,22 +94,25 @@ class Ring:
         if frame.missed:
             self.missed += frame.missed
             live[MISSED // 8] = self.missed
-        live[BEAT // 8] = monotonic_ns()
 
     def _fill(self, frame: Frame, at: int) -> None:
-        image, phases, journal, places = self.image, self.phases, self._journal, self._at
+        image, phases, journal, places = self.image, self.phases, self.journal, self._at
         execution = round(frame.execution * 1e9)
         phases.finish(execution)
         task, done, total = self._note()
+        first = self._entries
+        checksum = self._keep(journal) if journal.count else 0
         self._front.pack_into(
             self._map, at + 16,
             frame.number, frame.time, frame.missed, frame.began,
             UNKNOWN if frame.missed else phases.wake, execution,
             *self.usage.read(),
-            journal.count, journal.lost, done, total, task,
+            first, journal.count, journal.lost, journal.sampled, journal.updated, checksum,
+            done, total, task,
             *phases.ns, *(() if self._arrays else image.values),
         )  # fmt: skip
         phases.clear()
+        journal.clear()
         count = self._count
         raws = at + places["raws"] >> 3
         self._words[raws : raws + count] = image.raws
@@ -151,13 +123,18 @@ class Ring:
             self._bytes[quality : quality + count] = image.quality
         else:
             self._bytes[quality : quality + count] = bytes(image.quality)
-        if journal.count:
-            self._keep(journal, at + places["journal"])
 
-    def _keep(self, journal: Journal, at: int) -> None:
-        used = journal.count * ENTRY.size
-        self._bytes[at : at + used] = memoryview(journal.buffer)[:used]
-        journal.clear()
+    def _keep(self, journal: Journal) -> int:
+        """The entries of this period; their checksum, if there is to be one. Readers are told first that these places
+        are being written to."""
+        count, at = journal.count, self._entries % ENTRIES
+        self._live[JOURNAL // 8] = self._entries = self._entries + count
+        entries = memoryview(journal.buffer)[: count * ENTRY_BYTES]
+        here = min(count, ENTRIES - at) * ENTRY_BYTES  # the rest goes to the beginning
+        start = self._journal_at + at * ENTRY_BYTES
+        self._bytes[start : start + here] = entries[:here]
+        self._bytes[self._journal_at : self._journal_at + len(entries) - here] = entries[here:]
+        return zlib.crc32(entries) if self.checksum else 0
 
     def _note(self) -> tuple[bytes, int, int]:
         machine = self._machine
@@ -170,49 +147,18 @@ class Ring:
         return self._task[1], done if type(done) is int else 0, total if type(total) is int else 0
 
     def close(self) -> None:
-        """The last frame stands; readers see that the ring has ended. The file goes, what they mapped stays."""
-        self.state(State.ENDED)
+        """The last frame stands; readers see that the ring has ended. The file is for its maker to remove."""
+        self.state(Stage.ENDED)
         self.usage.close()
         self.image.transfer.journal = None
-        self.path.unlink(missing_ok=True)
         for view in (self._live, self._words, self._numbers, self._bytes):
             view.release()
         self._map.close()
         os.close(self.file)
 
 
-def _slots(size: int) -> int:
-    """A power of two, as many as fit 4 MiB, from 16 to 4,096."""
-    fitting = max(MOST_BYTES // size, FEWEST_SLOTS)
-    return int(min(1 << fitting.bit_length() - 1, MOST_SLOTS))
-
-
-def _make(path: Path, size: int) -> tuple[int, mmap.mmap]:
-    new = path.with_suffix(folder.UNFINISHED)
-    try:
-        file = os.open(new, os.O_RDWR | os.O_CREAT | os.O_TRUNC | getattr(os, "O_CLOEXEC", 0), 0o600)
-        try:
-            if hasattr(os, "posix_fallocate"):
-                os.posix_fallocate(file, 0, size)
-            else:
-                os.ftruncate(file, size)
-            folder.hold(file)
-            return file, _touched(mmap.mmap(file, size))
-        except BaseException:
-            os.close(file)
-            new.unlink(missing_ok=True)
-            raise
-    except OSError as error:
-        raise FramesError(
-            f"no room for frames ({size / 1e6:.1f} MB at {path.parent}): {error.strerror or error}"
-        ) from None
-
-
-def _touched(mapped: mmap.mmap) -> mmap.mmap:
-    """With every page in place, where the kernel does that at once: the first lap would pay for it otherwise."""
-    with suppress(OSError, AttributeError):
-        mapped.madvise(MADV_POPULATE_WRITE)
-    return mapped
+def _crc(sequence: int) -> int:
+    return zlib.crc32(sequence.to_bytes(8, "little"))
 
 
 def _cut(text: bytes) -> bytes:

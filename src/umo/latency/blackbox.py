@@ -3,54 +3,91 @@
 from __future__ import annotations
 
 import dataclasses
-import mmap
+import os
 import struct
 import time
+from contextlib import suppress
 from pathlib import Path
 
-from umo.frames.layout import DESCRIPTION, HEAD, HEADER, MAGIC, MISSED, STATE, VERSION
-from umo.frames.reader import Reader
-from umo.frames.ring import State
+import numpy as np
+
+from umo.cycle.stage import Stage
+from umo.errors import FramesError
+from umo.frames.layout import ENTRY, HEAD, JOURNAL, MISSED, STATE, arrange
+from umo.frames.reader import Frames, Reader
+from umo.system import folders
 
 PERIODS = 1000
 KEPT = 10
 SUFFIX = ".box"
 
 
+def folder() -> Path:
+    """Where this user's black boxes lie; FramesError where they cannot."""
+    try:
+        return folders.checked(folders.own(folders.lasting()) / "blackbox")
+    except OSError as error:
+        raise FramesError(f"no folder for black boxes: {error}") from None
+
+
 def save(reader: Reader, path: Path, reason: str, periods: int = PERIODS) -> None:
-    """Write the last `periods` frames of a ring, and why they were kept; OSError where that cannot be done."""
-    frames = reader.last(periods)
-    count = max(len(frames), 1)
+    """Write the last `periods` frames of a ring, what its journal still holds of them, and why they were kept;
+    OSError where that cannot be done, and nothing is left then."""
+    new = path.with_name(f".{path.name}.{os.getpid()}")
+    file = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0), 0o600)
+    try:
+        with os.fdopen(file, "wb") as stream:
+            stream.write(_content(reader, reader.last(periods), reason))
+        new.replace(path)
+    except BaseException:
+        with suppress(OSError):
+            new.unlink()
+        raise
+
+
+def _content(reader: Reader, frames: Frames, reason: str) -> bytearray:
+    """A file of just so many frames and entries as there are, each where its number says."""
     about = reader.layout.about | {"kept": time.time(), "reason": reason}
-    description = dataclasses.replace(reader.layout, about=about).describe()
-    first = -(-(DESCRIPTION + len(description)) // mmap.PAGESIZE) * mmap.PAGESIZE
-    size = frames.dtype.itemsize
-    content = bytearray(first + count * size)
-    HEADER.pack_into(content, 0, MAGIC, VERSION, 0, first, size, count, len(description))
-    content[DESCRIPTION : DESCRIPTION + len(description)] = description
-    head = int(frames["sequence"][-1]) // 2 if len(frames) else 0
-    for offset, value in ((HEAD, head), (MISSED, reader.missed), (STATE, State.ENDED)):
+    layout = dataclasses.replace(reader.layout, about=about)
+    numbers = [int(sequence) // 2 - 1 for sequence in frames["sequence"]]
+    head = numbers[-1] + 1 if numbers else 0
+    slots = head - numbers[0] if numbers else 1  # those between that could not be copied stay empty
+    begin, end = (frames["journal"][0], frames["journal"][-1] + frames["entries"][-1]) if numbers else (0, 0)
+    begin, entries = reader.entries(int(begin), int(end))
+    places = arrange(layout, slots, len(entries), reader.flags)
+    content = bytearray(places.size)
+    content[: len(places.head)] = places.head
+    live = {HEAD: head, MISSED: reader.missed, STATE: Stage.ENDED, JOURNAL: begin + len(entries)}
+    for offset, value in live.items():
         struct.pack_into("<q", content, offset, value)
-    for frame in frames:
-        at = first + (int(frame["sequence"]) // 2 - 1) % count * size
+    size = frames.dtype.itemsize
+    for number, frame in zip(numbers, frames, strict=True):
+        at = places.first + number % slots * size
         content[at : at + size] = frame.tobytes()
-    new = path.with_suffix(".new")
-    new.write_bytes(content)
-    new.replace(path)
+    journal = np.frombuffer(content, ENTRY, len(entries), places.journal)
+    journal[np.arange(begin, begin + len(entries)) % max(len(entries), 1)] = entries
+    return content
 
 
 def boxes(folder: Path) -> list[Path]:
     """The black boxes in a folder, oldest first."""
-    return sorted(folder.glob(f"*{SUFFIX}"), key=lambda path: path.stat().st_mtime)
+    return sorted(folder.glob(f"*{SUFFIX}"), key=_age)
 
 
 def name_for(folder: Path, station: str, now: float) -> Path:
     """A new file, by station and local time."""
     stamp = time.strftime("%Y%m%d-%H%M%S", time.localtime(now))
-    return folder / f"{station}-{stamp}-{int(now * 1000) % 1000:03d}{SUFFIX}"
+    return folder / f"{station[:100]}-{stamp}-{int(now * 1000) % 1000:03d}{SUFFIX}"
 
 
 def thin(folder: Path) -> None:
     """Remove all but the newest."""
     for path in boxes(folder)[:-KEPT]:
         path.unlink(missing_ok=True)
+
+
+def _age(path: Path) -> float:
+    try:
+        return path.stat().st_mtime
+    except OSError:
+        return 0.0  # it has just been removed

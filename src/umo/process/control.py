@@ -34,7 +34,7 @@ WATCHED_EVERY = 0.5
 class Control:
     """Runs one plan in the process that calls it, which was forked by the guardian."""
 
-    def __init__(self, plan: Plan, custody: Custody, life: Life, channel: MessageSocket, ring: Path) -> None:
+    def __init__(self, plan: Plan, custody: Custody, life: Life, channel: MessageSocket, ring: Path | None) -> None:
         self._plan = plan
         self._custody = custody
         self._life = life

@@ -1,88 +1,117 @@
-"""The guardian's look at the frames: when a period was missed, the last ones are kept in a black box."""
+"""The guardian's look at the frames: when a period was missed, the last ones are kept in a black box.
+
+An observer: whatever goes wrong here costs black boxes and nothing else, so nothing here raises.
+"""
 
 from __future__ import annotations
 
 import os
 from contextlib import suppress
 from pathlib import Path
-from time import monotonic, time
+from time import monotonic, sleep, time
 
 from umo.errors import FramesError
 from umo.frames import Reader
-from umo.frames.publish import new_path
+from umo.frames.folder import new_path
 from umo.latency import blackbox
 from umo.system import realtime
-from umo.system.record import state_folder
 
 AT_MOST_EVERY = 10.0
-"""s from one black box to the next."""
+"""s from one black box of a missed period to the next."""
 AFTERMATH = 0.05
 """s of what followed that are kept as well."""
-
-
-def box_folder() -> Path:
-    """Where black boxes lie."""
-    path = state_folder() / "blackbox"
-    path.mkdir(exist_ok=True)
-    return path
+PATIENCE = 5.0
+"""s that the end of a run waits for a black box that is being written."""
 
 
 class Watcher:
     """Follows one ring, whose place it chooses; writes in a child process, so that a slow disk delays nobody."""
 
     def __init__(self, station: str) -> None:
-        self.path = new_path(station)
-        """Where the control process is to make its ring."""
-        self._station = station
+        self.path: Path | None = None
+        """Where the control process is to make its ring; None where there is no folder for it."""
+        with suppress(FramesError, OSError):
+            self.path = new_path(station)
+        self._station = station.replace(os.sep, "_")
         self._reader: Reader | None = None
         self._missed = 0
         self._due: float | None = None
         self._next = 0.0
         self._child = 0
+        self._wanted = ""
+        """Why a black box is to be written as soon as the one before is finished."""
 
     def look(self) -> None:
         """A missed period is noticed, and kept a little later."""
         self._reap()
-        if self._reader is None:
-            with suppress(FramesError):
-                self._reader = Reader(self.path)
+        if not self._attach():
             return
+        assert self._reader is not None
         now = monotonic()
         if self._reader.missed > self._missed:
             self._missed = self._reader.missed
             if now >= self._next:
                 self._due = self._due or now + AFTERMATH
         if self._due is not None and now >= self._due:
+            self._next = now + AT_MOST_EVERY
             self.keep("a period was missed")
 
     def keep(self, reason: str) -> None:
-        """Write a black box now."""
-        if self._reader is None or self._child:
-            return
+        """Write a black box now, or as soon as the one that is being written is finished."""
         self._due = None
-        self._next = monotonic() + AT_MOST_EVERY
-        self._child = os.fork()
-        if self._child == 0:
+        if not self._attach():
+            return
+        if self._child:
+            self._wanted = reason
+            return
+        assert self._reader is not None
+        self._wanted = ""
+        try:
+            child = os.fork()
+        except OSError:
+            return
+        if child == 0:
             self._write(self._reader, reason)
+        self._child = child
 
     def finish(self) -> None:
-        """At the end: what is being written is finished, a ring left behind is removed."""
-        if self._due is not None:
+        """At the end: what is being written, and what is wanted still, is finished; a ring left behind is removed."""
+        until = monotonic() + PATIENCE
+        if self._due is not None and not self._wanted:
             self.keep("a period was missed")
-        if self._child:
-            os.waitpid(self._child, 0)
-            self._child = 0
-        self.path.unlink(missing_ok=True)
+        while self._child and monotonic() < until:
+            sleep(0.001)
+            self._reap()
+        if self.path is not None:
+            with suppress(OSError):
+                self.path.unlink(missing_ok=True)
+
+    def _attach(self) -> bool:
+        """Whether there are frames to be kept."""
+        if self._reader is None and self.path is not None:
+            with suppress(FramesError, OSError, ValueError):
+                self._reader = Reader(self.path)
+        return self._reader is not None
 
     def _write(self, reader: Reader, reason: str) -> None:
-        """In the child; never returns. A full disk costs the black box and nothing else."""
+        """In the child; never returns. Should it stick, it holds none of the guardian's locks and sockets."""
         with suppress(BaseException):
+            os.closerange(3, os.sysconf("SC_OPEN_MAX"))  # the frames stay mapped
             realtime.stand_back()
-            folder = box_folder()
+            folder = blackbox.folder()
             blackbox.save(reader, blackbox.name_for(folder, self._station, time()), reason)
             blackbox.thin(folder)
         os._exit(0)
 
     def _reap(self) -> None:
-        if self._child and os.waitpid(self._child, os.WNOHANG)[0]:
-            self._child = 0
+        """A child that is finished makes way for the next."""
+        if not self._child:
+            return
+        try:
+            if os.waitpid(self._child, os.WNOHANG)[0] == 0:
+                return
+        except OSError:  # it is gone
+            pass
+        self._child = 0
+        if self._wanted:
+            self.keep(self._wanted)

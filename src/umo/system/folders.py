@@ -6,10 +6,12 @@ user who takes the name first changes nothing, nor does a symbolic link.
 
 from __future__ import annotations
 
+import errno
 import os
 import stat
 import tempfile
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 PREFIX = "umo-"
@@ -17,29 +19,50 @@ TRIES = 100
 SHARED = (Path("/var/tmp"), Path("/tmp"))
 """Where records lie that every user of the computer may read, and only their writer may change; kept over a reboot in
 the first."""
+STATE = "UMO_STATE"
+"""Environment variable that names another place for what outlives a run, for containers and tests."""
+READABLE = 0o755
+"""The most that anybody else may do in a folder: look."""
 
 
 def own(place: Path, mode: int = 0o700) -> Path:
-    """This user's folder in a place where others may write, made if there is none; OSError where that cannot be."""
+    """This user's folder in a place where others may write, made if there is none; OSError where that cannot be.
+
+    It may be shared with a use that wants another mode: others may look into it where any of them wants that, and may
+    write to it never.
+    """
     if not hasattr(os, "getuid"):
         path = place / f"{PREFIX}user"
         path.mkdir(parents=True, exist_ok=True)
         return path
-    uid = os.getuid()
+    base = f"{PREFIX}{os.getuid()}"
     for path, status in folders(place):
-        if status.st_uid == uid:
-            if stat.S_IMODE(status.st_mode) != mode:
-                path.chmod(mode)
-            return path
+        if status.st_uid == os.getuid() and (path.name + "-").startswith(f"{base}-"):
+            return _with_mode(path, mode)
     for number in range(TRIES):
-        path = place / (f"{PREFIX}{uid}" + (f"-{number}" if number else ""))
-        try:
+        path = place / (f"{base}-{number}" if number else base)
+        with suppress(FileExistsError):  # another user's, not a folder, or another process of ours was quicker
             path.mkdir(mode=0o700)
-            path.chmod(mode)
-            return path
-        except FileExistsError:  # another user's, or not a folder
-            continue
-    raise FileExistsError(f"every name from {PREFIX}{uid} on is taken in {place}")
+        if is_own(path):
+            return _with_mode(path, mode)
+    return _with_mode(Path(tempfile.mkdtemp(prefix=f"{base}-", dir=place)), mode)
+
+
+def checked(path: Path) -> Path:
+    """A folder by its name, made if there is none; OSError if it is a link, another user's, or not a folder."""
+    path.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if not is_own(path):
+        raise PermissionError(errno.EACCES, "a link, or another user's folder", str(path))
+    return path
+
+
+def lasting() -> Path:
+    """Where the users' folders lie that outlive a run; OSError where the one that was named cannot be made."""
+    if given := os.environ.get(STATE):
+        place = Path(given)
+        place.mkdir(parents=True, exist_ok=True)
+        return place
+    return first_writable(SHARED)
 
 
 def folders(place: Path) -> Iterator[tuple[Path, os.stat_result]]:
@@ -58,9 +81,45 @@ def folders(place: Path) -> Iterator[tuple[Path, os.stat_result]]:
             yield path, status
 
 
+def is_own(path: Path) -> bool:
+    """Whether this is a folder of this user's, and not a link to one."""
+    try:
+        status = path.lstat()
+    except OSError:
+        return False
+    return stat.S_ISDIR(status.st_mode) and (not hasattr(os, "getuid") or status.st_uid == os.getuid())
+
+
+def open_own(path: Path, *, follow: bool = False) -> int:
+    """A regular file of this user's, opened for reading; OSError otherwise. `follow` allows a symbolic link.
+
+    What is opened is looked at, not the name: it may have changed its meaning in between. A pipe does not block.
+    """
+    flags = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
+    file = os.open(path, os.O_RDONLY | flags | (0 if follow else getattr(os, "O_NOFOLLOW", 0)))
+    try:
+        status = os.fstat(file)
+        if not stat.S_ISREG(status.st_mode):
+            raise OSError(errno.EINVAL, "not a regular file", str(path))
+        if hasattr(os, "getuid") and status.st_uid != os.getuid():
+            raise PermissionError(errno.EACCES, f"it is another user's (uid {status.st_uid})", str(path))
+    except BaseException:
+        os.close(file)
+        raise
+    return file
+
+
 def first_writable(places: Iterable[Path]) -> Path:
     """The first of the places where this process may make a folder; else the one for temporary files."""
     for place in places:
         if place.is_dir() and os.access(place, os.W_OK | os.X_OK):
             return place
     return Path(tempfile.gettempdir())
+
+
+def _with_mode(path: Path, mode: int) -> Path:
+    now = stat.S_IMODE(path.lstat().st_mode)
+    wanted = mode | (now & READABLE)
+    if wanted != now:
+        path.chmod(wanted)
+    return path

@@ -23,8 +23,6 @@ from typing import Any
 from umo.errors import StandsStopped, UmoError
 from umo.system import folders
 
-VARIABLE = "UMO_STATE"
-"""Environment variable that names another place, for containers and tests: who sets it has records of their own."""
 FOLDER = "devices"
 SUFFIX = ".json"
 LARGEST = 1 << 20
@@ -34,18 +32,9 @@ KEPT_MODE = 0o1644
 """The sticky bit keeps systemd-tmpfiles from removing an old file (tmpfiles.d(5), XDG base directories)."""
 
 
-def place() -> Path:
-    """Where the users' folders lie that outlive a run."""
-    if given := os.environ.get(VARIABLE):
-        path = Path(given)
-        path.mkdir(parents=True, exist_ok=True)
-        return path
-    return folders.first_writable(folders.SHARED)
-
-
 def state_folder() -> Path:
     """This user's folder for what outlives a run; OSError where there is none."""
-    return folders.own(place(), 0o755)
+    return folders.own(folders.lasting(), 0o755)
 
 
 @dataclass
@@ -143,7 +132,7 @@ def _own(device: str) -> Ended | None:
 
 
 def _all(pattern: str) -> Iterator[Ended]:
-    for folder, status in folders.folders(place()):
+    for folder, status in folders.folders(folders.lasting()):
         try:
             files = sorted((folder / FOLDER).glob(pattern))
         except OSError:

@@ -1,0 +1,310 @@
+"""Black boxes: what is in them, and that keeping one never costs more than the box."""
+
+from __future__ import annotations
+
+import errno
+import os
+import random
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from machines import bench, wired
+from test_frames import running, write
+from umo import FramesError, connect, published
+from umo.cli.app import app
+from umo.cli.why import why
+from umo.cycle.phases import Phases
+from umo.frames import Layout, Reader, Ring, Stage
+from umo.frames.folder import new_path
+from umo.frames.layout import ENTRY, describe_objects
+from umo.frames.ring import ENTRIES
+from umo.latency import blackbox, causes
+from umo.latency.blackbox import boxes, folder, save
+from umo.process import watcher
+from umo.process.watcher import Watcher
+from umo.testing import Scripted, VirtualTimer, periods
+
+
+@contextmanager
+def box_of(ring: Ring, path: Path, periods: int = blackbox.PERIODS) -> Iterator[Reader]:
+    with Reader(ring.path) as reader:
+        save(reader, path, "for a test", periods)
+    with Reader(path) as box:
+        yield box
+
+
+@pytest.mark.parametrize("beyond", [-300, 0, 1, 10, 500, 999, 1500])
+def test_a_box_reads_like_the_ring_wherever_its_frames_lay(tmp_path: Path, beyond: int) -> None:
+    """Over the end of the ring as well."""
+    with running() as (_, ring, connection):
+        head = ring.slots + beyond
+        for number in range(head):
+            write(ring, connection.machine.frame, number, number % 3)
+        with box_of(ring, tmp_path / "x.box") as box:
+            frames = box.read()
+            assert frames["number"].tolist() == list(range(head - blackbox.PERIODS, head))
+            assert (box.lost, box.head, box.state) == (0, head, Stage.ENDED)
+            assert box.about["reason"] == "for a test"
+            assert box.latest()["number"] == head - 1
+            for frame in frames[-50:]:
+                entries = box.journal(frame)
+                assert entries is not None
+                assert entries["raw"].tolist() == [frame["number"]] * (int(frame["number"]) % 3)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_a_box_of_few_frames_holds_them_all(tmp_path: Path, count: int) -> None:
+    with running() as (m, ring, _):
+        periods(m, 20)
+        with box_of(ring, tmp_path / "x.box", count) as box:
+            assert box.latest()["number"] == 20
+            assert box.read()["number"].tolist() == list(range(21 - count, 21))
+
+
+def test_a_box_of_a_ring_that_has_ended_holds_its_oldest_frame(tmp_path: Path) -> None:
+    path = tmp_path / "x.frames"
+    m = bench()
+    connection = connect(m, wired(m, Scripted(), clock=VirtualTimer()))
+    with connection, published(connection, "bench", path=path) as ring:
+        for number in range(ring.slots + 10):
+            write(ring, connection.machine.frame, number, 0)
+    with Reader(path) as reader:
+        assert reader.read()["number"].tolist() == list(range(10, ring.slots + 10))
+
+
+def test_a_box_holds_what_the_journal_still_had(tmp_path: Path) -> None:
+    each = 1000
+    with running() as (_, ring, connection):
+        for number in range(12):
+            write(ring, connection.machine.frame, number, each)
+        with box_of(ring, tmp_path / "x.box") as box:
+            frames = box.read()
+            there = [box.journal(frame) is not None for frame in frames]
+            assert there == [False] * (12 - ENTRIES // each) + [True] * (ENTRIES // each)
+            entries = box.journal(frames[-1])
+            assert entries is not None
+            assert entries["before"].tolist() == [-11] * each
+
+
+def test_a_box_of_a_ring_with_checksums_is_checked_too(tmp_path: Path) -> None:
+    m = bench()
+    connection = connect(m, wired(m, Scripted(), clock=VirtualTimer()))
+    with connection:
+        phases = Phases(connection.image, connection.wired.drivers)
+        layout = Layout(describe_objects(connection.image.items), tuple(phases.names), {"station": "x"})
+        ring = Ring(connection.image, phases, layout, new_path("x"), checksum=True)
+        for number in range(5):
+            write(ring, connection.machine.frame, number, 2)
+        with box_of(ring, tmp_path / "x.box") as box:
+            assert len(box.read()) == 5
+            entries = box.journal(box.latest())
+            assert entries is not None
+            assert entries["raw"].tolist() == [4, 4]
+            content = bytearray((tmp_path / "x.box").read_bytes())
+            journal = 5 * 2 * ENTRY.itemsize
+            content[len(content) - journal - 3 * ring.slot_bytes + 40] ^= 1  # in the last frame but two
+            content[len(content) - ENTRY.itemsize + 8] ^= 1  # in the last entry
+            (tmp_path / "y.box").write_bytes(content)
+        with Reader(tmp_path / "y.box") as damaged:
+            assert damaged.read()["number"].tolist() == [0, 1, 3, 4]
+            assert damaged.journal(damaged.last(2)[0]) is not None
+            assert damaged.journal(damaged.latest()) is None
+        ring.close()
+
+
+def test_a_box_before_the_first_frame_is_empty_and_says_so(tmp_path: Path) -> None:
+    with running() as (_, ring, _connection), box_of(ring, tmp_path / "x.box") as box:
+        assert box.latest() is None
+        assert len(box.read()) == 0
+    result = CliRunner().invoke(app, ["why", "--file", str(tmp_path / "x.box")])
+    assert result.exit_code == 2
+    assert "no period is in" in result.stderr
+
+
+def test_a_disk_that_fills_up_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", full)
+    with running() as (m, ring, _), Reader(ring.path) as reader:
+        periods(m, 3)
+        with pytest.raises(OSError, match="No space left"):
+            save(reader, tmp_path / "x.box", "")
+    assert not [path for path in tmp_path.iterdir() if path.is_file()]
+
+
+def test_why_bears_every_damage_of_a_box(tmp_path: Path) -> None:
+    with running(missed=[0, 0, 0, 2]) as (m, ring, _):
+        periods(m, 20)
+        with box_of(ring, tmp_path / "x.box"):
+            pass
+    content = (tmp_path / "x.box").read_bytes()
+    chance = random.Random(1)
+    for at in [*range(128), *(chance.randrange(len(content)) for _ in range(70))]:
+        damaged = bytearray(content)
+        damaged[at] ^= chance.choice([1, 2, 16, 128, 255])
+        (tmp_path / "y.box").write_bytes(damaged)
+        with suppress(FramesError):
+            assert why(None, False, tmp_path / "y.box") == 0
+
+
+def test_why_of_a_folder_is_an_error_in_a_line(tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["why", "--file", str(tmp_path)])
+    assert result.exit_code == 2
+    assert "not a regular file" in " ".join(result.stderr.split())
+
+
+# The guardian's watcher ----------------------------------------------------------------------------------
+
+pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux")
+
+
+@contextmanager
+def watched(missed: Any = ()) -> Iterator[tuple[Watcher, Any]]:
+    """A machine whose ring a watcher follows."""
+    seen = Watcher("bench")
+    m = bench()
+    connection = connect(m, wired(m, Scripted(), clock=VirtualTimer(missed)))
+    with connection, published(connection, "bench", path=seen.path):
+        yield seen, m
+    seen.finish()
+
+
+def reasons() -> list[str]:
+    found = []
+    for path in boxes(folder()):
+        with Reader(path) as box:
+            found.append(box.about["reason"])
+    return sorted(found)
+
+
+def test_a_failed_end_is_kept_though_another_box_was_just_kept_or_is_being_written() -> None:
+    with watched() as (seen, m):
+        periods(m, 3)
+        seen.keep("a period was missed")
+        seen.keep("it hung")
+    assert reasons() == ["a period was missed", "it hung"]
+
+
+def test_a_miss_shortly_before_the_end_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(watcher, "AFTERMATH", 1000.0)
+    with watched([0, 0, 5]) as (seen, m):
+        periods(m, 3)
+        seen.look()
+    assert reasons() == ["a period was missed"]
+
+
+def test_an_end_is_kept_though_nobody_looked_before_it() -> None:
+    with watched() as (seen, m):
+        periods(m, 3)
+    assert seen.path is not None
+    seen = Watcher("bench")
+    m = bench()
+    connection = connect(m, wired(m, Scripted(), clock=VirtualTimer()))
+    with connection, published(connection, "bench", path=seen.path):
+        periods(m, 3)
+    seen.keep("it failed")
+    seen.finish()
+    assert reasons() == ["it failed"]
+    assert seen.path is not None
+    assert not seen.path.exists()
+
+
+def test_misses_are_kept_once_in_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(watcher, "AFTERMATH", 0.0)
+    with watched([0, 0, 5, 5, 5]) as (seen, m):
+        seen.look()
+        for _ in range(5):
+            periods(m)
+            seen.look()
+    assert reasons() == ["a period was missed"]
+
+
+def test_a_fork_that_fails_costs_the_box(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails() -> int:
+        raise BlockingIOError(errno.EAGAIN, "Resource temporarily unavailable")
+
+    with watched() as (seen, m):
+        periods(m, 3)
+        with monkeypatch.context() as patched:
+            patched.setattr(os, "fork", fails)
+            seen.keep("it hung")
+            seen.look()
+        seen.keep("later")
+    assert reasons() == ["later"]
+
+
+def test_a_full_disk_costs_the_box(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(blackbox, "save", full)
+    with watched() as (seen, m):
+        periods(m, 3)
+        seen.keep("it hung")
+    assert reasons() == []
+
+
+def test_a_ring_that_cannot_be_read_costs_the_box() -> None:
+    seen = Watcher("bench")
+    assert seen.path is not None
+    for content in (b"", b"umoframe" + bytes(200), os.urandom(5000)):
+        seen.path.write_bytes(content)
+        seen.look()
+        seen.keep("it hung")
+    seen.path.unlink()
+    seen.path.symlink_to("/dev/zero")
+    seen.look()
+    seen.keep("it hung")
+    seen.finish()
+    assert reasons() == []
+
+
+def test_without_a_folder_for_frames_there_is_nothing_to_watch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("UMO_FRAMES", str(tmp_path / "file" / "frames"))
+    seen = Watcher("bench")
+    assert seen.path is None
+    seen.look()
+    seen.keep("it hung")
+    seen.finish()
+
+
+def test_a_box_that_takes_for_ever_does_not_hold_up_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And its process keeps nothing of the guardian's open."""
+    held, holding = os.pipe()
+
+    def sticks(*_: object) -> None:
+        while True:
+            signal.pause()
+
+    monkeypatch.setattr(watcher, "PATIENCE", 0.01)
+    monkeypatch.setattr(blackbox, "save", sticks)
+    with watched() as (seen, m):
+        periods(m, 3)
+        seen.keep("it hung")
+        child = seen._child
+    os.close(holding)
+    assert os.read(held, 1) == b""  # nobody else has the other end
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    os.close(held)
+
+
+def test_the_cause_is_found_in_a_box_that_was_taken_over_the_rings_end(tmp_path: Path) -> None:
+    with running() as (_, ring, connection):
+        frame = connection.machine.frame
+        for number in range(ring.slots + 100):
+            frame.missed = 2 if number == ring.slots + 50 else 0
+            write(ring, frame, number, 0)
+        with box_of(ring, tmp_path / "x.box") as box:
+            frames = box.read()
+            (row,) = causes.missed_rows(frames)
+            assert causes.explain(frames, box.layout, row).missed == 2
