@@ -25,6 +25,7 @@ import os
 import signal
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from umo.errors import DriverError
 
@@ -80,7 +81,7 @@ def serve_plant(
 
 
 def serve_until_signal(
-    plant: ServedPlant,
+    plant: ServedPlant[Any],
     *,
     host: str,
     port: int,
@@ -111,7 +112,7 @@ def serve_until_signal(
 
 
 async def serve(
-    plant: ServedPlant,
+    plant: ServedPlant[Any],
     *,
     host: str = "127.0.0.1",
     port: int = 5020,
@@ -160,7 +161,7 @@ async def _listen(connection: Callable[[], Connection], host: str, port: int) ->
         raise DriverError(f"cannot serve at {host}:{port}: {reason.lower()}") from None
 
 
-async def _keep_pace(box: Box, stop: asyncio.Event, report: Path | None) -> None:
+async def _keep_pace(box: Box[Any], stop: asyncio.Event, report: Path | None) -> None:
     """Physics in real time, in small steps between the requests."""
     loop = asyncio.get_running_loop()
     placed = 0
@@ -174,7 +175,7 @@ async def _keep_pace(box: Box, stop: asyncio.Event, report: Path | None) -> None
         await asyncio.sleep(left)
 
 
-def summary(box: Box) -> dict[str, object]:
+def summary(box: Box[Any]) -> dict[str, object]:
     """The plant's report, and what the box has to add to it."""
     report = box.plant.truth()
     return {
@@ -186,7 +187,7 @@ def summary(box: Box) -> dict[str, object]:
     }
 
 
-def final_state(box: Box) -> str:
+def final_state(box: Box[Any]) -> str:
     report, drops = box.plant.truth(), box.watchdog.drops
     return (
         f"{report.placed} of {len(report.parts)} parts placed; z at {box.plant.z_um / 1000:.3f} mm, theta at "
@@ -195,7 +196,7 @@ def final_state(box: Box) -> str:
     )
 
 
-def _write_report(box: Box, path: Path | None) -> None:
+def _write_report(box: Box[Any], path: Path | None) -> None:
     """Replace the file whole: whoever reads it never finds half of one."""
     if path is None:
         return
