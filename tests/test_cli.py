@@ -174,7 +174,12 @@ def test_one_run_per_machine(umo, tank: Path) -> None:
         (["set", "ztheta", "gripper.vacuum", "OFFF"], "has no state 'OFFF' (did you mean 'OFF'?)"),
         (["set", "ztheta", "z.motor", "much"], "'much' is not a number in V"),
         (["set", "ztheta", "z.motor", "3 kg"], "'kg' cannot be expressed in 'V'"),
-        (["plant", "ztheta", "--report", "nowhere/r.json"], "there is no folder nowhere"),
+        (["plant", "ztheta", "--report", "nowhere/r.json"], "report can be written to nowhere/r.json: no such file"),
+        (["plant", "ztheta", "--report", "/dev/null"], "/dev/null: this is not a regular file"),
+        (["plant", "ztheta", "--watchdog", "inf"], "the watchdog takes 0 (none) to 65.535 s, not inf s"),
+        (["plant", "ztheta", "--watchdog", "nan"], "not nan s"),
+        (["plant", "ztheta", "--watchdog", "-1"], "not -1 s"),
+        (["plant", "ztheta", "--watchdog", "65.6"], "not 65.6 s"),
         (["plant", "ztheta", "--fault", "leaky-cap"], "did you mean 'leaky-cup'?"),
     ],
 )

@@ -11,6 +11,7 @@ import socket
 import struct
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -23,11 +24,11 @@ from hypothesis import strategies as st
 
 import umo.drivers.modbus as modbus
 from peers.modbus_map import CELL, coil, discrete, holding, input_register, value
-from umo.drivers import _modbus_link
+from umo.drivers import _hosts, _modbus_link
 from umo.drivers._modbus_plan import plan_reads
 from umo.drivers.contract import Driver
 from umo.drivers.modbus import Modbus
-from umo.errors import DriverError, WiringError
+from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, WiringError
 
 SOURCE = Path(__file__).parent / "peers" / "modbus_peer.c"
 PATIENT = 10.0  # for calls that are to succeed, on however busy a machine
@@ -155,6 +156,80 @@ def write(driver: Driver, **raws: int) -> None:
 def test_an_option_beyond_its_range_is_a_wiring_error_before_anything_is_opened(options: Any) -> None:
     with pytest.raises(WiringError, match=next(iter(options))):
         Modbus(**options)
+
+
+# The device's name --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("host", "devices"),
+    [
+        ("192.168.0.7", ["modbus tcp 192.168.0.7:5020"]),
+        ("127.1", ["modbus tcp 127.0.0.1:5020"]),
+        ("0x7f000001", ["modbus tcp 127.0.0.1:5020"]),
+        ("0.0.0.0", ["modbus tcp 127.0.0.1:5020"]),
+        ("::ffff:127.0.0.1", ["modbus tcp 127.0.0.1:5020"]),
+        ("::ffff:0:0", ["modbus tcp 127.0.0.1:5020"]),
+        ("::", ["modbus tcp [::1]:5020"]),
+        ("0:0:0:0:0:0:0:1", ["modbus tcp [::1]:5020"]),
+        ("2001:DB8::0:7", ["modbus tcp [2001:db8::7]:5020"]),
+        ("fe80::7%1", ["modbus tcp [fe80::7%1]:5020"]),
+    ],
+)
+def test_every_spelling_of_an_address_is_the_same_device(host: str, devices: list[str]) -> None:
+    with patch.object(_hosts, "_looked_up", side_effect=AssertionError):
+        assert Modbus(host=host, port=5020).devices() == devices
+
+
+def test_units_behind_one_gateway_are_one_device_and_ports_are_not() -> None:
+    assert Modbus(unit=1).devices() == Modbus(unit=2).devices()
+    assert Modbus(port=502).devices() != Modbus(port=503).devices()
+
+
+def resolver(found: dict[str, list[str]]) -> Callable[..., list[Any]]:
+    """A getaddrinfo that knows these names alone."""
+
+    def getaddrinfo(host: str, port: object, **options: Any) -> list[Any]:
+        if options.get("flags") or host not in found:
+            raise socket.gaierror(socket.EAI_NONAME, "not known")
+        families = {True: socket.AF_INET6, False: socket.AF_INET}
+        return [(families[":" in each], None, 6, "", (each, 0, *[0, 0] * (":" in each))) for each in found[host]]
+
+    return getaddrinfo
+
+
+def test_a_name_stands_for_every_address_that_it_has() -> None:
+    names = {"localhost": ["::1", "127.0.0.1", "::1"], "press.lan": ["10.0.0.7"]}
+    with patch.object(socket, "getaddrinfo", resolver(names)):
+        assert Modbus(host="localhost").devices() == ["modbus tcp 127.0.0.1:502", "modbus tcp [::1]:502"]
+        assert Modbus(host="press.lan").devices() == ["modbus tcp 10.0.0.7:502"]
+
+
+@pytest.mark.parametrize("host", ["Press7.LAN.", "", "a b", "a\0b", "a" * 70, "ü" * 64, "\udcff"])
+def test_a_name_that_cannot_be_looked_up_stands_for_itself(host: str) -> None:
+    getaddrinfo = socket.getaddrinfo
+
+    def only_numbers(host: str, port: object, **options: Any) -> Any:
+        return getaddrinfo(host, None, **options | {"flags": socket.AI_NUMERICHOST})
+
+    with patch.object(socket, "getaddrinfo", only_numbers):
+        assert Modbus(host=host).devices() == [f"modbus tcp {host.lower().rstrip('.')}:502"]
+
+
+def test_a_look_up_that_does_not_end_is_left_alone_and_the_name_stands_for_itself() -> None:
+    ends = threading.Event()
+
+    def stuck(host: str, port: object, **options: Any) -> list[Any]:
+        if not options.get("flags"):
+            ends.wait(PATIENT)
+        raise socket.gaierror(socket.EAI_AGAIN, "no server")
+
+    with patch.object(socket, "getaddrinfo", stuck), patch.object(_hosts, "LONGEST_LOOKUP", 0.01):
+        assert Modbus(host="press.lan").devices() == ["modbus tcp press.lan:502"]
+        ends.set()
+        for thread in threading.enumerate():
+            if thread.name == "umo look-up":
+                thread.join(PATIENT)
 
 
 # Values and requests against the peer -------------------------------------------------------------
@@ -316,12 +391,19 @@ AT_READ = [
     ("exception=4", "exception 4, device failure"),
     ("truncate=3", "the device closed the connection"),
     ("truncate=12", "the device closed the connection"),
-    ("fewer", "a short answer (3 of 4)"),
-    ("echo=8", "a short or malformed answer"),
+    ("fewer", "a byte count of 6 in place of 8"),
+    ("bytes=0", "a byte count of 0 in place of 8"),
+    ("bytes=9", "a byte count of 9 in place of 8"),
+    ("odd", "a byte count of 9 in place of 8"),
+    ("tail", "an answer of 11 bytes in place of 10"),
     ("function=3", "an answer to function 3 in place of 4"),
-    ("function=99", "a short or malformed answer"),
-    ("transaction", "timed out (50 ms)"),
-    ("garbage", "the device closed the connection"),
+    ("function=99", "an answer to function 99 in place of 4"),
+    ("function=132", "an exception answer of 10 bytes in place of 2"),
+    ("unit=2", "an answer of unit 2 in place of 1"),
+    ("transaction=1", "an answer to transaction 3 in place of 2"),
+    ("transaction=-2", "an answer to transaction 0 in place of 2"),
+    ("transaction=-1", "an answer to transaction 1 in place of 2, and no other within 50 ms"),
+    ("garbage", "what came is not Modbus"),
 ]
 READING = [f"input:{i}" for i in range(4)]
 
@@ -334,9 +416,10 @@ def test_a_failed_read_says_where_and_why_and_the_next_call_works_again(
     driver = connected(peer)
     wanted = [input_register(i) for i in range(4)]
     assert read(driver, *READING) == wanted
-    driver.timeout = HASTY if "timed out" in words else PATIENT
+    driver.timeout = HASTY if "50 ms" in words else PATIENT
     with pytest.raises(DriverError) as caught:
         read(driver, *READING)
+    assert isinstance(caught.value, DeviceTimeout) == ("50 ms" in words)
     where = f"Modbus 127.0.0.1:{peer.port} unit 1: reading input registers 0 to 3: "
     assert str(caught.value).startswith(where)
     assert words in str(caught.value)
@@ -345,25 +428,41 @@ def test_a_failed_read_says_where_and_why_and_the_next_call_works_again(
     assert peer.requests() == [(4, 0, 4)] * 3, "nothing was sent twice"
 
 
-def test_an_answer_under_the_number_of_the_request_before_the_first_is_no_answer(
-    start: Start, connected: Connect
+@pytest.mark.parametrize("table", ["coil", "discrete"])
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ("bytes=0", "a byte count of 0 in place of 1"),
+        ("bytes=200", "a byte count of 200 in place of 1"),
+        ("odd", "a byte count of 2 in place of 1"),
+        ("tail", "an answer of 4 bytes in place of 3"),
+    ],
+)
+def test_bits_whose_number_is_not_what_was_asked_for_are_not_taken(
+    start: Start, connected: Connect, table: str, fault: str, words: str
 ) -> None:
-    driver = connected(start("1:transaction"))  # transaction 0, which pymodbus lets through as a wild card
-    with pytest.raises(DriverError, match="malformed"):
-        read(driver, *READING)
+    driver = connected(start(f"1:{fault}"))
+    with pytest.raises(DriverError, match=words):
+        read(driver, *(f"{table}:{i}" for i in range(8)))
 
 
 def test_bits_that_are_missing_from_an_answer_are_noticed(start: Start, connected: Connect) -> None:
     driver = connected(start("1:fewer"))
-    with pytest.raises(DriverError, match=r"reading discrete inputs 0 to 19: a short answer"):
+    with pytest.raises(DriverError, match=r"reading discrete inputs 0 to 19: a byte count of 2 in place of 3"):
         read(driver, *(f"discrete:{i}" for i in range(20)))
 
 
 AT_WRITE = [
-    ({"coil_2": 1}, "echo=9", "writing coil 2: the answer confirms something else (address 3, [True])"),
-    ({"holding_2": 9}, "echo=11", "writing holding register 2: the answer confirms something else (address 2, [8])"),
-    ({"coil_2": 1, "coil_3": 1}, "echo=11", "writing coils 2 to 3: the answer confirms something else"),
-    ({"holding_2": 1, "holding_3": 1}, "echo=9", "writing holding registers 2 to 3: the answer confirms"),
+    (
+        {"coil_2": 1},
+        "echo=9",
+        "writing coil 2: the answer confirms address 3, value 0xff00 in place of address 2, value 0xff00",
+    ),
+    ({"coil_2": 1}, "confirm=4660", "confirms address 2, value 0x1234 in place of address 2, value 0xff00"),
+    ({"coil_2": 1}, "tail", "writing coil 2: an answer of 6 bytes in place of 5"),
+    ({"holding_2": 9}, "echo=11", "confirms address 2, value 0x8 in place of address 2, value 0x9"),
+    ({"coil_2": 1, "coil_3": 1}, "echo=11", "confirms address 2, count 0x3 in place of address 2, count 0x2"),
+    ({"holding_2": 1, "holding_3": 1}, "echo=9", "writing holding registers 2 to 3: the answer confirms address 3"),
     ({"holding_2": 9}, "exception=3", "writing holding register 2: exception 3, illegal data value"),
     ({"holding_2": 9}, "truncate=10", "writing holding register 2: the device closed the connection"),
     ({"holding_2": 9}, "silent", "writing holding register 2: timed out"),
@@ -386,6 +485,91 @@ def test_a_write_that_was_not_confirmed_as_sent_has_failed(
     assert len(peer.requests()) == 2, "the failed write was not repeated by itself"
 
 
+# Blocks of several requests --------------------------------------------------------------------
+
+MIXED = ["input:0", "input:1:int32", "discrete:0", "coil:3", "coil:9", "holding:5"]
+"""Five requests: the input registers, the discrete input, a coil, another one, the holding register."""
+
+
+def test_requests_beside_one_that_the_device_refuses_are_carried_out(start: Start, connected: Connect) -> None:
+    peer = start("1:exception=2", "3:exception=4")
+    driver = connected(peer)
+    channels = [driver.channel(text) for text in MIXED]
+    out = np.full(len(channels), -99, np.int64)
+    with pytest.raises(ChannelsFailed) as caught:
+        driver.read_many(channels, out)
+    where = f"Modbus 127.0.0.1:{peer.port} unit 1: reading "
+    assert caught.value.causes == {
+        "input:0": f"{where}input registers 0 to 2: exception 2, illegal data address",
+        "input:1:int32": f"{where}input registers 0 to 2: exception 2, illegal data address",
+        "coil:3": f"{where}coil 3: exception 4, device failure",
+    }
+    assert out.tolist() == [-99, -99, discrete(0), -99, coil(9), holding(5)]
+    with patch.object(_modbus_link._Client, "_dial", side_effect=AssertionError):
+        assert read(driver, *MIXED)[2:] == [discrete(0), coil(3), coil(9), holding(5)]
+
+
+@pytest.mark.parametrize("fault", ["close", "unit=7", "garbage", "tail"])
+def test_what_a_lost_connection_leaves_undone_is_named_and_what_went_before_stands(
+    start: Start, connected: Connect, fault: str
+) -> None:
+    peer = start(f"3:{fault}")
+    driver = connected(peer)
+    channels = [driver.channel(text) for text in MIXED]
+    out = np.full(len(channels), -99, np.int64)
+    with pytest.raises(ChannelsFailed) as caught:
+        driver.read_many(channels, out)
+    assert list(caught.value.causes) == MIXED[3:]
+    assert len(set(caught.value.causes.values())) == 1
+    assert "reading coil 3: " in caught.value.causes["holding:5"]
+    assert out.tolist() == [input_register(0), *read(driver, MIXED[1]), discrete(0), -99, -99, -99]
+    assert len(peer.requests()) == 4, "nothing was asked after the loss"
+
+
+def test_a_connection_that_is_lost_at_the_first_request_fails_the_block_with_its_own_words(
+    start: Start, connected: Connect
+) -> None:
+    driver = connected(start("1:close"))
+    with pytest.raises(DriverError, match="reading input registers 0 to 2: the device closed") as caught:
+        read(driver, *MIXED)
+    assert not isinstance(caught.value, ChannelsFailed)
+
+
+def test_a_timeout_in_the_middle_of_a_block_is_a_timeout_of_the_block(start: Start, connected: Connect) -> None:
+    driver = connected(start("1:exception=2", "3:silent"))
+    driver.timeout = 0.5  # enough for the two before it
+    with pytest.raises(DeviceTimeout, match=r"reading coil 3: timed out \(500 ms\)"):
+        read(driver, *MIXED)
+
+
+def test_writes_beside_one_that_the_device_refuses_are_carried_out(start: Start, connected: Connect) -> None:
+    peer = start("2:exception=4")
+    driver = connected(peer)
+    with pytest.raises(ChannelsFailed) as caught:
+        write(driver, coil_0=1, holding_4=7, holding_5=8, coil_7=1)
+    assert list(caught.value.causes) == ["holding:4", "holding:5"]
+    assert peer.requests() == [(5, 0, 1, 1), (16, 4, 2, 7, 8), (5, 7, 1, 1)]
+
+
+def test_a_write_that_loses_the_connection_fails_with_all_that_were_to_follow(start: Start, connected: Connect) -> None:
+    peer = start("2:close")
+    driver = connected(peer)
+    with pytest.raises(ChannelsFailed) as caught:
+        write(driver, coil_0=1, holding_4=7, coil_7=1)
+    assert list(caught.value.causes) == ["holding:4", "coil:7"]
+    assert [request[:2] for request in peer.requests()] == [(5, 0), (6, 4)]
+
+
+def test_a_refused_request_that_is_alone_fails_with_its_own_words(start: Start, connected: Connect) -> None:
+    driver = connected(start("1:exception=2"))
+    with pytest.raises(DriverError, match="illegal data address") as caught:
+        write(driver, coil_0=1, coil_1=1)
+    assert not isinstance(caught.value, ChannelsFailed)
+
+
+# Connections -----------------------------------------------------------------------------------
+
+
 def test_an_exception_answer_keeps_the_connection(start: Start, connected: Connect) -> None:
     driver = connected(start("1:exception=2"))
     with pytest.raises(DriverError):
@@ -397,7 +581,7 @@ def test_an_exception_answer_keeps_the_connection(start: Start, connected: Conne
 def test_a_late_answer_is_never_taken_for_a_later_one(start: Start, connected: Connect) -> None:
     driver = connected(start("1:late=120"))
     driver.timeout = HASTY
-    with pytest.raises(DriverError, match="timed out"):
+    with pytest.raises(DeviceTimeout, match="timed out"):
         read(driver, "holding:1")
     driver.timeout = PATIENT
     assert read(driver, "holding:2") == [holding(2)]
@@ -449,7 +633,7 @@ def test_a_device_that_goes_away_is_named_and_used_again_when_it_is_back(start: 
 def test_all_the_requests_of_a_call_share_one_deadline(start: Start, connected: Connect) -> None:
     driver = connected(start("1:late=300", "2:late=300"))
     driver.timeout = 0.5  # enough for either of them
-    with pytest.raises(DriverError, match=r"reading discrete input 0: timed out \(500 ms\)"):
+    with pytest.raises(DeviceTimeout, match=r"reading discrete input 0: timed out \(500 ms\)"):
         read(driver, "input:0", "discrete:0")
 
 
@@ -462,7 +646,7 @@ def test_a_device_that_does_not_take_the_connection_times_out(peer_program: Path
             each.connect_ex(silent.getsockname())
         driver = Modbus(port=silent.getsockname()[1])
         driver.timeout = HASTY
-        with pytest.raises(DriverError, match=r"connecting: timed out \(50 ms\)"):
+        with pytest.raises(DeviceTimeout, match=r"connecting: timed out \(50 ms\)"):
             driver.open()
         driver.close()
 
@@ -534,12 +718,14 @@ FRAMES = st.builds(
 def test_whatever_the_device_answers_is_a_value_or_a_driver_error(answer: bytes, writing: bool) -> None:
     near, far = socket.socketpair()
 
-    def reply(client: Any, request: bytes, addr: Any = None) -> int:
-        far.sendall(answer)
-        far.close()
-        return len(request)
+    client, send = _modbus_link._Client, _modbus_link._Client.send
 
-    client = _modbus_link._Client
+    def reply(client: Any, request: bytes, addr: Any = None) -> int:
+        sent = send(client, request)
+        far.sendall(answer)
+        far.shutdown(socket.SHUT_WR)
+        return sent
+
     driver = Modbus()
     driver.timeout = PATIENT
     with patch.object(client, "_dial", lambda _: near), patch.object(client, "send", reply), near, far:

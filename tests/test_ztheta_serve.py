@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import re
 import shutil
 import signal
 import socket
+import stat
 import struct
 import subprocess
 import threading
@@ -23,10 +25,11 @@ from hypothesis import strategies as st
 
 from umo.drivers.contract import Channel, Direction
 from umo.drivers.modbus import Modbus
-from umo.errors import DriverError
+from umo.errors import DriverError, WiringError
 from umo.stations.ztheta import serve as serving
 from umo.stations.ztheta._box import FAR_BEHIND, MOST_PERIODS, Box, Pace, Watchdog
-from umo.stations.ztheta._modbus_server import answer
+from umo.stations.ztheta._modbus_server import Connection, answer
+from umo.stations.ztheta._report_file import ReportFile
 from umo.stations.ztheta.serve import POINTS, WATCHDOG_REGISTER, serve, serve_plant, serve_until_signal
 
 PATIENT = 10.0
@@ -449,6 +452,115 @@ def test_a_client_that_speaks_no_modbus_is_cut_off_and_the_others_are_served(
     assert caplog.records == [], "cut off on purpose, not by an error"
 
 
+class Wire(asyncio.Transport):
+    """A connection's other side, in the test's hand; `full` answers are in the way of more."""
+
+    def __init__(self, full: int = 1_000_000) -> None:
+        super().__init__()
+        self.answers: list[bytes] = []
+        self.full = full
+        self.reading = True
+        self.connection: Connection | None = None
+
+    def is_closing(self) -> bool:
+        return False
+
+    def pause_reading(self) -> None:
+        self.reading = False
+
+    def resume_reading(self) -> None:
+        self.reading = True
+
+    def write(self, data: bytes) -> None:  # type: ignore[override]
+        self.answers.append(data)
+        if len(self.answers) == self.full:
+            assert self.connection is not None
+            self.connection.pause_writing()
+
+
+def wired(handle: Callable[[bytes], bytes], full: int = 1_000_000) -> tuple[Connection, Wire]:
+    wire = Wire(full)
+    wire.connection = Connection(handle, set())
+    wire.connection.connection_made(wire)
+    return wire.connection, wire
+
+
+async def turns(number: int) -> None:
+    for _ in range(number):
+        await asyncio.sleep(0)
+
+
+FLOOD = [bytes([3, 0, 0, 0, i]) for i in range(200)]
+
+
+def flood() -> bytes:
+    return b"".join(frame(i, *request) for i, request in enumerate(FLOOD))
+
+
+def test_clients_that_flood_the_box_take_turns_with_the_others() -> None:
+    served_: list[str] = []
+
+    def handle(name: str) -> Callable[[bytes], bytes]:
+        return lambda request: served_.append(name) or request
+
+    async def main() -> None:
+        first, second, good = (wired(handle(name)) for name in ("first", "second", "good"))
+        first[0].data_received(flood())
+        second[0].data_received(flood())
+        for i in range(20):
+            before = len(served_)
+            good[0].data_received(frame(i, *FLOOD[i]))
+            assert served_[before:] == ["good"], "at once, whoever else waits"
+            await turns(1)
+            assert sorted(served_[before:]) == ["first", "good", "second"], "one request of each in a turn"
+        await turns(200)
+        for _, wire in (first, second):
+            assert wire.answers == [frame(i, *request) for i, request in enumerate(FLOOD)]
+
+    asyncio.run(main())
+
+
+def test_nothing_is_read_of_a_client_while_its_requests_wait() -> None:
+    async def main() -> None:
+        connection, wire = wired(bytes)
+        connection.data_received(flood() + frame(7, 1, 2)[:5])
+        assert not wire.reading
+        await turns(198)
+        assert not wire.reading
+        await turns(3)
+        assert wire.reading
+        assert len(wire.answers) == 200
+        connection.data_received(frame(7, 1, 2)[5:])
+        assert wire.answers[200:] == [frame(7, 1, 2)]
+
+    asyncio.run(main())
+
+
+def test_a_client_that_does_not_take_its_answers_gets_no_more_of_them_until_it_does() -> None:
+    async def main() -> None:
+        connection, wire = wired(bytes, full=5)
+        connection.data_received(flood())
+        await turns(50)
+        assert len(wire.answers) == 5
+        assert not wire.reading
+        connection.resume_writing()
+        before = len(wire.answers)
+        await turns(10)
+        assert len(wire.answers) == before + 10, "one in a turn, as ever"
+        await turns(200)
+        assert len(wire.answers) == 200
+        assert wire.reading
+
+    asyncio.run(main())
+
+
+def test_many_requests_in_one_packet_are_answered_in_their_order() -> None:
+    with served(FakePlant()) as port, socket.create_connection(("127.0.0.1", port), PATIENT) as client:
+        client.sendall(b"".join(frame(i, 4, 0, 3, 0, 1) for i in range(3000)))
+        with client.makefile("rb") as answers:
+            assert answers.read(11 * 3000) == b"".join(frame(i, 4, 2, 3, 232) for i in range(3000))
+
+
 # Beginning, end and report ------------------------------------------------------------------------
 
 
@@ -502,6 +614,121 @@ def test_the_report_is_written_when_another_part_has_been_placed(
 
     asyncio.run(asyncio.wait_for(serve(Placing(), port=0, stop=stop, report=path), PATIENT))
     assert seen == [1]
+
+
+def serving_to(report: Path) -> FakePlant:
+    """A plant that was served until it could take requests, with this report."""
+    plant, stop = FakePlant(), asyncio.Event()
+    asyncio.run(serve(plant, port=0, ready=lambda host, port: stop.set(), stop=stop, report=report))
+    return plant
+
+
+@pytest.mark.parametrize("bad", ["folder", "device", "pipe", "linked", "loop", "missing/report", "x" * 300, "a\0b"])
+def test_a_report_that_is_not_a_regular_file_is_refused_before_serving_and_left_as_it_is(
+    bad: str, tmp_path: Path
+) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "device").symlink_to("/dev/null")
+    (tmp_path / "linked").symlink_to("folder")
+    (tmp_path / "loop").symlink_to("loop")
+    os.mkfifo(tmp_path / "pipe")
+    before = {path.name: path.lstat().st_ino for path in tmp_path.iterdir()}
+    with pytest.raises(WiringError, match="no report can be written to"):
+        serving_to(tmp_path / bad)
+    assert {path.name: path.lstat().st_ino for path in tmp_path.iterdir()} == before
+    assert stat.S_ISCHR(Path("/dev/null").stat().st_mode)
+
+
+def test_a_report_that_became_something_else_meanwhile_is_not_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "report.json"
+    report = ReportFile(path)
+    path.symlink_to("/dev/null")
+    with pytest.raises(DriverError, match=r"report\.json cannot be written: this is not a regular file"):
+        report.write({})
+    assert path.is_symlink()
+
+
+def test_a_report_behind_a_symlink_is_written_there_and_the_link_stays(tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "link").symlink_to("folder/report.json")
+    for _ in range(2):
+        serving_to(tmp_path / "link")
+    assert (tmp_path / "link").is_symlink()
+    assert json.loads((tmp_path / "folder" / "report.json").read_text())["placed"] == 0
+    assert len(list(tmp_path.rglob("*"))) == 3
+
+
+def test_a_report_may_have_the_longest_name_that_a_file_can_have(tmp_path: Path) -> None:
+    serving_to(tmp_path / ("r" * 250 + ".json"))
+    assert [path.suffix for path in tmp_path.iterdir()] == [".json"]
+
+
+def test_a_report_never_follows_a_draft_that_somebody_else_has_put_there(tmp_path: Path) -> None:
+    victim = tmp_path / "victim"
+    victim.write_text("kept")
+    (tmp_path / f".umo-report-{os.getpid()}").symlink_to(victim)
+    serving_to(tmp_path / "report.json")
+    assert victim.read_text() == "kept"
+    assert (tmp_path / "report.json").is_file()
+
+
+def test_a_report_that_cannot_be_written_any_more_is_said_at_the_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(serving, "REPORT_EVERY", 0.0)
+    folder, stop = tmp_path / "folder", asyncio.Event()
+    folder.mkdir()
+    plant = FakePlant()
+
+    @dataclass(frozen=True)
+    class OnePlaced(FakeReport):
+        placed = 1
+
+    looks: list[FakeReport] = []
+
+    def truth() -> FakeReport:
+        looks.append(OnePlaced())
+        if len(looks) == 5:
+            stop.set()
+        return looks[-1]
+
+    plant.truth = truth  # type: ignore[method-assign]
+    with pytest.raises(DriverError, match=r"report\.json cannot be written: no such file"):
+        asyncio.run(
+            serve(plant, port=0, ready=lambda host, port: folder.rmdir(), stop=stop, report=folder / "report.json")
+        )
+    assert len(looks) >= 5, "it was served on meanwhile"
+    assert not plant.is_open
+
+
+@pytest.mark.parametrize("watchdog", [float("inf"), float("nan"), -0.001, 65.536])
+def test_a_watchdog_that_its_register_cannot_hold_is_refused_before_serving(watchdog: float) -> None:
+    with pytest.raises(WiringError, match=r"the watchdog takes 0 \(none\) to 65.535 s"):
+        serve_until_signal(FakePlant(), host="127.0.0.1", port=0, watchdog=watchdog)
+
+
+@pytest.mark.parametrize(("watchdog", "milliseconds"), [(0.0, 0), (0.0001, 1), (0.2, 200), (65.535, 65535)])
+def test_a_watchdog_above_0_is_never_none(watchdog: float, milliseconds: int) -> None:
+    found: list[int] = []
+
+    def look(host: str, port: int) -> None:
+        def work() -> None:
+            with driving(port) as driver:
+                found.append(driver.read(driver.channel(f"holding:{WATCHDOG_REGISTER}")))
+            signal.raise_signal(signal.SIGTERM)
+
+        worker.append(threading.Thread(target=work))
+        worker[0].start()
+
+    worker: list[threading.Thread] = []
+    serve_until_signal(FakePlant(), host="127.0.0.1", port=0, watchdog=watchdog, ready=look)
+    worker[0].join()
+    assert found == [milliseconds]
+
+
+def test_an_address_that_cannot_be_a_name_is_said_in_one_sentence() -> None:
+    with pytest.raises(DriverError, match="not the name of a host"):
+        asyncio.run(serve(FakePlant(), host="a" * 70, port=0))
 
 
 def test_the_station_s_plant_is_served_as_it_is(capsys: pytest.CaptureFixture[str]) -> None:

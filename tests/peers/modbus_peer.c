@@ -15,12 +15,17 @@
  *     fewer        a well-formed answer with one register, or eight bits, less than was asked for
  *     echo=N       the N-th byte of the answer is changed (8: the address confirmed, 9: its low byte, ...)
  *     function=N   a well-formed answer to another function
- *     transaction  answered under another transaction's number only
+ *     bytes=N      a byte count of N with the data as it is
+ *     odd          one byte of data more than was asked for, in the byte count too
+ *     tail         one byte more behind the data, in the frame's length only
+ *     confirm=N    the value, or the number of cells, that a write's answer confirms
+ *     unit=N       answered by unit N only
+ *     transaction=N  answered under a transaction's number N higher (below 0: lower) only, with other values
  *     stale        first the answer of another transaction, with other values, then the right one
  *     unasked      the right answer twice ("twice" is logged after the second)
  *     split=MS     the answer in two pieces, MS milliseconds apart
  *     trickle=MS   one byte of an answer to somebody else, every MS milliseconds, until the client leaves
- *     garbage      bytes that are no Modbus, then the connection is closed
+ *     garbage      bytes that are not Modbus, then the connection is closed
  */
 #include <errno.h>
 #include <modbus.h>
@@ -125,27 +130,57 @@ static void shorten(uint8_t *answer, int *size)
     answer[HEADER + 1] = (uint8_t)(answer[HEADER + 1] - less);
 }
 
-static void other_transaction(const uint8_t *answer, int size, int client)
+/* One byte more, said by the frame's length. */
+static void lengthen(uint8_t *answer, int *size)
+{
+    answer[5]++;
+    answer[(*size)++] = 0x55;
+}
+
+static void other_transaction(const uint8_t *answer, int size, int client, int higher)
 {
     uint8_t other[MODBUS_TCP_MAX_ADU_LENGTH];
     memcpy(other, answer, (size_t)size);
-    other[1] = (uint8_t)(other[1] - 1);
+    other[1] = (uint8_t)(other[1] + higher);
     memset(other + HEADER + 2, 0x55, (size_t)(size - HEADER - 2));
     put(client, other, size);
 }
 
 static void trickle(int client, int ms)
 {
-    /* A header of 255 bytes to come, for a transaction that nobody began. */
-    static const uint8_t header[HEADER] = {0xff, 0xfe, 0, 0, 0, 0xff, 1};
+    /* A header of 254 bytes to come, for a transaction that nobody began. */
+    static const uint8_t header[HEADER] = {0xff, 0xfe, 0, 0, 0, 0xfe, 1};
     for (int i = 0; put(client, i < HEADER ? header + i : header + 2, 1) == 1; i++)
         pause_ms(ms);
+}
+
+/* An answer of the right length to the right request, but for one thing. */
+static void spoil(const char *name, int value, uint8_t *answer, int *size)
+{
+    if (strcmp(name, "fewer") == 0)
+        shorten(answer, size);
+    if (strcmp(name, "echo") == 0)
+        answer[value] ^= 0x01;
+    if (strcmp(name, "function") == 0)
+        answer[HEADER] = (uint8_t)value;
+    if (strcmp(name, "unit") == 0)
+        answer[HEADER - 1] = (uint8_t)value;
+    if (strcmp(name, "bytes") == 0)
+        answer[HEADER + 1] = (uint8_t)value;
+    if (strcmp(name, "odd") == 0)
+        answer[HEADER + 1]++;
+    if (strcmp(name, "odd") == 0 || strcmp(name, "tail") == 0)
+        lengthen(answer, size);
+    if (strcmp(name, "confirm") == 0) {
+        answer[HEADER + 3] = (uint8_t)(value >> 8);
+        answer[HEADER + 4] = (uint8_t)value;
+    }
 }
 
 /* Answer one request; 0 when the connection is to be closed. */
 static int serve(int client, const uint8_t *query, int length, int listener)
 {
-    uint8_t answer[MODBUS_TCP_MAX_ADU_LENGTH];
+    uint8_t answer[MODBUS_TCP_MAX_ADU_LENGTH + 1]; /* one more for what `lengthen` adds */
     int value, size;
     const char *name = meets(&value);
     if (name == NULL)
@@ -167,17 +202,12 @@ static int serve(int client, const uint8_t *query, int length, int listener)
     if (strcmp(name, "truncate") == 0)
         return put(client, answer, value), 0;
     if (strcmp(name, "transaction") == 0)
-        return other_transaction(answer, size, client), 1;
+        return other_transaction(answer, size, client, value), 1;
     if (strcmp(name, "late") == 0)
         pause_ms(value);
-    if (strcmp(name, "fewer") == 0)
-        shorten(answer, &size);
-    if (strcmp(name, "echo") == 0)
-        answer[value] ^= 0x01;
-    if (strcmp(name, "function") == 0)
-        answer[HEADER] = (uint8_t)value;
+    spoil(name, value, answer, &size);
     if (strcmp(name, "stale") == 0)
-        other_transaction(answer, size, client);
+        other_transaction(answer, size, client, -1);
     if (strcmp(name, "split") == 0) {
         put(client, answer, 5);
         pause_ms(value);

@@ -200,7 +200,7 @@ def plant(
     port: Annotated[int, typer.Option(min=0, max=65535, help="TCP port; 0 takes a free one.")] = 5020,
     seed: Annotated[int, typer.Option(min=0, help="Where everything starts.")] = 0,
     parts: Annotated[int, typer.Option(min=1, help="Parts that the courier carries.")] = 3,
-    watchdog: Annotated[float, typer.Option(min=0.0, help="Seconds without a request; 0: none.")] = 0.2,
+    watchdog: Annotated[float, typer.Option(help="Seconds without a request, to 65.535; 0: none.")] = 0.2,
     fault: Annotated[list[str] | None, typer.Option(help="A fault that the plant has; may be repeated.")] = None,
     report: Annotated[Path | None, typer.Option(metavar="FILE.json", help="Keep the plant's truth here.")] = None,
 ) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-from pathlib import Path
 from typing import Any
 
 from rich.markup import escape
@@ -121,12 +120,9 @@ def _forms(cls: type[Driver]) -> str:
 
 
 def serve_plant(station: Station, **options: Any) -> None:
-    """Hand over to the station's own `serve_plant` (serve.py)."""
+    """Hand over to the station's own `serve_plant` (serve.py), which looks at the options."""
     module = station.module("serve")
     serve = getattr(module, "serve_plant", None)
     if serve is None:
         raise StationError(f"{station.name} has no plant to serve: no serve.py with serve_plant()")
-    report: Path | None = options.get("report")
-    if report is not None and not report.resolve().parent.is_dir():
-        raise StationError(f"--report {report}: there is no folder {report.parent}")
     serve(**options)

@@ -11,7 +11,6 @@ import logging
 import math
 import select
 import socket
-import struct
 from collections.abc import Sequence
 from time import monotonic
 from typing import Any
@@ -20,8 +19,9 @@ from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ModbusPDU
 
+from umo.drivers._modbus_answer import Lost, Refused, TimedOut, answers, frame_end, wrong_transaction
 from umo.drivers._modbus_plan import COIL, DISCRETE, HOLDING, INPUT, Request
-from umo.errors import DriverError
+from umo.errors import DeviceTimeout, DriverError
 
 EXCEPTIONS = {
     1: "illegal function",
@@ -34,21 +34,13 @@ EXCEPTIONS = {
     10: "gateway path unavailable",
     11: "gateway target failed to respond",
 }
-READ_FUNCTION = {COIL: 1, DISCRETE: 2, HOLDING: 3, INPUT: 4}
-WRITE_ONE = {COIL: 5, HOLDING: 6}
-WRITE_MANY = {COIL: 15, HOLDING: 16}
-
-
-class _Lost(Exception):
-    """The connection is of no more use; says why. Not a TimeoutError, as pymodbus swallows those."""
-
-
-_FAILED = (_Lost, ModbusException, ValueError, IndexError, struct.error)
-"""All that a request may raise: some versions of pymodbus let their decoders' own errors through."""
+_FAILED = (Lost, ModbusException)
+"""All that a request may raise; what pymodbus finds wrong itself has passed our own look at the answer."""
 
 
 class _Client(ModbusTcpClient):
-    """pymodbus's client with one deadline in place of a timeout for each wait."""
+    """pymodbus's client with one deadline in place of a timeout for each wait; it hands pymodbus whole frames that
+    answer the request, and nothing else."""
 
     def __init__(self, host: str, port: int) -> None:
         # No retries, and no time limit of pymodbus's own: the deadline below is the only one.
@@ -56,12 +48,13 @@ class _Client(ModbusTcpClient):
         self.deadline = 0.0
         self._addresses = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
         self._idle = select.poll()
+        self._request = self._data = b""
 
     def left(self) -> float:
         """Seconds until the deadline."""
         left = self.deadline - monotonic()
         if left <= 0:
-            raise _Lost("timed out")
+            raise TimedOut
         return left
 
     def connect(self) -> bool:
@@ -69,6 +62,7 @@ class _Client(ModbusTcpClient):
             self.socket = self._dial()
             self._idle = select.poll()
             self._idle.register(self.socket, select.POLLIN)
+            self._data = b""
         return True
 
     def close(self) -> None:
@@ -78,7 +72,7 @@ class _Client(ModbusTcpClient):
 
     def clean(self) -> bool:
         """Nothing has come in unasked: neither the device's goodbye nor an answer nobody waits for."""
-        return not self._idle.poll(0)
+        return not self._data and not self._idle.poll(0)
 
     def _dial(self) -> socket.socket:
         error = OSError("no address")
@@ -90,36 +84,48 @@ class _Client(ModbusTcpClient):
                 connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             except TimeoutError:
                 connection.close()
-                raise _Lost("timed out") from None
+                raise TimedOut from None
             except OSError as failed:
                 connection.close()
                 error = failed
             else:
                 return connection
-        raise _Lost(_plain(error))
+        raise Lost(_plain(error))
 
     def send(self, request: bytes, addr: tuple[Any, ...] | None = None) -> int:
         assert self.socket is not None
+        self._request = request
         try:
             self.socket.settimeout(self.left())
             self.socket.sendall(request)
         except TimeoutError:
-            raise _Lost("timed out") from None
+            raise TimedOut from None
         except OSError as error:
-            raise _Lost(_plain(error)) from None
+            raise Lost(_plain(error)) from None
         return len(request)
 
     def recv(self, size: int | None) -> bytes:
+        """The frame that answers the request."""
+        passed_over = ""
+        while True:
+            while not (end := frame_end(self._data)):
+                self._data += self._take(passed_over)
+            frame, self._data = self._data[:end], self._data[end:]
+            if answers(self._request, frame):
+                return frame
+            passed_over = wrong_transaction(self._request, frame)
+
+    def _take(self, passed_over: str) -> bytes:
         assert self.socket is not None
         try:
             self.socket.settimeout(self.left())
             data = self.socket.recv(4096)
-        except TimeoutError:
-            raise _Lost("timed out") from None
+        except (TimeoutError, TimedOut):
+            raise TimedOut(passed_over) from None
         except OSError as error:
-            raise _Lost(_plain(error)) from None
+            raise Lost(_plain(error)) from None
         if not data:
-            raise _Lost("the device closed the connection")
+            raise Lost("the device closed the connection")
         return data
 
 
@@ -155,68 +161,55 @@ class Link:
             client.close()
         try:
             client.connect()
-        except _Lost as lost:
-            raise self._failed("connecting", str(lost)) from None
+        except Lost as lost:
+            raise self._broken("connecting", lost) from None
 
     def close(self) -> None:
         self._client.close()
 
     def read(self, request: Request) -> Sequence[int]:
-        """The cells of the answer, as many as were asked for."""
+        """The cells of the answer, at least as many as were asked for."""
         try:
             answer = self._readers[request.table](request.address, count=request.count, device_id=self._unit)
         except _FAILED as error:
-            raise self._broken(request, f"reading {request.what}", error) from None
-        self._check(answer, READ_FUNCTION[request.table], f"reading {request.what}")
-        bitwise = request.table is COIL or request.table is DISCRETE
-        cells = answer.bits if bitwise else answer.registers
-        if len(cells) != ((request.count + 7) // 8 * 8 if bitwise else request.count):
-            raise self._unfit(f"reading {request.what}", f"a short answer ({len(cells)} of {request.count})")
-        return cells
+            raise self._broken(f"reading {request.what}", error) from None
+        if answer.isError():
+            raise self._refused(f"reading {request.what}", answer.exception_code)
+        return answer.bits or answer.registers
 
     def write(self, request: Request, cells: list[int]) -> None:
         """Write; the device must confirm what it was sent."""
-        what = f"writing {request.what}"
-        function = (WRITE_ONE if request.count == 1 else WRITE_MANY)[request.table]
         try:
-            answer = self._write(function, request.address, cells)
+            answer = self._write(request, cells)
         except _FAILED as error:
-            raise self._broken(request, what, error) from None
-        self._check(answer, function, what)
-        taken = {5: answer.bits, 6: answer.registers}.get(function, answer.count)
-        if answer.address != request.address or taken != (cells if request.count == 1 else request.count):
-            raise self._unfit(what, f"the answer confirms something else (address {answer.address}, {taken})")
+            raise self._broken(f"writing {request.what}", error) from None
+        if answer.isError():
+            raise self._refused(f"writing {request.what}", answer.exception_code)
 
-    def _write(self, function: int, address: int, cells: list[int]) -> ModbusPDU:
-        client, unit = self._client, self._unit
-        if function == 5:
-            return client.write_coil(address, bool(cells[0]), device_id=unit)
-        if function == 6:
+    def _write(self, request: Request, cells: list[int]) -> ModbusPDU:
+        """By function 5 or 6, by 15 or 16 where there is more than one cell."""
+        client, unit, address = self._client, self._unit, request.address
+        if request.table is COIL:
+            bits = [bool(cell) for cell in cells]
+            if request.count == 1:
+                return client.write_coil(address, bits[0], device_id=unit)
+            return client.write_coils(address, bits, device_id=unit)
+        if request.count == 1:
             return client.write_register(address, cells[0], device_id=unit)
-        if function == 15:
-            return client.write_coils(address, [bool(cell) for cell in cells], device_id=unit)
         return client.write_registers(address, cells, device_id=unit)
 
-    def _check(self, answer: ModbusPDU, function: int, what: str) -> None:
-        if answer.function_code == function:
-            return
-        if answer.function_code == function | 0x80:
-            code = answer.exception_code
-            raise self._failed(what, f"exception {code}, {EXCEPTIONS.get(code, 'of an unknown kind')}")
-        raise self._unfit(what, f"an answer to function {answer.function_code & 0x7F} in place of {function}")
+    def _refused(self, what: str, code: int) -> DriverError:
+        """An exception answer; the connection stays as it is."""
+        return Refused(f"{self._name}: {what}: exception {code}, {EXCEPTIONS.get(code, 'of an unknown kind')}")
 
-    def _broken(self, request: Request, what: str, error: Exception) -> DriverError:
-        return self._unfit(what, str(error) if isinstance(error, _Lost) else "a short or malformed answer")
-
-    def _unfit(self, what: str, why: str) -> DriverError:
+    def _broken(self, what: str, error: Exception) -> DriverError:
         """A failure after which the connection cannot be trusted."""
         self._client.close()
-        return self._failed(what, why)
-
-    def _failed(self, what: str, why: str) -> DriverError:
-        if why == "timed out":
-            why = f"timed out ({self._timeout * 1000:g} ms)"
-        return DriverError(f"{self._name}: {what}: {why}")
+        if not isinstance(error, TimedOut):
+            return DriverError(f"{self._name}: {what}: {error}")
+        limit, instead = f"{self._timeout * 1000:g} ms", str(error)
+        why = f"{instead}, and no other within {limit}" if instead else f"timed out ({limit})"
+        return DeviceTimeout(f"{self._name}: {what}: {why}")
 
 
 def _plain(error: OSError) -> str:

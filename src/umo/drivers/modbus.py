@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Literal, cast
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from umo.drivers import _hosts
+from umo.drivers._modbus_answer import Refused
 from umo.drivers._modbus_plan import (
     HIGHEST_ADDRESS,
     ModbusChannel,
+    Request,
     Requests,
     parse,
     plan_reads,
     plan_writes,
 )
-from umo.drivers.contract import Channel, Driver, IntArray
-from umo.errors import DriverError, WiringError
+from umo.drivers.contract import Driver, IntArray
+from umo.errors import ChannelsFailed, DriverError, WiringError
 
 if TYPE_CHECKING:
     from umo.drivers._modbus_link import Link
@@ -40,7 +43,7 @@ class _NoWatchdog(DriverError, NotImplementedError):
     """This device has no watchdog, as any driver without one says it, and a DriverError besides."""
 
 
-class Modbus(Driver):
+class Modbus(Driver[ModbusChannel]):
     """One unit of a Modbus TCP device.
 
     Channels: `coil:N` and `holding:N[:TYPE]` (both directions), `discrete:N` and `input:N[:TYPE]` (inputs);
@@ -57,11 +60,16 @@ class Modbus(Driver):
     All channels of a period move in as few requests as their addresses allow: the cells of one table that
     follow each other in one request, up to the protocol's maxima. Writes never touch a cell that was not
     named. A single coil or register is written by function 5 or 6, more by 15 or 16: each is what the
-    most devices know. A request that fails ends the call; those before it have been carried out.
+    most devices know.
 
     Each call, with all of its requests and a new connection where one is needed, ends within `timeout`.
     Nothing is sent twice: after a write that timed out, nobody knows whether the device took it. After any
     failure but an exception answer the connection is closed, and the next call opens it again.
+
+    Where a block takes several requests, one that is answered by an exception fails for its own channels and
+    the others go on; one that loses the connection fails for its own and those of all later requests, as
+    ChannelsFailed says. A timeout is a DeviceTimeout of the whole block, whatever was read or written
+    before it: the time of the call is spent, and the device may be gone.
     """
 
     def __init__(
@@ -86,11 +94,16 @@ class Modbus(Driver):
         self._bridge_gaps = bridge_gaps
         self._link_type = _find_link()  # here and not in `open`: a guardian has no time for imports
         self._link: Link | None = None
-        self._reads: dict[tuple[Channel, ...], Requests] = {}
-        self._writes: dict[tuple[Channel, ...], Requests] = {}
+        self._reads: dict[tuple[ModbusChannel, ...], Requests] = {}
+        self._writes: dict[tuple[ModbusChannel, ...], Requests] = {}
 
     def channel(self, text: str) -> ModbusChannel:
         return parse(text, little=self._little)
+
+    def devices(self) -> Sequence[str]:
+        """Its addresses; without the unit, as units behind a gateway share its one line. A name is looked up, for at
+        most 2 s, and one that is not found stands for itself."""
+        return [f"modbus tcp {address}:{self._port}" for address in _hosts.addresses(self._host)]
 
     def open(self) -> None:
         """Connect, within `timeout`."""
@@ -104,21 +117,20 @@ class Modbus(Driver):
             self._link.close()
             self._link = None
 
-    def read(self, channel: Channel) -> int:
+    def read(self, channel: ModbusChannel) -> int:
         out = np.empty(1, np.int64)
         self.read_many((channel,), out)
         return int(out[0])
 
-    def write(self, channel: Channel, raw: int) -> None:
+    def write(self, channel: ModbusChannel, raw: int) -> None:
         self._write((channel,), [raw])
 
-    def read_many(self, channels: Sequence[Channel], out: IntArray) -> None:
+    def read_many(self, channels: Sequence[ModbusChannel], out: IntArray) -> None:
         plan = _planned(self._reads, channels, self._plan_reads)
         link = self._begin()
-        for request in plan:
-            request.decode(link.read(request), out)
+        _each(plan, channels, lambda _, request: request.decode(link.read(request), out))
 
-    def write_many(self, channels: Sequence[Channel], raws: IntArray) -> None:
+    def write_many(self, channels: Sequence[ModbusChannel], raws: IntArray) -> None:
         self._write(channels, raws.tolist())
 
     def watchdog(self, seconds: float) -> None:
@@ -130,13 +142,12 @@ class Modbus(Driver):
         milliseconds = max(round(seconds * 1000), 1 if seconds else 0)
         self.write(self.channel(f"holding:{self._watchdog_register}"), milliseconds)
 
-    def _write(self, channels: Sequence[Channel], raws: list[int]) -> None:
+    def _write(self, channels: Sequence[ModbusChannel], raws: list[int]) -> None:
         plan = _planned(self._writes, channels, plan_writes)
         # All values are encoded before the first is sent: one that does not fit leaves the device alone.
         cells = [request.encode(raws) for request in plan]
         link = self._begin()
-        for request, values in zip(plan, cells, strict=True):
-            link.write(request, values)
+        _each(plan, channels, lambda i, request: link.write(request, cells[i]))
 
     def _begin(self) -> Link:
         if self._link is None:
@@ -149,8 +160,8 @@ class Modbus(Driver):
 
 
 def _planned(
-    plans: dict[tuple[Channel, ...], Requests],
-    channels: Sequence[Channel],
+    plans: dict[tuple[ModbusChannel, ...], Requests],
+    channels: Sequence[ModbusChannel],
     make: Callable[[Sequence[ModbusChannel]], Requests],
 ) -> Requests:
     """The plan for these channels, made once; a machine has few groups of them, the bound is for others."""
@@ -159,8 +170,32 @@ def _planned(
     if plan is None:
         if len(plans) >= _MOST_PLANS:
             plans.clear()
-        plan = plans[key] = make(cast("Sequence[ModbusChannel]", key))
+        plan = plans[key] = make(key)
     return plan
+
+
+def _each(plan: Requests, channels: Sequence[ModbusChannel], carry_out: Callable[[int, Request], None]) -> None:
+    """Carry out request after request, as far as the device is there; what failed is told at the end."""
+    if len(plan) == 1:
+        carry_out(0, plan[0])
+        return
+    failed: dict[str, Exception] = {}
+    for i, request in enumerate(plan):
+        try:
+            carry_out(i, request)
+        except Refused as refused:
+            failed.update(_blamed([request], channels, refused))
+        except DriverError as error:
+            if i == 0 or isinstance(error, TimeoutError):
+                raise
+            failed.update(_blamed(plan[i:], channels, error))
+            break
+    if failed:
+        raise ChannelsFailed(failed)
+
+
+def _blamed(requests: Sequence[Request], channels: Sequence[ModbusChannel], error: Exception) -> dict[str, Exception]:
+    return {channels[item.place].text: error for request in requests for item in request.items}
 
 
 def _within(name: str, value: int, least: int, most: int) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Generic, Protocol, TypeVar
 
 from umo.drivers.contract import Channel
 
@@ -32,7 +32,10 @@ class Point:
         return self.table in ("coil", "holding")
 
 
-class ServedPlant(Protocol):
+C = TypeVar("C", bound=Channel)
+
+
+class ServedPlant(Protocol[C]):
     """What the box needs of a plant; tests have a smaller one than the station's."""
 
     period: float
@@ -43,10 +46,10 @@ class ServedPlant(Protocol):
     def theta_deg(self) -> float: ...
     def open(self) -> None: ...
     def close(self) -> None: ...
-    def channel(self, text: str) -> Channel: ...
-    def initialize(self, channel: Channel, default: int | None) -> None: ...
-    def read(self, channel: Channel) -> int: ...
-    def write(self, channel: Channel, raw: int) -> None: ...
+    def channel(self, text: str) -> C: ...
+    def initialize(self, channel: C, default: int | None) -> None: ...
+    def read(self, channel: C) -> int: ...
+    def write(self, channel: C, raw: int) -> None: ...
     def advance(self, periods: int = 1) -> None: ...
     def truth(self) -> Any: ...
 
@@ -101,7 +104,7 @@ class Pace:
         self._taken += periods
 
 
-class Box:
+class Box(Generic[C]):
     """The plant behind its registers.
 
     The physics is brought up to the moment of each request, so that it answers with what is, however coarse
@@ -110,7 +113,7 @@ class Box:
 
     def __init__(
         self,
-        plant: ServedPlant,
+        plant: ServedPlant[C],
         points: Sequence[Point],
         *,
         watchdog_register: int,

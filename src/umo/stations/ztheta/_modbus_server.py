@@ -104,13 +104,19 @@ def _unpack_bits(packed: bytes, count: int) -> list[int]:
 
 
 class Connection(asyncio.Protocol):
-    """One client. `handle` answers its requests, whatever unit they name; `peers` holds the open connections."""
+    """One client. `handle` answers its requests, whatever unit they name; `peers` holds the open connections.
+
+    One request is answered in a turn of the event loop: clients that flood the box take turns with the others. While
+    requests wait, or answers that the client does not take, nothing is read; so what is kept of it is bounded.
+    """
 
     def __init__(self, handle: Callable[[bytes], bytes], peers: set[asyncio.Transport]) -> None:
         self._handle = handle
         self._peers = peers
-        self._buffer = b""
+        self._buffer = bytearray()
         self._transport: asyncio.Transport | None = None
+        self._next_turn: asyncio.Handle | None = None
+        self._clogged = False
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
@@ -122,16 +128,45 @@ class Connection(asyncio.Protocol):
             self._peers.discard(self._transport)
 
     def data_received(self, data: bytes) -> None:
-        assert self._transport is not None
         self._buffer += data
-        while len(self._buffer) >= _HEADER.size:
-            transaction, protocol, length, unit = _HEADER.unpack_from(self._buffer)
-            if protocol != 0 or not 2 <= length <= _LONGEST:
-                self._transport.close()  # not Modbus, or out of step: there is no way back into step
-                return
-            end = _HEADER.size - 1 + length
-            if len(self._buffer) < end:
-                return
-            request, self._buffer = self._buffer[_HEADER.size : end], self._buffer[end:]
-            reply = self._handle(request)
-            self._transport.write(_HEADER.pack(transaction, 0, len(reply) + 1, unit) + reply)
+        self._turn()
+
+    def pause_writing(self) -> None:
+        self._clogged = True
+
+    def resume_writing(self) -> None:
+        self._clogged = False
+        self._come_back()
+
+    def _come_back(self) -> None:
+        if self._next_turn is None:
+            self._next_turn = asyncio.get_running_loop().call_soon(self._turn)
+
+    def _turn(self) -> None:
+        self._next_turn = None
+        transport = self._transport
+        if transport is None or transport.is_closing() or self._clogged:
+            return
+        answered = self._answer_one(transport)
+        if answered and (self._buffer or self._clogged):
+            transport.pause_reading()
+            self._come_back()
+        else:
+            transport.resume_reading()
+
+    def _answer_one(self, transport: asyncio.Transport) -> bool:
+        """Answer the first request; False while it is not whole."""
+        buffer = self._buffer
+        if len(buffer) < _HEADER.size:
+            return False
+        transaction, protocol, length, unit = _HEADER.unpack_from(buffer)
+        if protocol != 0 or not 2 <= length <= _LONGEST:
+            transport.close()  # not Modbus, or out of step: there is no way back into step
+            return False
+        end = _HEADER.size - 1 + length
+        if len(buffer) < end:
+            return False
+        reply = self._handle(bytes(buffer[_HEADER.size : end]))
+        del buffer[:end]
+        transport.write(_HEADER.pack(transaction, 0, len(reply) + 1, unit) + reply)
+        return True

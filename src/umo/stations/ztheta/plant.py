@@ -27,7 +27,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from umo.drivers.contract import Channel, Direction, Driver, IntArray
 from umo.errors import ChannelError, DriverError, WiringError
@@ -81,7 +81,7 @@ DAC, PWM, STEP_LINE, DIRECTION, INPUTS, TICK = (
 )
 
 
-class Plant(Driver):
+class Plant(Driver[PlantChannel]):
     """The station, simulated.
 
     `seed` decides where everything starts, `parts` (1 to 6) how many the courier carries, `preset` what the z
@@ -125,31 +125,30 @@ class Plant(Driver):
         except KeyError:
             raise ChannelError(text, CHANNELS) from None
 
-    def finalize(self, channel: Channel) -> None:
-        if cast("PlantChannel", channel).index == self._drive:
+    def finalize(self, channel: PlantChannel) -> None:
+        if channel.index == self._drive:
             self._drive = None
 
-    def read(self, channel: Channel) -> int:
+    def read(self, channel: PlantChannel) -> int:
         """The level of an input; of an output, DriverError. Reading `tick` lets one period pass."""
-        index = cast("PlantChannel", channel).index
+        index = channel.index
         if index < INPUTS:
             raise DriverError(f"{channel.text} is an output and cannot be read")
         return self._tick() if index == TICK else self._levels[index]
 
-    def write(self, channel: Channel, raw: int) -> None:
+    def write(self, channel: PlantChannel, raw: int) -> None:
         """Set an output. The z drives saturate; anything but 0 and 1 on a line is a DriverError."""
-        self._put(cast("PlantChannel", channel), raw, self._levels[DIRECTION])
+        self._put(channel, raw, self._levels[DIRECTION])
 
-    def read_many(self, channels: Sequence[Channel], out: IntArray) -> None:
+    def read_many(self, channels: Sequence[PlantChannel], out: IntArray) -> None:
         levels = self._levels
         out[:] = [
-            levels[channel.index] if INPUTS <= channel.index < TICK else self.read(channel)
-            for channel in cast("Sequence[PlantChannel]", channels)
+            levels[channel.index] if INPUTS <= channel.index < TICK else self.read(channel) for channel in channels
         ]
 
-    def write_many(self, channels: Sequence[Channel], raws: IntArray) -> None:
+    def write_many(self, channels: Sequence[PlantChannel], raws: IntArray) -> None:
         stood = self._levels[DIRECTION]
-        for channel, raw in zip(cast("Sequence[PlantChannel]", channels), raws.tolist(), strict=True):
+        for channel, raw in zip(channels, raws.tolist(), strict=True):
             self._put(channel, raw, stood)
 
     def _put(self, channel: PlantChannel, raw: int, stood: int) -> None:

@@ -20,16 +20,17 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import dataclasses
-import json
 import os
 import signal
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
-from umo.errors import DriverError
+from umo.errors import DriverError, WiringError
 
 from ._box import Box, Point, ServedPlant
 from ._modbus_server import Connection
+from ._report_file import ReportFile
 from .plant import Plant
 
 POINTS = (
@@ -47,6 +48,8 @@ POINTS = (
     Point("holding", 0, "dac:z"),
 )
 WATCHDOG_REGISTER = 4096
+LONGEST_WATCHDOG = 65.535
+"""Seconds: what the register can say."""
 REPORT_EVERY = 0.1
 """How often, in s, the box looks whether another part has been placed."""
 
@@ -71,16 +74,17 @@ def serve_plant(
 ) -> None:
     """Serve the station's plant until SIGINT or SIGTERM, then print its final state in one line.
 
-    `ready(host, port)` is called once requests are taken (port 0 takes a free one). `report` is a JSON file,
-    replaced whole, written whenever another part has been placed and at the end. DriverError when the
-    address is taken or MuJoCo is missing.
+    `ready(host, port)` is called once requests are taken (port 0 takes a free one). `watchdog` is 0 (none) to
+    65.535 s. `report` is a JSON file, replaced whole, written whenever another part has been placed and at the
+    end. WiringError for what cannot be served so, or no regular file to report to; DriverError when the address is
+    taken or MuJoCo is missing.
     """
     plant = Plant(seed=seed, parts=parts, faults=faults)
     serve_until_signal(plant, host=host, port=port, period=period, watchdog=watchdog, ready=ready, report=report)
 
 
 def serve_until_signal(
-    plant: ServedPlant,
+    plant: ServedPlant[Any],
     *,
     host: str,
     port: int,
@@ -90,6 +94,7 @@ def serve_until_signal(
     report: Path | None = None,
 ) -> None:
     """`serve` for any plant, blocking until SIGINT or SIGTERM; prints the final state."""
+    watchdog_ms = _milliseconds(watchdog)
 
     async def main() -> str:
         stop = asyncio.Event()
@@ -101,7 +106,7 @@ def serve_until_signal(
             host=host,
             port=port,
             period=period,
-            watchdog_ms=round(watchdog * 1000),
+            watchdog_ms=watchdog_ms,
             ready=ready,
             stop=stop,
             report=report,
@@ -110,8 +115,15 @@ def serve_until_signal(
     print(asyncio.run(main()), flush=True)
 
 
+def _milliseconds(watchdog: float) -> int:
+    """What the watchdog's register holds: of a time above 0 never 0, which is none."""
+    if not 0 <= watchdog <= LONGEST_WATCHDOG:
+        raise WiringError(f"the watchdog takes 0 (none) to {LONGEST_WATCHDOG} s, not {watchdog:g} s")
+    return max(round(watchdog * 1000), 1 if watchdog else 0)
+
+
 async def serve(
-    plant: ServedPlant,
+    plant: ServedPlant[Any],
     *,
     host: str = "127.0.0.1",
     port: int = 5020,
@@ -122,6 +134,7 @@ async def serve(
     report: Path | None = None,
 ) -> str:
     """Serve the plant until `stop` is set; returns its final state in one line."""
+    file = None if report is None else ReportFile(report)
     loop = asyncio.get_running_loop()
     box = Box(
         plant,
@@ -139,12 +152,13 @@ async def serve(
             await server.start_serving()  # not before: building the plant takes longer than a client waits
             if ready is not None:
                 ready(*server.sockets[0].getsockname()[:2])
-            await _keep_pace(box, stop or asyncio.Event(), report)
+            await _keep_pace(box, stop or asyncio.Event(), file)
         finally:
             server.close()
             for peer in tuple(peers):
                 peer.abort()
-        _write_report(box, report)
+        if file is not None:
+            file.write(summary(box))
         return final_state(box)
     finally:
         plant.close()
@@ -154,13 +168,15 @@ async def _listen(connection: Callable[[], Connection], host: str, port: int) ->
     try:
         loop = asyncio.get_running_loop()
         return await loop.create_server(connection, host, port, start_serving=False)
+    except UnicodeError:
+        raise DriverError(f"cannot serve at {host}:{port}: not the name of a host") from None
     except OSError as error:
         number = error.errno or 0  # below 0 for a name that was not found
         reason = os.strerror(number) if number > 0 else error.strerror or str(error)
         raise DriverError(f"cannot serve at {host}:{port}: {reason.lower()}") from None
 
 
-async def _keep_pace(box: Box, stop: asyncio.Event, report: Path | None) -> None:
+async def _keep_pace(box: Box[Any], stop: asyncio.Event, report: ReportFile | None) -> None:
     """Physics in real time, in small steps between the requests."""
     loop = asyncio.get_running_loop()
     placed = 0
@@ -169,12 +185,13 @@ async def _keep_pace(box: Box, stop: asyncio.Event, report: Path | None) -> None
         left = box.turn()
         if loop.time() >= look:
             look = loop.time() + REPORT_EVERY
-            if placed != (placed := box.plant.truth().placed):
-                _write_report(box, report)
+            if placed != (placed := box.plant.truth().placed) and report is not None:
+                with contextlib.suppress(DriverError):  # it is written again, and said, at the end
+                    report.write(summary(box))
         await asyncio.sleep(left)
 
 
-def summary(box: Box) -> dict[str, object]:
+def summary(box: Box[Any]) -> dict[str, object]:
     """The plant's report, and what the box has to add to it."""
     report = box.plant.truth()
     return {
@@ -186,19 +203,10 @@ def summary(box: Box) -> dict[str, object]:
     }
 
 
-def final_state(box: Box) -> str:
+def final_state(box: Box[Any]) -> str:
     report, drops = box.plant.truth(), box.watchdog.drops
     return (
         f"{report.placed} of {len(report.parts)} parts placed; z at {box.plant.z_um / 1000:.3f} mm, theta at "
         f"{box.plant.theta_deg:.3f} deg; {box.requests} requests, the watchdog dropped the outputs "
         f"{drops} time{'' if drops == 1 else 's'}"
     )
-
-
-def _write_report(box: Box, path: Path | None) -> None:
-    """Replace the file whole: whoever reads it never finds half of one."""
-    if path is None:
-        return
-    draft = path.with_name(f".{path.name}.{os.getpid()}")
-    draft.write_text(json.dumps(summary(box), indent=2) + "\n")
-    draft.replace(path)

@@ -1,0 +1,56 @@
+"""A report that is a file of JSON, kept by a process that runs for long."""
+
+from __future__ import annotations
+
+import json
+import os
+import stat
+from collections.abc import Mapping
+from pathlib import Path
+
+from umo.errors import DriverError, WiringError
+
+
+class ReportFile:
+    """Replaced whole: whoever reads it never finds half of one. A symlink stays, the file behind it is replaced.
+
+    Nothing but a regular file is ever replaced. WiringError at once where none can be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._given = path
+        try:
+            self._path = path.resolve()
+            self._look()
+            self._draft = self._path.with_name(f".umo-report-{os.getpid()}")
+            self._fill_draft("")
+            self._draft.unlink()
+        except (OSError, RuntimeError, ValueError) as error:  # the last two: a loop of symlinks, a null byte
+            raise WiringError(f"no report can be written to {path}: {_reason(error)}") from None
+
+    def write(self, content: Mapping[str, object]) -> None:
+        """DriverError where it cannot be written any more; the file then is as it was."""
+        try:
+            self._fill_draft(json.dumps(content, indent=2) + "\n")
+            self._look()
+            self._draft.replace(self._path)
+        except OSError as error:
+            raise DriverError(f"the report {self._given} cannot be written: {_reason(error)}") from None
+
+    def _look(self) -> None:
+        try:
+            mode = self._path.lstat().st_mode
+        except FileNotFoundError:
+            return
+        if not stat.S_ISREG(mode):
+            raise OSError("this is not a regular file")
+
+    def _fill_draft(self, text: str) -> None:
+        self._draft.unlink(missing_ok=True)
+        with self._draft.open("x") as file:  # a new file, not one that somebody else has put there
+            file.write(text)
+
+
+def _reason(error: Exception) -> str:
+    text = (error.strerror if isinstance(error, OSError) else None) or str(error)
+    return text[:1].lower() + text[1:]
