@@ -273,7 +273,7 @@ def test_a_device_that_stays_away_is_named_with_status_3(tmp_path: Path, cells: 
     assert outcome.status == 3
     assert sorted(outcome.unreached) == ["motor", "valve"]
     assert outcome.failure is not None
-    assert "not reached: valve, motor: no route to the device" in outcome.failure.message
+    assert "not reached: valve, motor: driver box could not be opened: no route to the device" in outcome.failure.message
     (record,) = standing()
     assert "not reached: valve, motor" in str(record)
 
@@ -283,7 +283,7 @@ def test_a_device_that_comes_back_is_reset_after_all(tmp_path: Path, cells: Cell
     message = run.channel.receive(30)
     assert message is not None
     assert message["kind"] == "notice"
-    assert "trying for 10 s: valve, motor: no route" in message["text"]
+    assert "trying for 10 s: valve, motor: driver box could not be opened: no route" in message["text"]
     assert cells.levels["motor"] != 0
     away.unlink()
     outcome = run.outcome()
