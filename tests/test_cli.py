@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -12,8 +13,8 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from umo.cli.app import app
-from umo.process.lock import lock_file
 from umo.process.station import find
+from umo.system.hold import Hold
 
 FOLDER_FILES = ("objects.py", "control.py", "application.py", "plant.py")
 
@@ -144,19 +145,38 @@ def test_a_summary_that_cannot_be_written_is_said_and_the_status_is_not_0(umo, t
     assert "No space left" in said(result)
 
 
-def test_one_run_per_machine(umo, tank: Path) -> None:
-    fcntl = pytest.importorskip("fcntl")
-    station = find(str(tank))
-    with lock_file(station.path, station.wiring(None)).open("a+") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        file.truncate(0)
-        file.write("4711\n")
-        file.flush()
-        for command in (["run", "tank"], ["get", "tank", "level"]):
-            result = umo(*command)
-            assert result.exit_code == 2
-            assert "tank is already running (pid 4711)" in said(result)
-    assert umo("get", "tank", "level").exit_code == 0
+BOX = """
+[drivers.box]
+type = "modbus"
+port = PORT
+
+[wire]
+"timer" = { driver = "timerfd", period = "10 ms" }
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="devices are held on Linux")
+def test_whoever_would_drive_a_device_that_is_held_is_told_who_holds_it(umo, tank: Path) -> None:
+    objects = [item.path for item in find(str(tank)).machine().atoms() if item.path != "timer"]
+    channels = {"inlet": "coil:0", "drain": "coil:1", "overflow": "discrete:0"}
+    wires = [f'"{path}" = {{ driver = "box", channel = "{channels.get(path, "input:0")}" }}' for path in objects]
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        (tank / "wiring" / "box.toml").write_text(BOX.replace("PORT", str(port)) + "\n".join(wires) + "\n")
+        device = f"modbus tcp 127.0.0.1:{port}"
+        kept = Hold([device], "press")
+        try:
+            commands = (["run", "tank"], ["get", "tank", "level"], ["set", "tank", "inlet", "OPEN"])
+            for command in commands:
+                result = umo(*command, "-w", "box")
+                assert f"{device} is held by " in said(result)
+                assert "(press), since " in said(result)
+                assert result.exit_code == 2
+        finally:
+            kept.release()
+        server.settimeout(0)
+        with pytest.raises(BlockingIOError):
+            server.accept()  # nobody has tried to connect
 
 
 # What a user gets wrong -------------------------------------------------------------------------------

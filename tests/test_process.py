@@ -273,7 +273,9 @@ def test_a_device_that_stays_away_is_named_with_status_3(tmp_path: Path, cells: 
     assert outcome.status == 3
     assert sorted(outcome.unreached) == ["motor", "valve"]
     assert outcome.failure is not None
-    assert "not reached: valve, motor: driver box could not be opened: no route to the device" in outcome.failure.message
+    assert (
+        "not reached: valve, motor: driver box could not be opened: no route to the device" in outcome.failure.message
+    )
     (record,) = standing()
     assert "not reached: valve, motor" in str(record)
 

@@ -13,7 +13,7 @@ import pytest
 import process_box
 import umo
 from process_box import Cells
-from umo.process import Status
+from umo.cycle.stage import Stage
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux")
 
@@ -28,7 +28,7 @@ def test_a_handle_has_status_values_frames_and_an_end(tmp_path: Path) -> None:
     with umo.start(process_box.machine, wiring, process_box.forever) as machine:
         while not machine.values:
             machine.poll(0.1)
-        assert machine.status is Status.RUNNING
+        assert machine.stage is Stage.RUNNING
         while machine.values["motor"] != 5.0:
             pass
         assert machine.values["valve"] == "ON"
@@ -38,13 +38,13 @@ def test_a_handle_has_status_values_frames_and_an_end(tmp_path: Path) -> None:
             machine.wait(timeout=0.0)
         outcome = machine.stop()
     assert (outcome.stopped_by, outcome.failure, outcome.unreached) == (signal.SIGTERM, None, [])
-    assert machine.status is Status.ENDED
+    assert machine.stage is Stage.ENDED
     assert Cells(tmp_path / "box").levels == {"motor": 0, "valve": 0}
 
 
 def test_the_end_of_the_block_stops_the_machine(tmp_path: Path) -> None:
     with umo.start(process_box.machine, process_box.wiring(tmp_path / "box"), process_box.forever) as machine:
-        while machine.status is Status.STARTING:
+        while machine.stage is Stage.STARTING:
             machine.poll(0.1)
         pid = machine.pid
         assert pid is not None

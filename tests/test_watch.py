@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -16,7 +15,7 @@ from umo import FramesError, PathError, connect, published
 from umo.cli.app import app
 from umo.cli.running import attach, lasting
 from umo.cli.watch import Picture, _chosen
-from umo.process.record import Record
+from umo.system.record import Record
 from umo.testing import Scripted, VirtualTimer, periods
 
 
@@ -50,7 +49,9 @@ def test_ps_lists_what_runs() -> None:
 
 
 def test_ps_names_the_machines_that_stand_stopped() -> None:
-    Record(Path("x.lock"), "press", "rig").stopped("the control process hung", ["motor"])
+    run = Record(["bus 1"], "press", "rig")
+    run.begin(False)
+    run.stopped("the control process hung", ["motor"])
     found = said(umo("ps"))
     assert "stands stopped: press (rig) was stopped at" in found
     assert "the control process hung; not reached: motor (start it with --acknowledge)" in found

@@ -1,0 +1,296 @@
+"""One device, one holder: whoever comes second is told who holds it since when, and touches nothing."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import umo
+from machines import bench, wired
+from umo import Channel, DeviceHeld, Driver, StandsStopped, WiringError, connect
+from umo.system.hold import Hold, holder, is_held
+from umo.system.record import all_standing, standing
+from umo.testing import Scripted, periods
+
+pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="devices are held on Linux")
+
+NOBODY = 65534
+ROOT = hasattr(os, "geteuid") and os.geteuid() == 0
+HOLDING = """
+import sys
+from umo.system.hold import Hold
+kept = Hold(sys.argv[1:], "press, bench")
+print("held", flush=True)
+sys.stdin.read()
+"""
+
+
+@pytest.fixture
+def device(tmp_path: Path) -> str:
+    """One that no other test takes."""
+    return f"test {tmp_path}"
+
+
+@contextmanager
+def another_process(*devices: str) -> Iterator[int]:
+    """Holds the devices; its pid."""
+    command = [sys.executable, "-c", HOLDING, *devices]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "held\n"
+        yield process.pid
+        process.kill()
+
+
+@contextmanager
+def as_nobody(work: Callable[[], object]) -> Iterator[int]:
+    """A child of another user that has done this work and waits; its pid."""
+    waiting, going = os.pipe()
+    ready, telling = os.pipe()
+    child = os.fork()
+    if child == 0:
+        os.close(going)
+        os.setuid(NOBODY)
+        kept = work()
+        os.write(telling, b"!")
+        os.read(waiting, 1)
+        os._exit(kept is None)
+    os.read(ready, 1)
+    yield child
+    os.close(going)
+    os.waitpid(child, 0)
+    for file in (waiting, ready, telling):
+        os.close(file)
+
+
+class Board(Scripted):
+    """A circuit that takes devices."""
+
+    realtime = True
+
+    def __init__(self, *devices: str) -> None:
+        super().__init__()
+        self._devices = devices
+
+    def devices(self) -> tuple[str, ...]:
+        return self._devices
+
+
+def on(box: Driver[Any], machine: umo.Compound) -> dict[str, Any]:
+    """Everything on one circuit, the timer too."""
+    return wired(machine, box, clock=Board())
+
+
+# Holding ------------------------------------------------------------------------------------------------
+
+
+def test_a_device_that_another_process_holds_is_refused_with_its_pid_user_purpose_and_time(device: str) -> None:
+    with another_process(device) as pid, pytest.raises(DeviceHeld) as caught:
+        Hold([device], "second")
+    text = (
+        rf"{re.escape(device)} is held by pid {pid} of user \w+ \(press, bench\), since 20\d\d-\d\d-\d\d \d\d:\d\d:\d\d"
+    )
+    assert re.fullmatch(text, str(caught.value))
+
+
+def test_the_hold_ends_with_the_process_however_that_ends(device: str) -> None:
+    with another_process(device) as pid:
+        assert is_held(device)
+        os.kill(pid, signal.SIGKILL)
+    assert not is_held(device)
+    Hold([device], "after").release()
+
+
+def test_who_gets_one_of_two_devices_only_holds_neither(device: str) -> None:
+    with another_process(f"{device} b"), pytest.raises(DeviceHeld):
+        Hold([f"{device} a", f"{device} b"], "second")
+    assert not is_held(f"{device} a")
+
+
+def test_a_forked_process_keeps_the_hold_until_it_has_ended_too(device: str) -> None:
+    kept = Hold([device], "first")
+    reading, writing = os.pipe()
+    child = os.fork()
+    if child == 0:
+        os.close(writing)
+        os.read(reading, 1)
+        os._exit(0)
+    kept.release()
+    assert is_held(device)
+    os.close(writing)
+    os.waitpid(child, 0)
+    os.close(reading)
+    assert not is_held(device)
+
+
+@pytest.mark.skipif(not ROOT, reason="becoming another user needs root")
+def test_another_user_holds_against_this_one_and_is_named(device: str) -> None:
+    with as_nobody(lambda: Hold([device], "theirs")) as pid:
+        assert f"pid {pid} of user " in holder(device)
+        assert "user root" not in holder(device)
+
+
+def test_a_note_that_another_process_forges_is_not_believed(device: str) -> None:
+    """What a holder says of itself counts only under the pid that the kernel names."""
+    import socket
+
+    from umo.system import hold
+
+    with another_process(device) as pid:
+        forged = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        forged.bind(f"\0{hold._note(device, os.getpid())}1 forged".encode())
+        assert f"pid {pid} " in holder(device)
+        assert "forged" not in holder(device)
+        forged.close()
+
+
+# Connecting ---------------------------------------------------------------------------------------------
+
+
+def test_two_machines_on_one_device_cannot_be_connected_at_once_and_the_second_touches_nothing(device: str) -> None:
+    first, second, box = bench(), bench(), Board(device)
+    with connect(first, on(Board(device), first)):
+        with pytest.raises(DeviceHeld, match="this program itself"):
+            connect(second, on(box, second)).__enter__()
+        assert box.calls == []
+    with connect(second, on(box, second)):
+        assert box.calls
+
+
+def test_machines_on_different_devices_are_free(device: str) -> None:
+    first, second = bench(), bench()
+    with (
+        connect(first, on(Board(f"{device} a"), first)) as m,
+        connect(second, on(Board(f"{device} b"), second)) as n,
+    ):
+        periods(m)
+        periods(n)
+
+
+def test_a_machine_without_hardware_holds_nothing_and_leaves_no_record() -> None:
+    machines = [bench() for _ in range(2)]
+    with connect(machines[0], wired(machines[0], Scripted())), connect(machines[1], wired(machines[1], Scripted())):
+        assert all_standing() == []
+
+
+def test_a_wiring_that_is_wrong_holds_nothing(device: str) -> None:
+    machine = bench()
+    wiring = on(Board(device), machine)
+    del wiring["wire"]["motor"]
+    with pytest.raises(WiringError):
+        connect(machine, wiring).__enter__()
+    assert not is_held(device)
+
+
+def test_one_machine_is_connected_once_however_many_threads_try() -> None:
+    machine = bench()
+    together, done = threading.Barrier(8), threading.Barrier(8)
+    connected: list[bool] = []
+
+    def one() -> None:
+        connection = connect(machine, wired(machine, Scripted()))
+        together.wait()
+        try:
+            connection.__enter__()
+        except umo.DeclarationError:
+            done.wait()
+            return
+        connected.append(True)
+        done.wait()
+        connection.__exit__(None, None, None)
+
+    threads = [threading.Thread(target=one) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert connected == [True]
+
+
+# Standing stopped ---------------------------------------------------------------------------------------
+
+
+def test_a_device_whose_default_was_not_reached_stands_stopped_until_it_is_acknowledged(
+    device: str,
+) -> None:
+    first, second, box = bench(), bench(), Board(device)
+    with pytest.raises(umo.StopError), connect(first, on(box, first)) as m:
+        periods(m)
+        box.broken = OSError("unplugged")
+    (ended,) = standing(device)
+    assert (ended.state, sorted(ended.unreached)) == ("stopped", ["motor", "valve"])
+    fresh = Board(device)
+    with pytest.raises(StandsStopped, match="not reached: motor, valve"):
+        connect(second, on(fresh, second)).__enter__()
+    assert fresh.calls == []
+    assert not is_held(device)
+    with connect(second, on(fresh, second), acknowledge=True):
+        pass
+    assert standing(device) == []
+
+
+def test_a_process_killed_while_it_drives_a_device_leaves_it_standing(device: str) -> None:
+    machine = bench()
+    child = os.fork()
+    if child == 0:
+        connect(machine, on(Board(device), machine)).__enter__()
+        os.kill(os.getpid(), signal.SIGKILL)
+    os.waitpid(child, 0)
+    with pytest.raises(StandsStopped, match="all of its processes ended at once"):
+        connect(machine, on(Board(device), machine)).__enter__()
+
+
+def test_a_safe_end_leaves_nothing_behind(device: str) -> None:
+    machine = bench()
+    with connect(machine, on(Board(device), machine)):
+        assert [ended.state for ended in standing(device)] == ["running"]
+    assert standing(device) == []
+    assert not is_held(device)
+
+
+# The wiring's lint --------------------------------------------------------------------------------------
+
+
+def test_a_timer_in_virtual_time_is_refused_beside_hardware(device: str) -> None:
+    machine = bench()
+    (fault,) = umo.check(machine, wired(machine, Board(device)))
+    assert fault.key == 'wire."timer".driver'
+    assert f"driver box takes hardware ({device})" in fault.message
+
+
+def test_a_driver_that_cannot_name_its_devices_is_a_fault() -> None:
+    class Broken(Scripted):
+        def devices(self) -> list[str]:
+            raise KeyError("port")
+
+    machine = bench()
+    (fault,) = umo.check(machine, wired(machine, Broken()))
+    assert (fault.key, fault.message) == ("drivers.box", "cannot name its devices: KeyError: 'port'")
+
+
+def test_two_texts_of_one_output_are_found_by_the_address_in_the_channels_own_fields() -> None:
+    from dataclasses import dataclass
+
+    @dataclass(frozen=True)
+    class Relay(Channel):
+        number: int = 0
+
+    class Card(Scripted):
+        def channel(self, text: str) -> Relay:
+            return Relay(text, umo.Direction.BOTH, 64, True, int(re.sub(r"\D", "", text) or 99))
+
+    machine = bench()
+    entries = {"motor": {"channel": "out1"}, "valve": {"channel": "out01"}, "encoder": {"channel": "in2"}}
+    faults = umo.check(machine, wired(machine, Card(), entries=entries))
+    assert [fault.key for fault in faults] == ['wire."valve"']
+    assert "is already that of motor" in faults[0].message

@@ -1,0 +1,168 @@
+"""Records of unsafe ends: every user's own, read by all, forged or removed by none."""
+
+from __future__ import annotations
+
+import json
+import os
+import stat
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from umo import StandsStopped, UmoError
+from umo.system import folders, record
+from umo.system.record import Record, all_standing, standing
+
+DEVICE = "bus 1"
+ROOT = hasattr(os, "geteuid") and os.geteuid() == 0
+NOBODY = 65534
+
+
+def own_file() -> Path:
+    return record._folder() / record._file(DEVICE)
+
+
+def test_a_record_stands_from_the_start_to_the_safe_end() -> None:
+    run = Record([DEVICE], "press", "bench")
+    run.begin(False)
+    (ended,) = standing(DEVICE)
+    assert (ended.state, ended.station, ended.wiring, ended.device) == ("running", "press", "bench", DEVICE)
+    run.finish()
+    assert standing(DEVICE) == []
+    assert list(record._folder().iterdir()) == []
+
+
+def test_an_unsafe_end_is_told_to_the_next_start_until_it_is_acknowledged() -> None:
+    first = Record([DEVICE], "press", "bench")
+    first.begin(False)
+    first.stopped("the control process was killed", ["ram"])
+    with pytest.raises(StandsStopped, match=r"press \(bench\) was stopped at .*killed; not reached: ram"):
+        Record([DEVICE], "lathe", "other").begin(False)
+    second = Record([DEVICE], "lathe", "other")
+    second.begin(True)
+    second.finish()
+    Record([DEVICE], "press", "bench").begin(False)
+
+
+def test_each_device_of_a_run_stands_by_itself() -> None:
+    first = Record([DEVICE, "bus 2"], "press", "")
+    first.begin(False)
+    first.stopped("killed", [])
+    with pytest.raises(StandsStopped):
+        Record(["bus 2"], "other", "").begin(False)
+    Record(["bus 3"], "other", "").begin(False)
+
+
+@pytest.mark.parametrize("content", [b"", b"not JSON", b"[1]", b'{"device": 1}', b"\xff\xfe", b"[" * 100_000])
+def test_a_record_that_cannot_be_read_is_never_taken_for_a_safe_end(content: bytes) -> None:
+    Record([DEVICE], "press", "").begin(False)
+    own_file().write_bytes(content)
+    (ended,) = standing(DEVICE)
+    assert "is not known: its record cannot be read" in str(ended)
+    assert "every actuator was reset" not in str(ended)
+    with pytest.raises(StandsStopped):
+        Record([DEVICE], "press", "").begin(False)
+    again = Record([DEVICE], "press", "")
+    again.begin(True)
+    again.finish()
+    assert standing(DEVICE) == []
+
+
+def test_a_start_that_cannot_be_written_down_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(file: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(UmoError, match="the start could not be written down: No space left"):
+        Record([DEVICE], "press", "").begin(False)
+
+
+def test_without_devices_nothing_is_written() -> None:
+    run = Record([], "press", "")
+    run.begin(False)
+    assert all_standing() == []
+    run.finish()
+
+
+def test_a_record_is_protected_from_the_clearing_of_old_files() -> None:
+    Record([DEVICE], "press", "").begin(False)
+    assert stat.S_IMODE(own_file().stat().st_mode) == 0o1644
+
+
+def test_a_symbolic_link_in_its_place_is_neither_followed_nor_believed(tmp_path: Path) -> None:
+    victim = tmp_path / "victim"
+    victim.write_text("precious")
+    own_file().symlink_to(victim)
+    with pytest.raises(StandsStopped):
+        Record([DEVICE], "press", "").begin(False)
+    run = Record([DEVICE], "press", "")
+    run.begin(True)
+    run.finish()
+    assert victim.read_text() == "precious"
+
+
+# Other users ----------------------------------------------------------------------------------------------
+
+
+def others(state: str = "stopped", name: str = f"{folders.PREFIX}{NOBODY}") -> Path:
+    """A record that another user has written."""
+    folder = folders.lasting() / name / record.FOLDER
+    folder.mkdir(parents=True)
+    content = {"device": DEVICE, "station": "theirs", "wiring": "", "state": state, "when": 1.0, "id": "abc"}
+    file = folder / record._file(DEVICE)
+    file.write_text(json.dumps(content))
+    for path in (folder.parent, folder, file):
+        os.chown(path, NOBODY, NOBODY)
+    return file
+
+
+@pytest.mark.skipif(not ROOT, reason="writing as another user needs root")
+def test_another_users_unsafe_end_is_told_with_their_name_and_acknowledged_once() -> None:
+    others()
+    with pytest.raises(StandsStopped, match="theirs was stopped by user 65534"):
+        Record([DEVICE], "press", "").begin(False)
+    run = Record([DEVICE], "press", "")
+    run.begin(True)
+    run.finish()
+    again = Record([DEVICE], "press", "")
+    again.begin(False)
+    again.stopped("killed", [])
+    assert [ended.station for ended in standing(DEVICE)] == ["press"]
+
+
+@pytest.mark.skipif(not ROOT, reason="writing as another user needs root")
+def test_another_user_cannot_forge_a_safe_end_over_this_users_record() -> None:
+    Record([DEVICE], "press", "").begin(False)
+    others("ended")
+    assert [ended.station for ended in standing(DEVICE)] == ["press"]
+
+
+@pytest.mark.skipif(not ROOT, reason="writing as another user needs root")
+def test_a_file_that_does_not_belong_to_the_folders_owner_is_not_believed() -> None:
+    file = others()
+    os.chown(file, 1, 1)
+    assert standing(DEVICE) == []
+
+
+@pytest.mark.skipif(not ROOT, reason="writing as another user needs root")
+def test_whoever_takes_this_users_name_first_changes_nothing() -> None:
+    squatted = folders.lasting() / f"{folders.PREFIX}{os.getuid()}"
+    squatted.mkdir()
+    os.chown(squatted, NOBODY, NOBODY)
+    Record([DEVICE], "press", "").begin(False)
+    assert [ended.station for ended in standing(DEVICE)] == ["press"]
+    assert list(squatted.iterdir()) == []
+
+
+@pytest.mark.skipif(not ROOT, reason="reading as another user needs root")
+def test_another_user_reads_this_users_record(monkeypatch: pytest.MonkeyPatch) -> None:
+    with tempfile.TemporaryDirectory() as place:
+        os.chmod(place, 0o1777)
+        monkeypatch.setenv("UMO_STATE", place)
+        Record([DEVICE], "press", "").begin(False)
+        child = os.fork()
+        if child == 0:
+            os.setuid(NOBODY)
+            os._exit([ended.user for ended in standing(DEVICE)] != ["user 0"])
+        assert os.waitpid(child, 0)[1] == 0
