@@ -651,6 +651,25 @@ def test_a_device_that_does_not_take_the_connection_times_out(peer_program: Path
         driver.close()
 
 
+def test_a_connection_whose_time_is_spent_before_it_begins_leaves_no_socket_open() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        driver = Modbus(port=server.getsockname()[1])
+        driver.timeout = 0.0
+        sockets: list[socket.socket] = []
+        made = socket.socket
+
+        def make(*arguments: Any) -> socket.socket:
+            sockets.append(made(*arguments))
+            return sockets[-1]
+
+        with (
+            patch.object(socket, "socket", make),
+            pytest.raises(DeviceTimeout, match=r"connecting: timed out \(0 ms\)"),
+        ):
+            driver.open()
+        assert [each.fileno() for each in sockets] == [-1]
+
+
 def test_a_refused_connection_fails_at_open() -> None:
     with socket.socket() as unused:
         unused.bind(("127.0.0.1", 0))
@@ -718,17 +737,16 @@ FRAMES = st.builds(
 def test_whatever_the_device_answers_is_a_value_or_a_driver_error(answer: bytes, writing: bool) -> None:
     near, far = socket.socketpair()
 
-    client, send = _modbus_link._Client, _modbus_link._Client.send
+    client, send = _modbus_link._Client, _modbus_link._Client._send
 
-    def reply(client: Any, request: bytes, addr: Any = None) -> int:
-        sent = send(client, request)
+    def reply(client: Any, request: bytes) -> None:
+        send(client, request)
         far.sendall(answer)
         far.shutdown(socket.SHUT_WR)
-        return sent
 
     driver = Modbus()
     driver.timeout = PATIENT
-    with patch.object(client, "_dial", lambda _: near), patch.object(client, "send", reply), near, far:
+    with patch.object(client, "_dial", lambda _: near), patch.object(client, "_send", reply), near, far:
         driver.open()
         channel = driver.channel("coil:0" if writing else "input:0:int32")
         try:

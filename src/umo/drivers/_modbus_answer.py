@@ -6,15 +6,20 @@ Requests and answers are whole frames: transaction, protocol (0), length of what
 
 from __future__ import annotations
 
+import struct
+
 from umo.errors import DriverError
 
-_HEADER = 6
-_UNIT, _FUNCTION = 6, 7
+BODY = 7
+"""Where a frame's function and data begin."""
+_HEADER = struct.Struct(">HHH")
+_START = struct.Struct(">HHHBB")  # up to the function
+_REQUEST = struct.Struct(">HHHBBHH")  # and the address, and the value or number of cells: every request has them
 _SHORTEST, _LONGEST = 2, 254  # what may follow the header: unit, function and up to 252 bytes of data
 
 
 class Lost(Exception):
-    """The connection is of no more use; says why. Not a TimeoutError, as pymodbus swallows those."""
+    """The connection is of no more use; says why."""
 
 
 class TimedOut(Lost):
@@ -27,25 +32,34 @@ class Refused(DriverError):
 
 def frame_end(data: bytes) -> int:
     """Where the first frame of the data ends, 0 while it is not whole; Lost if these are no frames."""
-    if len(data) < _HEADER:
+    if len(data) < _HEADER.size:
         return 0
-    length = _word(data, 4)
-    if data[2] or data[3] or not _SHORTEST <= length <= _LONGEST:
+    _, protocol, length = _HEADER.unpack_from(data)
+    if protocol or not _SHORTEST <= length <= _LONGEST:
         raise Lost("what came is not Modbus")
-    end = _HEADER + length
+    end = _HEADER.size + length
     return end if len(data) >= end else 0
 
 
 def answers(request: bytes, answer: bytes) -> bool:
     """Whether the frame fits the request in everything; an exception answer does. False for an answer to a request
     before this one, which may be passed over; Lost for anything else."""
-    if answer[:2] != request[:2]:
-        if 0 < _word(answer, 0) < _word(request, 0):
+    transaction, _, _, unit, function, _, count = _REQUEST.unpack_from(request)
+    given, _, _, its_unit, its_function = _START.unpack_from(answer)
+    if given != transaction:
+        if 0 < given < transaction:
             return False
         raise Lost(wrong_transaction(request, answer))
-    if answer[_UNIT] != request[_UNIT]:
-        raise Lost(f"an answer of unit {answer[_UNIT]} in place of {request[_UNIT]}")
-    _check(request[_FUNCTION:], answer[_FUNCTION:])
+    if its_unit != unit:
+        raise Lost(f"an answer of unit {its_unit} in place of {unit}")
+    if its_function == function | 0x80:
+        _check_length("an exception answer", answer, 2)
+    elif its_function != function:
+        raise Lost(f"an answer to function {its_function & 0x7F} in place of {function}")
+    elif function <= 4:
+        _check_data(answer, (count + 7) // 8 if function <= 2 else 2 * count)
+    else:
+        _check_echo(request, answer)
     return True
 
 
@@ -53,40 +67,28 @@ def wrong_transaction(request: bytes, answer: bytes) -> str:
     return f"an answer to transaction {_word(answer, 0)} in place of {_word(request, 0)}"
 
 
-def _check(asked: bytes, said: bytes) -> None:
-    """Both from their function on."""
-    function = asked[0]
-    if said[0] == function | 0x80:
-        _check_length("an exception answer", len(said), 2)
-    elif said[0] != function:
-        raise Lost(f"an answer to function {said[0] & 0x7F} in place of {function}")
-    elif function <= 4:
-        _check_data(said, _word(asked, 3), bitwise=function <= 2)
-    else:
-        _check_echo(asked, said)
+def _check_data(answer: bytes, size: int) -> None:
+    """The byte count and as many bytes."""
+    if len(answer) > BODY + 1 and answer[BODY + 1] != size:
+        raise Lost(f"a byte count of {answer[BODY + 1]} in place of {size}")
+    _check_length("an answer", answer, 2 + size)
 
 
-def _check_data(said: bytes, count: int, *, bitwise: bool) -> None:
-    size = (count + 7) // 8 if bitwise else 2 * count
-    if len(said) > 1 and said[1] != size:
-        raise Lost(f"a byte count of {said[1]} in place of {size}")
-    _check_length("an answer", len(said), 2 + size)
-
-
-def _check_echo(asked: bytes, said: bytes) -> None:
+def _check_echo(request: bytes, answer: bytes) -> None:
     """One cell's address and value come back as they were sent, of many the address and their number."""
-    _check_length("an answer", len(said), 5)
-    if said != asked[:5]:
-        raise Lost(f"the answer confirms {_confirmed(said)} in place of {_confirmed(asked)}")
+    _check_length("an answer", answer, 5)
+    if answer[BODY:] != request[BODY : BODY + 5]:
+        raise Lost(f"the answer confirms {_confirmed(answer)} in place of {_confirmed(request)}")
 
 
-def _confirmed(data: bytes) -> str:
-    return f"address {_word(data, 1)}, {'value' if data[0] < 15 else 'count'} {_word(data, 3):#x}"
+def _confirmed(frame: bytes) -> str:
+    kind = "value" if frame[BODY] < 15 else "count"
+    return f"address {_word(frame, BODY + 1)}, {kind} {_word(frame, BODY + 3):#x}"
 
 
-def _check_length(what: str, length: int, wanted: int) -> None:
-    if length != wanted:
-        raise Lost(f"{what} of {length} bytes in place of {wanted}")
+def _check_length(what: str, answer: bytes, length: int) -> None:
+    if len(answer) != BODY + length:
+        raise Lost(f"{what} of {len(answer) - BODY} bytes in place of {length}")
 
 
 def _word(data: bytes, place: int) -> int:

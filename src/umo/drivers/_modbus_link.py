@@ -1,25 +1,22 @@
 """One connection to one Modbus TCP device, through pymodbus; imported only when a device is opened.
 
-pymodbus builds and takes apart the frames and matches transaction numbers. What it does with time is not
-what a sampling period needs (a timeout for each wait, of which one call may have several), so the
-methods that touch the socket are replaced here: everything in a call ends by one deadline.
+pymodbus builds the requests and decodes the answers. What lies between is here: its own transactions wait for a
+time each, of which one call may have several, and pass over what is wrong. Here everything in a call ends by one
+deadline, and nothing is decoded that does not answer the request in everything.
 """
 
 from __future__ import annotations
 
 import logging
-import math
 import select
 import socket
 from collections.abc import Sequence
 from time import monotonic
-from typing import Any
 
 from pymodbus.client import ModbusTcpClient
-from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ModbusPDU
 
-from umo.drivers._modbus_answer import Lost, Refused, TimedOut, answers, frame_end, wrong_transaction
+from umo.drivers._modbus_answer import BODY, Lost, Refused, TimedOut, answers, frame_end, wrong_transaction
 from umo.drivers._modbus_plan import COIL, DISCRETE, HOLDING, INPUT, Request
 from umo.errors import DeviceTimeout, DriverError
 
@@ -34,21 +31,18 @@ EXCEPTIONS = {
     10: "gateway path unavailable",
     11: "gateway target failed to respond",
 }
-_FAILED = (Lost, ModbusException)
-"""All that a request may raise; what pymodbus finds wrong itself has passed our own look at the answer."""
 
 
 class _Client(ModbusTcpClient):
-    """pymodbus's client with one deadline in place of a timeout for each wait; it hands pymodbus whole frames that
-    answer the request, and nothing else."""
+    """pymodbus's client over a connection of our own; every method but `close` raises Lost."""
 
     def __init__(self, host: str, port: int) -> None:
-        # No retries, and no time limit of pymodbus's own: the deadline below is the only one.
-        super().__init__(host, port=port, retries=0, timeout=math.inf)
+        super().__init__(host, port=port)
         self.deadline = 0.0
         self._addresses = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
         self._idle = select.poll()
-        self._request = self._data = b""
+        self._transaction = 0
+        self._data = b""
 
     def left(self) -> float:
         """Seconds until the deadline."""
@@ -82,7 +76,7 @@ class _Client(ModbusTcpClient):
                 connection.settimeout(self.left())
                 connection.connect(address)
                 connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            except TimeoutError:
+            except (TimeoutError, TimedOut):
                 connection.close()
                 raise TimedOut from None
             except OSError as failed:
@@ -92,28 +86,36 @@ class _Client(ModbusTcpClient):
                 return connection
         raise Lost(_plain(error))
 
-    def send(self, request: bytes, addr: tuple[Any, ...] | None = None) -> int:
+    def execute(self, no_response_expected: bool, request: ModbusPDU) -> ModbusPDU:
+        """Send the request; its answer, which may be an exception answer."""
+        self._transaction = request.transaction_id = self._transaction % 65535 + 1
+        frame = self.framer.buildFrame(request)
+        self._send(frame)
+        answer = self.framer.decoder.decode(self._answer(frame)[BODY:])
+        if answer is None:
+            raise Lost("a malformed answer")
+        return answer
+
+    def _send(self, frame: bytes) -> None:
         assert self.socket is not None
-        self._request = request
         try:
             self.socket.settimeout(self.left())
-            self.socket.sendall(request)
+            self.socket.sendall(frame)
         except TimeoutError:
             raise TimedOut from None
         except OSError as error:
             raise Lost(_plain(error)) from None
-        return len(request)
 
-    def recv(self, size: int | None) -> bytes:
-        """The frame that answers the request."""
+    def _answer(self, request: bytes) -> bytes:
+        """The frame that answers the request; one that answers an earlier request is passed over."""
         passed_over = ""
         while True:
             while not (end := frame_end(self._data)):
                 self._data += self._take(passed_over)
             frame, self._data = self._data[:end], self._data[end:]
-            if answers(self._request, frame):
+            if answers(request, frame):
                 return frame
-            passed_over = wrong_transaction(self._request, frame)
+            passed_over = wrong_transaction(request, frame)
 
     def _take(self, passed_over: str) -> bytes:
         assert self.socket is not None
@@ -171,7 +173,7 @@ class Link:
         """The cells of the answer, at least as many as were asked for."""
         try:
             answer = self._readers[request.table](request.address, count=request.count, device_id=self._unit)
-        except _FAILED as error:
+        except Lost as error:
             raise self._broken(f"reading {request.what}", error) from None
         if answer.isError():
             raise self._refused(f"reading {request.what}", answer.exception_code)
@@ -181,7 +183,7 @@ class Link:
         """Write; the device must confirm what it was sent."""
         try:
             answer = self._write(request, cells)
-        except _FAILED as error:
+        except Lost as error:
             raise self._broken(f"writing {request.what}", error) from None
         if answer.isError():
             raise self._refused(f"writing {request.what}", answer.exception_code)
@@ -202,7 +204,7 @@ class Link:
         """An exception answer; the connection stays as it is."""
         return Refused(f"{self._name}: {what}: exception {code}, {EXCEPTIONS.get(code, 'of an unknown kind')}")
 
-    def _broken(self, what: str, error: Exception) -> DriverError:
+    def _broken(self, what: str, error: Lost) -> DriverError:
         """A failure after which the connection cannot be trusted."""
         self._client.close()
         if not isinstance(error, TimedOut):
