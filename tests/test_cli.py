@@ -157,9 +157,8 @@ port = PORT
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="devices are held on Linux")
 def test_whoever_would_drive_a_device_that_is_held_is_told_who_holds_it(umo, tank: Path) -> None:
-    objects = [item.path for item in find(str(tank)).machine().atoms() if item.path != "timer"]
-    channels = {"inlet": "coil:0", "drain": "coil:1", "overflow": "discrete:0"}
-    wires = [f'"{path}" = {{ driver = "box", channel = "{channels.get(path, "input:0")}" }}' for path in objects]
+    channels = {"inlet": "coil:0", "drain": "coil:1", "level": "input:0", "overflow": "discrete:0"}
+    wires = [f'"{path}" = {{ driver = "box", channel = "{channel}" }}' for path, channel in channels.items()]
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
         (tank / "wiring" / "box.toml").write_text(BOX.replace("PORT", str(port)) + "\n".join(wires) + "\n")
