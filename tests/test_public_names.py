@@ -88,7 +88,7 @@ def test_exported_names(package):
 def test_sequences_and_inputs_are_exported_by_control():
     from umo import control
 
-    assert {"UNREFERENCED", "next_period", "state_of", "together", "until", "value_of", "wait"} <= set(control.__all__)
+    assert {"HOMING", "next_period", "state_of", "together", "until", "value_of", "wait"} <= set(control.__all__)
 
 
 def test_every_error_is_exported():

@@ -20,7 +20,7 @@ from umo import (
     Quality,
     connect,
 )
-from umo.control import UNREFERENCED, state_of, value_of
+from umo.control import HOMING, state_of, value_of
 from umo.testing import Scripted, VirtualTimer, put
 
 GOOD, OUT_OF_RANGE, STALE, BAD = Quality.GOOD, Quality.OUT_OF_RANGE, Quality.STALE, Quality.BAD
@@ -432,7 +432,7 @@ def test_a_control_law_refuses_what_is_not_good_unless_told_what_to_accept(box):
         with pytest.raises(BadInput, match="one is UNREFERENCED") as caught:
             value_of(m.one)
         assert (caught.value.path, caught.value.quality) == ("one", UNREF)
-        assert value_of(m.one, UNREFERENCED) == 0.0
+        assert value_of(m.one, HOMING) == 0.0
         assert state_of(m.two) is PassFail.PASS
         m.one.referenced()
         assert value_of(m.one) == 0.0

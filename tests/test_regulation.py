@@ -56,6 +56,15 @@ def test_settled_says_whether_the_value_is_within_the_band() -> None:
             assert law.settled is settled
 
 
+def test_settled_does_not_judge_a_value_that_the_law_would_refuse() -> None:
+    with connect(tank()) as m:
+        law = Hysteresis(m.level, m.valve, OnOff.ON, low=40.0, high=200.0)
+        put(m.level, 150)
+        m.sample()
+        with pytest.raises(BadInput, match="level is OUT_OF_RANGE"):
+            law.settled  # noqa: B018
+
+
 def test_a_bad_input_changes_nothing() -> None:
     box = Scripted({"level": [30, 130]})
     wiring = {"drivers": {"box": box}, "wire": {name: {"driver": "box"} for name in ("valve", "drain", "level")}}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import gc
+import sys
 import warnings
 from typing import Any
 
@@ -15,6 +16,8 @@ from hypothesis import strategies as st
 from machines import actuator, bench, wired
 from umo import Cancelled, Compound, DeclarationError, DigitalActuator, PassFail, TaskFailed, TimeExpired, connect
 from umo.control import next_period, together, until, wait
+from umo.cycle.clock import Clock
+from umo.cycle.sequences import Sequences
 from umo.testing import Scripted, VirtualTimer, periods, put
 
 
@@ -141,6 +144,26 @@ def test_sequences_take_their_steps_in_the_order_started():
             cycle.start(step(name))
         cycle.steps(2)
     assert seen == list("abcabc")
+
+
+def test_a_sequence_that_starts_another_stays_before_it():
+    seen: list[str] = []
+
+    async def child():
+        while True:
+            seen.append("child")
+            await next_period()
+
+    async def parent(m):
+        m.start(child())
+        while True:
+            seen.append("parent")
+            await next_period()
+
+    with Cycle() as cycle:
+        cycle.start(parent(cycle.m))
+        cycle.steps(3)
+    assert seen == ["parent", "parent", "child", "parent", "child"]
 
 
 def test_a_sequence_started_by_another_begins_with_the_next_period():
@@ -352,10 +375,13 @@ def test_a_failing_clean_up_spares_none_of_the_others_and_hides_not_the_first_fa
 
 def test_cancelling_together_cancels_all_and_an_error_in_their_clean_up_surfaces():
     log: list[str] = []
-    with pytest.raises(OSError, match="cleaning up b"), Cycle() as cycle:
-        cycle.start(gather(stubborn(log, "a"), stubborn(log, "b")))
+    with Cycle() as cycle:
+        task = cycle.start(gather(stubborn(log, "a"), stubborn(log, "b")))
         cycle.steps(2)
+        with pytest.raises(RuntimeError, match="cleaning up b") as caught:
+            task.cancel()
     assert log == ["b", "a"]
+    assert "cleaning up a" in caught.value.__notes__[0]
 
 
 def test_together_nests():
@@ -448,6 +474,89 @@ def test_cancelled_is_no_exception_that_a_sequence_catches_by_accident():
     assert log == []
 
 
+@pytest.mark.parametrize("together_with_another", [False, True])
+def test_a_task_that_cancels_itself_cleans_up_where_it_awaits_next(together_with_another):
+    log: list[str] = []
+
+    async def work(m):
+        try:
+            await next_period()
+            m.tasks[0].cancel()
+            log.append("still in this period")
+            await next_period()
+            log.append("went on")
+        except Cancelled:
+            log.append("cancelled")
+            raise
+        finally:
+            log.append("left")
+
+    with Cycle() as cycle:
+        sequence = gather(work(cycle.m), after(99, "b", log)) if together_with_another else work(cycle.m)
+        other = cycle.start(after(2, "other"))
+        cycle.m.tasks = [cycle.start(sequence)]
+        cycle.steps(1)
+        assert not cycle.m.tasks[0].done
+        cycle.steps(1)
+        beside = ["cancelled b", "left b"] if together_with_another else []
+        assert log == ["still in this period", *beside, "cancelled", "left"]
+        assert (cycle.m.tasks[0].done, cycle.m.tasks[0].result) == (True, None)
+        cycle.steps(1)
+        assert other.done
+
+
+def test_a_task_that_cancels_itself_and_then_returns_has_ended_with_its_result():
+    async def work(tasks):
+        tasks[0].cancel()
+        return "end"
+
+    with Cycle() as cycle:
+        tasks: list[Any] = []
+        tasks.append(cycle.start(work(tasks)))
+        cycle.steps(2)
+        assert (tasks[0].done, tasks[0].result) == (True, "end")
+
+
+def test_an_error_in_the_clean_up_of_a_task_that_cancels_itself_comes_out_of_control():
+    async def work(tasks):
+        try:
+            tasks[0].cancel()
+            await next_period()
+        finally:
+            raise ValueError("cleaning up")
+
+    with Cycle() as cycle:
+        tasks: list[Any] = []
+        tasks.append(cycle.start(work(tasks)))
+        with pytest.raises(ValueError, match="cleaning up"):
+            cycle.steps(1)
+        cycle.steps(1)
+
+
+def line_of(error):
+    """The name of the function that raised it."""
+    trace = error.__traceback__
+    while trace.tb_next is not None:
+        trace = trace.tb_next
+    return trace.tb_frame.f_code.co_name
+
+
+def test_stopping_raises_the_first_error_of_a_clean_up_as_it_is_and_notes_the_others():
+    log: list[str] = []
+    sequences = Sequences()
+    for name in "abc":
+        sequences.start(stubborn(log, name))
+    sequences.start(after(99, "d", log))
+    sequences.advance(Clock(0.001))
+    with pytest.raises(RuntimeError, match="cleaning up c") as caught:
+        sequences.cancel()
+    assert line_of(caught.value) == "stubborn"
+    assert log == ["cancelled d", "left d", "c", "b", "a"]
+    beside = [note.partition("cleaning up ")[2][0] for note in caught.value.__notes__]
+    assert beside == ["b", "a"]
+    sequences.cancel()
+
+
 def test_what_a_clean_up_starts_is_dropped_too():
     begun: list[int] = []
 
@@ -493,6 +602,110 @@ def test_two_errors_in_one_period_surface_one_after_the_other():
             cycle.steps(1)
 
 
+def exits():
+    sys.exit(0)
+
+
+def closes():
+    raise GeneratorExit
+
+
+def runs_out():
+    next(iter(()))
+
+
+@pytest.mark.parametrize("leave", [exits, closes])
+@pytest.mark.parametrize("where", ["alone", "together", "in a condition"])
+def test_what_would_end_the_run_in_silence_comes_out_as_an_error_that_names_the_sequence(leave, where):
+    async def work():
+        await next_period()
+        if where == "in a condition":
+            await until(leave)
+        leave()
+
+    log: list[str] = []
+    with Cycle() as cycle:
+        cycle.start(gather(after(99, "b", log), work()) if where == "together" else work())
+        cycle.steps(1)
+        with pytest.raises(TaskFailed, match=r"work raised (SystemExit\(0\)|GeneratorExit\(\))") as caught:
+            cycle.steps(1)
+        assert line_of(caught.value.__cause__) == leave.__name__
+        assert log == (["cancelled b", "left b"] if where == "together" else [])
+
+
+@pytest.mark.parametrize("leave", [exits, closes])
+def test_a_clean_up_may_not_end_the_run_in_silence_either(leave):
+    async def work():
+        try:
+            await next_period()
+        finally:
+            leave()
+
+    with Cycle() as cycle:
+        task = cycle.start(work())
+        cycle.steps(1)
+        with pytest.raises(TaskFailed, match="work raised"):
+            task.cancel()
+
+
+@pytest.mark.parametrize("where", ["alone", "together", "in a condition"])
+def test_an_iterator_that_runs_out_ends_no_sequence_as_if_it_had_returned(where):
+    async def work():
+        await next_period()
+        if where == "in a condition":
+            await until(runs_out, "1 s")
+        runs_out()
+
+    with Cycle() as cycle:
+        cycle.start(gather(after(99), work()) if where == "together" else work())
+        cycle.steps(1)
+        with pytest.raises(RuntimeError, match="raised StopIteration") as caught:
+            cycle.steps(1)
+        assert line_of(caught.value.__cause__) == "runs_out"
+
+
+def test_a_sequence_that_was_started_twice_is_an_error_that_says_so():
+    async def work():
+        await next_period()
+
+    with Cycle() as cycle:
+        sequence = work()
+        cycle.start(sequence)
+        cycle.start(sequence)
+        with pytest.raises(TypeError, match="work was started twice; call the `async def` function for each start"):
+            cycle.steps(1)
+        cycle.steps(1)
+
+
+def test_a_sequence_that_starts_itself_is_an_error_that_says_so():
+    own: list[Any] = []
+
+    async def work(m):
+        m.start(own[0])
+        await next_period()
+        await next_period()
+
+    with Cycle() as cycle:
+        own.append(work(cycle.m))
+        cycle.start(own[0])
+        cycle.steps(1)
+        with pytest.raises(TypeError, match="was started twice"):
+            cycle.steps(1)
+
+
+def test_a_sequence_that_runs_the_control_of_the_machine_is_an_error_that_says_so():
+    async def work(m):
+        m.control()
+
+    with Cycle() as cycle:
+        cycle.start(work(cycle.m))
+        other = cycle.start(after(1))
+        with pytest.raises(TaskFailed, match="a sequence called `control` of the whole machine"):
+            cycle.steps(1)
+        cycle.steps(2)
+        assert other.done
+
+
 class Foreign:
     def __await__(self):
         yield "something"
@@ -513,6 +726,20 @@ def test_a_foreign_awaitable_is_a_type_error(where):
         with pytest.raises(TypeError, match=r"awaited 'something'; only what umo.control offers"):
             cycle.steps(1)
         assert log == (["left"] if where == "alone" else ["left", "cancelled b", "left b"])
+
+
+def test_an_error_in_the_clean_up_after_a_foreign_awaitable_hides_not_the_mistake():
+    async def mistaken():
+        try:
+            await Foreign()
+        finally:
+            raise ValueError("cleaning up")
+
+    with Cycle() as cycle:
+        cycle.start(mistaken())
+        with pytest.raises(TypeError, match="awaited 'something'") as caught:
+            cycle.steps(1)
+    assert "cleaning up" in caught.value.__notes__[0]
 
 
 def test_an_asyncio_future_is_a_type_error():

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from umo import BadInput, Compound, DigitalActuator, DigitalSensor, Quality, connect
-from umo.control import UNREFERENCED, Servo
+from umo.control import HOMING, Servo
 from umo.testing import put
 
 
@@ -118,6 +118,20 @@ def test_begin_forgets_the_past() -> None:
         assert m.motor.pending == 0.0
 
 
+def test_without_a_timer_the_proportional_part_is_left_and_nothing_divides_by_zero() -> None:
+    with connect(axis()) as m:
+        servo = Servo(m.encoder, m.motor, gain=2.0, integral_time=0.1, derivative_time=0.01)
+        for value, expected in ((0.0, 4.0), (1.0, 2.0)):
+            put(m.encoder, value)
+            m.sample()
+            assert m.dt == 0.0
+            assert servo.control(2.0, dt=m.dt)
+            m.update()
+            assert m.motor.read() == pytest.approx(expected)
+        servo.control(2.0, dt=1e-3)  # the change was seen when no time had passed: it is not a rate now
+        assert m.motor.pending == pytest.approx(2.0 + 2.0 * 1.0 * 1e-3 / 0.1)
+
+
 def test_a_bad_input_is_refused_unless_the_call_accepts_it() -> None:
     with connect(axis(incremental=True)) as m:
         m.sample()
@@ -125,7 +139,7 @@ def test_a_bad_input_is_refused_unless_the_call_accepts_it() -> None:
         with pytest.raises(BadInput, match="encoder is UNREFERENCED"):
             servo.control(1.0, dt=1e-3)
         assert m.motor.pending == 0.0
-        assert servo.control(1.0, dt=1e-3, accept=UNREFERENCED)
+        assert servo.control(1.0, dt=1e-3, accept=HOMING)
         m.encoder.referenced()
         put(m.encoder, 2e3)
         m.sample()

@@ -82,3 +82,25 @@ def test_done_is_said_within_half_a_step_with_the_output_down() -> None:
             said.append(law.control(1.0))
             m.update()
         assert said == [False, False, True]
+
+
+class Inhibited(BinaryActuator[UpDown]):
+    """Takes nothing: as while an interlock holds it at its default."""
+
+    __slots__ = ()
+
+    def write(self, value: UpDown) -> bool:
+        return False
+
+
+def test_a_step_that_was_not_taken_is_not_counted() -> None:
+    machine = Stepper(
+        step=Inhibited(UpDown, one=UpDown.UP, default=UpDown.DOWN),
+        direction=BinaryActuator(Rotation, one=Rotation.CW, default=Rotation.CW),
+    )
+    with connect(machine) as m:
+        law = Stepping(m.step, m.direction)
+        for _ in range(5):
+            assert law.control(3.0) is False
+            m.update()
+        assert law.count == 0

@@ -20,6 +20,7 @@ from umo import (
     NotConnected,
     OnOff,
     PassFail,
+    Quality,
     RangeError,
     StateError,
     Vector,
@@ -201,6 +202,24 @@ def test_sensors_are_sampled_these_alone_or_read_now_when_asynchronous(box):
         assert encoders.read().tolist() == [500.0, 2.0]
         with pytest.raises(DeclarationError, match="holds sensors"):
             encoders.write(1.0)
+
+
+def test_the_quality_of_a_vector_is_a_new_array_in_its_order_and_read_gives_plain_numbers(box):
+    machine = field(encoder={"incremental": True})
+    with connect(machine, wired(machine, box)) as m:
+        encoders = Vector(m.lanes[i].encoder for i in (3, 0, 1))
+        for i in (1, 3):
+            m.lanes[i].encoder.referenced()
+        box.set("lanes.3.encoder", 1000)
+        m.sample()
+        expected = [Quality.OUT_OF_RANGE, Quality.UNREFERENCED, Quality.GOOD]
+        assert encoders.quality.tolist() == expected
+        assert encoders.quality.dtype == np.uint8
+        assert encoders.read().tolist() == [500.0, 0.0, 0.0]
+        for vector in (encoders, Vector(lane.encoder for lane in m.lanes)):
+            vector.quality[:] = Quality.BAD
+            assert Quality.BAD not in vector.quality
+        assert Vector(lane.motor for lane in m.lanes).quality.tolist() == [Quality.GOOD] * 4
 
 
 def test_update_of_a_vector_moves_these_alone_and_failures_list_them(box):

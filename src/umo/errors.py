@@ -12,7 +12,7 @@ UmoError
 |   |-- DeviceTimeout (TimeoutError) a call did not end within the driver's timeout
 |   |-- ChannelsFailed               some channels of a block transfer; the others stand
 |   `-- StopError                    outputs that could not be brought to their defaults
-|-- BadInput (RuntimeError)          a control law was fed by a sensor that is not GOOD
+|-- BadInput (RuntimeError)          a control law was fed by a sensor whose quality it refuses
 |-- Interlocked (RuntimeError)       an interlock forbids what was to be written
 |-- Busy (RuntimeError)              a second motion was asked of a busy axis
 |-- TimeExpired (TimeoutError)       a condition did not come true in its time
@@ -135,10 +135,11 @@ class StopError(DriverError):
 
 
 class BadInput(UmoError, RuntimeError):
-    """A control law was given a sensor whose quality it does not accept."""
+    """A control law was given a sensor whose quality it does not accept; of a Vector the first, and how many others."""
 
-    def __init__(self, path: str, quality: object) -> None:
-        super().__init__(f"{path} is {quality}")
+    def __init__(self, path: str, quality: object, others: int = 0) -> None:
+        more = f", and {others} more of the Vector {'is' if others == 1 else 'are'} not accepted" if others else ""
+        super().__init__(f"{path} is {quality}{more}")
         self.path = path
         self.quality = quality
 

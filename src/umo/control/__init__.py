@@ -1,7 +1,7 @@
-"""Control laws and sequences. Control laws take objects, not numbers: a bad input raises BadInput."""
+"""Control laws and sequences. Control laws take objects, not numbers: an input that is not accepted raises BadInput."""
 
 from umo.control.claim import Claim
-from umo.control.inputs import UNREFERENCED, state_of, value_of
+from umo.control.inputs import HOMING, Accept, state_of, value_of
 from umo.control.profile import Profile, Setpoint
 from umo.control.regulation import Hysteresis
 from umo.control.servo import Servo
@@ -9,8 +9,9 @@ from umo.control.stepping import STEPS_PER_PERIOD, Stepping
 from umo.cycle.sequences import next_period, together, until, wait
 
 __all__ = [
+    "HOMING",
     "STEPS_PER_PERIOD",
-    "UNREFERENCED",
+    "Accept",
     "Claim",
     "Hysteresis",
     "Profile",

@@ -1,34 +1,73 @@
-"""How control laws read: an object's value, or BadInput. Nothing rests on the caller looking at a bool."""
+"""How control laws read: an object's value, or BadInput. Nothing rests on the caller looking at a bool.
+
+GOOD is accepted, and STALE: an object is STALE only within the `max_age` that its integrator declared for holding a
+last value. BAD, OUT_OF_RANGE and UNREFERENCED are refused, unless the call says what else it accepts.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Container
-from typing import TypeVar
+from typing import Any, TypeAlias, TypeVar, overload
+
+import numpy as np
 
 from umo.errors import BadInput
-from umo.objects import BinarySensor, DigitalSensor, Quality, TwoState
+from umo.objects import BinarySensor, DigitalSensor, Quality, TwoState, Vector
+from umo.objects.scaling import FloatArray
 
 S = TypeVar("S", bound=TwoState)
 
-UNREFERENCED = frozenset({Quality.UNREFERENCED, Quality.OUT_OF_RANGE})
+Accept: TypeAlias = Quality | Container[Quality]
+"""One quality, or several: what a call accepts besides GOOD and STALE."""
+
+HOMING = frozenset({Quality.UNREFERENCED, Quality.OUT_OF_RANGE})
 """What homing accepts: the count moves, but nobody knows yet what it means."""
 
 
-def value_of(sensor: DigitalSensor, accept: Container[Quality] = ()) -> float:
-    """The sensor's value in its units; BadInput unless its quality is GOOD or accepted."""
+@overload
+def value_of(sensor: DigitalSensor, accept: Accept = ()) -> float: ...
+@overload
+def value_of(sensor: Vector[Any], accept: Accept = ()) -> FloatArray: ...
+def value_of(sensor: DigitalSensor | Vector[Any], accept: Accept = ()) -> float | FloatArray:
+    """The sensor's value in its units, or the values of a Vector, as its `read` gives them.
+
+    BadInput if the quality is not accepted; of a Vector it names the first such object, and how many there are.
+    """
+    if isinstance(sensor, Vector):
+        values = sensor.read()
+        _check_all(sensor, accept)
+        return values
     value = sensor.read()
-    _check(sensor, accept)
+    if sensor._image.quality[sensor._slot]:  # not GOOD; the property would make an enum of it at each reading
+        _check(sensor, accept)
     return value
 
 
-def state_of(sensor: BinarySensor[S], accept: Container[Quality] = ()) -> S:
-    """The sensor's state; BadInput unless its quality is GOOD or accepted."""
+def state_of(sensor: BinarySensor[S], accept: Accept = ()) -> S:
+    """The sensor's state; BadInput if its quality is not accepted."""
     state = sensor.read()
-    _check(sensor, accept)
+    if sensor._image.quality[sensor._slot]:
+        _check(sensor, accept)
     return state
 
 
-def _check(sensor: DigitalSensor | BinarySensor[S], accept: Container[Quality]) -> None:
+def _check(sensor: DigitalSensor | BinarySensor[S], accept: Accept) -> None:
     quality = sensor.quality
-    if quality is not Quality.GOOD and quality not in accept:
+    if not _accepts(accept, quality):
         raise BadInput(sensor.path, quality)
+
+
+def _check_all(vector: Vector[Any], accept: Accept) -> None:
+    qualities = vector.quality
+    if not qualities.any():
+        return
+    accepted = [quality for quality in Quality if _accepts(accept, quality)]
+    refused = np.flatnonzero(~np.isin(qualities, accepted))
+    if len(refused):
+        raise BadInput(vector[refused[0]].path, Quality(qualities[refused[0]]), len(refused) - 1)
+
+
+def _accepts(accept: Accept, quality: Quality) -> bool:
+    if quality is Quality.GOOD or quality is Quality.STALE:
+        return True
+    return quality is accept if isinstance(accept, Quality) else quality in accept

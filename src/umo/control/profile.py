@@ -71,11 +71,11 @@ class Profile:
     def step(self, dt: float) -> Setpoint:
         """The setpoint `dt` s further on; at the end it stays at the target."""
         if self._duration:
-            self._elapsed += dt
-            position, velocity, acceleration = self._trajectory.at_time(min(self._elapsed, self._duration))
-            self.setpoint = Setpoint(position[0], velocity[0], acceleration[0])
-            if self.done:
-                self._duration = 0.0
+            self._elapsed = elapsed = self._elapsed + dt
+            if elapsed >= self._duration:
+                elapsed, self._duration = self._duration, 0.0
+            (position,), (velocity,), (acceleration,) = self._trajectory.at_time(elapsed)
+            self.setpoint = Setpoint(position, velocity, acceleration)
         return self.setpoint
 
 

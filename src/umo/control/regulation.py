@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Container
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from umo.control.inputs import value_of
-from umo.objects import BinaryActuator, DigitalSensor, Quality, TwoState
+from umo.control.inputs import Accept, value_of
+from umo.objects import BinaryActuator, DigitalSensor, TwoState
 
 S = TypeVar("S", bound=TwoState)
 
@@ -23,19 +22,19 @@ class Hysteresis(Generic[S]):
     low: float
     high: float
 
-    def control(self, accept: Container[Quality] = ()) -> S:
+    def control(self, accept: Accept = ()) -> S:
         """One period: read, decide, write; the state written. BadInput as for every control law."""
-        value = value_of(self.sensor, accept)
-        state = self.actuator.pending
+        value, actuator = value_of(self.sensor, accept), self.actuator
         if value < self.low:
             state = self.raising
         elif value > self.high:
-            one, zero = self.actuator.one, self.actuator.zero
-            state = zero if self.raising is one else one
-        self.actuator.write(state)
+            state = actuator.zero if self.raising is actuator.one else actuator.one
+        else:
+            state = actuator.pending
+        actuator.write(state)
         return state
 
     @property
     def settled(self) -> bool:
-        """Whether the value was within the band when last read."""
-        return self.low <= self.sensor.read() <= self.high
+        """Whether the value is within the band; BadInput as for `control`."""
+        return self.low <= value_of(self.sensor) <= self.high

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Container
 from dataclasses import dataclass, field
 from math import copysign, inf
 
-from umo.control.inputs import value_of
-from umo.objects import DigitalActuator, DigitalSensor, Quality
+from umo.control.inputs import Accept, value_of
+from umo.objects import DigitalActuator, DigitalSensor
 
 
 @dataclass
@@ -52,37 +51,37 @@ class Servo:
         acceleration: float = 0.0,
         *,
         dt: float,
-        accept: Container[Quality] = (),
+        accept: Accept = (),
     ) -> bool:
         """One period of `dt` s: read, compute, write. False when the actuator was at its limit.
 
-        Raises BadInput when the sensor's quality is neither GOOD nor accepted.
+        Without time (`dt` is 0 on a machine that has no timer) neither integral nor derivative contribute.
+        Raises BadInput when the sensor's quality is not accepted.
         """
         value = value_of(self.sensor, accept)
-        self.error = setpoint - value
-        self._track(dt)
-        integral_step = self.gain * self.error * dt / self.integral_time
+        error = self.error = setpoint - value
+        if self._asked is not None and (refused := self.actuator.read() - self._asked):
+            self._integral += refused * min(1.0, dt / self.integral_time)  # back to what the actuator accepted
+        integral_step = self.gain * error * dt / self.integral_time
         output = (
-            self.gain * (self.error - self.derivative_time * self._filtered_rate(value, dt))
+            self.gain * (error - self.derivative_time * self._filtered_rate(value, dt))
             + self._integral
             + integral_step
             + self.feed_forward * velocity
             + self.inertia * acceleration
-            + (copysign(self.friction, velocity) if velocity else 0.0)
         )
+        if velocity:
+            output += copysign(self.friction, velocity)
         taken = self.actuator.write(output)
         if taken or integral_step * output < 0:
             self._integral += integral_step
         self._asked = output
         return taken
 
-    def _track(self, dt: float) -> None:
-        """Lead the integral back by what the actuator did not accept of the last output."""
-        if self._asked is not None and (refused := self.actuator.read() - self._asked):
-            self._integral += refused * min(1.0, dt / self.integral_time)
-
     def _filtered_rate(self, value: float, dt: float) -> float:
-        rate = 0.0 if self._last is None else (value - self._last) / dt
+        last, self._last = self._last, value
+        if not dt:
+            return 0.0
+        rate = 0.0 if last is None else (value - last) / dt
         self._rate += (rate - self._rate) * dt / (self.filter_time + dt)
-        self._last = value
         return self._rate

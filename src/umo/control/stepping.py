@@ -35,6 +35,6 @@ class Stepping:
         if self.direction.read() is not wanted:
             self.direction.write(wanted)
             return False
-        self.step.write(UpDown.UP)
-        self.count += 1 if due > 0 else -1
+        if self.step.write(UpDown.UP):
+            self.count += 1 if due > 0 else -1
         return False

@@ -6,8 +6,10 @@ await is here, and the motions built on it; anything else is a TypeError.
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Awaitable, Callable, Coroutine, Generator
+from types import coroutine
 from typing import Any, Protocol
 
 from umo.errors import Cancelled, TaskFailed, TimeExpired
@@ -30,19 +32,15 @@ _PERIOD = object()
 """What a sequence hands to the cycle when it waits; anything else, even None, is not from here."""
 
 
-class _NextPeriod:
-    def __await__(self) -> Generator[object, Tick, Tick]:
-        return (yield _PERIOD)
-
-
-def next_period() -> Awaitable[Tick]:
+@coroutine
+def next_period() -> Generator[object, Tick, Tick]:
     """Until the next period; returns its tick: `period` in s and `ticks` consumed (1, or more after a miss)."""
-    return _NextPeriod()
+    return (yield _PERIOD)
 
 
 async def wait(duration: str | float) -> None:
     """A time in s (or "20 ms"), rounded up to whole periods; missed periods count."""
-    await _pass(lambda: False, in_seconds(duration))
+    await _pass(in_seconds(duration))
 
 
 async def until(condition: Callable[[], bool], timeout: str | float | None = None) -> None:
@@ -50,25 +48,34 @@ async def until(condition: Callable[[], bool], timeout: str | float | None = Non
     if condition():
         return
     limit = math.inf if timeout is None else in_seconds(timeout)
-    if not await _pass(condition, limit):
+    if not await _pass(limit, condition):
         name = getattr(condition, "__name__", "condition").replace("<lambda>", "the condition")
         raise TimeExpired(f"{name} did not come true within {limit:g} s")
 
 
-async def _pass(condition: Callable[[], bool], limit: float) -> bool:
+@coroutine
+def _pass(limit: float, condition: Callable[[], bool] | None = None) -> Generator[object, Tick, bool]:
     """Let periods pass until the condition is true (True) or the limit in s is over (False)."""
-    passed = 0
-    whole_periods = math.inf if limit > 0 else 0  # known with the first tick
-    while passed < whole_periods:
-        tick = await _NextPeriod()
+    if limit <= 0:
+        return False
+    passed = whole_periods = 0.0
+    while True:
+        tick = yield _PERIOD
         passed += tick.ticks
-        if condition():
+        if condition is not None and condition():
             return True
-        if math.isfinite(limit):
-            if not tick.period:
-                raise TaskFailed("a machine without a timer has no periods to count seconds in")
-            whole_periods = math.ceil(limit / tick.period - 1e-9)
-    return False
+        whole_periods = whole_periods or _whole_periods(limit, tick.period)  # known with the first tick
+        if passed >= whole_periods:
+            return False
+
+
+def _whole_periods(limit: float, period: float) -> float:
+    """At least one."""
+    if math.isinf(limit):
+        return limit
+    if not period:
+        raise TaskFailed("a machine without a timer has no periods to count seconds in")
+    return max(1, math.ceil(limit / period - 1e-9))
 
 
 class _Together:
@@ -76,20 +83,18 @@ class _Together:
         self._tasks = [Task(sequence) for sequence in sequences]
 
     def __await__(self) -> Generator[object, Tick, tuple[Any, ...]]:
+        running, tick = self._tasks, None
         try:
-            tick: Tick | None = None
             while True:
-                for task in self._tasks:
-                    task.advance(tick)
-                if all(task.done for task in self._tasks):
+                running = [task for task in running if not task.advance(tick)]
+                if not running:
                     return tuple(task.result for task in self._tasks)
                 tick = yield _PERIOD
         except BaseException as failure:
             errors = _cancel_all(self._tasks)
             if errors and isinstance(failure, Cancelled | GeneratorExit):
-                raise errors[0] from None
-            for error in errors:
-                failure.add_note(f"and while a sequence beside it was cancelled: {error!r}")
+                raise _with_notes(errors[0], errors[1:]) from None
+            _with_notes(failure, errors)
             raise
 
 
@@ -105,35 +110,66 @@ class Task:
         if not isinstance(sequence, Coroutine):
             raise TypeError(f"{sequence!r} is not a sequence; call an `async def` function")
         self._sequence = sequence
+        self._begun = False
+        self._cancelling = False
         self.done = False
         self.result: Any = None
 
-    def advance(self, tick: Tick | None) -> None:
-        """One step; the first one takes None. What the sequence raises comes out here."""
+    def advance(self, tick: Tick | None) -> bool:
+        """One step; whether that was the last. The first needs no tick. What the sequence raises comes out here."""
         if self.done:
-            return
+            return True
+        if not self._begun:
+            self._begin()
+            tick = None
         try:
             awaited = self._sequence.send(tick)
         except StopIteration as end:
             self.done, self.result = True, end.value
-            return
-        except BaseException:
+            return True
+        except BaseException as error:
             self.done = True
+            self._refuse_exit(error)
             raise
         if awaited is not _PERIOD:
+            wrong = TypeError(f"a sequence awaited {awaited!r}; only what umo.control offers can be awaited")
+            raise _with_notes(wrong, _cancel_all([self]))
+        if self._cancelling:
             self.cancel()
-            raise TypeError(f"a sequence awaited {awaited!r}; only what umo.control offers can be awaited")
+        return self.done
 
     def cancel(self) -> None:
-        """Throw Cancelled in; the sequence may clean up, and may not go on."""
+        """Throw Cancelled in; the sequence may clean up, and may not go on. If it asks for this itself, it happens
+        where it awaits next."""
         if self.done:
+            return
+        if getattr(self._sequence, "cr_running", False):
+            self._cancelling = True
             return
         self.done = True
         try:
             self._sequence.throw(Cancelled())
+            self._sequence.close()  # it awaited again: GeneratorExit ends it
         except (Cancelled, StopIteration):
             return
-        self._sequence.close()  # it awaited again: GeneratorExit ends it
+        except BaseException as error:
+            self._refuse_exit(error)
+            raise
+
+    def _begin(self) -> None:
+        self._begun = True
+        if inspect.iscoroutine(self._sequence) and inspect.getcoroutinestate(self._sequence) != inspect.CORO_CREATED:
+            self.done = True
+            raise TypeError(f"{self._name} was started twice; call the `async def` function for each start")
+
+    def _refuse_exit(self, error: BaseException) -> None:
+        """These two would end the whole run without a word, `sys.exit(0)` even as if all were well."""
+        if isinstance(error, SystemExit | GeneratorExit):
+            raise TaskFailed(f"{self._name} raised {error!r}; a sequence ends by returning, or by an error") from error
+
+    @property
+    def _name(self) -> str:
+        return f"sequence {getattr(self._sequence, '__qualname__', self._sequence)}"
 
 
 def _cancel_all(tasks: list[Task]) -> list[BaseException]:
@@ -142,41 +178,49 @@ def _cancel_all(tasks: list[Task]) -> list[BaseException]:
     for task in reversed(tasks):
         try:
             task.cancel()
-        except BaseException as error:  # even SystemExit: the outputs are still to be reset
+        except BaseException as error:  # whatever it is, the outputs are still to be reset
             errors.append(error)
     return errors
+
+
+def _with_notes(error: BaseException, others: list[BaseException]) -> BaseException:
+    for other in others:
+        error.add_note(f"and while a sequence beside it was cancelled: {other!r}")
+    return error
 
 
 class Sequences:
     """All sequences that run side by side on one machine."""
 
     def __init__(self) -> None:
-        self._tasks: list[tuple[Task, bool]] = []
+        self._tasks: list[Task] = []
+        self._advancing = False
 
     def start(self, sequence: Sequence) -> Task:
         task = Task(sequence)
-        self._tasks.append((task, True))
+        self._tasks.append(task)
         return task
 
     def advance(self, tick: Tick) -> None:
         """One step of each, in the order started; the first error cancels nothing else and is raised."""
         if not self._tasks:
             return
-        tasks, self._tasks = self._tasks, []
+        if self._advancing:
+            raise TaskFailed("a sequence called `control` of the whole machine; that is the cycle's, once a period")
+        self._advancing = True
         try:
-            while tasks:
-                task, fresh = tasks.pop(0)
-                task.advance(None if fresh else tick)
-                if not task.done:
-                    self._tasks.append((task, False))
+            for task in self._tasks.copy():  # what they start begins with the next period
+                if task.advance(tick):
+                    self._tasks.remove(task)
         finally:
-            self._tasks.extend(tasks)
+            self._advancing = False
 
     def cancel(self) -> None:
-        """On stop: Cancelled into each, the last started first; the first error is raised after all."""
+        """On stop: Cancelled into each, the last started first. The first error of their cleaning up is raised after
+        all, as it is; the others are its notes."""
         errors: list[BaseException] = []
         while self._tasks:  # cleaning up may start more
             tasks, self._tasks = self._tasks, []
-            errors += _cancel_all([task for task, _ in tasks])
+            errors += _cancel_all(tasks)
         if errors:
-            raise errors[0]
+            raise _with_notes(errors[0], errors[1:])

@@ -4,7 +4,7 @@ from enum import IntEnum
 
 
 class Quality(IntEnum):
-    """What a value is worth; only GOOD feeds a control law unless the law says otherwise."""
+    """What a value is worth. GOOD and STALE feed control laws, the others only where a call accepts them."""
 
     GOOD = 0
     OUT_OF_RANGE = 1

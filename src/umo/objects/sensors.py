@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, cast
+from typing import Literal
 
 from umo.drivers.contract import Direction
 from umo.errors import DeclarationError
@@ -36,14 +36,15 @@ class BinarySensor(Binary[S]):
     def read(self) -> S:
         """Synchronous: the state kept by the last `sample`. Asynchronous: reads the hardware now."""
         image = self._image
-        return self._state(image.values[self._slot] if self._synchronous else image.read_now(self._slot))
+        level = image.values[self._slot] if self._synchronous else image.read_now(self._slot)
+        return self._one if level else self._zero
 
 
 class DigitalSensor(Digital):
     """A group of input bits: a counter, an ADC. EPICS ai, Modbus input register, OPC UA AnalogItem, BACnet AI.
 
     `incremental=True`: the value is UNREFERENCED until homing calls `referenced()`. `on_error="hold"` keeps
-    the last value, STALE, for `max_age` (s, or a text such as "50 ms") when the device fails.
+    the last value, STALE, for `max_age` (s, or a text such as "50 ms") when the device fails; control laws accept it.
     """
 
     __slots__ = ("_incremental", "_max_age")
@@ -78,9 +79,8 @@ class DigitalSensor(Digital):
     def read(self) -> float:
         """The value in `units`. Synchronous: kept by the last `sample`. Asynchronous: reads the hardware now."""
         image = self._image
-        if self._synchronous:
-            return cast(float, image.values[self._slot])
-        return cast(float, image.read_now(self._slot))
+        value: float = image.values[self._slot] if self._synchronous else image.read_now(self._slot)
+        return value
 
     def referenced(self, known: bool = True) -> None:
         """Homing has proved (or, with False, lost) what the count means."""

@@ -7,6 +7,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
 import numpy as np
+import numpy.typing as npt
 
 from umo.drivers.contract import Direction
 from umo.errors import DeclarationError, RangeError, StateError
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from umo.objects.link import Image
 
 A = TypeVar("A", bound=Atomic)
+QualityArray = npt.NDArray[np.uint8]
 
 
 class Vector(Generic[A]):
@@ -57,6 +59,14 @@ class Vector(Generic[A]):
         if not self._objects[0].synchronous and self._objects[0].direction is Direction.INPUT:
             slots.image.sample_some(slots.all_slots)
         return slots.image.get_values(slots.slots)
+
+    @property
+    def quality(self) -> QualityArray:
+        """The numbers of `Quality` as a new uint8 array of shape (n,); 0 is GOOD. `read` gives every value, whatever
+        its quality; `value_of` of `umo.control` refuses what control laws refuse."""
+        slots = self._located()
+        qualities: QualityArray = np.array(slots.image.quality, np.uint8)[slots.slots]
+        return qualities
 
     def write(self, values: FloatArray | Sequence[float] | float | TwoState | Sequence[TwoState]) -> bool:
         """Take new values: an array of shape (n,) or one value for all. All or nothing: RangeError changes none.

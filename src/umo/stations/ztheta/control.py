@@ -6,7 +6,7 @@ Each control function is a member of the object that it belongs to; the axes hav
 from __future__ import annotations
 
 from umo import BinaryActuator, BinarySensor, Compound, DigitalSensor, OnOff, PassFail, TimeExpired
-from umo.control import Hysteresis, state_of, together, until, wait
+from umo.control import Hysteresis, state_of, together, until, value_of, wait
 
 from .errors import GripError, HomingError
 from .thetaaxis import StepOutput, ThetaAxis
@@ -30,7 +30,7 @@ class Counterweight(Compound):
     async def carry(self) -> None:
         """Until the pressure carries the arm."""
         try:
-            await until(lambda: self.pressure.read() >= self.regulator.low, timeout=5.0)
+            await until(lambda: value_of(self.pressure) >= self.regulator.low, timeout=5.0)
         except TimeExpired:
             raise HomingError(f"the counterweight stays at {self.pressure.read():.0f} counts") from None
 
@@ -50,7 +50,9 @@ class Gripper(Compound):
         self._failing = 0.0
 
     def control(self) -> None:
-        if not self.holding or state_of(self.pressure) is PassFail.PASS:
+        if not self.holding:
+            return
+        if state_of(self.pressure) is PassFail.PASS:
             self._failing = 0.0
             return
         self._failing += self.dt
@@ -66,7 +68,7 @@ class Gripper(Compound):
         except TimeExpired:
             self.vacuum.write(OnOff.OFF)
             return False
-        self.holding = True
+        self.holding, self._failing = True, 0.0
         return True
 
     def let_go(self) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from umo import BinaryActuator, Compound, DigitalSensor, EnableDisable, Rotation, UpDown
-from umo.control import STEPS_PER_PERIOD, UNREFERENCED, Claim, Profile, Stepping, next_period, until, value_of, wait
+from umo.control import HOMING, STEPS_PER_PERIOD, Claim, Profile, Stepping, next_period, until, value_of, wait
 
 from .errors import AxisError, HomingError
 
@@ -55,10 +55,9 @@ class ThetaAxis(Compound):
     def control(self) -> None:
         position = self.profile.step(self.dt).position
         self.stepping.control((position - self._offset) / self.step_angle)
-        if self._watched and abs(value_of(self.encoder) - self.commanded) > self.following_error:
+        if self._watched and abs((angle := value_of(self.encoder)) - self.commanded) > self.following_error:
             raise AxisError(
-                f"theta lost steps: the encoder reads {self.encoder.read():.2f} deg, "
-                f"{self.commanded:.2f} deg were commanded"
+                f"theta lost steps: the encoder reads {angle:.2f} deg, {self.commanded:.2f} deg were commanded"
             )
 
     async def move_to(self, angle: float, *, speed: float | None = None) -> None:
@@ -76,7 +75,7 @@ class ThetaAxis(Compound):
             self._watched = False
             await self._synchronize()
             self.encoder_zero.write(EnableDisable.ENABLE)
-            start = value_of(self.encoder, UNREFERENCED)
+            start = value_of(self.encoder, HOMING)
             reading = await self._search_stop()
             if abs(reading - self.stop) > 1.0:
                 await self._travel(self.commanded - 1.4 * (self.stop - self.index), self.search_speed)
@@ -114,7 +113,7 @@ class ThetaAxis(Compound):
     async def _synchronize(self) -> None:
         """Let the rotor come to rest; then count from where the encoder says that it is."""
         await wait(0.3)
-        self._offset = value_of(self.encoder, UNREFERENCED) - self.stepping.count * self.step_angle
+        self._offset = value_of(self.encoder, HOMING) - self.stepping.count * self.step_angle
         self.profile.hold(self.commanded)
 
     async def _search_stop(self) -> float:
@@ -124,11 +123,11 @@ class ThetaAxis(Compound):
         """
         limit = STEPS_PER_PERIOD * self.step_angle / self.period
         self.profile.to(self.commanded + 2 * (self.stop + 360.0), velocity=min(self.search_speed, limit))
-        before = peak = mark = value_of(self.encoder, UNREFERENCED)
+        before = peak = mark = value_of(self.encoder, HOMING)
         since = self.commanded
         while self.commanded - since < 20.0:
-            await wait(self.period)
-            value = value_of(self.encoder, UNREFERENCED)
+            await next_period()
+            value = value_of(self.encoder, HOMING)
             zeroed = abs(value - before) > 5.0  # the index was passed
             peak = value if zeroed else max(peak, value)
             if zeroed or peak > mark + 0.5:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, EnableDisable
-from umo.control import UNREFERENCED, Claim, Profile, Servo, until, value_of, wait
+from umo.control import HOMING, Claim, Profile, Servo, next_period, until, value_of, wait
 
 from .errors import AxisError, HomingError
 
@@ -55,14 +55,13 @@ class ZAxis(Compound):
         self._search_volts = 0.0
 
     def control(self) -> None:
-        if self.mode is Mode.IDLE:
-            self.motor.write(0.0)
-        elif self.mode is Mode.SEARCH:
-            self.motor.write(self._search_volts)
+        if self.mode is Mode.SERVO:
+            dt, servo = self.dt, self.servo
+            servo.control(*self.profile.step(dt), dt=dt)
+            if abs(servo.error) > self.following_error:
+                raise AxisError(f"z does not follow: {servo.error / 1e3:.2f} mm behind its setpoint")
         else:
-            self.servo.control(*self.profile.step(self.dt), dt=self.dt)
-            if abs(self.servo.error) > self.following_error:
-                raise AxisError(f"z does not follow: {self.servo.error / 1e3:.2f} mm behind its setpoint")
+            self.motor.write(self._search_volts if self.mode is Mode.SEARCH else 0.0)
 
     async def move_to(self, position: float, *, speed: float | None = None) -> None:
         """To a position in um, at most `speed` um per s, jerk-limited; ends when the encoder has arrived."""
@@ -88,7 +87,7 @@ class ZAxis(Compound):
     def _take_over(self, speed: float) -> None:
         """The servo takes the arm over at the speed that it has."""
         self.servo.begin()
-        self.profile.hold(value_of(self.encoder, UNREFERENCED), speed)
+        self.profile.hold(value_of(self.encoder, HOMING), speed)
         self.mode = Mode.SERVO
 
     async def _travel(self, position: float, speed: float) -> None:
@@ -101,10 +100,10 @@ class ZAxis(Compound):
         self._search_volts = sign * (self.search_speed * self.servo.feed_forward + self.servo.friction)
         self.mode = Mode.SEARCH
         travelled = before = quiet = 0.0
-        last = value_of(self.encoder, UNREFERENCED)
+        last = value_of(self.encoder, HOMING)
         while travelled < reach:
-            await wait(self.period)
-            value = value_of(self.encoder, UNREFERENCED)
+            await next_period()
+            value = value_of(self.encoder, HOMING)
             if abs(value - last) < JUMP:
                 travelled += abs(value - last)
             elif abs(value - self.index) < 1_000.0:
@@ -120,11 +119,11 @@ class ZAxis(Compound):
     async def _search_down(self) -> float:
         """No jump on the way up. Either the arm began above the index, or the count was known already, from a
         run before: then it is right at the stop, and crossing the index changes nothing."""
-        at_stop = value_of(self.encoder, UNREFERENCED)
+        at_stop = value_of(self.encoder, HOMING)
         found = await self._search(-1, reach=1.5 * (self.upper_stop - self.index))
         if found:
             return found
-        here = value_of(self.encoder, UNREFERENCED)
+        here = value_of(self.encoder, HOMING)
         if abs(at_stop - self.upper_stop) < 300.0 and here < self.index - 1_000.0:
             return -self.search_speed
         if here == at_stop:
