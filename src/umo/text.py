@@ -12,7 +12,9 @@ MOST = 2000
 
 def cause_of(error: BaseException) -> str:
     """What an exception says, in one line; its type first, unless it comes from the operating system or a device."""
-    text = text_of(error).partition("\n")[0] or type(error).__name__
+    text = text_of(error).partition("\n")[0]
+    if not text:
+        return type(error).__name__
     return text if isinstance(error, OSError) else f"{type(error).__name__}: {text}"
 
 
