@@ -25,6 +25,7 @@ from umo.errors import (
 )
 from umo.objects import Compound
 from umo.process.station import StationError
+from umo.text import text_of
 
 USER_ERRORS = (
     WiringError,
@@ -136,8 +137,8 @@ def message_of(failure: BaseException) -> str:
         return f"{message_of(failure.__cause__)}\n{failure}"
     if isinstance(failure, UmoError):
         notes = getattr(failure, "__notes__", [])
-        return "\n".join([str(failure), *notes])
+        return "\n".join([text_of(failure), *notes])
     own = tuple(str(Path(umo.__file__).parent / name) for name in ("cycle", "control", "cli", "process"))
     frames = [frame for frame in traceback.extract_tb(failure.__traceback__) if not frame.filename.startswith(own)]
     where = f" at {frames[-1].filename}:{frames[-1].lineno}" if frames else ""
-    return f"{type(failure).__name__}: {failure}{where} (--traceback shows all of it)"
+    return f"{type(failure).__name__}: {text_of(failure)}{where} (--traceback shows all of it)"
