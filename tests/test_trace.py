@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import csv
+import tracemalloc
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -115,3 +118,30 @@ def test_an_observer_that_fails_is_disabled_and_the_run_goes_on(caplog: pytest.L
         periods(m, 3)
     assert statistics.periods == 3
     assert caplog.text.count("failed and was disabled") == 1
+
+
+def test_a_trace_of_many_objects_is_bounded_in_bytes_and_grows_as_it_is_filled(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("umo.cycle.trace.MOST", most := 16_000_000)
+    frame: Any = SimpleNamespace(items=[None] * 10_000, time=0.0, missed=1, execution=0.0, values=np.zeros(10_000))
+    trace = Trace()
+    tracemalloc.start()
+    try:
+        trace(frame)
+        assert tracemalloc.get_traced_memory()[1] < most / 20
+        for number in range(1, 1000):
+            frame.time = float(number)
+            trace(frame)
+        assert most / 2 < tracemalloc.get_traced_memory()[1] < most * 1.05
+    finally:
+        tracemalloc.stop()
+    assert trace.stride == 8
+    assert trace.rows[:, 0].tolist() == list(range(0, 1000, 8))
+    assert trace.rows[:, 1].sum() == 1000
+
+
+def test_a_path_that_is_not_utf8_does_not_cost_the_trace(tmp_path: Path) -> None:
+    trace = Trace()
+    trace.items = [DigitalSensor("mm", minimum=0.0, maximum=1.0, resolution=0.1)]
+    trace.items[0]._name, trace.items[0]._parent = "caf\udce9", press()
+    trace.save(tmp_path / "trace.csv")
+    assert r"caf\udce9[mm]" in (tmp_path / "trace.csv").read_text()

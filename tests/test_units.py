@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from machines import sensor
-from umo import Compound, DeclarationError, DigitalSensor, connect
+from umo import Compound, DeclarationError, DigitalSensor, RangeError, connect
+from umo.objects import units
 from umo.objects.units import check_unit, convert, seconds
 from umo.testing import put
 
@@ -37,6 +38,54 @@ def test_an_unknown_unit_is_an_error_at_declaration(unit):
 )
 def test_conversion(value, source, target, expected):
     assert convert(value, source, target) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("value", "source", "target", "expected"),
+    [
+        (30.0, "dBm", "mW", 1000.0),
+        (-10.0, "dBm", "mW", 0.1),
+        (1.0, "W", "dBm", 30.0),
+        (3.0, "dBm", "dBW", -27.0),
+        (20.0, "dB", "dimensionless", 100.0),
+    ],
+)
+def test_logarithmic_units_are_converted_value_by_value(value, source, target, expected):
+    assert convert(value, source, target) == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_value_that_a_logarithmic_unit_cannot_express_is_a_range_error():
+    for value in (0.0, -1.0):
+        with pytest.raises(RangeError, match="mW cannot be expressed in dBm"):
+            convert(value, "mW", "dBm")
+
+
+def test_read_in_converts_logarithmic_units():
+    class Receiver(Compound):
+        power: DigitalSensor
+
+    receiver = Receiver(power=DigitalSensor("dBm", minimum=-100.0, maximum=50.0, resolution=0.1))
+    with connect(receiver):
+        put(receiver.power, 10.0)
+        receiver.sample()
+        assert receiver.power.read_in("mW") == pytest.approx(10.0)
+
+
+@pytest.mark.parametrize("unit", ["kg*m/s**2", "W/(m*K)", "m per s", "m/s²", "1/min", "V/Hz**0.5", "°C", "ft_H2O", "%"])
+def test_products_quotients_and_small_powers_are_units(unit):
+    assert check_unit(unit) == unit
+
+
+@pytest.mark.parametrize(
+    "unit", ["9**9**9*mm", "mm**9**9", "mm**999", "2*mm", "mm+mm", "mm⁹⁹⁹", "mm**(9**9)", "m" * 200, "m*" * 1000 + "m"]
+)
+def test_an_expression_is_not_a_unit_and_is_never_calculated(unit, monkeypatch):
+    check_unit("mm")
+    monkeypatch.setattr(units, "registry", lambda: pytest.fail("pint was asked"))
+    with pytest.raises(DeclarationError, match="is not a unit that pint knows"):
+        convert(1.0, unit, "mm")
+    with pytest.raises(DeclarationError, match="is not a unit that pint knows"):
+        convert(1.0, "mm", unit)
 
 
 def test_no_conversion_to_another_dimension():

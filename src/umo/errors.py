@@ -27,12 +27,24 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from umo.text import cause_of, did_you_mean
 
 
 class UmoError(Exception):
-    """Base of everything umo raises on purpose."""
+    """Base of everything umo raises on purpose. Whatever its constructor takes, it can be copied and pickled."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _made_again, (type(self), self.args, self.__dict__)
+
+
+def _made_again(kind: type[UmoError], args: tuple[Any, ...], state: dict[str, Any]) -> UmoError:
+    """Without its constructor, which makes the message from other things."""
+    error = kind.__new__(kind)
+    error.args = args
+    error.__dict__.update(state)
+    return error
 
 
 class DeclarationError(UmoError, TypeError):

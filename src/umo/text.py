@@ -1,18 +1,24 @@
-"""Words for messages: the nearest known name, the cause of an exception in one line."""
+"""Words for messages: the nearest known name, the cause of an exception in one line and its place."""
 
 from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
 from itertools import islice
+from pathlib import Path
+from traceback import walk_tb
 
 MOST = 2000
 """Known names that are compared: more take too long for a message."""
+OWN = tuple(str(Path(__file__).parent / name) for name in ("cli", "control", "cycle", "objects", "process", "wiring"))
+"""Where umo's own code calls that of others: a driver's, a station's."""
 
 
 def cause_of(error: BaseException) -> str:
     """What an exception says, in one line; its type first, unless it comes from the operating system or a device."""
-    text = text_of(error).partition("\n")[0] or type(error).__name__
+    text = text_of(error).partition("\n")[0]
+    if not text:
+        return type(error).__name__
     return text if isinstance(error, OSError) else f"{type(error).__name__}: {text}"
 
 
@@ -22,6 +28,19 @@ def text_of(error: BaseException) -> str:
         return str(error)
     except Exception:
         return f"{type(error).__name__} (its text cannot be shown)"
+
+
+def reason_of(error: BaseException) -> str:
+    """What a driver's code says in an exception; its type and place where that is nothing (`sys.exit(0)`)."""
+    text = text_of(error)
+    return text if text and isinstance(error, Exception) else f"{cause_of(error)}{place_of(error)}"
+
+
+def place_of(error: BaseException) -> str:
+    """` at file:line` of what raised an exception: the last line that is not umo's own; empty if there is none."""
+    lines = [(frame.f_code.co_filename, line) for frame, line in walk_tb(error.__traceback__)]
+    others = [(file, line) for file, line in lines if not file.startswith((*OWN, "<frozen "))]
+    return " at {}:{}".format(*others[-1]) if others else ""
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+import os
+import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,6 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from umo.errors import UmoError
+from umo.text import cause_of, place_of
 
 app = typer.Typer(
     name="umo",
@@ -32,17 +36,37 @@ Acknowledge = Annotated[
 
 
 def guarded(work: Callable[[], int | None]) -> None:
-    """What a user can cause ends with a line or two on stderr and status 2; a device's failure with 1 or 3."""
-    from umo.process.outcome import message_of, status_of
+    """Whatever goes wrong ends with a line or two on stderr: what a user can cause with status 2, a device's failure
+    with 1 or 3, anything else with 1 and its place; Ctrl-C before there is a machine to stop with 130."""
+    from umo.process.outcome import FAILED, MISTAKE, message_of, status_of
 
     try:
-        status = work()
+        status = work() or 0
     except UmoError as error:
-        typer.echo(f"umo: {message_of(error)}", err=True)
-        raise typer.Exit(status_of(error)) from None
-    except BrokenPipeError:
-        raise typer.Exit(1) from None
-    raise typer.Exit(status or 0)
+        status = _said(message_of(error), status_of(error))
+    except (OSError, UnicodeError) as error:  # of files and folders that were named
+        status = _said(_about_file(error), MISTAKE)
+    except KeyboardInterrupt:
+        status = 128 + signal.SIGINT
+    except BaseException as error:  # SystemExit too: whoever ends Python in the middle has not succeeded
+        status = _said(f"{cause_of(error)}{place_of(error)}", FAILED)
+    raise typer.Exit(status)
+
+
+def _said(text: str, status: int) -> int:
+    typer.echo(f"umo: {text}", err=True)
+    return status
+
+
+def _about_file(error: OSError | UnicodeError) -> str:
+    name, why = getattr(error, "filename", None), getattr(error, "strerror", None)
+    return f"{os.fsdecode(name)}: {why}" if isinstance(name, str | bytes) and why else cause_of(error)
+
+
+def _finite(value: float | None) -> float | None:
+    if value is not None and not math.isfinite(value):
+        raise typer.BadParameter(f"{value} is not a finite number of seconds.")
+    return value
 
 
 @app.command(epilog="Examples: umo run ztheta --parts 2  |  umo run ztheta -w modbus  |  umo run . --realtime")
@@ -127,7 +151,9 @@ def set_(
     path: Annotated[str, typer.Argument(help="An actuator, such as gripper.vacuum.")],
     value: Annotated[str, typer.Argument(help="A state (ON), a number, or a number with a unit ('80 mm').")],
     wiring: WiringName = None,
-    hold: Annotated[float | None, typer.Option(min=0.0, help="Seconds to hold it; else until Ctrl-C.")] = None,
+    hold: Annotated[
+        float | None, typer.Option(min=0.0, callback=_finite, help="Seconds to hold it; else until Ctrl-C.")
+    ] = None,
     acknowledge: Acknowledge = False,
 ) -> None:
     """Connect, write one actuator and hold it, show what is read, then reset. No control code runs."""
@@ -148,7 +174,7 @@ def watch(
         ),
     ] = None,
     once: Annotated[bool, typer.Option("--once", help="Show the values now, and end.")] = False,
-    seconds: Annotated[float | None, typer.Option(min=0.0, help="End after so long.")] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.0, callback=_finite, help="End after so long.")] = None,
 ) -> None:
     """Watch a running station: values, traces, missed periods. It cannot be disturbed by this."""
     from .watch import watch as show
@@ -167,7 +193,9 @@ def ps(as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False
 @app.command(epilog="Examples: umo latency  |  umo latency --period 500us --seconds 60 --load")
 def latency(
     period: Annotated[str, typer.Option(help="The sampling period, such as 1ms or 500us.")] = "1ms",
-    seconds: Annotated[float, typer.Option(min=0.1, help="How long each of the two loops runs.")] = 10.0,
+    seconds: Annotated[
+        float, typer.Option(min=0.1, callback=_finite, help="How long each of the two loops runs.")
+    ] = 10.0,
     load: Annotated[bool, typer.Option("--load", help="Keep every core busy beside them.")] = False,
     json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the figures here.")] = None,
 ) -> None:

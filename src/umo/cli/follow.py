@@ -95,4 +95,4 @@ def _passed_on(started: Started) -> Iterator[None]:
 
 
 def _say(text: str) -> None:
-    err.print(f"umo: {text}", markup=False, highlight=False, soft_wrap=True)
+    err.print(f"umo: {text}", soft_wrap=True)

@@ -32,22 +32,28 @@ def latency(period: str, seconds: float, load: bool, file: Path | None) -> None:
         raise RangeError(f"--period {period}: umo latency measures periods from 50 us to 1 s")
     if not LINUX:
         raise RangeError("umo latency needs Linux: it measures the loop that runs there in real time")
+    if file is not None and (file.is_dir() or not file.parent.is_dir()):
+        raise RangeError(f"--json {file}: is a folder" if file.is_dir() else f"--json {file}: no folder {file.parent}")
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
+    # without a thread that draws: the loop is forked from this process
+    with Progress(*columns, console=err, transient=True, auto_refresh=False, disable=not err.is_terminal) as bar:
         task = bar.add_task(f"{step * 1e3:g} ms, umo's loop and a C loop in turns", total=1.0)
-        found = measure(step, seconds, load=load, progress=lambda share: bar.update(task, completed=share))
+        bar.refresh()
+        found = measure(
+            step, seconds, load=load, progress=lambda share: bar.update(task, completed=share, refresh=True)
+        )
     if found.c is None:
         err.print("umo: no C compiler here (cc, gcc, clang): without the loop to compare with")
     out.print(_table(found, load))
     for line in _histogram(found):
-        out.print(line, markup=False, highlight=False)
+        out.print(line)
     lines = advice(found)
     if lines:
-        out.print("\nWhat would help:", highlight=False)
+        out.print("\nWhat would help:")
         for line in lines:
-            out.print(f"- {line}", markup=False, highlight=False, soft_wrap=True)
+            out.print(f"- {line}", soft_wrap=True)
     answer = judge(found)
-    out.print(f"\n{step * 1e3:g} ms: {answer.word}. {answer.text}", style="bold", highlight=False, soft_wrap=True)
+    out.print(f"\n{step * 1e3:g} ms: {answer.word}. {answer.text}", style="bold", soft_wrap=True)
     if file is not None:
         file.write_text(json.dumps(_as_json(found, load), indent=2) + "\n", encoding="utf-8")
 

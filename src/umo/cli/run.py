@@ -13,6 +13,7 @@ from umo.process.job import Job, Plan
 from umo.process.outcome import Failed, Parts
 from umo.process.start import LINUX
 from umo.process.station import StationError
+from umo.text import cause_of
 
 from .console import err, out
 from .follow import Seen, follow
@@ -27,7 +28,7 @@ def run_station(job: Job, *, summary: Path | None, full_traceback: bool = False)
 
     In real time it runs in processes of its own (`umo.process`), in virtual time in this one.
     """
-    if summary is not None and (summary.is_dir() or not summary.resolve().parent.is_dir()):
+    if summary is not None and (summary.is_dir() or not summary.parent.is_dir()):
         what = "is a folder" if summary.is_dir() else f"there is no folder {summary.parent}"
         raise StationError(f"--summary {summary}: {what}")
     plan = Plan(job)
@@ -58,8 +59,8 @@ def run_station(job: Job, *, summary: Path | None, full_traceback: bool = False)
 
 def _fail(failure: Failed, full_traceback: bool) -> int:
     if full_traceback:
-        err.print(failure.traceback, highlight=False, markup=False, soft_wrap=True)
-    err.print(f"umo: {failure.message}", style="red", highlight=False, markup=False, soft_wrap=True)
+        err.print(failure.traceback, soft_wrap=True)
+    err.print(f"umo: {failure.message}", style="red", soft_wrap=True)
     return failure.status
 
 
@@ -78,7 +79,9 @@ def _drive(plan: Plan, result: Result, observers: list[Any]) -> None:
                 outcome.simulated = machine.now
                 outcome.stopped_by = connection.stop.signal
                 outcome.parts = Parts.of(machine, connection.wired.drivers)
-    except Exception as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # SystemExit too: the run did not come to its end
         outcome.failure = Failed.of(error)
 
 
@@ -93,20 +96,33 @@ def _write_summary(result: Result, summary: Path) -> bool:
 
 def _leave_behind(name: str, task: str, result: Result, trace: Trace) -> None:
     """Trace, plot and summary; what cannot be written is said, and changes nothing else."""
-    folder = RUNS / f"{name}-{datetime.now():%Y%m%d-%H%M%S}"
     failure = result.outcome.failure
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder = _new_folder(f"{name}-{datetime.now():%Y%m%d-%H%M%S}")
         trace.save(folder / "trace.csv")
         result.save(folder / "summary.json")
         if failure is not None:
-            (folder / "failure.txt").write_text(f"{failure.message}\n{failure.traceback}", encoding="utf-8")
+            text = f"{failure.message}\n{failure.traceback}"
+            (folder / "failure.txt").write_text(text, encoding="utf-8", errors="backslashreplace")
         from .plot import save_plot
 
         save_plot(trace, folder / "plot.png", f"umo run {name}: {task or 'done'}")
     except ImportError:
         err.print(f'umo: no plot: it needs matplotlib (pip install "umo[plot]"); the trace is in {folder}')
-    except OSError as error:
-        err.print(f"umo: the run could not be written down whole: {error}")
+    except Exception as error:  # a full disk; a name that the plot cannot show
+        err.print(f"umo: the run could not be written down whole: {cause_of(error)}", soft_wrap=True)
     else:
-        out.print(f"trace and plot: {folder}", highlight=False)
+        out.print(f"trace and plot: {folder}")
+
+
+def _new_folder(name: str) -> Path:
+    """A folder of its own in runs/, also for the second run that ends within a second."""
+    RUNS.mkdir(exist_ok=True)
+    folder, number = RUNS / name, 1
+    while True:
+        try:
+            folder.mkdir()
+            return folder
+        except FileExistsError:
+            number += 1
+            folder = RUNS / f"{name}-{number}"

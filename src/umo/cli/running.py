@@ -5,16 +5,18 @@ from __future__ import annotations
 import json
 import os
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from rich.table import Table
 
-from umo.errors import FramesError
+from umo.errors import FramesError, UmoError
 from umo.frames import Reader, rings
 from umo.system.hold import is_held
 from umo.system.record import Ended, all_standing
-from umo.text import did_you_mean
+from umo.text import cause_of, did_you_mean
 
 from .console import err, out
 
@@ -31,13 +33,32 @@ def ps(as_json: bool) -> None:
     else:
         out.print("nothing runs")
     for ended in stopped:
-        out.print(f"stands stopped: {ended} (start it with --acknowledge)", markup=False, highlight=False)
+        out.print(f"stands stopped: {ended} (start it with --acknowledge)")
+
+
+def frames_at(path: Path) -> Reader:
+    """The frames of a ring or a black box; FramesError whatever is wrong with the file."""
+    if not path.is_file():
+        raise FramesError(f"{path} is not a file" if path.exists() else f"no frames at {path}: no such file")
+    with reading(path):
+        return Reader(path)
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """What a file's content makes go wrong is the file's fault: FramesError."""
+    try:
+        yield
+    except UmoError:
+        raise
+    except Exception as error:  # of json, struct, numpy, mmap: whatever a damaged file leads to
+        raise FramesError(f"{path} cannot be read, it is damaged or of another umo ({cause_of(error)})") from error
 
 
 def attach(name: str | None) -> Reader:
     """The frames of one running station, by name or pid; FramesError lists those that run."""
     found = readers()
-    wanted = None if name is None else Path(name).resolve().name
+    wanted = None if name is None else station_name(name)
     fitting = [r for r in found if name is None or r.about["station"] in (name, wanted) or str(r.about["pid"]) == name]
     if len(fitting) == 1:
         return fitting[0]
@@ -61,6 +82,11 @@ def attach_first(words: list[str]) -> tuple[Reader, list[str]]:
         raise
 
 
+def station_name(text: str) -> str:
+    """Of a folder, also where it is a link that leads nowhere."""
+    return os.path.basename(os.path.realpath(text))
+
+
 def _names(reader: Reader, word: str) -> bool:
     """Whether a word is the path of an object or a compound."""
     return any(path == word or path.startswith(f"{word}.") for path in reader.paths)
@@ -71,9 +97,9 @@ def readers() -> list[Reader]:
     found = []
     for path in rings():
         try:
-            found.append(Reader(path))
+            found.append(frames_at(path))
         except FramesError as error:
-            err.print(f"umo: {error}", markup=False, highlight=False, soft_wrap=True)
+            err.print(f"umo: {error}", soft_wrap=True)
     return found
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import inspect
 from typing import Any
 
-from rich.markup import escape
+from rich.text import Text
 from rich.tree import Tree
 
 from umo.drivers import Direction, Driver, registry
-from umo.errors import ChannelError, UmoError, WiringError
+from umo.errors import ChannelError, Fault, WiringError
 from umo.objects import Atomic, Compound, Digital, DigitalActuator, Node
 from umo.objects.interlock import interlocks_of
 from umo.process.station import Station, StationError
@@ -26,9 +26,7 @@ def check_station(station: Station, wiring: str | None) -> int:
     station.module("application")  # a wiring may be right and the application not import
     interlocks_of(machine)
     faults = check(machine, file)
-    for fault in faults:
-        err.print(str(fault), markup=False, soft_wrap=True)
-    if faults:
+    if _reported(faults):
         return 2
     wired = resolve(machine, file)
     period = "no timer" if wired.period is None else f"period {wired.period * 1e3:g} ms"
@@ -37,33 +35,47 @@ def check_station(station: Station, wiring: str | None) -> int:
     return 0
 
 
-def show_tree(station: Station, wiring: str | None) -> None:
-    """The hierarchy of Figure 4, each object with its units, range and wiring."""
+def _reported(faults: list[Fault]) -> int:
+    """Print every fault; how many there are."""
+    for fault in faults:
+        err.print(str(fault), soft_wrap=True)
+    return len(faults)
+
+
+def show_tree(station: Station, wiring: str | None) -> int:
+    """The hierarchy of Figure 4, each object with its units, range and wiring; 2 if the wiring has faults."""
     file = station.wiring(wiring)
     machine = station.machine()
     source = Source("") if file is None else read(file)
     name = "everything simulated" if file is None else file.stem
-    tree = Tree(f"[bold]{type(machine).__name__}[/]  [dim]{escape(name)}[/]")
+    tree = Tree(_label((type(machine).__name__, "bold"), (name, "dim")))
     _branch(tree, machine, source)
     out.print(tree)
+    return 2 if _reported(check(machine, file)) else 0
+
+
+def _label(*words: tuple[str, str]) -> Text:
+    """Words, each with its style, two blanks apart."""
+    return Text("  ").join(Text(word, style) for word, style in words)
 
 
 def _branch(tree: Tree, compound: Compound, source: Source) -> None:
     for name, child in compound.children().items():
         if isinstance(child, Compound):
-            _branch(tree.add(f"[bold]{name}[/]  [dim]{type(child).__name__}[/]"), child, source)
+            _branch(tree.add(_label((name, "bold"), (type(child).__name__, "dim"))), child, source)
         else:
             tree.add(_leaf(name, child, source))
 
 
-def _leaf(name: str, item: Node, source: Source) -> str:
+def _leaf(name: str, item: Node, source: Source) -> Text:
     assert isinstance(item, Atomic)
     entry = source.entries.get(item.path)
     wire = "" if entry is None else f"{entry.driver}:{entry.channel or item.path}"
     if entry is not None and entry.inverted:
         wire += " inverted"
     style = "green" if item.direction is Direction.OUTPUT else "cyan"
-    return f"[{style}]{name}[/]  {escape(_declared(item))}" + (f"  [yellow]{escape(wire)}[/]" if wire else "")
+    words = [(name, style), (_declared(item), "")] + [(wire, "yellow")] * bool(wire)
+    return _label(*words)
 
 
 def _declared(item: Atomic) -> str:
@@ -90,17 +102,17 @@ def show_drivers() -> None:
         try:
             _describe(tree, name, registry.find(name))
         except WiringError as error:
-            tree.add(f"[bold]{name}[/]  [red]{escape(str(error))}[/]")
+            tree.add(_label((name, "bold"), (str(error), "red")))
     out.print(tree)
 
 
 def _describe(tree: Tree, name: str, cls: type[Driver]) -> None:
-    branch = tree.add(f"[bold]{name}[/]  {escape((inspect.getdoc(cls) or '').partition(chr(10))[0])}")
+    branch = tree.add(_label((name, "bold"), ((inspect.getdoc(cls) or "").partition("\n")[0], "")))
     options = [_option(p) for p in inspect.signature(cls).parameters.values()]
-    branch.add(f"options: {escape(', '.join([*options, 'timeout', 'watchdog']))}")
+    branch.add(f"options: {', '.join([*options, 'timeout', 'watchdog'])}")
     forms = _forms(cls)
     if forms:
-        branch.add(f"channels: {escape(forms)}")
+        branch.add(f"channels: {forms}")
 
 
 def _option(parameter: inspect.Parameter) -> str:
@@ -114,7 +126,7 @@ def _forms(cls: type[Driver]) -> str:
         channel = cls().channel("?")
     except ChannelError as error:
         return str(error).partition("the forms are: ")[2]
-    except (UmoError, TypeError):
+    except (Exception, SystemExit):  # it cannot be made without options
         return ""
     return "any name" if channel.text == "?" else channel.text
 

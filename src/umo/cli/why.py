@@ -17,6 +17,7 @@ from umo.latency.causes import AFTER, WAKE, Verdict, explain, missed_rows, split
 from umo.text import did_you_mean
 
 from .console import out
+from .running import frames_at, reading, station_name
 
 AROUND = 2
 """Periods shown before the one that reports the miss."""
@@ -28,7 +29,7 @@ def why(station: str | None, now: bool, file: Path | None) -> int:
         file = _keep(station)
     elif file is None:
         file = _newest(station)
-    with Reader(file) as reader:
+    with frames_at(file) as reader, reading(file):
         _report(reader, file)
     return 0
 
@@ -37,7 +38,7 @@ def _newest(station: str | None) -> Path:
     found = blackbox.boxes(blackbox.folder())
     if station is not None:
         names = [path.name.rsplit("-", 3)[0] for path in found]
-        found = [path for path, name in zip(found, names, strict=True) if name == Path(station).resolve().name]
+        found = [path for path, name in zip(found, names, strict=True) if name == station_name(station)]
         if not found and names:
             known = ", ".join(dict.fromkeys(names))
             raise FramesError(f"no black box of {station!r}{did_you_mean(station, names)}; there are those of: {known}")
@@ -51,9 +52,9 @@ def _newest(station: str | None) -> Path:
 def _keep(station: str | None) -> Path:
     """A black box of a running station, written by this process from its frames."""
     for path in reversed(rings()):
-        with Reader(path) as reader:
+        with frames_at(path) as reader:
             name = str(reader.about["station"])
-            if station is None or name == Path(station).resolve().name:
+            if station is None or name == station_name(station):
                 file = blackbox.name_for(blackbox.folder(), name, time.time())
                 blackbox.save(reader, file, "on demand")
                 return file
@@ -66,23 +67,22 @@ def _report(reader: Reader, file: Path) -> None:
         raise FramesError(f"no period is in {file}")
     kept = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(about.get("kept", about["started"])))
     name = f"{about['station']} ({about['wiring']})" if about["wiring"] else about["station"]
-    out.print(f"{name}, {kept}: {about.get('reason', '')}", highlight=False, markup=False)
+    out.print(f"{name}, {kept}: {about.get('reason', '')}")
     out.print(
         f"the last {len(frames)} periods of {about['period'] * 1e3:g} ms; {reader.missed} missed in the whole run",
-        highlight=False,
     )
     verdicts = [explain(frames, reader.layout, row) for row in missed_rows(frames)]
     if not verdicts:
-        out.print("no period was missed in these; usual times:", highlight=False)
+        out.print("no period was missed in these; usual times:")
         out.print(_usual(reader, frames))
         return
     for verdict in verdicts[-10:]:
-        out.print(_sentence(frames, verdict), highlight=False, markup=False, style="bold")
+        out.print(_sentence(frames, verdict), style="bold")
     if len(verdicts) > 1:
         counts = ", ".join(f"{cause} {count}" for cause, count in tally(verdicts).items())
-        out.print(f"all {len(verdicts)} occasions: {counts}", highlight=False)
+        out.print(f"all {len(verdicts)} occasions: {counts}")
     out.print(_around(reader, frames, verdicts[-1].row))
-    out.print(str(file), highlight=False, markup=False, style="dim")
+    out.print(str(file), style="dim")
 
 
 def _sentence(frames: Any, verdict: Verdict) -> str:

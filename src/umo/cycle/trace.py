@@ -14,6 +14,10 @@ from umo.cycle.frame import Frame
 from umo.objects import Atomic, Binary, Digital
 
 ROWS = 100_000
+MOST = 256_000_000
+"""Bytes that a trace may take, with the copy that is made while it grows or is thinned."""
+HALVINGS = 6
+"""It begins with a 64th of its rows."""
 
 
 class Statistics:
@@ -40,7 +44,8 @@ class Trace:
     """A row a period: time in s, missed, execution time in us, then each object's value.
 
     When the rows are full every second one is dropped and from then on only every second period kept, and so
-    on: the whole run stays in view. `note` may give a label for what the machine was doing.
+    on: the whole run stays in view. There are as many rows as asked for, fewer where the objects are so many that
+    those would take more than `MOST` bytes. `note` may give a label for what the machine was doing.
     """
 
     def __init__(self, rows: int = ROWS, note: Callable[[], str] | None = None) -> None:
@@ -56,29 +61,45 @@ class Trace:
         """When each label began, in s."""
 
     def __call__(self, frame: Frame) -> None:
-        if self._rows is None:
-            self.items = list(frame.items)
-            self._rows = np.empty((self._capacity, 3 + len(self.items)))
+        rows = self._begin(frame) if self._rows is None else self._rows
         if self._note is not None and (note := self._note()) != (self.notes[-1][1] if self.notes else None):
             self.notes.append((frame.time, note))
         self._seen += 1
-        if self._used == self._capacity:
-            self._thin(self._rows)
+        if self._used == len(rows):
+            rows = self._grow(rows) if self._used < self._capacity else self._thin(rows)
         if (self._seen - 1) % self.stride:
-            self._rows[self._used - 1, 1] += frame.missed  # none is lost with the rows that are not kept
+            rows[self._used - 1, 1] += frame.missed  # none is lost with the rows that are not kept
             return
-        row = self._rows[self._used]
+        row = rows[self._used]
         row[0], row[1], row[2] = frame.time, frame.missed, frame.execution * 1e6
         row[3:] = frame.values
         self._used += 1
 
-    def _thin(self, rows: npt.NDArray[np.float64]) -> None:
+    def _begin(self, frame: Frame) -> npt.NDArray[np.float64]:
+        self.items = list(frame.items)
+        columns = 3 + len(self.items)
+        most = MOST * 2 // 3 // (columns * 8)  # all rows and half as many again, which is the copy
+        self._capacity = max(2, min(self._capacity, most))
+        self._rows = np.empty((max(1, self._capacity >> HALVINGS), columns))
+        return self._rows
+
+    def _grow(self, rows: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """To a part of the capacity that is at least twice as much."""
+        halvings = HALVINGS
+        while self._capacity >> halvings <= len(rows):
+            halvings -= 1
+        self._rows = np.empty((self._capacity >> halvings, rows.shape[1]))
+        self._rows[: len(rows)] = rows
+        return self._rows
+
+    def _thin(self, rows: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         kept = rows[: self._used : 2].copy()
         dropped = rows[1 : self._used : 2, 1]
         kept[: len(dropped), 1] += dropped
         self._used = len(kept)
         rows[: self._used] = kept
         self.stride *= 2
+        return rows
 
     @property
     def rows(self) -> npt.NDArray[np.float64]:
@@ -95,7 +116,7 @@ class Trace:
 
     def save(self, path: Path) -> None:
         """As CSV; OSError when the disk is full."""
-        with path.open("w", newline="", encoding="utf-8") as file:
+        with path.open("w", newline="", encoding="utf-8", errors="backslashreplace") as file:
             writer = csv.writer(file)
             writer.writerow(self.columns)
             writer.writerows(_texts(self.rows))

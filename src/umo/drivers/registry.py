@@ -10,7 +10,7 @@ from importlib.metadata import EntryPoint, entry_points
 
 from umo.drivers.contract import Driver
 from umo.errors import WiringError
-from umo.text import did_you_mean
+from umo.text import did_you_mean, reason_of
 
 GROUP = "umo.drivers"
 
@@ -31,8 +31,8 @@ def find(name: str) -> type[Driver]:
         raise WiringError(f"no driver {name!r}{did_you_mean(name, points)}; known: {names}, or module:Class")
     try:
         found = getattr(importlib.import_module(module), attribute)
-    except Exception as error:  # a module may raise anything
-        raise WiringError(f"driver {name!r} cannot be imported: {error}") from error
+    except (Exception, SystemExit) as error:  # a module may raise anything
+        raise WiringError(f"driver {name!r} cannot be imported: {reason_of(error)}") from error
     if not (isinstance(found, type) and issubclass(found, Driver)):
         raise WiringError(f"{name!r} is not a umo driver")
     return found

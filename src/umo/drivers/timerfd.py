@@ -41,6 +41,7 @@ class Ticker:
         self._expired = expired or self._read
         self._late = 0  # ticks that passed between the wake-up and the look at the counter
         self._fd = -1
+        self._passed: Callable[[int], object] = lambda timeout: ()
         self._nanoseconds = round(period * 1e9)
         self._next = 0
         self.due = 0
@@ -61,6 +62,9 @@ class Ticker:
         if self._fd < 0 or libc.timerfd_settime(self._fd, TFD_TIMER_ABSTIME, ctypes.byref(spec), None) < 0:
             number = ctypes.get_errno()
             raise DriverError(f"timerfd: {os.strerror(number)} (period {self.period:g} s)")
+        waiting = select.poll()  # select.select takes no descriptor above 1023
+        waiting.register(self._fd, select.POLLIN)
+        self._passed = waiting.poll
 
     def wait(self) -> int:
         """The paper's meaning exactly: ticks that have passed since the last call, at once; if none, block
@@ -87,7 +91,7 @@ class Ticker:
         return ticks
 
     def _read(self, block: bool) -> int:
-        if not block and not select.select([self._fd], [], [], 0)[0]:
+        if not block and not self._passed(0):
             return 0
         return int.from_bytes(os.read(self._fd, 8), sys.byteorder)
 

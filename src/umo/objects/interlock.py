@@ -6,10 +6,11 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Literal
 
-from umo.errors import DeclarationError
+from umo.errors import DeclarationError, UmoError
 from umo.objects.actuators import BinaryActuator, DigitalActuator
 from umo.objects.atomic import Atomic
 from umo.objects.compound import Compound
+from umo.text import cause_of, place_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +76,14 @@ def interlocks_of(root: Compound) -> list[Interlock]:
 
 
 def _declared_by(node: Compound) -> list[Interlock]:
-    declared = node.interlocks()
-    each = list(declared) if isinstance(declared, Iterable) else [declared]
+    try:
+        declared = node.interlocks()
+        each = list(declared) if isinstance(declared, Iterable) else [declared]
+    except (UmoError, KeyboardInterrupt):
+        raise
+    except BaseException as error:  # SystemExit too: without its interlocks a machine does not start
+        owner = node.path or type(node).__name__
+        raise DeclarationError(f"{owner}.interlocks failed: {cause_of(error)}{place_of(error)}") from error
     for interlock in each:
         if not isinstance(interlock, Interlock):
             owner = node.path or type(node).__name__

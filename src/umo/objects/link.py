@@ -88,6 +88,8 @@ class Unconnected:
         self._owner = owner
 
     def __getattr__(self, name: str) -> NoReturn:
+        if name.startswith("_"):  # Python itself looks for these, `copy` even before there is an owner
+            raise AttributeError(name)
         owner = self._owner
         raise NotConnected(
             f"{owner.path or type(owner).__name__} is not connected; "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn, SupportsIndex
 
 from umo.errors import DeclarationError
 
@@ -37,6 +37,11 @@ class Node:
         True: none of them is inhibited any more.
         """
         raise NotImplementedError
+
+    def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
+        """An object is one place of one machine, so `copy` and `pickle` are refused: DeclarationError."""
+        name = f"{self.path} ({type(self).__name__})" if self.path else type(self).__name__
+        raise DeclarationError(f"{name} cannot be copied or pickled; declare another one, as machine() does")
 
     def _adopt(self, parent: Compound, name: str) -> None:
         if self._parent is not None:

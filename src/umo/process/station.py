@@ -14,7 +14,7 @@ from typing import Any
 
 from umo.errors import DeclarationError, UmoError
 from umo.objects import Compound
-from umo.text import did_you_mean
+from umo.text import cause_of, did_you_mean, place_of
 
 SHIPPED = "umo.stations"
 """The package of the stations that ship with umo."""
@@ -39,10 +39,11 @@ class Station:
             return None
         try:
             module = importlib.import_module(self.package + name)
-        except UmoError:
+        except (UmoError, KeyboardInterrupt):
             raise
-        except Exception as error:
-            raise StationError(f"{self.path / name}.py cannot be imported: {type(error).__name__}: {error}") from error
+        except BaseException as error:  # SystemExit too: a station that ends Python has not succeeded
+            text = f"{self.path / name}.py cannot be imported: {cause_of(error)}{place_of(error)}"
+            raise StationError(text) from error
         if module.__file__ is None or Path(module.__file__).resolve() != (self.path / f"{name}.py").resolve():
             raise StationError(f"{self.path / name}.py is hidden by another module {name!r}, {module.__file__}")
         return module
@@ -53,7 +54,13 @@ class Station:
         make = getattr(objects, "machine", None)
         if not callable(make):
             raise StationError(f"{self.path / 'objects.py'} has no machine()")
-        root = make()
+        try:
+            root = make()
+        except (UmoError, KeyboardInterrupt):
+            raise
+        except BaseException as error:
+            text = f"machine() of {self.path / 'objects.py'} failed: {cause_of(error)}{place_of(error)}"
+            raise StationError(text) from error
         if not isinstance(root, Compound):
             raise DeclarationError(f"machine() of {self.path / 'objects.py'} returned {root!r}, not a Compound")
         return root

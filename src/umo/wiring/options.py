@@ -23,6 +23,6 @@ def driver_options(wiring: Path | str | Mapping[str, Any] | None) -> set[str]:
     for name in names | set(types.values()):
         try:
             taken |= inspect.signature(registry.find(name)).parameters.keys()
-        except (WiringError, TypeError):
+        except (WiringError, TypeError, ValueError):  # ValueError: a class without a signature
             continue
     return taken

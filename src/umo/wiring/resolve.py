@@ -12,10 +12,9 @@ import operator
 import sys
 from collections.abc import Hashable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import ConfigDict, ValidationError, create_model
 
 from umo.drivers import registry
 from umo.drivers.contract import Channel, Direction, Driver
@@ -24,9 +23,12 @@ from umo.objects import Atomic, BinaryActuator, Compound, Digital, DigitalActuat
 from umo.objects.atomic import Calibration
 from umo.objects.scaling import raw_bounds, to_raw
 from umo.objects.units import seconds
-from umo.text import cause_of, did_you_mean
+from umo.text import cause_of, reason_of
 from umo.wiring.resolved import Parameter, Process, Wire, Wired
-from umo.wiring.source import Entry, Source, pydantic_faults, read
+from umo.wiring.source import Source, read
+
+if TYPE_CHECKING:
+    from umo.wiring.entry import Entry
 
 DEFAULT_PERIOD = "1 ms"
 INT64 = np.iinfo(np.int64)
@@ -68,7 +70,7 @@ class _Resolver:
         watchdogs = self._make_drivers(period)
         wires = [wire for path, item in self.items.items() if (wire := self._wire(path, item)) is not None]
         for path in sorted(self.source.entries.keys() - self.items.keys()):
-            self.source.fault(f'wire."{path}"', f"the machine has no such object{did_you_mean(path, self.items)}")
+            self.source.fault(f'wire."{path}"', f"the machine has no such object{self.source.near(path, self.items)}")
         self._check_periods(period)
         parameters = [p for key, value in self.source.parameters.items() if (p := self._parameter(key, value))]
         for name in sorted(self.unused):
@@ -99,6 +101,10 @@ class _Resolver:
         return watchdogs
 
     def _make_driver(self, name: str, table: dict[str, Any]) -> Driver | None:
+        from pydantic import ValidationError
+
+        from umo.wiring.entry import faults_of, options_of
+
         declared = name in self.source.drivers
         given = {key: value for key, value in table.items() if key not in RESERVED}
         if isinstance(table["type"], Driver):
@@ -112,7 +118,7 @@ class _Resolver:
                 self.source.fault(f"drivers.{name}.type", str(error))
             else:
                 names = [*self.source.drivers, *registry.known()]
-                message = f"no driver {name!r}{did_you_mean(name, names)}; known: {', '.join(names)}"
+                message = f"no driver {name!r}{self.source.near(name, names)}; known: {', '.join(names)}"
                 for path in [p for p, entry in self.source.entries.items() if entry.driver == name]:
                     self.source.fault(f'wire."{path}".driver', message)
             return None
@@ -121,12 +127,12 @@ class _Resolver:
             signature = inspect.signature(cls, eval_str=True).parameters
             given |= {key: value for key, value in self.options.items() if key in signature}
             self.unused -= signature.keys()
-            return cls(**_validated(cls, signature, given))
+            return cls(**options_of(cls.__name__, signature, given))
         except ValidationError as error:
-            for key, message in pydantic_faults(error, [*signature, *RESERVED]):
+            for key, message in faults_of(error, [*signature, *RESERVED]):
                 self.source.fault(f"drivers.{name}.{key}", message)
-        except Exception as error:  # of the driver's constructor
-            self.source.fault(f"drivers.{name}", str(error) or repr(error))
+        except (Exception, SystemExit) as error:  # of the driver's constructor
+            self.source.fault(f"drivers.{name}", reason_of(error))
         return None
 
     def _hardware(self, drivers: dict[str, Driver[Any]]) -> dict[str, tuple[str, ...]]:
@@ -156,8 +162,12 @@ class _Resolver:
             return None  # reported with the driver
         try:
             channel = driver.channel(path if entry.channel is None else entry.channel)
-        except Exception as error:  # most are ChannelErrors
-            self.source.fault(f"{key}.channel", str(error) or repr(error))
+        except (Exception, SystemExit) as error:  # most are ChannelErrors
+            self.source.fault(f"{key}.channel", reason_of(error))
+            return None
+        if not isinstance(channel, Channel):
+            what = f"{type(driver).__name__}.channel gave {channel!r} for it, not a Channel"
+            self.source.fault(f"{key}.channel", what)
             return None
         self._check_place(key, path, entry.driver, channel)
         self._check_direction(key, item, channel)
@@ -277,7 +287,9 @@ class _Resolver:
     def _process(self, wired: Wired) -> Process:
         table, names = self.source.process, [field.name for field in dataclasses.fields(Process)]
         for name in table.keys() - set(names):
-            self.source.fault(f"process.{name}", f"unknown key{did_you_mean(name, names)}; known: {', '.join(names)}")
+            self.source.fault(
+                f"process.{name}", f"unknown key{self.source.near(name, names)}; known: {', '.join(names)}"
+            )
         period, waits = wired.period or 0.0, longest_period(wired)
         hang = self._duration("process.hang_timeout", table.get("hang_timeout"))
         if hang is None:
@@ -304,7 +316,7 @@ class _Resolver:
         """A number on a compound, or on a control law that hangs on it, by dotted attribute path."""
         known = _parameters(self.root)
         if key not in known:
-            self.source.fault(f"parameters.{key!r}", f"no such parameter{did_you_mean(key, known)}")
+            self.source.fault(f"parameters.{key!r}", f"no such parameter{self.source.near(key, known)}")
             return None
         if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
             self.source.fault(f"parameters.{key!r}", f"is a finite number, not {value!r}")
@@ -359,22 +371,6 @@ def _numbers(thing: Any, prefix: str) -> dict[str, tuple[object, str]]:
         for name, value in values
         if isinstance(value, int | float) and not isinstance(value, bool) and not name.startswith("_")
     }
-
-
-def _validated(cls: type[Driver], signature: Mapping[str, inspect.Parameter], given: dict[str, Any]) -> dict[str, Any]:
-    """The options checked against the constructor's annotations."""
-    fields: dict[str, Any] = {
-        name: (
-            Any if p.annotation is inspect.Parameter.empty else p.annotation,
-            ... if p.default is inspect.Parameter.empty else p.default,
-        )
-        for name, p in signature.items()
-        if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD)
-    }
-    config = ConfigDict(extra="forbid", arbitrary_types_allowed=True, strict=True)
-    model = create_model(f"{cls.__name__}Options", __config__=config, **fields)
-    checked = model.model_validate(given)
-    return {name: getattr(checked, name) for name in given}
 
 
 def _all_simulated(items: Mapping[str, Atomic]) -> dict[str, Any]:

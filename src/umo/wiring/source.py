@@ -3,37 +3,22 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
-
-from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictStr, ValidationError
+from typing import TYPE_CHECKING, Any
 
 from umo.drivers.contract import Driver
 from umo.errors import Fault
 from umo.text import did_you_mean
 
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+if TYPE_CHECKING:
+    from umo.wiring.entry import Entry
+
 SECTIONS = ("drivers", "wire", "parameters", "process")
-
-
-class Entry(BaseModel):
-    """One line of `[wire]`: an object on a driver's channel, and what this circuit changes of its declaration."""
-
-    model_config = ConfigDict(extra="forbid")
-
-    driver: StrictStr
-    channel: StrictStr | None = None
-    """Without one the channel is named by the object's path."""
-    inverted: StrictBool | None = None
-    """Binary objects: the electrical level is the other one."""
-    resolution: Number | None = None
-    zero_offset: Number | None = None
-    minimum: Number | None = None
-    maximum: Number | None = None
-    period: Any = None
-    """The timer: the sampling period, s or a text such as "1 ms"."""
+SUGGESTIONS = 20
+"""Names for which the nearest one is looked up: it takes 20 ms among a hundred, and a generated file may have a
+thousand wrong."""
 
 
 @dataclass
@@ -46,32 +31,46 @@ class Source:
     parameters: dict[str, Any] = field(default_factory=dict)
     process: dict[str, Any] = field(default_factory=dict)
     faults: list[Fault] = field(default_factory=list)
+    suggested: int = 0
 
     def fault(self, key: str, message: str) -> None:
         self.faults.append(Fault(self.file, key, message))
 
+    def near(self, name: str, known: Iterable[str]) -> str:
+        """As `did_you_mean`, for the first `SUGGESTIONS` wrong names."""
+        self.suggested += 1
+        return did_you_mean(name, known) if self.suggested <= SUGGESTIONS else ""
+
 
 def read(wiring: Path | str | Mapping[str, Any]) -> Source:
     """The wiring of a TOML file, or of its contents as a mapping; nothing is raised, faults are collected."""
-    if isinstance(wiring, Mapping):
-        source, data = Source("wiring"), _named(wiring)
-    else:
-        source, data = Source(str(wiring)), {}
-        try:
-            data = tomllib.loads(Path(wiring).read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            source.fault("", "no such file")
-        except (OSError, ValueError) as error:  # TOML and UTF-8 errors are ValueErrors
-            source.fault("", f"cannot be read: {error}")
+    source = Source("wiring" if isinstance(wiring, Mapping) else str(wiring))
+    try:
+        _fill(source, _named(wiring) if isinstance(wiring, Mapping) else _load(source, Path(wiring)))
+    except RecursionError:
+        source.fault("", "cannot be read: it is nested too deeply")
+    return source
+
+
+def _load(source: Source, path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        source.fault("", "no such file")
+    except (OSError, ValueError) as error:  # TOML and UTF-8 errors are ValueErrors
+        source.fault("", f"cannot be read: {error}")
+    return {}
+
+
+def _fill(source: Source, data: Mapping[str, Any]) -> None:
     for key in data:
         if key not in SECTIONS:
-            source.fault(key, f"unknown section{did_you_mean(key, SECTIONS)}; known: {', '.join(SECTIONS)}")
+            source.fault(key, f"unknown section{source.near(key, SECTIONS)}; known: {', '.join(SECTIONS)}")
     _read_drivers(source, _table(source, data, "drivers"))
     for path, table in _flat(_table(source, data, "wire")):
         _read_entry(source, path, table)
     source.parameters = dict(_leaves(_table(source, data, "parameters")))
     source.process = dict(_table(source, data, "process"))
-    return source
 
 
 def _named(table: Mapping[Any, Any]) -> dict[str, Any]:
@@ -103,6 +102,10 @@ def _read_drivers(source: Source, tables: Mapping[str, Any]) -> None:
 
 
 def _read_entry(source: Source, path: str, table: Any) -> None:
+    from pydantic import ValidationError
+
+    from umo.wiring.entry import Entry, faults_of
+
     key = f'wire."{path}"'
     if not isinstance(table, Mapping):
         source.fault(key, f'is a table such as {{ driver = "simulated" }}, not {table!r}')
@@ -113,24 +116,8 @@ def _read_entry(source: Source, path: str, table: Any) -> None:
     try:
         source.entries[path] = Entry.model_validate(dict(table))
     except ValidationError as error:
-        for fault in pydantic_faults(error, list(Entry.model_fields)):
-            source.fault(f"{key}.{fault[0]}", fault[1])
-
-
-def pydantic_faults(error: ValidationError, known: list[str]) -> Iterator[tuple[str, str]]:
-    """(key, message) for each key that is wrong."""
-    seen = set()
-    for detail in error.errors():
-        key = str(detail["loc"][0]) if detail["loc"] else ""
-        if key in seen:
-            continue
-        seen.add(key)
-        if detail["type"] == "extra_forbidden":
-            yield key, f"unknown key{did_you_mean(key, known)}; known: {', '.join(known)}"
-        elif detail["type"] == "missing":
-            yield key, "is missing"
-        else:
-            yield key, f"{detail['msg'][0].lower()}{detail['msg'][1:]}, not {detail['input']!r}"
+        for name, message in faults_of(error, list(Entry.model_fields)):
+            source.fault(f"{key}.{name}", message)
 
 
 def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -1,0 +1,46 @@
+"""stdout and stderr that cannot end a run: a reader that goes away, a full disk, a closed stream cost the text alone.
+
+Python raises BrokenPipeError or OSError out of any print, also a user's own in the middle of a period. Here such text
+is dropped where it leaves Python, so that nobody above notices.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from contextlib import suppress
+from typing import TextIO
+
+
+class _Descriptor(io.FileIO):
+    """A descriptor that takes everything, and loses what it cannot write."""
+
+    def write(self, data: object) -> int:
+        size = memoryview(data).nbytes  # type: ignore[arg-type]
+        try:
+            written = super().write(data)  # type: ignore[arg-type]
+        except OSError:
+            return size
+        return size if written is None else written  # None: it would block
+
+
+def keep_open() -> None:
+    """Make stdout and stderr of this process so. A descriptor from 0 to 2 that is closed leads to nowhere from now on:
+    else the next file or connection opened would get its number, and what is printed."""
+    with suppress(OSError):
+        while (file := os.open(os.devnull, os.O_RDWR)) <= 2:
+            os.set_inheritable(file, True)
+        os.close(file)
+    sys.stdout = _steady(1, sys.stdout)
+    sys.stderr = _steady(2, sys.stderr)
+
+
+def _steady(number: int, before: TextIO | None) -> TextIO:
+    with suppress(OSError, ValueError, AttributeError):
+        before.flush()  # type: ignore[union-attr]
+    raw = _Descriptor(number, "w", closefd=False)
+    encoding = "utf-8" if before is None else before.encoding
+    lines = any(getattr(before, name, False) for name in ("line_buffering", "write_through"))
+    # a name that is not UTF-8 is shown with its bytes, not refused
+    return io.TextIOWrapper(io.BufferedWriter(raw), encoding, "backslashreplace", line_buffering=lines)

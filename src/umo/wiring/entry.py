@@ -1,0 +1,76 @@
+"""What pydantic checks of a wiring: one line of `[wire]`, and the options of a driver.
+
+Imported with the first wiring that is read, as pydantic takes longer to import than all of umo.
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictStr, ValidationError, create_model
+
+from umo.text import did_you_mean
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+
+
+class Entry(BaseModel):
+    """One line of `[wire]`: an object on a driver's channel, and what this circuit changes of its declaration."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    driver: StrictStr
+    channel: StrictStr | None = None
+    """Without one the channel is named by the object's path."""
+    inverted: StrictBool | None = None
+    """Binary objects: the electrical level is the other one."""
+    resolution: Number | None = None
+    zero_offset: Number | None = None
+    minimum: Number | None = None
+    maximum: Number | None = None
+    period: Any = None
+    """The timer: the sampling period, s or a text such as "1 ms"."""
+
+
+def options_of(name: str, signature: Mapping[str, inspect.Parameter], given: dict[str, Any]) -> dict[str, Any]:
+    """A driver's options checked against its constructor's annotations; ValidationError.
+
+    Nothing is converted but what TOML cannot say otherwise: a text is a Path, a list is a tuple where one is wanted.
+    That is how pydantic takes JSON, so plain data is handed to it as JSON.
+    """
+    fields: dict[str, Any] = {
+        key: (
+            Any if p.annotation is inspect.Parameter.empty else p.annotation,
+            ... if p.default is inspect.Parameter.empty else p.default,
+        )
+        for key, p in signature.items()
+        if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD)
+    }
+    config = ConfigDict(extra="forbid", arbitrary_types_allowed=True, strict=True)
+    model = create_model(f"{name}Options", __config__=config, **fields)
+    try:
+        text = json.dumps(given)
+    except (TypeError, ValueError):  # a wiring that is a mapping may hold anything
+        checked = model.model_validate(given)
+    else:
+        checked = model.model_validate_json(text)
+    return {key: getattr(checked, key) for key in given}
+
+
+def faults_of(error: ValidationError, known: list[str]) -> Iterator[tuple[str, str]]:
+    """(key, message) for each key that is wrong."""
+    seen = set()
+    for detail in error.errors():
+        key = str(detail["loc"][0]) if detail["loc"] else ""
+        if key in seen:
+            continue
+        seen.add(key)
+        if detail["type"] == "extra_forbidden":
+            yield key, f"unknown key{did_you_mean(key, known)}; known: {', '.join(known)}"
+        elif detail["type"] == "missing":
+            yield key, "is missing"
+        else:
+            yield key, f"{detail['msg'][0].lower()}{detail['msg'][1:]}, not {detail['input']!r}"

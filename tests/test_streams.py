@@ -1,0 +1,120 @@
+"""Whoever reads stdout and stderr of `umo` is an observer: it may go away, and the run goes on."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="descriptors as Linux has them")
+
+UMO = [sys.executable, "-c", "from umo.cli import main; main()"]
+
+
+@pytest.fixture(scope="module")
+def tank(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A station that prints in every period."""
+    folder = tmp_path_factory.mktemp("streams")
+    subprocess.run([*UMO, "new", "tank"], cwd=folder, check=True, capture_output=True)
+    control = folder / "tank" / "control.py"
+    text = control.read_text()
+    assert "self.regulator.control()" in text
+    control.write_text(
+        text.replace("self.regulator.control()", "self.regulator.control(); print(self.now, flush=True)")
+    )
+    return folder / "tank"
+
+
+def run(tank: Path, command: str) -> subprocess.CompletedProcess[str]:
+    """A line of the shell, `umo` in it, in the folder where the station lies."""
+    line = command.replace("umo ", f"{sys.executable} -c 'from umo.cli import main; main()' ")
+    return subprocess.run(["bash", "-c", line], cwd=tank.parent, capture_output=True, text=True, check=False)
+
+
+def left(tank: Path) -> list[str]:
+    """The runs that were written down whole."""
+    return sorted(str(file.parent) for file in tank.parent.glob("runs/*/summary.json"))
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "umo run tank 2>&1 | head -2; exit ${PIPESTATUS[0]}",
+        "umo run tank 2> >(exec true) | true; exit ${PIPESTATUS[0]}",
+        "umo run tank >/dev/full 2>&1",
+        "umo run tank >&-",
+        "umo run tank 2>&-",
+        "umo run tank <&- >&- 2>&-",
+    ],
+)
+def test_a_run_goes_on_when_its_reader_goes_away(tank: Path, command: str) -> None:
+    before = left(tank)
+    ended = run(tank, command)
+    assert ended.returncode == 0, ended.stderr
+    assert len(left(tank)) == len(before) + 1
+    assert "Traceback" not in ended.stderr
+    assert "Exception ignored" not in ended.stderr
+
+
+@pytest.mark.parametrize("where", [">/dev/full 2>&1", ">&- 2>&-", "2>&1 | true; exit ${PIPESTATUS[0]}"])
+def test_the_exit_status_is_that_of_the_command(tank: Path, where: str) -> None:
+    assert run(tank, f"umo check tank {where}").returncode == 0
+    assert run(tank, f"umo check nothing {where}").returncode == 2
+    assert run(tank, f"umo check --nonsense {where}").returncode == 2
+
+
+def test_what_a_closed_stream_leaves_free_is_taken_by_nothing_else(tank: Path) -> None:
+    """A device's connection under number 1 would be sent whatever is printed."""
+    code = (
+        "import pathlib, socket\nfrom umo.cli.streams import keep_open\nkeep_open()\n"
+        "with socket.socket() as device: pathlib.Path('number').write_text(str(device.fileno()))"
+    )
+    line = f'exec "{sys.executable}" -c "$CODE" <&- >&- 2>&-'
+    subprocess.run(["bash", "-c", line], env=os.environ | {"CODE": code}, cwd=tank.parent, check=True)
+    assert int((tank.parent / "number").read_text()) > 2
+
+
+@pytest.mark.parametrize("words", [["--help"], ["ps"], ["check", "tank"], ["why"]])
+def test_commands_work_where_the_home_folder_cannot_be_written(tank: Path, words: list[str]) -> None:
+    hidden = ("UMO_STATE", "UMO_FRAMES", "XDG_STATE_HOME", "XDG_RUNTIME_DIR")
+    environment = {key: value for key, value in os.environ.items() if key not in hidden} | {
+        "HOME": "/proc",
+        "TMPDIR": str(tank.parent),
+    }
+    ended = subprocess.run(
+        [*UMO, *words], cwd=tank.parent, env=environment, capture_output=True, text=True, check=False
+    )
+    assert "Traceback" not in ended.stderr
+    assert ended.returncode == (2 if words == ["why"] else 0), ended.stderr
+
+
+def test_names_that_are_not_utf8_are_shown_with_their_bytes(tank: Path) -> None:
+    for command in ("umo check $'caf\\xe9'", "umo check tank -w $'caf\\xe9.toml'", "umo get tank $'caf\\xe9'"):
+        ended = run(tank, command)
+        assert ended.returncode == 2
+        assert r"caf\udce9" in ended.stderr
+        assert "Traceback" not in ended.stderr
+    os.rename(tank / "wiring" / "simulated.toml", os.fsencode(tank) + b"/wiring/caf\xe9.toml")
+    try:
+        for command in ("umo check tank", "umo tree tank"):
+            ended = run(tank, command)
+            assert ended.returncode == 0, ended.stderr
+            assert "caf" in ended.stdout
+    finally:
+        os.rename(os.fsencode(tank) + b"/wiring/caf\xe9.toml", tank / "wiring" / "simulated.toml")
+
+
+def test_ctrl_c_before_there_is_a_machine_is_130_without_a_word(tank: Path) -> None:
+    objects = tank / "objects.py"
+    before = objects.read_text()
+    objects.write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n" + before)
+    try:
+        ended = run(tank, "umo check tank")
+    finally:
+        objects.write_text(before)
+    assert ended.returncode == 128 + signal.SIGINT
+    assert ended.stderr.strip() == ""
