@@ -17,6 +17,7 @@ lint: $(STAMP)
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 
+# About two minutes; python -m bench --help for the longer ones (--live, --kills).
 bench: $(STAMP)
 	$(BIN)/python -m bench
 

@@ -1,6 +1,7 @@
-"""`make bench`: one table, all rows in the same run; then the other figures and the targets.
+"""`make bench`: one table, all rows in the same run; then the other figures and the targets, in about two minutes.
 
-Exit status 1 if a figure could not be taken; a target that was missed is said and is no failure.
+Exit status 1 if a figure could not be taken, or with --kills if anything was unsafe or ended with a wrong status; a
+target that was missed is said and is not a failure.
 """
 
 from __future__ import annotations
@@ -15,26 +16,50 @@ import numpy as np
 from rich.console import Console
 
 from bench import figures, forms, live, native, report, scan
+from bench.kills import campaign, show
 
-ROUNDS, QUICK_ROUNDS = 600, 60
+ROUNDS, QUICK_ROUNDS = 400, 60
+FIGURES_TAKE, ROUND_TAKES, FORMS_ROUND_TAKES = 25.0, 0.09, 0.05
+"""s, about, on two shared cores."""
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(prog="python -m bench", description="What umo costs, in one table.")
-    parser.add_argument("--quick", action="store_true", help="fewer batches: a rougher answer in a third of the time")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures here too")
-    parser.add_argument("--live", action="store_true", help="the processes and frames alone: real time, kills")
-    parser.add_argument("--forms", action="store_true", help="compare the two forms of the process image, no more")
-    options = parser.parse_args()
-    rounds = QUICK_ROUNDS if options.quick else ROUNDS
+    options = _options()
     console = Console()
     console = Console(width=max(console.width, 140), highlight=False)
+    if options.kills:
+        return show.run(console, quick=options.quick, only=options.only, seed=options.seed)
+    rounds = QUICK_ROUNDS if options.quick else ROUNDS
     if options.forms:
+        console.print(f"about {show.text(rounds / 2 * FORMS_ROUND_TAKES)}")
         console.print(forms.grid(forms.measure(rounds // 2)))
         return 0
     if options.live:
-        console.print(report.target_grid(live.measure(options.quick, console), live.TITLE))
+        size = live.SHORT if options.quick else live.FULL
+        console.print(f"about {show.text(size.takes)}")
+        console.print(report.target_grid(live.measure(size, console), live.TITLE))
         return 0
+    return _all(console, rounds, options)
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m bench", description="What umo costs, in one table.")
+    parser.add_argument("--quick", action="store_true", help="a rougher answer, sooner: without processes and frames")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures here too")
+    alone = parser.add_mutually_exclusive_group()
+    alone.add_argument("--live", action="store_true", help="the processes and frames alone: real time, some kills")
+    alone.add_argument(
+        "--kills", action="store_true", help="kills and faults by the hundred against a box on libmodbus"
+    )
+    alone.add_argument("--forms", action="store_true", help="compare the two forms of the process image, no more")
+    parser.add_argument("--only", default="", metavar="TEXT", help="of --kills: the kinds with this in their name")
+    parser.add_argument("--seed", type=int, default=campaign.SEED, help="of --kills: other random moments")
+    return parser.parse_args()
+
+
+def _all(console: Console, rounds: int, options: argparse.Namespace) -> int:
+    seconds = FIGURES_TAKE + rounds * ROUND_TAKES + (0.0 if options.quick else live.SHORT.takes)
+    console.print(f"about {show.text(seconds)} (--live: {show.text(live.FULL.takes)}; --kills says it by itself)")
     console.print(f"{platform.machine()}, Python {platform.python_version()}, numpy {np.__version__}, {_compiler()}")
     with console.status("memory, import, connecting, the station"):
         others = report.Others(
@@ -48,8 +73,9 @@ def main() -> int:
     found = report.targets(table, others)
     for part in (report.main_grid(table), report.NOTES, report.other_grid(others), report.target_grid(found)):
         console.print(part)
-    beside = live.measure(options.quick, console)
-    console.print(report.target_grid(beside, live.TITLE))
+    beside = [] if options.quick else live.measure(live.SHORT, console)
+    if beside:
+        console.print(report.target_grid(beside, live.TITLE))
     if (missing := native.missing()) is not None:
         console.print(missing)
     if options.json:

@@ -7,39 +7,62 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 import numpy as np
 from rich.console import Console
 
-from bench import frames, kills, realtime
+from bench import frames, realtime
+from bench.kills import box, campaign
+from bench.kills.kinds import KINDS
 from bench.report import Target, upper
 from umo.latency import Samples
 from umo.latency import measure as loops
 
 TITLE = "Processes and frames (real time: this machine's own noise is in it)"
-PERIODS, KILLS, FRAMES = 60_000, 200, 10_000_000
+KILLS = [
+    kind for kind in KINDS if kind.name.startswith(("SIGKILL of the control", "SIGSTOP of it", "SIGKILL of the gu"))
+]
 
 
-def measure(quick: bool, console: Console) -> list[Target]:
-    """All of them; a twentieth of the counts with `quick`. Linux only."""
+@dataclass(frozen=True)
+class Size:
+    """How much of everything; `takes` is about how long, in s, on two shared cores."""
+
+    periods: int
+    frames: int
+    batches: int
+    seconds: float
+    kills: float
+    """The share of `python -m bench --kills`."""
+    takes: float
+
+
+FULL = Size(60_000, 10_000_000, 500, 5.0, 0.5, 720.0)
+SHORT = Size(3_000, 300_000, 50, 1.0, 0.05, 75.0)
+
+
+def measure(size: Size, console: Console) -> list[Target]:
+    """All of them. Linux only."""
     if not sys.platform.startswith("linux"):
         return []
-    share = 20 if quick else 1
     with _folders():
         found = []
         with console.status("publishing a frame"):
-            found += _publishing(50 if quick else 500)
-        with console.status(f"{FRAMES // share:,} frames by a reader at full speed"):
-            found.append(_torn(FRAMES // share))
-        with console.status(f"z-theta at 1 ms over {PERIODS // share:,} periods, a C loop in turns"):
-            found += _realtime(PERIODS // share)
+            found += _publishing(size.batches)
+        with console.status(f"{size.frames:,} frames by a reader at full speed"):
+            found.append(_torn(size.frames))
+        with console.status(f"z-theta at 1 ms over {size.periods:,} periods, a C loop in turns"):
+            found += _realtime(size.periods)
         with console.status("2 kHz and 5 kHz"):
-            found += [_faster(period, 1.0 if quick else 5.0) for period in (0.0005, 0.0002)]
+            found += [_faster(period, size.seconds) for period in (0.0005, 0.0002)]
         with console.status("z-theta beside a busy Python thread"):
             naive = realtime.naive()
             found.append(Target("one process, a busy thread in it", "-", _two(naive), f"missed {naive.missed:,}"))
-        with console.status(f"3 times {KILLS // share} kills"):
-            found += _kills(KILLS // share)
+        with console.status("kills"):
+            found += _kills(size.kills)
+        with console.status("memory"):
+            found.append(_memory())
         return found
 
 
@@ -84,20 +107,33 @@ def _faster(period: float, seconds: float) -> Target:
     return Target(what, "-", f"{_two(found.umo)}{beside}", f"missed {found.umo.missed:,}")
 
 
-def _kills(count: int) -> list[Target]:
-    found = kills.in_a_fresh_process(count)
-    targets = []
-    for kill in found:
-        late = np.percentile(kill.times, 99) if kill.times else float("nan")
-        aimed = "control" in kill.what
-        verdict = ("met" if late <= 20 else f"missed by {late / 20 - 1:.0%}") if aimed else ""
-        if kill.unsafe:
-            verdict = f"{kill.unsafe} unsafe"
-        targets.append(Target(kill.what, "p99 20 ms, none unsafe" if aimed else "none unsafe", kill.text(), verdict))
+def _kills(share: float) -> list[Target]:
+    """The first kinds of `python -m bench --kills`, against its box."""
+    if (why := box.missing()) is not None:
+        return [Target("kills", "none unsafe", "-", f"not measured: {why}")]
+    return [_killed(row) for row in campaign.measure(KILLS, share)]
+
+
+def _killed(row: campaign.Row) -> Target:
+    late = np.percentile(row.times, 99) if row.times else float("nan")
+    aimed = "control" in row.kind.name
+    verdict = ("met" if late <= 20 else f"missed by {late / 20 - 1:.0%}") if aimed else ""
+    if row.unsafe or row.wrong:
+        verdict = f"{len(row.unsafe)} unsafe, {len(row.wrong)} not as they must be"
+    return Target(row.kind.name, "p99 20 ms, none unsafe" if aimed else "none unsafe", _three(row.times), verdict)
+
+
+def _three(times: list[float]) -> str:
+    if not times:
+        return "-"
+    middle, late, worst = np.percentile(times, [50, 99, 100])
+    return f"median {middle:.1f}, p99 {late:.1f}, worst {worst:.1f} ms of {len(times)}"
+
+
+def _memory() -> Target:
     memory = realtime.memory()
     verdict = "met" if memory <= 60 else f"missed by {memory / 60 - 1:.0%}"
-    targets.append(Target("resident memory, z-theta over Modbus", "60 MB", f"{memory:.0f} MB", verdict))
-    return targets
+    return Target("resident memory, z-theta over Modbus", "60 MB", f"{memory:.0f} MB", verdict)
 
 
 def _two(samples: Samples, what: str = "total") -> str:

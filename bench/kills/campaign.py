@@ -1,0 +1,210 @@
+"""Trying the kinds: what became of each try, and what must not be."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from random import Random
+from time import monotonic, sleep
+
+from bench.kills.box import OUTPUTS, Box
+from bench.kills.kinds import KINDS, Kind
+from bench.kills.run import How, NotStruck, Run
+
+SEED = 1998
+AFTERWARDS = 1.0
+"""s after the end at which the outputs are looked at again: a stale write may have undone a reset."""
+AGAIN = 3
+"""How often a try is begun whose machine ended before anything was done to it."""
+TAKES = {How.PROGRAM: 2.0, How.COMMAND: 4.0}
+"""s of one try, about."""
+
+
+@dataclass
+class Try:
+    """What became of one. Empty texts where all is well."""
+
+    kind: str
+    number: int
+    how: How
+    ms: float | None = None
+    """From the strike to the last output at its default, if they all are."""
+    unsafe: str = ""
+    wrong: str = ""
+    """A status that is not right or that nothing was said of, or a good reading that the box never had."""
+    said: str = ""
+
+    def __str__(self) -> str:
+        what = "; ".join(filter(None, (self.unsafe, self.wrong)))
+        return f"{self.kind}, try {self.number} ({self.how.value}): {what}. It said: {self.said or 'nothing'}"
+
+
+@dataclass
+class Row:
+    """All tries of one kind."""
+
+    kind: Kind
+    tries: list[Try] = field(default_factory=list)
+
+    @property
+    def times(self) -> list[float]:
+        """ms."""
+        return [one.ms for one in self.tries if one.ms is not None]
+
+    @property
+    def wrong(self) -> list[Try]:
+        return [one for one in self.tries if one.wrong]
+
+    @property
+    def unsafe(self) -> list[Try]:
+        return [one for one in self.tries if one.unsafe]
+
+
+def counts(kinds: Sequence[Kind], share: float) -> dict[str, int]:
+    """How many tries of each: a share of the full number, at least one."""
+    return {kind.name: max(1, round(kind.count * share)) for kind in kinds}
+
+
+def expected(kinds: Sequence[Kind], numbers: dict[str, int]) -> float:
+    """About how long that takes, in s."""
+    each = ((kind, numbers[kind.name]) for kind in kinds)
+    return sum(n * (kind.takes + sum(TAKES[how] for how in kind.how) / len(kind.how)) for kind, n in each)
+
+
+def measure(
+    kinds: Sequence[Kind] = KINDS,
+    share: float = 1.0,
+    seed: int = SEED,
+    said: Callable[[Try], object] = lambda one: None,
+) -> list[Row]:
+    """Try them, in turns, so that a busy hour of this computer hits all alike. `said` hears of every try."""
+    rows = {kind.name: Row(kind) for kind in kinds}
+    with _usual_signals(), ThreadPoolExecutor() as later:
+        waiting: list[Future[Try]] = []
+        for kind, number in _turns(kinds, counts(kinds, share)):
+            waiting.append(_try(kind, number, seed, later))
+            while waiting and waiting[0].done():
+                _note(waiting.pop(0).result(), rows, said)
+        for one in waiting:
+            _note(one.result(), rows, said)
+    return list(rows.values())
+
+
+def _note(one: Try, rows: dict[str, Row], said: Callable[[Try], object]) -> None:
+    rows[one.kind].tries.append(one)
+    said(one)
+
+
+def _turns(kinds: Sequence[Kind], numbers: dict[str, int]) -> Iterator[tuple[Kind, int]]:
+    """Each kind spread over the whole."""
+    order = [((i + 0.5) / numbers[kind.name], kind, i) for kind in kinds for i in range(numbers[kind.name])]
+    for _, kind, i in sorted(order, key=lambda entry: entry[0]):
+        yield kind, i
+
+
+# One try ------------------------------------------------------------------------------------------------
+
+
+def _try(kind: Kind, number: int, seed: int, later: ThreadPoolExecutor) -> Future[Try]:
+    """Up to the end of its processes; the rest is looked at while the next one starts."""
+    how = kind.how[number % len(kind.how)]
+    found = Try(kind.name, number, how)
+    for again in range(AGAIN):
+        folder, box = _place()
+        run = Run(how, box, folder, kind.setting)
+        if kind.beforehand is not None:
+            box.fault(*kind.beforehand)
+        try:
+            moment = kind.strike(run, Random(f"{kind.name} {number} {seed} {again}"))
+            break
+        except NotStruck as error:
+            found.wrong = str(error)
+            _clear(run, box, folder)
+        except BaseException:
+            _clear(run, box, folder)
+            raise
+    else:
+        return _now(found)
+    found.wrong = ""
+    return _judge(kind, found, run, moment, later)
+
+
+def _judge(kind: Kind, found: Try, run: Run, moment: int, later: ThreadPoolExecutor) -> Future[Try]:
+    box = run.box
+    ended = run.wait_end(kind.limit)
+    at_end, until = box.values, monotonic() + AFTERWARDS
+    if not ended:
+        found.unsafe = f"its processes still ran {kind.limit:g} s later"
+    if any(at_end):
+        found.unsafe = _join(found.unsafe, f"{_named(at_end)} not at the default at the end")
+    else:
+        found.ms = max(0.0, (box.since - moment) * 1e-6)
+    run.close()
+    found.said = run.said()
+    if ended and run.status not in kind.right(found.how):
+        allowed = ", ".join(str(int(status)) for status in kind.right(found.how))
+        found.wrong = f"status {run.status} in place of {allowed}"
+    if ended and (run.status or 0) > 0 and not found.said:
+        found.wrong = _join(found.wrong, f"status {run.status} without a word")
+    if run.wrong_readings:
+        found.wrong = _join(found.wrong, f"{run.wrong_readings} good readings were not the box's")
+
+    def aftermath() -> Try:
+        sleep(max(0.0, until - monotonic()))
+        if any(values := box.values) and not any(at_end):
+            found.unsafe = _join(found.unsafe, f"{_named(values)} came back {AFTERWARDS:g} s after the end")
+            found.ms = None
+        _clear(run, box, run.folder)
+        return found
+
+    return later.submit(aftermath)
+
+
+def _named(values: Sequence[int]) -> str:
+    wrong = [f"coil {i}" if i < 10 else f"register {i - 10}" for i, value in enumerate(values) if value]
+    return "every output" if len(wrong) == OUTPUTS else ", ".join(wrong)
+
+
+def _join(*texts: str) -> str:
+    return "; ".join(filter(None, texts))
+
+
+def _now(found: Try) -> Future[Try]:
+    done: Future[Try] = Future()
+    done.set_result(found)
+    return done
+
+
+def _place() -> tuple[Path, Box]:
+    shared = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
+    folder = Path(tempfile.mkdtemp(prefix="umo-kills-", dir=shared))
+    return folder, Box(folder)
+
+
+def _clear(run: Run, box: Box, folder: Path) -> None:
+    run.close()
+    box.close()
+    with suppress(OSError):
+        shutil.rmtree(folder)
+
+
+@contextmanager
+def _usual_signals() -> Iterator[None]:
+    """What starts a machine finds no signal ignored, wherever the campaign itself was started from (a background job
+    of a shell ignores SIGINT)."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    ignored = [number for number in numbers if signal.getsignal(number) is signal.SIG_IGN]
+    for number in ignored:
+        signal.signal(number, signal.SIG_DFL)
+    try:
+        yield
+    finally:
+        for number in ignored:
+            signal.signal(number, signal.SIG_IGN)

@@ -1,0 +1,173 @@
+"""The kinds of kill, stop and fault, each with the status that it must end with (docs/howto-stop-safely.md)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from bench.kills import limits
+from bench.kills.run import How, Setting, as_nobody
+from bench.kills.strikes import (
+    HUP,
+    INT,
+    KILL,
+    STOP,
+    TERM,
+    Strike,
+    asleep,
+    at_once,
+    each,
+    ending,
+    faulty,
+    guardian_stopped_then,
+    interrupted_while_retrying,
+    one,
+    starting,
+    stopping,
+    twice,
+    without_descriptors,
+    without_processes,
+)
+
+PROGRAM, COMMAND = How.PROGRAM, How.COMMAND
+BOTH = (PROGRAM, COMMAND)
+LOST = (1,)
+"""The control process was lost, or the machine failed: the guardian or the control process reset it."""
+KILLED = (-KILL,)
+"""The starter is gone, nobody is left to be told."""
+PATIENT = 25.0
+"""s, where `reset_for` (10 s) may be spent."""
+USUAL = Setting()
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One row of the table."""
+
+    name: str
+    strike: Strike
+    statuses: Sequence[int] | Mapping[How, Sequence[int]]
+    """The exit statuses of the starter that are right, less than 0 for a signal that killed it."""
+    count: int
+    how: Sequence[How] = (PROGRAM,)
+    """How the machine is started, in turns."""
+    setting: Setting = USUAL
+    beforehand: tuple[str, int] | None = None
+    """A fault of the box that is there before the machine starts."""
+    limit: float = 15.0
+    """s after the strike within which all processes must have ended."""
+    takes: float = 0.0
+    """s that a try takes beyond starting the machine and ending it."""
+
+    def right(self, how: How) -> Sequence[int]:
+        return self.statuses[how] if isinstance(self.statuses, Mapping) else self.statuses
+
+
+HANG = Setting(hang_timeout="100 ms", timeout="30 ms")
+NOHUP, PLAIN = Setting(nohup=True), Setting(plain=True)
+
+KILLS = [
+    Kind("SIGKILL of the control process", one("control", KILL), LOST, 80),
+    Kind("SIGSTOP of it, hang_timeout 100 ms", one("control", STOP), LOST, 50, setting=HANG),
+    Kind("SIGKILL of the guardian", one("guardian", KILL), LOST, 50),
+    Kind("SIGSTOP of the guardian", one("guardian", STOP), LOST, 10, takes=1),
+    Kind("SIGSTOP of the guardian, INT to the starter", guardian_stopped_then("starter", INT), (1, 130, -INT), 10),
+    Kind("SIGSTOP of the guardian, SIGKILL of the starter", guardian_stopped_then("starter", KILL), KILLED, 10),
+    Kind("SIGKILL of the starter", one("starter", KILL), KILLED, 40, BOTH),
+    Kind("SIGKILL of the starter under nohup", one("starter", KILL), KILLED, 30, BOTH, NOHUP),
+    Kind("SIGSTOP of all three for 3 s", asleep(3.0), LOST, 10, takes=3),
+]
+STOPS = [
+    Kind("INT to the starter", one("starter", INT), {COMMAND: (130,), PROGRAM: (-INT,)}, 30, BOTH),
+    Kind("TERM to the starter", one("starter", TERM), {COMMAND: (143,), PROGRAM: (-TERM,)}, 30, BOTH),
+    Kind("HUP to the starter", one("starter", HUP), {COMMAND: (129,), PROGRAM: (-HUP,)}, 30, BOTH),
+    Kind("TERM to the starter under nohup", one("starter", TERM), (143,), 10, (COMMAND,), NOHUP),
+    Kind("INT twice, 5 to 60 ms apart", twice(INT), {COMMAND: (130,), PROGRAM: (-INT, 130)}, 50, (COMMAND, PROGRAM)),
+    Kind("TERM to all three at once", each(TERM), {COMMAND: (143,), PROGRAM: (-TERM,)}, 40, (COMMAND, PROGRAM)),
+    Kind(
+        "leaving the block as the application ends",
+        ending,
+        (0, 143),
+        40,
+        setting=Setting(arguments=("--periods", "20", "--leave", "0.07", "0.13")),
+    ),
+    Kind("SIGKILL of any at start-up", starting, (1, -KILL, 143, -TERM), 70, BOTH, takes=1),
+    Kind("SIGKILL of any while stopping", stopping, (1, 143, -KILL), 50, (COMMAND,)),
+]
+DEVICE = [
+    Kind("control killed, box stalled", faulty("stall", 500, then=at_once("control", KILL)), LOST, 40, takes=1),
+    Kind("control killed, box refusing", faulty("refuse", then=at_once("control", KILL)), LOST, 30, takes=1),
+    Kind(
+        "control killed, box with one connection",
+        one("control", KILL),
+        LOST,
+        10,
+        beforehand=("one", 1000),
+        limit=PATIENT,
+        takes=3,
+    ),
+    Kind("INT while the guardian retries", interrupted_while_retrying, (1, 130), 15, (COMMAND,), takes=1),
+]
+WANT = [
+    Kind("without privileges: control killed", one("control", KILL), LOST, 15, setting=PLAIN),
+    Kind("without privileges: guardian killed", one("guardian", KILL), LOST, 10, setting=PLAIN),
+    Kind("without privileges: starter killed", one("starter", KILL), KILLED, 10, BOTH, PLAIN),
+    Kind("pids.max reached: control killed", without_processes, LOST, 10, takes=1),
+    Kind("0 to 3 descriptors left: control killed", without_descriptors("control"), LOST, 10, takes=1),
+    Kind("0 to 3 descriptors left: guardian killed", without_descriptors("guardian"), LOST, 10),
+]
+FAULTS: list[tuple[str, str, int]] = [
+    ("stalled, then the newest first", "stall", 500),
+    ("silent", "silent", 0),
+    ("does it and is silent", "mute", 0),
+    ("late by 250 ms", "late", 250),
+    ("refuses connections", "refuse", 0),
+    ("closes the connection", "close", 0),
+    ("closes it after answering", "hangup", 0),
+    ("resets the connection", "reset", 0),
+    ("answers in two pieces", "split", 20),
+    ("answers byte by byte", "trickle", 20),
+    ("answers twice", "twice", 0),
+    ("an old answer first", "stale", 0),
+    ("exception 4", "exception", 4),
+    ("exception 6, busy", "exception", 6),
+    ("garbage", "garbage", 0),
+    ("cut answers, closed", "cut", 9),
+    ("cut answers, left open", "half", 8),
+    ("another transaction", "transaction", 0),
+    ("another unit", "unit", 0),
+    ("another protocol", "protocol", 0),
+    ("another function", "function", 43),
+    ("too long by the header", "length", 1),
+    ("too short by the header", "length", -1),
+    ("byte count 0 of bits", "bitcount", 0),
+    ("byte count 200 of bits", "bitcount", 200),
+    ("byte count 7 of registers", "count", 7),
+    ("a byte too few", "fewer", 0),
+    ("two bytes too many", "trailing", 0),
+    ("confirms another address", "echo", 0),
+    ("confirms another value", "value", 0),
+]
+EACH_FAULT = 6
+PROTOCOL = [
+    Kind(f"box: {text}", faulty(name, value), (1, -TERM), EACH_FAULT, limit=PATIENT, takes=1.0)
+    for text, name, value in FAULTS
+]
+PROTOCOL.append(
+    Kind(
+        "box: confirms a coil as 0x1234, TERM",
+        faulty("coil", then=at_once("starter", TERM)),
+        (-TERM,),
+        EACH_FAULT,
+        limit=PATIENT,
+        takes=0.5,
+    )
+)
+KINDS = KILLS + STOPS + DEVICE + WANT + PROTOCOL
+
+
+def possible(kind: Kind) -> bool:
+    """Whether this computer can do it."""
+    if kind.setting.plain and as_nobody() is None:
+        return False
+    return kind.strike is not without_processes or limits.can_take_processes()

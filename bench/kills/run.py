@@ -1,0 +1,221 @@
+"""One machine at the box, started as a user would: by a program with `umo.start` in it, or by `umo run`."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from functools import cache
+from pathlib import Path
+from time import monotonic, sleep
+
+import umo
+from bench.kills import processes
+from bench.kills.box import Box
+from bench.kills.station.cells import CONTROL, FILE, GUARDIAN, WRONG
+
+HERE = Path(__file__).parent
+NOBODY = 65534
+START_LIMIT = 60.0
+"""s."""
+WIRING = """\
+[drivers.box]
+type = "modbus"
+port = {port}
+timeout = "{timeout}"
+
+[process]
+hang_timeout = "{hang_timeout}"
+reset_for = "10 s"
+
+[wire]
+timer = {{ driver = "timerfd", period = "5 ms" }}
+"""
+WIRES = {"motors": (2, "holding"), "valves": (10, "coil"), "switches": (8, "discrete"), "counts": (4, "input")}
+
+
+class How(Enum):
+    """How the machine is started."""
+
+    PROGRAM = "umo.start"
+    COMMAND = "umo run"
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What is the same for every try of a kind."""
+
+    hang_timeout: str = "1 s"
+    timeout: str = "100 ms"
+    """Of the driver."""
+    nohup: bool = False
+    plain: bool = False
+    """As a user without privileges."""
+    arguments: Sequence[str] = ()
+    """Of the program."""
+
+
+class NotStruck(Exception):
+    """The machine ended before anything was done to it."""
+
+
+class Run:
+    """The processes of one machine."""
+
+    def __init__(self, how: How, box: Box, folder: Path, setting: Setting) -> None:
+        self.how, self.box, self.folder, self.setting = how, box, folder, setting
+        self._said = folder / "said.txt"
+        station = _write_station(folder, box.port, setting)
+        own = {"UMO_STATE": folder / "state", "UMO_FRAMES": folder / "frames", FILE: box.file}
+        environment = os.environ | {name: str(path) for name, path in own.items()} | {"PYTHONPATH": _path()}
+        if setting.plain:
+            _hand_over(folder)
+        with self._said.open("wb") as said:
+            self.starter = subprocess.Popen(
+                [*_wrapped(setting), *_command(how, station, setting)],
+                cwd=folder,
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                stdout=said,
+                stderr=said,
+                start_new_session=True,  # a Ctrl-C at this terminal is for the campaign
+            )
+
+    # Its processes ---------------------------------------------------------------------------------------
+
+    @property
+    def control(self) -> int:
+        """0 before the application has begun."""
+        return self.box.cells[CONTROL]
+
+    @property
+    def guardian(self) -> int:
+        """0 before there is one."""
+        told = self.box.cells[GUARDIAN]
+        return told or next(iter(processes.children(self.starter.pid)), 0)
+
+    def process(self, which: str) -> int:
+        """The starter, the guardian or the control process as soon as there is one; 0 if all ended before."""
+        find: dict[str, Callable[[], int]] = {
+            "starter": lambda: self.starter.pid,
+            "guardian": lambda: self.guardian,
+            "control": lambda: self.control or next(iter(processes.children(self.guardian or self.starter.pid)), 0),
+        }
+        until = monotonic() + START_LIMIT
+        while not (pid := find[which]()) and self.starter.poll() is None and monotonic() < until:
+            sleep(processes.LOOK)
+        return pid
+
+    @property
+    def three(self) -> list[int]:
+        return [self.starter.pid, self.guardian, self.control]
+
+    # Its course ------------------------------------------------------------------------------------------
+
+    def wait_running(self) -> None:
+        """Until every output has left its default; NotStruck if that never comes."""
+        until = monotonic() + START_LIMIT
+        while not (self.control and all(self.box.values)):
+            if self.starter.poll() is not None or monotonic() > until:
+                raise NotStruck(f"it did not come to run: {self.said()}")
+            sleep(0.001)
+
+    def wait_end(self, limit: float) -> bool:
+        """Until the starter, the guardian and the control process are gone; whether they were within `limit` s."""
+        until = monotonic() + limit
+        watched = [pid for pid in (self.guardian, self.control) if pid]
+        while self.starter.poll() is None or any(map(processes.alive, watched)):
+            if monotonic() > until:
+                return False
+            sleep(processes.LOOK)
+        return not processes.marked(self._mark) or self._wait_rest(until)
+
+    def _wait_rest(self, until: float) -> bool:
+        """For a process that was not known, or a child that has not been taken down yet."""
+        while processes.marked(self._mark):
+            if monotonic() > until:
+                return False
+            sleep(processes.LOOK)
+        return True
+
+    @property
+    def status(self) -> int | None:
+        """Of the starter: its exit status, or less than 0 for the signal that killed it."""
+        return self.starter.poll()
+
+    @property
+    def wrong_readings(self) -> int:
+        """Good readings that were not what the box has."""
+        return self.box.cells[WRONG]
+
+    def said(self) -> str:
+        """The last of what it has written that is not a table, in one line."""
+        lines = [line.strip() for line in self._said.read_text(errors="replace").splitlines()]
+        told = [line for line in lines if line and not "\u2500" <= line[0] <= "\u257f"]
+        return " / ".join(told[-3:])[-300:]
+
+    @property
+    def _mark(self) -> str:
+        return f"{FILE}={self.box.file}"
+
+    def close(self) -> None:
+        """End what is left of it."""
+        processes.end_marked(self._mark)
+        self.starter.wait()
+
+
+def _write_station(folder: Path, port: int, setting: Setting) -> Path:
+    station = folder / "station"
+    (station / "wiring").mkdir(parents=True)
+    for file in (HERE / "station").glob("*.py"):
+        shutil.copy(file, station)
+    text = WIRING.format(port=port, timeout=setting.timeout, hang_timeout=setting.hang_timeout)
+    for name, (count, table) in WIRES.items():
+        text += "".join(f'"{name}.{i}" = {{ driver = "box", channel = "{table}:{i}" }}\n' for i in range(count))
+    (station / "wiring" / "box.toml").write_text(text)
+    return station
+
+
+def _path() -> str:
+    """This umo for the processes, too."""
+    return os.pathsep.join(filter(None, [str(Path(umo.__file__).parents[1]), os.environ.get("PYTHONPATH")]))
+
+
+def _command(how: How, station: Path, setting: Setting) -> list[str]:
+    if how is How.COMMAND:
+        return [str(Path(sys.executable).with_name("umo")), "run", str(station), "-w", "box", "--acknowledge"]
+    return [sys.executable, str(HERE / "program.py"), str(station), *setting.arguments]
+
+
+def _wrapped(setting: Setting) -> list[str]:
+    return (["nohup"] if setting.nohup else []) + (list(as_nobody() or ()) if setting.plain else [])
+
+
+@cache
+def as_nobody() -> tuple[str, ...] | None:
+    """What makes a command run without privileges; None where that cannot be done. Where nobody may not even read this
+    Python (it lies in root's home), reading everything is the one privilege that is left."""
+    if os.getuid() != 0:
+        return ()
+    plain = ("setpriv", f"--reuid={NOBODY}", f"--regid={NOBODY}", "--clear-groups")
+    reading = (*plain, "--inh-caps=+dac_read_search", "--ambient-caps=+dac_read_search")
+    environment = os.environ | {"PYTHONPATH": _path()}
+    again = "import subprocess, sys, umo; subprocess.run([sys.executable, '-c', 'import umo'], check=True)"
+    for words in (plain, reading):
+        try:
+            tried = subprocess.run([*words, sys.executable, "-c", again], capture_output=True, env=environment)
+        except OSError:  # no setpriv
+            return None
+        if tried.returncode == 0:
+            return words
+    return None
+
+
+def _hand_over(folder: Path) -> None:
+    if os.getuid() == 0:
+        for path in (folder, *folder.rglob("*")):
+            os.chown(path, NOBODY, NOBODY)

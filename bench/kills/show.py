@@ -1,0 +1,77 @@
+"""`python -m bench --kills`: the estimate, the bar, the table, and every try that was not as it must be."""
+
+from __future__ import annotations
+
+import platform
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from bench.kills import box, campaign
+from bench.kills.campaign import Row, Try
+from bench.kills.kinds import KINDS, possible
+
+QUICK = 0.03
+"""The share of the full numbers: about one try of each kind."""
+
+
+def run(console: Console, *, quick: bool, only: str = "", seed: int = campaign.SEED) -> int:
+    """The whole campaign; the exit status, 1 if anything was unsafe or not as it must be."""
+    if (why := box.missing()) is not None:
+        console.print(f"not measured: {why}")
+        return 1
+    kinds = [kind for kind in KINDS if only.lower() in kind.name.lower()]
+    if not kinds:
+        console.print(f"no kind has {only!r} in its name")
+        return 2
+    for kind in kinds:
+        if not possible(kind):
+            console.print(f"left out, not permitted here: {kind.name}")
+    kinds = [kind for kind in kinds if possible(kind)]
+    share = QUICK if quick else 1.0
+    numbers = campaign.counts(kinds, share)
+    total, seconds = sum(numbers.values()), campaign.expected(kinds, numbers)
+    console.print(f"{total} tries of {len(kinds)} kinds, about {text(seconds)}; {platform.machine()}, seed {seed}")
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("kills", total=total)
+
+        def said(one: Try) -> None:
+            bar.update(task, advance=1, description=one.kind)
+            if one.unsafe or one.wrong:
+                console.print(str(one), markup=False, highlight=False, soft_wrap=True)
+
+        rows = campaign.measure(kinds, share, seed, said)
+    console.print(grid(rows))
+    unsafe, wrong = (sum(len(getattr(row, what)) for row in rows) for what in ("unsafe", "wrong"))
+    console.print(f"{total} tries: {unsafe} unsafe, {wrong} not as they must be")
+    return 1 if unsafe or wrong else 0
+
+
+def grid(rows: list[Row]) -> Table:
+    table = Table(title="from the strike to the last output at its default, ms")
+    table.add_column("kind")
+    for name in ("n", "median", "p99", "worst", "wrong", "unsafe"):
+        table.add_column(name, justify="right")
+    for row in rows:
+        table.add_row(row.kind.name, str(len(row.tries)), *_times(row), _bad(row.wrong), _bad(row.unsafe))
+    table.caption = "wrong: the exit status, or a good reading that was not the box's"
+    return table
+
+
+def text(seconds: float) -> str:
+    """`40 s` or `25 min`."""
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+
+
+def _times(row: Row) -> tuple[str, str, str]:
+    if not row.times:
+        return "-", "-", "-"
+    middle, late, worst = (f"{value:,.0f}" for value in np.percentile(row.times, [50, 99, 100]))
+    return middle, late, worst
+
+
+def _bad(tries: list[Try]) -> str:
+    return f"[red]{len(tries)}[/red]" if tries else "0"

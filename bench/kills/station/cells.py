@@ -1,0 +1,21 @@
+"""The cells of the file that box, machine and campaign map: 64-bit integers. `box.c` has the first part of the list."""
+
+from __future__ import annotations
+
+import mmap
+import os
+from typing import Any
+
+PORT, FAULT, VALUE, UNTIL, REQUESTS, MET = range(6)
+CONTROL, GUARDIAN, PERIODS, WRONG = range(6, 10)
+"""What the machine tells: the pids of its control process and of that one's parent, the periods in which it wrote its
+outputs, and how many readings were good and yet not the box's."""
+NAME, OUTPUT, CELLS = 12, 16, 64
+FILE = "KILLS_BOX"
+"""The environment variable that names the file."""
+
+
+def cells() -> Any:
+    """The cells of this machine's box."""
+    with open(os.environ[FILE], "r+b") as file:
+        return memoryview(mmap.mmap(file.fileno(), 8 * CELLS)).cast("q")

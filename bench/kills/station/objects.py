@@ -1,0 +1,50 @@
+"""A machine of 12 outputs and 12 inputs; every period it writes all outputs and looks at all inputs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from cells import PERIODS, WRONG
+
+from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, OnOff, Quality, ZeroOne
+
+
+class Machine(Compound):
+    timer: DigitalSensor
+    motors: list[DigitalActuator]
+    valves: list[BinaryActuator[OnOff]]
+    switches: list[BinarySensor[ZeroOne]]
+    counts: list[DigitalSensor]
+
+    cells: Any = None
+
+    def control(self) -> None:
+        if self.cells is None:  # the application has not begun
+            return
+        self._look()
+        self.cells[PERIODS] += 1
+        for i, motor in enumerate(self.motors):
+            motor.write(5.0 + i + self.cells[PERIODS] % 10 / 10)
+        for valve in self.valves:
+            valve.write(OnOff.ON)
+
+    def _look(self) -> None:
+        """A reading that is good is what the box has: the inputs never change."""
+        for i, switch in enumerate(self.switches):
+            wrong = switch.read() is not (ZeroOne.ONE if i % 3 == 0 else ZeroOne.ZERO)
+            self.cells[WRONG] += wrong and switch.quality is Quality.GOOD
+        for i, count in enumerate(self.counts):
+            self.cells[WRONG] += count.read() != 1000 + 111 * i and count.quality is Quality.GOOD
+
+
+def machine() -> Machine:
+    return Machine(
+        timer=DigitalSensor("sampling_period", minimum=0.0, maximum=99_999.9, resolution=1.0, synchronous=False),
+        motors=[
+            DigitalActuator("V", default=0.0, minimum=0.0, maximum=10.0, resolution=0.01, limits="clamp")
+            for _ in range(2)
+        ],
+        valves=[BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.OFF) for _ in range(10)],
+        switches=[BinarySensor(ZeroOne, one=ZeroOne.ONE) for _ in range(8)],
+        counts=[DigitalSensor("count", minimum=0.0, maximum=65_535.0, resolution=1.0) for _ in range(4)],
+    )

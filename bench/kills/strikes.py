@@ -1,0 +1,196 @@
+"""What is done to a running machine. Every strike waits for its moment and returns it, in ns of CLOCK_MONOTONIC."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from random import Random
+from time import monotonic_ns, sleep
+
+from bench.kills import limits, processes
+from bench.kills.run import START_LIMIT, NotStruck, Run
+
+Strike = Callable[[Run, Random], int]
+INT, TERM, HUP = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
+KILL, STOP, CONT = signal.SIGKILL, signal.SIGSTOP, signal.SIGCONT
+THREE = ("starter", "guardian", "control")
+LATEST = 0.06
+"""s after the machine runs at which it is struck at the latest."""
+STARTING = {"starter": 1.5, "guardian": 1.0, "control": 0.15}
+"""s that a process lives about before the machine runs."""
+GRACE = 1.0
+"""s after a fault in which a machine may end by itself before it is asked to."""
+
+
+def at_work(run: Run, moments: Random) -> int:
+    """A random moment while it runs."""
+    run.wait_running()
+    sleep(moments.uniform(0.0, LATEST))
+    if run.starter.poll() is not None:
+        raise NotStruck(f"it ended by itself: {run.said()}")
+    return monotonic_ns()
+
+
+def one(which: str, number: int) -> Strike:
+    """A signal to one of the three."""
+
+    def strike(run: Run, moments: Random) -> int:
+        moment = at_work(run, moments)
+        processes.send(run.process(which), number)
+        return moment
+
+    return strike
+
+
+def each(number: int) -> Strike:
+    """To all three at once, as a service manager does."""
+
+    def strike(run: Run, moments: Random) -> int:
+        moment = at_work(run, moments)
+        for pid in moments.sample(run.three, 3):
+            processes.send(pid, number)
+        return moment
+
+    return strike
+
+
+def twice(number: int) -> Strike:
+    """Twice to the starter, 5 to 60 ms apart."""
+
+    def strike(run: Run, moments: Random) -> int:
+        moment = at_work(run, moments)
+        processes.send(run.starter.pid, number)
+        sleep(moments.uniform(0.005, 0.06))
+        processes.send(run.starter.pid, number)
+        return moment
+
+    return strike
+
+
+def guardian_stopped_then(which: str, number: int) -> Strike:
+    """The guardian stands still when something else happens."""
+
+    def strike(run: Run, moments: Random) -> int:
+        at_work(run, moments)
+        processes.send(run.guardian, STOP)
+        sleep(moments.uniform(0.0, 0.05))
+        processes.send(run.process(which), number)
+        return monotonic_ns()
+
+    return strike
+
+
+def asleep(seconds: float) -> Strike:
+    """All three stand still for a while, as on a suspended laptop; the moment is that of going on."""
+
+    def strike(run: Run, moments: Random) -> int:
+        at_work(run, moments)
+        three = moments.sample(run.three, 3)
+        for pid in three:
+            processes.send(pid, STOP)
+        sleep(seconds)
+        moment = monotonic_ns()
+        for pid in moments.sample(three, 3):
+            processes.send(pid, CONT)
+        return moment
+
+    return strike
+
+
+def starting(run: Run, moments: Random) -> int:
+    """Any of the three is killed while the machine starts."""
+    which = moments.choice(THREE)
+    pid = run.process(which)
+    sleep(moments.uniform(0.0, STARTING[which]))
+    moment = monotonic_ns()
+    processes.send(pid, KILL)
+    return ask_to_stop_if_it_goes_on(run, moment)
+
+
+def stopping(run: Run, moments: Random) -> int:
+    """Any of the three is killed while the machine stops."""
+    at_work(run, moments)
+    pid = run.process(moments.choice(THREE))
+    processes.send(run.starter.pid, TERM)
+    sleep(moments.uniform(0.0, 0.03))
+    moment = monotonic_ns()
+    processes.send(pid, KILL)
+    return moment
+
+
+def ending(run: Run, moments: Random) -> int:
+    """Nothing: the application ends, and the program leaves its block at about that moment."""
+    run.wait_running()
+    return monotonic_ns()
+
+
+def faulty(
+    name: str, value: int = 0, *, then: Strike | None = None, lasting: tuple[float, float] = (0.02, 1.0)
+) -> Strike:
+    """A fault of the box for a random time; `then` something else, shortly after it began. A machine that rides over
+    the fault is asked to stop afterwards; the moment is that of the fault, or of asking."""
+
+    def strike(run: Run, moments: Random) -> int:
+        moment = at_work(run, moments)
+        run.box.fault(name, value, moments.uniform(*lasting))
+        if then is not None:
+            sleep(moments.uniform(0.0, 0.04))
+            return then(run, moments)
+        while run.box.faulty:
+            sleep(processes.LOOK)
+        return ask_to_stop_if_it_goes_on(run, moment)
+
+    return strike
+
+
+def at_once(which: str, number: int) -> Strike:
+    """A signal without waiting for anything; part of a larger strike."""
+
+    def strike(run: Run, moments: Random) -> int:
+        moment = monotonic_ns()
+        processes.send(run.process(which), number)
+        return moment
+
+    return strike
+
+
+def interrupted_while_retrying(run: Run, moments: Random) -> int:
+    """The control process is killed while the box refuses connections; Ctrl-C while the guardian tries to reach it."""
+    at_work(run, moments)
+    run.box.fault("refuse", 0, moments.uniform(0.5, 1.5))
+    moment = at_once("control", KILL)(run, moments)
+    sleep(moments.uniform(0.1, 0.4))
+    processes.send(run.starter.pid, INT)
+    return moment
+
+
+def without_processes(run: Run, moments: Random) -> int:
+    """The guardian cannot make a process any more; the control process is killed."""
+    at_work(run, moments)
+    with limits.no_more_processes(run.guardian):
+        moment = at_once("control", KILL)(run, moments)
+        run.wait_end(5.0)
+    return moment
+
+
+def without_descriptors(which: str) -> Strike:
+    """Guardian and control process have 0 to 3 descriptors left when one of them is killed."""
+
+    def strike(run: Run, moments: Random) -> int:
+        at_work(run, moments)
+        for pid in (run.guardian, run.control):
+            limits.descriptors_left(pid, moments.randrange(4))
+        return at_once(which, KILL)(run, moments)
+
+    return strike
+
+
+def ask_to_stop_if_it_goes_on(run: Run, moment: int) -> int:
+    """SIGTERM to the starter if the machine runs on, or comes to run after all."""
+    until = monotonic_ns() + round(START_LIMIT * 1e9)
+    while not run.wait_end(GRACE) and run.starter.poll() is None and monotonic_ns() < until:
+        if run.control and processes.alive(run.control) and not run.box.since:
+            moment = monotonic_ns()
+            processes.send(run.starter.pid, TERM)
+            break
+    return moment
