@@ -24,7 +24,7 @@ from umo.text import cause_of
 from umo.wiring.resolved import Wire, Wired
 
 if TYPE_CHECKING:
-    from umo.cycle.commands import Commands
+    from umo.cycle.commands import Command, Commands
 
 Actuator = BinaryActuator[Any] | DigitalActuator
 Sensor = BinarySensor[Any] | DigitalSensor
@@ -46,6 +46,7 @@ class Image(ABC):
         self.timer = -1 if wired.timer is None else self.slot_of[id(wired.timer)]
         self.transfer = Transfer(self.wires, wired, self.timer)
         self.commands: Commands
+        self._slewing: list[Command]
         count = len(self.wires)
         self.raws: Any = self.transfer.raws
         self.pending_raws_array = np.zeros(count, np.int64)
@@ -73,6 +74,7 @@ class Image(ABC):
     def connect(self, commands: Commands) -> None:
         """The objects find their values here from now on."""
         self.commands = commands
+        self._slewing = commands.slewing
         for slot, item in enumerate(self.items):
             item._connect(self, slot, item.synchronous and slot not in commands.by_slot and self._exact[slot])
 
@@ -125,9 +127,6 @@ class Image(ABC):
             outside = self._convert(block, now)
             if outside or block.unsettled:
                 self._settle(block, outside, now, failures)
-        journal = self.transfer.journal
-        if journal is not None:
-            journal.sampled = journal.count
         if failures:
             raise DriverError("could not be read", failures)
         if self._good is None:
@@ -136,7 +135,7 @@ class Image(ABC):
 
     def update(self) -> bool:
         """Every synchronous actuator, written since or not, one transfer a driver."""
-        if self.commands.slewing:
+        if self._slewing:
             self.commands.slew()
         failures: list[Failure] = []
         now = self.clock.now
@@ -151,9 +150,6 @@ class Image(ABC):
                 for slot in block.unsettled:
                     self._set_quality(slot, Quality.GOOD)
                 block.unsettled.clear()
-        journal = self.transfer.journal
-        if journal is not None:
-            journal.updated = journal.count
         if failures:
             raise DriverError("could not be written", failures)
         return True

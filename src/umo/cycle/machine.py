@@ -6,9 +6,9 @@ from collections import deque
 from collections.abc import Callable, Coroutine
 from functools import partial
 from time import monotonic_ns
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
-from umo.cycle.clock import Clock
+from umo.cycle.clock import Clock, WallClock
 from umo.cycle.commands import Commands, Event
 from umo.cycle.frame import Frame, Observer, show
 from umo.cycle.image import Image
@@ -33,7 +33,6 @@ class ConnectedMachine:
         """Called after every period with its frame."""
         self.frame = Frame(image)
         self.commands = Commands(root, image)
-        self._guarded = bool(self.commands.by_slot)
         self._stop_order = [image.slot_of[id(item)] for item in stop_sequence(root)]
         self._slots: dict[int, _Slots] = {}
         self._acts: dict[int, list[Callable[[], None]]] = {}
@@ -43,8 +42,9 @@ class ConnectedMachine:
         self.clock.on_tick = self._tick
         image.connect(self.commands)
         self._compounds = [root, *(node for node in root.walk() if isinstance(node, Compound))]
-        for compound in self._compounds:
-            compound._connect(self)
+        root._connect(self, self._way_to_sample(), self._update)
+        for compound in self._compounds[1:]:
+            compound._connect(self, partial(self.sample, compound), partial(self.update, compound))
         self._root_acts = self._overrides(root)
 
     def disconnect(self) -> None:
@@ -69,11 +69,19 @@ class ConnectedMachine:
         return self.clock.now
 
     def sample(self, part: Compound) -> bool:
-        if part is not self.root:
-            return self.image.sample_some(self._slots_of(part).inputs)
-        if not self.clock.period:
-            self.clock.look()  # type: ignore[attr-defined]
-        return self._guarded_sample() if self._guarded else self.image.sample()
+        return self.image.sample_some(self._slots_of(part).inputs)
+
+    def _way_to_sample(self) -> Callable[[], bool]:
+        """Of the whole machine, without a detour for what it does not have."""
+        sample = self._guarded_sample if self.commands.by_slot else self.image.sample
+        if self.image.timer >= 0:
+            return sample
+
+        def timeless() -> bool:
+            cast(WallClock, self.clock).look()
+            return sample()
+
+        return timeless
 
     def _guarded_sample(self) -> bool:
         """The guards are looked at when sensors failed, too; one DriverError lists what both could not reach."""
@@ -104,12 +112,15 @@ class ConnectedMachine:
             act()
 
     def update(self, part: Compound) -> bool:
-        if part is not self.root:
-            return self.image.update_some(self._slots_of(part).outputs)
+        return self.image.update_some(self._slots_of(part).outputs)
+
+    def _update(self) -> bool:
         try:
             return self.image.update()
         finally:
-            self._finish()
+            self._open = False
+            if self.observers:
+                self._show()
 
     def reset(self, part: Compound) -> None:
         self.image.reset_some(self._slots_of(part).all)
@@ -123,12 +134,9 @@ class ConnectedMachine:
     def finish_period(self) -> None:
         """Show the frame of a period whose `sample` or `control` failed, so that no `update` did."""
         if self._open:
-            self._finish()
-
-    def _finish(self) -> None:
-        self._open = False
-        if self.observers:
-            self._show()
+            self._open = False
+            if self.observers:
+                self._show()
 
     def _tick(self) -> None:
         self.finish_period()

@@ -30,10 +30,11 @@ class Phases:
         self._image = image
         self._timer = None if image.timer < 0 else image.wires[image.timer].driver
         for number, block in enumerate(image.inputs, 1):
-            block.transfer = self._timed(block.transfer, number)
+            block.transfer = self._timed(block.transfer, number, self._sampling)
         for number, block in enumerate(image.outputs, self._control + 1):
-            block.transfer = self._timed(block.transfer, number)
-        image.transfer.tick = self._timed(image.transfer.tick, 0)
+            block.transfer = self._timed(block.transfer, number, self._updating)
+        if image.timer >= 0:
+            image.transfer.tick = self._timed(image.transfer.tick, 0)
 
     def remove(self) -> None:
         """The drivers are called without being watched again."""
@@ -54,10 +55,22 @@ class Phases:
         ticker = getattr(self._timer, "ticker", None)
         return UNKNOWN if ticker is None else ticker.woke - ticker.due
 
-    def _timed(self, call: Callable[..., Any], number: int) -> Callable[..., Any]:
+    def _sampling(self) -> None:
+        """Where in the journal the whole machine is sampled."""
+        if (journal := self._image.transfer.journal) is not None:
+            journal.sampled = journal.count
+
+    def _updating(self) -> None:
+        if (journal := self._image.transfer.journal) is not None:
+            journal.updated = journal.count
+
+    def _timed(
+        self, call: Callable[..., Any], number: int, before: Callable[[], None] = lambda: None
+    ) -> Callable[..., Any]:
         ns = self.ns
 
         def timed(*arguments: Any) -> Any:
+            before()
             began = monotonic_ns()
             try:
                 return call(*arguments)

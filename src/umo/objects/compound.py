@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-from collections.abc import Collection, Coroutine, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Coroutine, Iterable, Iterator, Mapping
 from functools import cache
 from types import MappingProxyType, UnionType
 from typing import (
@@ -51,6 +51,8 @@ class Compound(Node):
     _children: Mapping[str, Node] = MappingProxyType({})
     _fixed: frozenset[str] = frozenset()  # the fields that hold parts
     _machine: Machine
+    _sample: Callable[[], bool]
+    _update: Callable[[], bool]
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -124,11 +126,11 @@ class Compound(Node):
 
     def sample(self) -> bool:
         """Read every synchronous sensor below; True if all are GOOD. DriverError lists what failed."""
-        return self._machine.sample(self)
+        return self._sample()
 
     def update(self) -> bool:
         """Send every synchronous actuator below; True when all were accepted, else DriverError."""
-        return self._machine.update(self)
+        return self._update()
 
     def reset(self) -> None:
         """Every object below, at once: actuators to their defaults, in their stop order, then sensors clear their
@@ -166,13 +168,15 @@ class Compound(Node):
         """Seconds on the cycle's clock."""
         return self._machine.now
 
-    def _connect(self, machine: Machine) -> None:
-        self._machine = machine
+    def _connect(self, machine: Machine, sample: Callable[[], bool], update: Callable[[], bool]) -> None:
+        """`sample` and `update` are what moves this compound: in every period they are called without a look-up."""
+        self._machine, self._sample, self._update = machine, sample, update
         # `m.control()` drives the whole part; the class's own override stays reachable for `super()`
         self.__dict__["control"] = lambda: machine.control(self)
 
     def _disconnect(self) -> None:
-        self._machine = cast("Machine", Unconnected(self))
+        self._machine = machine = cast("Machine", Unconnected(self))
+        self._sample, self._update = lambda: machine.sample(self), lambda: machine.update(self)
         self.__dict__.pop("control", None)
 
     def __repr__(self) -> str:
