@@ -65,6 +65,49 @@ async def fail_at(m: Machine, period: int = 5) -> None:
     raise ValueError("a mistake in the application")
 
 
+async def returns_much(m: Machine) -> list[int]:
+    await drive(m)
+    return list(range(20_000))
+
+
+async def returns_a_file(m: Machine) -> object:
+    await drive(m)
+    return open(os.devnull)
+
+
+async def returns_the_machine(m: Machine) -> object:
+    await drive(m)
+    return m
+
+
+class Unshowable:
+    def __repr__(self) -> str:
+        raise RuntimeError("no")
+
+
+async def returns_the_unshowable(m: Machine) -> object:
+    await drive(m)
+    return Unshowable()
+
+
+async def fails_at_length(m: Machine) -> None:
+    await drive(m)
+    raise ValueError("x" * 1_000_000)
+
+
+async def closes_everything(m: Machine) -> None:
+    await drive(m)
+    os.closerange(3, 200)
+    await drive(m)
+
+
+async def deaf(m: Machine) -> None:
+    """An application that takes the signals for itself."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    await drive(m, 10**9)
+
+
 class Cells:
     """64-bit numbers in a file, shared by every process that maps it."""
 
@@ -114,11 +157,16 @@ ACTIONS: dict[str, Callable[[], None]] = {
 class Box(Driver):
     """Counts its calls; at call `at` (from 1) it does `action`, once for all processes together.
 
-    `away` is a file: while it is there the device does not answer any process but the first.
+    `away` is a file: while it is there the device does not answer any process but the first. With `descriptor` each
+    call needs the descriptor that `open` got.
     """
 
-    def __init__(self, *, file: str, at: int = 0, action: str = "raise", away: str = "") -> None:
+    def __init__(
+        self, *, file: str, at: int = 0, action: str = "raise", away: str = "", descriptor: bool = False
+    ) -> None:
         self._file, self._at, self._action, self._away = Path(file), at, action, away
+        self._descriptor: int | None = None
+        self._wants_descriptor = descriptor
         self._cells: Cells | None = None
 
     def devices(self) -> list[str]:
@@ -131,6 +179,8 @@ class Box(Driver):
         if self._cells is None:
             self._cells = Cells(self._file)
         numbers = self._cells.numbers
+        if self._descriptor is not None:
+            os.fstat(self._descriptor)
         numbers[CALLS] += 1
         if numbers[CALLS] == self._at and not numbers[STRUCK]:
             numbers[STRUCK] = 1
@@ -141,6 +191,8 @@ class Box(Driver):
 
     def open(self) -> None:
         self._called()
+        if self._wants_descriptor:
+            self._descriptor = os.open(self._file, os.O_RDONLY)
 
     def close(self) -> None:
         self._called()
