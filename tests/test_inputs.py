@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from machines import wired
+from machines import bench, wired
 from umo import BadInput, BinarySensor, Busy, Compound, DigitalSensor, DriverError, PassFail, Quality, Vector, connect
 from umo.control import HOMING, Claim, state_of, value_of
 from umo.testing import Scripted, put
@@ -68,6 +68,16 @@ def test_a_bad_value_is_refused_unless_the_call_accepts_just_that(accept: Any) -
             value_of(m.level, accept)
         assert (caught.value.path, caught.value.quality) == ("level", Quality.BAD)
         assert value_of(m.level, Quality.BAD) == 3.0
+
+
+def test_a_bad_state_is_refused_too() -> None:
+    box, machine = Scripted({"limit": [1, 2]}), bench()  # a switch that reads 2 is broken
+    with connect(machine, wired(machine, box)) as m:
+        with pytest.raises(DriverError):
+            m.sample()
+        with pytest.raises(BadInput, match="limit is BAD"):
+            state_of(m.limit, HOMING)
+        assert state_of(m.limit, Quality.BAD) is PassFail.FAIL
 
 
 @pytest.mark.parametrize(

@@ -43,6 +43,15 @@ def test_at_the_end_the_setpoint_stays_at_the_target() -> None:
     assert profile.step(1.0).position == pytest.approx(1.0)
 
 
+def test_hold_ends_the_motion_under_way() -> None:
+    profile = limits()
+    profile.to(100.0)
+    profile.step(0.5)
+    profile.hold(7.0)
+    assert profile.done
+    assert profile.step(0.1) == (7.0, 0.0, 0.0)
+
+
 def test_a_new_target_is_planned_from_the_motion_under_way() -> None:
     profile = limits()
     profile.to(100.0)

@@ -204,6 +204,16 @@ def test_wait_takes_whole_periods_rounded_up(duration, ends_in):
     assert steps_until_done(wait(duration)) == ends_in
 
 
+def test_a_rounding_error_is_not_a_period_more():
+    """0.07 / 0.01 is a little above 7 in floating point."""
+    sequences, clock = Sequences(), Clock(0.01)
+    task = sequences.start(wait(0.07))
+    for _ in range(8):
+        assert not task.done
+        sequences.advance(clock)
+    assert task.done
+
+
 @given(st.integers(1, 200), st.lists(st.integers(0, 4), max_size=60))
 def test_missed_periods_count_in_a_wait(whole, missed):
     ends = steps_until_done(wait(whole * 0.001), missed)
@@ -428,6 +438,48 @@ def test_a_task_can_be_cancelled_and_the_rest_go_on():
         assert (log, one.done) == (["cancelled a", "left a"], True)
         cycle.steps(2)
         assert other.result == "b"
+
+
+def test_a_cancelled_sequence_has_left_when_cancel_returns_whatever_it_does_about_it():
+    log: list[str] = []
+
+    async def returns():
+        try:
+            await next_period()
+        except Cancelled:
+            log.append("returned")
+
+    async def awaits_again():
+        try:
+            while True:
+                with contextlib.suppress(Cancelled):
+                    await next_period()
+        finally:
+            log.append("left")
+
+    with Cycle() as cycle:
+        for sequence in (returns, awaits_again):
+            task = cycle.start(sequence())
+            cycle.steps(1)
+            task.cancel()
+            assert task.done
+    assert log == ["returned", "left"]
+
+
+def test_an_error_in_what_a_cancelled_sequence_went_on_to_await_is_not_lost():
+    log: list[str] = []
+
+    async def work():
+        with contextlib.suppress(Cancelled):
+            await next_period()
+        await together(stubborn(log, "a"))
+
+    with Cycle() as cycle:
+        task = cycle.start(work())
+        cycle.steps(1)
+        with pytest.raises(RuntimeError, match="cleaning up a"):
+            task.cancel()
+    assert log == ["a"]
 
 
 def test_a_cancelled_sequence_may_not_go_on():

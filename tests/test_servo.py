@@ -109,13 +109,34 @@ def test_the_integral_is_led_back_to_what_the_hardware_accepted() -> None:
 
 def test_begin_forgets_the_past() -> None:
     with connect(axis()) as m:
-        servo = Servo(m.encoder, m.motor, gain=1.0, integral_time=0.01)
+        servo = Servo(m.encoder, m.motor, gain=1.0, integral_time=0.01, derivative_time=0.01, filter_time=0.01)
         run(servo, m, 4.0, seconds=0.1)
+        servo.control(100.0, dt=1e-3)  # asks for more than the actuator can
         servo.begin()
+        assert servo.error == 0.0
         put(m.encoder, 4.0)
         m.sample()
         servo.control(4.0, dt=1e-3)
         assert m.motor.pending == 0.0
+
+
+def test_the_first_reading_is_not_a_rate() -> None:
+    with connect(axis()) as m:
+        put(m.encoder, 4.0)
+        m.sample()
+        servo = Servo(m.encoder, m.motor, gain=1.0, derivative_time=0.01)
+        servo.control(5.0, dt=1e-3)
+        assert m.motor.pending == pytest.approx(1.0)
+
+
+def test_a_period_without_time_has_no_rate_though_the_filter_remembers_one() -> None:
+    with connect(axis()) as m:
+        servo = Servo(m.encoder, m.motor, gain=1.0, derivative_time=0.01, filter_time=0.01)
+        for value, dt in ((0.0, 1e-3), (0.5, 1e-3), (0.5, 0.0)):
+            put(m.encoder, value)
+            m.sample()
+            servo.control(1.0, dt=dt)
+        assert m.motor.pending == pytest.approx(0.5)
 
 
 def test_without_a_timer_the_proportional_part_is_left_and_nothing_divides_by_zero() -> None:

@@ -64,6 +64,27 @@ def test_a_reversal_waits_until_the_direction_has_stood_for_a_period() -> None:
     assert levels[3] == (UpDown.UP, Rotation.CCW)
 
 
+def test_a_direction_that_has_not_reached_the_hardware_is_waited_for() -> None:
+    with connect(stepper()) as m:
+        law = Stepping(m.step, m.direction)
+        for _ in range(3):  # no update in between
+            assert law.control(-1.0) is False
+            assert m.step.pending is UpDown.DOWN
+        m.update()
+        law.control(-1.0)
+        assert (m.step.pending, law.count) == (UpDown.UP, -1)
+
+
+def test_half_a_step_is_not_worth_one() -> None:
+    with connect(stepper()) as m:
+        law = Stepping(m.step, m.direction)
+        for position in (0.5, -0.5):
+            assert law.control(position) is True
+            assert m.step.pending is UpDown.DOWN
+        assert law.control(0.51) is False
+        assert law.count == 1
+
+
 def test_a_ramp_at_the_stated_rate_never_falls_behind() -> None:
     ramp = [i * STEPS_PER_PERIOD for i in range(500)]
     with connect(stepper()) as m:

@@ -70,12 +70,11 @@ def _pass(limit: float, condition: Callable[[], bool] | None = None) -> Generato
 
 
 def _whole_periods(limit: float, period: float) -> float:
-    """At least one."""
     if math.isinf(limit):
         return limit
     if not period:
         raise TaskFailed("a machine without a timer has no periods to count seconds in")
-    return max(1, math.ceil(limit / period - 1e-9))
+    return math.ceil(limit / period - 1e-9)
 
 
 class _Together:
