@@ -20,6 +20,7 @@ from umo import (
     PassFail,
     Quality,
     StopError,
+    TaskFailed,
     UmoError,
     WiringError,
     connect,
@@ -211,8 +212,11 @@ def test_the_error_of_the_block_is_the_cause_of_the_stop_error():
     assert "driver box" in failed(caught.value)
 
 
-@pytest.mark.parametrize("error", [ValueError("cleanup"), SystemExit(1), KeyboardInterrupt()])
-def test_a_sequence_that_fails_while_it_is_cancelled_does_not_keep_the_actuators_from_their_defaults(error):
+@pytest.mark.parametrize(
+    ("error", "comes_out"),
+    [(ValueError("cleanup"), ValueError), (SystemExit(1), TaskFailed), (KeyboardInterrupt(), KeyboardInterrupt)],
+)
+def test_a_sequence_that_fails_while_it_is_cancelled_does_not_keep_the_actuators_from_their_defaults(error, comes_out):
     async def stubborn():
         try:
             while True:
@@ -221,12 +225,29 @@ def test_a_sequence_that_fails_while_it_is_cancelled_does_not_keep_the_actuators
             raise error
 
     machine, box = arm(), Scripted()
-    with pytest.raises(DriverError, match="while stopping"), connect(machine, wired(machine, box)) as m:
+    with pytest.raises(comes_out) as caught, connect(machine, wired(machine, box)) as m:
         m.z.motor.write(9.0)
         m.start(stubborn())
         m.start(stubborn())
         periods(m, 2)
+    assert "stubborn" in [entry.name for entry in caught.traceback] or caught.value.__cause__ is error
     assert {path: box.get(path) for path in ACTUATORS} == DEFAULTS
+
+
+def test_an_error_of_the_application_keeps_its_place_when_its_sequences_fail_while_they_are_cancelled():
+    async def stubborn():
+        try:
+            while True:
+                await next_period()
+        finally:
+            raise ValueError("cleanup")
+
+    machine = arm()
+    with pytest.raises(KeyError) as caught, connect(machine, wired(machine, Scripted())) as m:
+        m.start(stubborn())
+        periods(m, 2)
+        raise KeyError("the first")
+    assert caught.value.__notes__ == ["and while its sequences were stopped: ValueError: cleanup"]
 
 
 def test_a_sequence_may_still_write_while_it_is_cancelled_and_the_defaults_come_last():

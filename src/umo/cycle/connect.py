@@ -147,15 +147,19 @@ class connect(Generic[C]):
         unreached: list[Failure] = [Failure("application", "-", "leaving was interrupted")]
         try:
             self.machine.finish_period()
-            failures = self._cancel_sequences()
+            stopping = self._cancel_sequences()
             unreached = self._reset()
-            failures += self._finalize() + self._close()
+            failures = self._finalize() + self._close()
         finally:
             self.machine.disconnect()
             self._give_back()
             self._end_custody(unreached, cause)
         if unreached:
-            raise StopError("not brought to their defaults", [*unreached, *failures]) from cause
+            raise StopError("not brought to their defaults", [*unreached, *failures]) from cause or stopping
+        if stopping is not None:
+            if cause is None:
+                raise stopping
+            cause.add_note(f"and while its sequences were stopped: {cause_of(stopping)}")
         if failures:
             raise DriverError("could not be given back", failures) from cause
 
@@ -176,12 +180,13 @@ class connect(Generic[C]):
         else:
             self._custody.finish()
 
-    def _cancel_sequences(self) -> list[Failure]:
+    def _cancel_sequences(self) -> BaseException | None:
+        """What comes out of their cleaning up: whatever it is, the outputs are still to be reset."""
         try:
             self.machine.sequences.cancel()
-        except BaseException as error:  # whatever it is, the outputs are still to be reset
-            return [Failure("application", "-", f"while stopping: {cause_of(error)}")]
-        return []
+        except BaseException as error:
+            return error
+        return None
 
     def _reset(self) -> list[Failure]:
         """A request that failed may still be under way, and undo a reset that came before it: then everything is reset

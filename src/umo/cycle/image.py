@@ -291,7 +291,10 @@ class Image(ABC):
 
     def set_referenced(self, slot: int, referenced: bool) -> None:
         self.base[slot] = Quality.GOOD if referenced else Quality.UNREFERENCED
-        if self.quality[slot] in (Quality.GOOD, Quality.OUT_OF_RANGE, Quality.UNREFERENCED):
+        quality = self.quality[slot]
+        if quality == Quality.STALE and not referenced:
+            self._set_quality(slot, Quality.UNREFERENCED)
+        elif quality not in (Quality.STALE, Quality.BAD):
             self._set_quality(slot, self._judge(slot, self.values[slot]))
 
     # Inside --------------------------------------------------------------------------------------------
@@ -341,7 +344,8 @@ class Image(ABC):
         item = cast(Sensor, self.items[slot])
         age = self.clock.now - self.times[slot]  # NaN before the first reading
         if item._max_age is not None and age <= item._max_age:
-            self._set_quality(slot, Quality.STALE)
+            if self.quality[slot] == Quality.GOOD:  # what was not good is no better for being held
+                self._set_quality(slot, Quality.STALE)
         else:
             self._fail_output(slot, cause, failures)
 

@@ -56,18 +56,6 @@ class ConnectedMachine:
     def running(self) -> bool:
         return not self.stop.requested
 
-    @property
-    def period(self) -> float:
-        return self.clock.period
-
-    @property
-    def dt(self) -> float:
-        return self.clock.dt
-
-    @property
-    def now(self) -> float:
-        return self.clock.now
-
     def sample(self, part: Compound) -> bool:
         return self.image.sample_some(self._slots_of(part).inputs)
 

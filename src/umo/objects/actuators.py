@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, cast
+from typing import Literal
 
 from umo.drivers.contract import Direction
 from umo.errors import DeclarationError, RangeError
@@ -50,7 +50,7 @@ class BinaryActuator(Binary[S]):
     @property
     def pending(self) -> S:
         """The state last written, sent by the next `update`."""
-        return self._state(self._image.pending[self._slot])
+        return self._one if self._image.pending[self._slot] else self._zero
 
     def write(self, value: S) -> bool:
         """Take a new state: synchronous for the next `update`, asynchronous at once.
@@ -77,7 +77,7 @@ class BinaryActuator(Binary[S]):
 
     def read(self) -> S:
         """The state last accepted by the hardware."""
-        return self._state(self._image.values[self._slot])
+        return self._one if self._image.values[self._slot] else self._zero
 
     def _default_value(self) -> float:
         return float(self._level(self._default))
@@ -155,7 +155,8 @@ class DigitalActuator(Digital):
     @property
     def pending(self) -> float:
         """The value last written, sent by the next `update`."""
-        return cast(float, self._image.pending[self._slot])
+        value: float = self._image.pending[self._slot]
+        return value
 
     def write(self, value: float) -> bool:
         """Take a new value in `units`: synchronous for the next `update`, asynchronous at once.
@@ -181,7 +182,8 @@ class DigitalActuator(Digital):
 
     def read(self) -> float:
         """The value last accepted by the hardware, in `units`, as written (not as quantised)."""
-        return cast(float, self._image.values[self._slot])
+        value: float = self._image.values[self._slot]
+        return value
 
     def _write_beyond(self, value: float) -> bool:
         value = self._number(value)

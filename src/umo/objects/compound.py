@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 from collections.abc import Callable, Collection, Coroutine, Iterable, Iterator, Mapping
-from functools import cache
+from functools import cache, partial
 from types import MappingProxyType, UnionType
 from typing import (
     TYPE_CHECKING,
@@ -156,23 +156,23 @@ class Compound(Node):
     @property
     def period(self) -> float:
         """The sampling period in s."""
-        return self._machine.period
+        return self._machine.clock.period
 
     @property
     def dt(self) -> float:
         """The time since the period before in s: the ticks that the timer consumed, times the period."""
-        return self._machine.dt
+        return self._machine.clock.dt
 
     @property
     def now(self) -> float:
         """Seconds on the cycle's clock."""
-        return self._machine.now
+        return self._machine.clock.now
 
     def _connect(self, machine: Machine, sample: Callable[[], bool], update: Callable[[], bool]) -> None:
         """`sample` and `update` are what moves this compound: in every period they are called without a look-up."""
         self._machine, self._sample, self._update = machine, sample, update
         # `m.control()` drives the whole part; the class's own override stays reachable for `super()`
-        self.__dict__["control"] = lambda: machine.control(self)
+        self.__dict__["control"] = partial(machine.control, self)
 
     def _disconnect(self) -> None:
         self._machine = machine = cast("Machine", Unconnected(self))

@@ -60,15 +60,21 @@ class Task(Protocol):
     def cancel(self) -> None: ...
 
 
+class Clock(Protocol):
+    """The cycle's clock, s."""
+
+    period: float
+    dt: float
+
+    @property
+    def now(self) -> float: ...
+
+
 class Machine(Protocol):
     """The connected machine, seen from its compounds."""
 
     @property
-    def period(self) -> float: ...
-    @property
-    def dt(self) -> float: ...
-    @property
-    def now(self) -> float: ...
+    def clock(self) -> Clock: ...
     @property
     def running(self) -> bool: ...
     def sample(self, part: Compound) -> bool: ...
