@@ -84,7 +84,7 @@ def _write(connection: connect[Any], ring: Ring) -> None:
             number += 1
             frame.number, frame.time = number, float(number)
             image.values[:] = [float(number)] * count
-            image.raws_array.fill(number)
+            image.transfer.raws_array.fill(number)
             ring(frame)
     finally:
         os._exit(1)

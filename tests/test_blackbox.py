@@ -158,7 +158,7 @@ def test_why_bears_every_damage_of_a_box(tmp_path: Path) -> None:
 def test_why_of_a_folder_is_an_error_in_a_line(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["why", "--file", str(tmp_path)])
     assert result.exit_code == 2
-    assert "not a regular file" in " ".join(result.stderr.split())
+    assert "is not a file" in " ".join(result.stderr.split())
 
 
 # The guardian's watcher ----------------------------------------------------------------------------------

@@ -552,3 +552,45 @@ def test_the_driver_of_a_name_can_be_asked_for():
     connection = connect(machine, wired(machine, box))
     with connection:
         assert connection.driver("box") is box
+
+
+def test_without_a_timer_dt_is_the_time_since_the_sample_before_and_execution_that_since_the_sample():
+    class Untimed(Compound):
+        encoder: DigitalSensor
+        motor: DigitalActuator
+
+    machine, box = Untimed(encoder=sensor(), motor=actuator()), Scripted()
+    connection = connect(
+        machine, {"drivers": {"box": box}, "wire": {p: {"driver": "box"} for p in ("encoder", "motor")}}
+    )
+    executions: list[float] = []
+    with connection as m:
+        ticks = iter([1.0, 3.5])
+        connection.machine.clock._source = lambda: connection.machine.clock._start + next(ticks)
+        connection.machine.observers.append(lambda frame: executions.append(frame.execution))
+        steps = []
+        for _ in range(2):
+            m.sample()
+            steps.append(m.dt)
+            m.update()
+    assert steps[1] == pytest.approx(2.5)
+    assert len(executions) == 2
+    assert max(executions) < 1.0
+
+
+def test_the_period_whose_sample_failed_is_shown_when_the_next_begins_or_the_machine_is_left():
+    machine, box = arm(), Scripted()
+    connection = connect(machine, wired(machine, box))
+    shown: list[tuple[int, Quality]] = []
+    with pytest.raises(DriverError), connection as m:
+        connection.machine.observers.append(lambda frame: shown.append((frame.number, m.z.encoder.quality)))
+        periods(m)
+        m.timer.read()
+        box.at(len(box.calls), OSError("cut"))
+        with pytest.raises(DriverError):
+            m.sample()
+        periods(m)
+        m.timer.read()
+        box.at(len(box.calls), OSError("cut again"))
+        m.sample()
+    assert shown == [(1, Quality.GOOD), (2, Quality.BAD), (3, Quality.GOOD), (4, Quality.BAD)]

@@ -343,7 +343,7 @@ with running() as (m, ring, connection):
         number += 1
         frame.number, frame.time = number, float(number)
         image.values[:] = [float(number)] * len(image.items)
-        image.raws_array.fill(number)
+        image.transfer.raws_array.fill(number)
         ring.journal.add(0, 0, number, -number)
         ring(frame)
     sys.stdin.read()

@@ -71,7 +71,7 @@ NAMES = {
     "umo.wiring": {"Parameter", "Process", "Wire", "Wired", "check", "driver_options", "resolve"},
     "umo.cycle": {"Frame", "Observer", "connect", "drive", "run"},
     "umo.frames": {"Layout", "Reader", "Ring", "Stage", "published", "rings"},
-    "umo.process": {"RunFailed", "Started", "Status", "start"},
+    "umo.process": {"RunFailed", "Started", "start"},
     "umo.latency": {"Answer", "Samples", "judge", "measure"},
     "umo.testing": {"Call", "Scripted", "VirtualTimer", "periods", "put"},
 }

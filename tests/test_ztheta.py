@@ -195,6 +195,8 @@ def test_one_step_is_a_member_of_the_step_output() -> None:
             m.timer.read()
             connection.machine.sequences.advance(connection.machine.clock)
             m.update()
+    began, *shown = shown  # the period without an update is shown when the next one begins
+    assert began is UpDown.DOWN
     assert shown == [UpDown.UP, UpDown.DOWN, UpDown.DOWN, UpDown.DOWN]
 
 
