@@ -140,7 +140,7 @@ class connect(Generic[C]):
                 raise DriverError("could not be initialised", [failure])
         for name, limit in self.wired.watchdogs.items():
             transfer.watchdog(name, limit)
-        self.root._sample()
+        self.machine.sample_all()
 
     def _leave(self, cause: BaseException | None) -> None:
         """Everything back to its default, everything given back; what was not reached is raised at the end."""

@@ -42,6 +42,7 @@ class ConnectedMachine:
         self.clock.on_tick = self._tick
         image.connect(self.commands)
         self._compounds = [root, *(node for node in root.walk() if isinstance(node, Compound))]
+        self.sample_all = self._guarded_sample if self.commands.by_slot else image.sample
         root._connect(self, self._way_to_sample(), self._update)
         for compound in self._compounds[1:]:
             compound._connect(self, partial(self.sample, compound), partial(self.update, compound))
@@ -61,13 +62,12 @@ class ConnectedMachine:
 
     def _way_to_sample(self) -> Callable[[], bool]:
         """Of the whole machine, without a detour for what it does not have."""
-        sample = self._guarded_sample if self.commands.by_slot else self.image.sample
         if self.image.timer >= 0:
-            return sample
+            return self.sample_all
 
         def timeless() -> bool:
             cast(WallClock, self.clock).look()
-            return sample()
+            return self.sample_all()
 
         return timeless
 
