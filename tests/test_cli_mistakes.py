@@ -338,7 +338,7 @@ def test_guarded_ends_with_a_line_and_a_status_whatever_is_raised(
     assert status != 1 or f"{type(error).__name__}" in lines[0]
 
 
-def test_nothing_draws_beside_the_measurement_that_forks(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_draws_beside_the_measurement(monkeypatch: pytest.MonkeyPatch) -> None:
     threads: list[str] = []
 
     def measure(*args: object, **options: object) -> None:
