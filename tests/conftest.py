@@ -1,9 +1,14 @@
-"""What all tests share: hypothesis without deadlines (the machines that run this are shared), both image forms."""
+"""What all tests share: hypothesis without deadlines (the machines that run this are shared), image forms, `umo`."""
 
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
+from typer.testing import CliRunner, Result
+
+from umo.cli.app import app
 
 settings.register_profile("umo", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("umo")
@@ -20,3 +25,25 @@ def own_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What umo keeps of runs and shows of running machines goes to a folder of the test, not to the user's."""
     monkeypatch.setenv("UMO_STATE", str(tmp_path / "umo-state"))
     monkeypatch.setenv("UMO_FRAMES", str(tmp_path / "umo-frames"))
+
+
+@pytest.fixture
+def umo(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., Result]:
+    """The command, run in an empty folder; a station's bare modules do not outlive the call."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*words: str) -> Result:
+        with monkeypatch.context() as patch:
+            patch.setattr(sys, "path", list(sys.path))
+            for name in ("objects", "control", "application", "plant", "serve"):
+                patch.delitem(sys.modules, name, raising=False)
+            return CliRunner().invoke(app, list(words))
+
+    return call
+
+
+@pytest.fixture
+def tank(umo: Callable[..., Result], tmp_path: Path) -> Path:
+    """A new station."""
+    assert umo("new", "tank").exit_code == 0
+    return tmp_path / "tank"

@@ -10,34 +10,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
-from umo.cli.app import app
 from umo.process.station import find
 from umo.system.hold import Hold
-
-FOLDER_FILES = ("objects.py", "control.py", "application.py", "plant.py")
-
-
-@pytest.fixture
-def umo(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    """The command, run in an empty folder; a station's bare modules do not outlive the call."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*words: str) -> Result:
-        with monkeypatch.context() as patch:
-            patch.setattr(sys, "path", list(sys.path))
-            for name in ("objects", "control", "application", "plant", "serve"):
-                patch.delitem(sys.modules, name, raising=False)
-            return CliRunner().invoke(app, list(words))
-
-    return call
-
-
-@pytest.fixture
-def tank(umo, tmp_path: Path) -> Path:
-    assert umo("new", "tank").exit_code == 0
-    return tmp_path / "tank"
 
 
 def said(result: Result) -> str:

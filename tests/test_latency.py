@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +15,9 @@ from typer.testing import CliRunner
 
 from umo.cli.app import app
 from umo.cli.latency import _histogram, _table
+from umo.errors import DriverError
 from umo.latency import Samples, judge
+from umo.latency.loop import Loop
 from umo.latency.measure import Measured
 from umo.latency.verdict import advice
 from umo.system.realtime import Refusal
@@ -90,6 +94,23 @@ def test_a_short_run_leaves_figures_of_both_loops(
     assert (found["c"] is None) == (not compiler) or "no C compiler" in result.stderr
     assert found["verdict"] in ("yes", "with care", "no")
     assert f"5 ms: {found['verdict']}. " in result.stdout
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="real time needs Linux")
+def test_the_loop_has_a_process_of_one_thread_which_is_not_a_fork(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "fork", lambda: pytest.fail("forked"))
+    with closing(Loop(0.005, 0, None)) as loop:
+        status = Path(f"/proc/{loop._process.pid}/status").read_text()
+        assert "Threads:\t1\n" in status
+        assert len(loop.run(3)) == 3
+    assert loop._process.returncode == 0
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="real time needs Linux")
+def test_a_loop_that_cannot_begin_is_an_error_and_leaves_no_process(capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(DriverError, match="ended before it began"):
+        Loop(0.0, 0, None)
+    assert "is 0" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize("period", ["1 us", "2 s", "1 kg", "soon"])

@@ -142,3 +142,9 @@ def test_no_text_makes_anything_but_a_duration_or_an_error(text):
 def test_pint_is_not_imported_with_umo():
     code = "import sys, umo; sys.exit('pint' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@given(st.text(alphabet="mskg19*/^( )²·°%.-+_", max_size=40))
+def test_no_text_makes_anything_but_a_unit_or_an_error(text):
+    with contextlib.suppress(DeclarationError):
+        assert check_unit(text) == text

@@ -65,7 +65,7 @@ def _about_file(error: OSError | UnicodeError) -> str:
 
 def _finite(value: float | None) -> float | None:
     if value is not None and not math.isfinite(value):
-        raise typer.BadParameter(f"{value} is not a finite number of seconds.")
+        raise typer.BadParameter(f"{value} is not a finite number of seconds")
     return value
 
 

@@ -35,7 +35,7 @@ def latency(period: str, seconds: float, load: bool, file: Path | None) -> None:
     if file is not None and (file.is_dir() or not file.parent.is_dir()):
         raise RangeError(f"--json {file}: is a folder" if file.is_dir() else f"--json {file}: no folder {file.parent}")
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
-    # without a thread that draws: the loop is forked from this process
+    # without a thread that draws, which would run beside what is measured
     with Progress(*columns, console=err, transient=True, auto_refresh=False, disable=not err.is_terminal) as bar:
         task = bar.add_task(f"{step * 1e3:g} ms, umo's loop and a C loop in turns", total=1.0)
         bar.refresh()

@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import signal
 import struct
+import subprocess
 import sys
+from contextlib import suppress
 from multiprocessing.connection import Connection, Pipe
 from time import monotonic_ns
 from typing import Any
@@ -15,6 +17,7 @@ import numpy.typing as npt
 
 from umo.cycle import connect
 from umo.drivers.timerfd import Ticker
+from umo.errors import DriverError
 from umo.objects import BinaryActuator, Compound, DigitalActuator, DigitalSensor, OnOff
 from umo.system import realtime
 
@@ -51,23 +54,37 @@ def example() -> Example:
     )  # fmt: skip
 
 
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+"""As a control process has; numpy's own threads would be started with it."""
+START = "import sys; from umo.latency.loop import serve; serve(*sys.argv[1:])"
+
+
 class Loop:
-    """A child process with the loop; `run` gives one slice of its times."""
+    """A process of its own with the loop; `run` gives one slice of its times.
+
+    It is a new Python, not a fork: this process has other threads, at least those of numpy.
+    """
 
     def __init__(self, period: float, priority: int, cpu: int | None) -> None:
         self._here, there = Pipe()
-        sys.stdout.flush()
-        sys.stderr.flush()
-        self._pid = os.fork()
-        if self._pid == 0:
-            self._here.close()
-            _child(there, period, priority, cpu)
-        there.close()
+        with there:
+            words = [there.fileno(), period, priority, -1 if cpu is None else cpu]
+            self._process = subprocess.Popen(
+                [sys.executable, "-c", START, *map(str, words)],
+                pass_fds=[there.fileno()],
+                stdin=subprocess.DEVNULL,
+                start_new_session=True,  # Ctrl-C ends the measurement, which ends the loop
+                env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))} | ONE_THREAD,
+            )
         self.refusals: list[realtime.Refusal]
         self.priority: int
         """Granted: 0 for none."""
         self.cpu: int | None
-        self.refusals, self.priority, self.cpu = self._here.recv()
+        try:
+            self.refusals, self.priority, self.cpu = self._here.recv()
+        except EOFError:
+            self.close()
+            raise DriverError("the loop to be measured ended before it began; why is said above") from None
 
     def run(self, periods: int) -> npt.NDArray[np.int64]:
         """As `native.run`."""
@@ -76,29 +93,24 @@ class Loop:
 
     def close(self) -> None:
         self._here.close()
-        os.waitpid(self._pid, 0)
+        self._process.wait()
 
 
-def _child(there: Connection, period: float, priority: int, cpu: int | None) -> None:
-    """Never returns."""
-    try:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        realtime.die_with_parent(signal.SIGKILL)
-        machine = example()
-        wire: dict[str, Any] = {item.path: {"driver": "simulated"} for item in machine.atoms()}
-        wire["timer"] = {"driver": "timerfd", "period": period}
-        connection = connect(machine, {"wire": wire})
-        with connection as m:
-            ticker = connection.wired.drivers["timerfd"].ticker  # type: ignore[attr-defined]
-            there.send((realtime.prepare(priority, cpu), *_granted(priority)))
-            while True:
-                (periods,) = struct.unpack("<q", there.recv_bytes())
-                there.send_bytes(_slice(m, ticker, periods).tobytes())
-    except EOFError:
-        os._exit(0)
-    except BaseException:
-        sys.excepthook(*sys.exc_info())
-        os._exit(1)
+def serve(file: str, period: str, priority: str, cpu: str) -> None:
+    """The process: slices as they are asked for, until the other end is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    realtime.die_with_parent(signal.SIGKILL)
+    there, wanted = Connection(int(file)), int(priority)
+    machine = example()
+    wire: dict[str, Any] = {item.path: {"driver": "simulated"} for item in machine.atoms()}
+    wire["timer"] = {"driver": "timerfd", "period": float(period)}
+    connection = connect(machine, {"wire": wire})
+    with suppress(EOFError, ConnectionError), connection as m:
+        ticker = connection.wired.drivers["timerfd"].ticker  # type: ignore[attr-defined]
+        there.send((realtime.prepare(wanted, None if int(cpu) < 0 else int(cpu)), *_granted(wanted)))
+        while True:
+            (periods,) = struct.unpack("<q", there.recv_bytes())
+            there.send_bytes(_slice(m, ticker, periods).tobytes())
 
 
 def _granted(priority: int) -> tuple[int, int | None]:

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -65,9 +66,8 @@ def measure(
     periods = max(20, round(SLICE / period))
     slices = max(1, round(seconds / (periods * period)))
     busy = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in range(os.cpu_count() or 1)] if load else []
-    loop = Loop(period, priority, cpu)
     try:
-        with native.compiled() as program:
+        with closing(Loop(period, priority, cpu)) as loop, native.compiled() as program:
             found = Measured(period, Samples(), None if program is None else Samples(), loop.refusals)
             try:
                 for number in range(slices):
@@ -79,7 +79,6 @@ def measure(
                 pass
             return found
     finally:
-        loop.close()
         for process in busy:
             process.kill()
             process.wait()

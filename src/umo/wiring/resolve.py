@@ -72,7 +72,8 @@ class _Resolver:
         for path in sorted(self.source.entries.keys() - self.items.keys()):
             self.source.fault(f'wire."{path}"', f"the machine has no such object{self.source.near(path, self.items)}")
         self._check_periods(period)
-        parameters = [p for key, value in self.source.parameters.items() if (p := self._parameter(key, value))]
+        known = _parameters(self.root) if self.source.parameters else {}
+        parameters = [p for key, value in self.source.parameters.items() if (p := self._parameter(known, key, value))]
         for name in sorted(self.unused):
             self.source.fault("", f"no driver of this wiring takes the option {name!r}")
         drivers = {name: driver for name, driver in self.drivers.items() if driver is not None}
@@ -312,9 +313,8 @@ class _Resolver:
             return lowest
         return value
 
-    def _parameter(self, key: str, value: Any) -> Parameter | None:
+    def _parameter(self, known: dict[str, tuple[object, str]], key: str, value: Any) -> Parameter | None:
         """A number on a compound, or on a control law that hangs on it, by dotted attribute path."""
-        known = _parameters(self.root)
         if key not in known:
             self.source.fault(f"parameters.{key!r}", f"no such parameter{self.source.near(key, known)}")
             return None

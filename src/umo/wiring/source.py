@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from umo.wiring.entry import Entry
 
 SECTIONS = ("drivers", "wire", "parameters", "process")
-SUGGESTIONS = 20
+SUGGESTIONS = 10
 """Names for which the nearest one is looked up: it takes 20 ms among a hundred, and a generated file may have a
 thousand wrong."""
 

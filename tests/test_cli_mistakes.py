@@ -1,0 +1,361 @@
+"""Whatever goes wrong in what a user wrote, named or plugged in: a line or two, the right status, never a traceback."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+import threading
+from collections.abc import Callable
+from datetime import datetime
+from pathlib import Path
+
+import pytest
+import typer
+from rich.console import Console
+from typer.testing import Result
+
+from machines import bench
+from umo import connect
+from umo.cli import latency
+from umo.cli.app import guarded
+from umo.frames import Reader, published
+from umo.latency import blackbox
+from umo.testing import periods
+from umo.text import text_of
+
+Umo = Callable[..., Result]
+
+
+def said(result: Result) -> str:
+    return " ".join((result.stdout + result.stderr).split())
+
+
+def refused(result: Result, *words: str, status: int = 2) -> None:
+    assert result.exit_code == status, said(result)
+    assert isinstance(result.exception, SystemExit), result.exception
+    assert 1 <= len(result.stderr.strip().splitlines()) <= 2, result.stderr
+    assert "Traceback" not in result.stderr
+    for word in words:
+        assert word in said(result)
+
+
+def change(file: Path, before: str, after: str) -> None:
+    text = file.read_text()
+    assert before in text
+    file.write_text(text.replace(before, after))
+
+
+# A station's own code ---------------------------------------------------------------------------------
+
+FAILURES = {
+    "1 / 0": "ZeroDivisionError: division by zero",
+    "__import__('sys').exit(0)": "SystemExit: 0",
+    "raise GeneratorExit": "GeneratorExit",
+    "raise type('Own', (BaseException,), {})(7)": "Own: 7",
+    "raise type('Mute', (Exception,), {'__str__': lambda self: 1 / 0})": "its text cannot be shown",
+}
+BARE = ("GeneratorExit", "Own: 7")
+"""Not errors, and nobody's way to leave Python either."""
+failures = pytest.mark.parametrize(("failing", "words"), FAILURES.items(), ids=lambda text: text[:20])
+
+
+@failures
+@pytest.mark.parametrize("module", ["objects", "control", "application"])
+def test_a_module_that_fails_at_its_import(umo: Umo, tank: Path, module: str, failing: str, words: str) -> None:
+    file = tank / f"{module}.py"
+    file.write_text(f"{failing}\n{file.read_text()}")
+    for command in ("run", "check"):
+        refused(umo(command, "tank"), "cannot be imported: ", words, f"{module}.py:")
+
+
+@failures
+@pytest.mark.parametrize("command", [["run"], ["check"], ["tree"], ["get", "level"], ["set", "inlet", "OPEN"]])
+def test_a_machine_that_fails_to_be_made(umo: Umo, tank: Path, command: list[str], failing: str, words: str) -> None:
+    change(tank / "objects.py", "    return Tank(", f"    {failing}\n    return Tank(")
+    refused(umo(command[0], "tank", *command[1:]), "machine() of", words, "objects.py:")
+
+
+@failures
+def test_a_setup_that_fails(umo: Umo, tank: Path, failing: str, words: str) -> None:
+    change(tank / "control.py", "    def setup(self) -> None:\n", f"    def setup(self) -> None:\n        {failing}\n")
+    refused(umo("run", "tank"), "machine() of", words, "control.py:")
+
+
+@failures
+@pytest.mark.parametrize("command", [["run"], ["check"], ["get", "level"]])
+def test_interlocks_that_fail(umo: Umo, tank: Path, command: list[str], failing: str, words: str) -> None:
+    odd = f"    def interlocks(self):\n        {failing}\n\n    def setup(self)"
+    change(tank / "control.py", "    def setup(self)", odd)
+    refused(umo(command[0], "tank", *command[1:]), "Tank.interlocks failed: ", words, "control.py:")
+
+
+@failures
+def test_control_code_that_fails_in_virtual_time(umo: Umo, tank: Path, failing: str, words: str) -> None:
+    change(tank / "control.py", "self.regulator.control()", f"self.regulator.control(); {failing}")
+    result = umo("run", "tank")
+    assert result.exit_code == 1
+    assert words in said(result)
+    assert "control.py:" in said(result)
+
+
+@failures
+def test_an_application_that_fails_in_virtual_time(umo: Umo, tank: Path, failing: str, words: str) -> None:
+    change(tank / "application.py", "await ", f"{failing}; await ")
+    result = umo("run", "tank")
+    assert result.exit_code == 1
+    assert words in said(result)
+    assert "application.py:" in said(result)
+
+
+@pytest.mark.parametrize(("failing", "words"), [each for each in FAILURES.items() if each[1] not in BARE])
+def test_a_driver_that_fails_at_its_import_or_in_its_constructor(
+    umo: Umo, tank: Path, failing: str, words: str
+) -> None:
+    wiring = tank / "wiring" / "simulated.toml"
+    wiring.write_text(wiring.read_text() + '\n[drivers.own]\ntype = "own_box:Box"\n')
+    made = "from umo import Driver\n\n\nclass Box(Driver):\n    def __init__(self):\n        {}\n"
+    made += "\n    def channel(self, text):\n        pass\n"
+    for code in (failing, made.format(failing)):
+        (tank / "own_box.py").write_text(code)
+        for command in ("run", "check"):
+            with pytest.MonkeyPatch.context() as patch:
+                patch.delitem(sys.modules, "own_box", raising=False)
+                result = umo(command, "tank")
+                patch.delitem(sys.modules, "own_box", raising=False)
+            refused(result, "drivers.own", words.removeprefix("ZeroDivisionError: "))
+
+
+# Files and folders ------------------------------------------------------------------------------------
+
+
+def test_what_may_not_be_read_or_written_is_a_line(
+    umo: Umo, tank: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    locked = tmp_path / "locked"
+    locked.mkdir()
+    real = os.stat
+
+    def stat(path, *args, **options):  # as for anybody but root
+        if str(path).startswith((str(locked) + "/", "locked/")):
+            raise PermissionError(13, "Permission denied", str(path))
+        return real(path, *args, **options)
+
+    monkeypatch.setattr(os, "stat", stat)
+    for words in (
+        ["check", "locked/there"],
+        ["check", "tank", "-w", "locked/box.toml"],
+        ["run", "tank", "--summary", "locked/there/sum.json"],
+        ["new", "locked/mine"],
+        ["why", "--file", "locked/kept.box"],
+        ["latency", "--json", "locked/there/figures.json"],
+        ["plant", "ztheta", "--report", "locked/there/report.json"],
+    ):
+        refused(umo(*words), "locked/", "Permission denied")
+
+
+def test_a_wiring_that_may_not_be_read_is_a_fault(umo: Umo, tank: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(self: Path, *args: object, **options: object) -> str:
+        raise PermissionError(13, "Permission denied", str(self))
+
+    monkeypatch.setattr(Path, "read_text", refuse)
+    refused(umo("check", "tank"), "simulated.toml: cannot be read", "Permission denied")
+
+
+LONG = "x" * 300
+
+
+def test_names_that_no_file_system_takes_are_a_line(umo: Umo, tank: Path, tmp_path: Path) -> None:
+    (tmp_path / "loop").symlink_to("loop")
+    for name in (LONG, "loop", f"loop/{LONG}"):
+        for words in (
+            ["check", name],
+            ["run", "tank", "-w", name],
+            ["new", name],
+            ["watch", name],
+            ["why", name],
+            ["why", "--file", name],
+            ["run", "tank", "--summary", f"{name}/sum.json"],
+            ["plant", "ztheta", "--report", f"{name}/report.json"],
+            ["latency", "--json", f"{name}/figures.json"],
+        ):
+            refused(umo(*words))
+
+
+def test_a_wiring_nested_500_deep_is_a_line(umo: Umo, tank: Path, tmp_path: Path) -> None:
+    (tmp_path / "deep.toml").write_text("x = " + "[" * 500 + "]" * 500)
+    for command in (["check", "tank"], ["run", "tank"], ["get", "tank", "level"]):
+        refused(umo(*command, "-w", "deep.toml"), "deep.toml: cannot be read: it is nested too deeply")
+
+
+def test_brackets_in_names_are_shown_as_they_are(umo: Umo, tank: Path, tmp_path: Path) -> None:
+    own = tank.rename(tmp_path / "[red]tank")
+    wiring = own / "wiring" / "simulated.toml"
+    wiring = wiring.rename(wiring.with_name("[bold]:star:.toml"))
+    assert "[bold]:star:.toml" in said(umo("check", "[red]tank"))
+    assert "[bold]:star:" in said(umo("tree", "[red]tank"))
+    result = umo("run", "[red]tank")
+    assert result.exit_code == 0
+    assert "umo run [red]tank, [bold]:star:" in said(result)
+    assert "trace and plot: runs/[red]tank-" in said(result)
+    assert "[green]new is a station" in said(umo("new", "[green]new"))
+
+
+def test_the_hint_to_install_matplotlib_names_the_extra(umo: Umo, tank: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "umo.cli.plot", None)
+    assert 'pip install "umo[plot]"' in said(umo("run", "tank"))
+
+
+def test_a_plot_that_cannot_be_drawn_costs_the_plot_alone(
+    umo: Umo, tank: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*args: object) -> None:
+        raise ValueError("$z_ is not mathematics")
+
+    monkeypatch.setattr("umo.cli.plot.save_plot", fail)
+    result = umo("run", "tank")
+    assert result.exit_code == 0
+    assert "could not be written down whole: ValueError: $z_ is not mathematics" in said(result)
+
+
+def test_runs_that_end_in_the_same_second_have_a_folder_each(
+    umo: Umo, tank: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Stopped(datetime):
+        @classmethod
+        def now(cls, tz: object = None) -> Stopped:
+            return cls(2026, 1, 2, 3, 4, 5)
+
+    monkeypatch.setattr("umo.cli.run.datetime", Stopped)
+    monkeypatch.setattr("umo.cli.plot.save_plot", lambda *args: None)
+    for _ in range(3):
+        assert umo("run", "tank").exit_code == 0
+    names = sorted(path.name for path in (tmp_path / "runs").iterdir())
+    assert names == ["tank-20260102-030405", "tank-20260102-030405-2", "tank-20260102-030405-3"]
+    assert all((tmp_path / "runs" / name / "trace.csv").exists() for name in names)
+
+
+# Black boxes ------------------------------------------------------------------------------------------
+
+
+def test_a_black_box_that_is_a_folder_or_damaged_is_a_line(umo: Umo, tank: Path, tmp_path: Path) -> None:
+    connection = connect(bench())
+    box = tmp_path / "kept.box"
+    with connection as m, published(connection, "bench") as ring:
+        periods(m, 5)
+        with Reader(ring.path) as reader:
+            blackbox.save(reader, box, "on demand")
+    assert umo("why", "--file", "kept.box").exit_code == 0
+    refused(umo("why", "--file", "tank"), "tank is not a file")
+    refused(umo("why", "--file", "none.box"), "none.box")
+    whole = box.read_bytes()
+    begin = whole.index(b"{")
+    for damaged in (
+        whole[:100],
+        whole.replace(b'"station"', b'"nothing"'),
+        whole[:begin] + b"[" + whole[begin + 1 :],
+        whole[:begin] + b"\xff" + whole[begin + 1 :],
+        whole.replace(b'"phases"', b'"things"'),
+        b"",
+    ):
+        box.write_bytes(damaged)
+        refused(umo("why", "--file", "kept.box"))
+
+
+# Numbers and units ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["latency", "--seconds"],
+        ["plant", "ztheta", "--watchdog"],
+        ["watch", "--seconds"],
+        ["set", "tank", "inlet", "OPEN", "--hold"],
+    ],
+)
+def test_a_time_is_a_finite_number(umo: Umo, tank: Path, words: list[str]) -> None:
+    assert umo(*words, "nan").exit_code == 2
+    result = umo(*words, "inf")
+    assert result.exit_code == 2
+    assert "inf is not a finite" in said(result)
+
+
+def test_a_unit_is_not_calculated(umo: Umo, tank: Path) -> None:
+    for unit in ("9**9**9*mm", "9**9**9"):
+        refused(umo("get", "tank", "level", "--unit", unit), "is not a unit that pint knows")
+
+
+def test_decibels_are_written_as_the_power_that_they_are(umo: Umo, tmp_path: Path) -> None:
+    station = tmp_path / "rf"
+    station.mkdir()
+    (station / "objects.py").write_text(
+        "from umo import Compound, DigitalActuator\n\n\nclass Sender(Compound):\n    out: DigitalActuator\n\n\n"
+        "def machine() -> Sender:\n"
+        "    return Sender(out=DigitalActuator('mW', default=0.0, minimum=0.0, maximum=1000.0, resolution=1.0))\n"
+    )
+    assert "out 1000 mW raw 1000 GOOD" in said(umo("set", "rf", "out", "30 dBm", "--hold", "0"))
+    refused(umo("set", "rf", "out", "31 dBm", "--hold", "0"), "out: 1258.93 mW is outside 0 to 1000")
+    refused(umo("get", "rf", "out", "--unit", "dBm"), "0 mW cannot be expressed in dBm")
+
+
+def test_the_tree_of_a_broken_wiring_shows_its_faults(umo: Umo, tank: Path, tmp_path: Path) -> None:
+    broken = tmp_path / "broken.toml"
+    for text in ("[wire", '[wire]\n"levle" = { driver = "simulated" }\n'):
+        broken.write_text(text)
+        result = umo("tree", "tank", "-w", "broken.toml")
+        assert result.exit_code == 2
+        assert "broken.toml: " in result.stderr
+        assert "overflow" in result.stdout
+
+
+# The central place ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("error", "status"),
+    [
+        (PermissionError(13, "Permission denied", "there"), 2),
+        (OSError("no more"), 2),
+        (UnicodeEncodeError("utf-8", "\udce9", 0, 1, "surrogates not allowed"), 2),
+        (RecursionError("too deep"), 1),
+        (GeneratorExit(), 1),
+        (SystemExit(0), 1),
+        (KeyboardInterrupt(), 130),
+    ],
+)
+def test_guarded_ends_with_a_line_and_a_status_whatever_is_raised(
+    error: BaseException, status: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail() -> None:
+        raise error
+
+    with pytest.raises(typer.Exit) as caught:
+        guarded(fail)
+    assert caught.value.exit_code == status
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == (0 if status == 130 else 1)
+    assert status != 1 or f"{type(error).__name__}" in lines[0]
+
+
+def test_nothing_draws_beside_the_measurement(monkeypatch: pytest.MonkeyPatch) -> None:
+    threads: list[str] = []
+
+    def measure(*args: object, **options: object) -> None:
+        threads.extend(thread.name for thread in threading.enumerate())
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(latency, "err", Console(file=io.StringIO(), force_terminal=True))
+    monkeypatch.setattr(latency, "measure", measure)
+    before = [thread.name for thread in threading.enumerate()]
+    with pytest.raises(KeyboardInterrupt):
+        latency.latency("1 ms", 1.0, False, None)
+    assert threads == before
+
+
+def test_text_of_is_a_text_whatever_the_exception_does() -> None:
+    class Odd(Exception):
+        def __str__(self) -> str:
+            return 5  # type: ignore[return-value]
+
+    assert text_of(Odd()) == "Odd (its text cannot be shown)"
