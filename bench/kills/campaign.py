@@ -135,10 +135,10 @@ def _try(kind: Kind, number: int, seed: int, later: ThreadPoolExecutor) -> Futur
     return done
 
 
-def _judge(kind: Kind, found: Try, run: Run, moment: int) -> tuple[Try, Run, float]:
-    """What is to be seen at the end; and when to look again."""
+def _judge(kind: Kind, found: Try, run: Run, moment: int) -> tuple[Try, Run, int, float]:
+    """What is to be seen at the end; how often outputs had left their defaults then, and when to look again."""
     ended = run.wait_end(kind.limit)
-    at_end, again = run.box.values, monotonic() + AFTERWARDS
+    left, at_end, again = run.box.left, run.box.values, monotonic() + AFTERWARDS
     found.wrong = ""
     if not ended:
         found.unsafe = f"its processes still ran {kind.limit:g} s later"
@@ -155,15 +155,15 @@ def _judge(kind: Kind, found: Try, run: Run, moment: int) -> tuple[Try, Run, flo
         found.wrong = _join(found.wrong, f"status {run.status} without a word")
     if run.wrong_readings:
         found.wrong = _join(found.wrong, f"{run.wrong_readings} good readings were not the box's")
-    return found, run, again
+    return found, run, left, again
 
 
-def _look_again(found: Try, run: Run, moment: float) -> Try:
+def _look_again(found: Try, run: Run, left: int, moment: float) -> Try:
     """A write that was under way may be carried out after everything was reset."""
     sleep(max(0.0, moment - monotonic()))
-    values = run.box.values
-    if any(values) and found.ms is not None:
-        found.unsafe = _join(found.unsafe, f"{_named(values)} came back within {AFTERWARDS:g} s after the end")
+    if run.box.left != left and found.ms is not None:
+        came = _named(run.box.values) or "an output"
+        found.unsafe = _join(found.unsafe, f"{came} left its default within {AFTERWARDS:g} s after the end")
         found.ms = None
     _clear(run)
     return found
