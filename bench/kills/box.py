@@ -7,6 +7,7 @@ import mmap
 import os
 import shutil
 import subprocess
+import sys
 import tempfile
 from functools import cache
 from pathlib import Path
@@ -24,6 +25,8 @@ START_LIMIT = 5.0
 @cache
 def missing() -> str | None:
     """Why there cannot be such a box here, if so."""
+    if not sys.platform.startswith("linux"):
+        return "processes of their own need Linux"
     if shutil.which("gcc") is None or shutil.which("pkg-config") is None:
         return "the box needs gcc and pkg-config"
     if subprocess.run(["pkg-config", "--exists", "libmodbus"], check=False).returncode:

@@ -123,48 +123,50 @@ def _try(kind: Kind, number: int, seed: int, later: ThreadPoolExecutor) -> Futur
             box.fault(*kind.beforehand)
         try:
             moment = kind.strike(run, Random(f"{kind.name} {number} {seed} {again}"))
-            break
+            return later.submit(_look_again, *_judge(kind, found, run, moment))
         except NotStruck as error:
             found.wrong = str(error)
-            _clear(run, box, folder)
+            _clear(run)
         except BaseException:
-            _clear(run, box, folder)
+            _clear(run)
             raise
-    else:
-        return _now(found)
-    found.wrong = ""
-    return _judge(kind, found, run, moment, later)
+    done: Future[Try] = Future()
+    done.set_result(found)
+    return done
 
 
-def _judge(kind: Kind, found: Try, run: Run, moment: int, later: ThreadPoolExecutor) -> Future[Try]:
-    box = run.box
+def _judge(kind: Kind, found: Try, run: Run, moment: int) -> tuple[Try, Run, int, float]:
+    """What is to be seen at the end; how often outputs had left their defaults then, and when to look again."""
     ended = run.wait_end(kind.limit)
-    at_end, until = box.values, monotonic() + AFTERWARDS
+    left, at_end, again = run.box.left, run.box.values, monotonic() + AFTERWARDS
+    found.wrong = ""
     if not ended:
         found.unsafe = f"its processes still ran {kind.limit:g} s later"
     if any(at_end):
         found.unsafe = _join(found.unsafe, f"{_named(at_end)} not at the default at the end")
     else:
-        found.ms = max(0.0, (box.since - moment) * 1e-6)
+        found.ms = max(0.0, (run.box.since - moment) * 1e-6)
     run.close()
     found.said = run.said()
     if ended and run.status not in kind.right(found.how):
         allowed = ", ".join(str(int(status)) for status in kind.right(found.how))
         found.wrong = f"status {run.status} in place of {allowed}"
-    if ended and (run.status or 0) > 0 and not found.said:
+    if run.status in (1, 2, 3) and not found.said:
         found.wrong = _join(found.wrong, f"status {run.status} without a word")
     if run.wrong_readings:
         found.wrong = _join(found.wrong, f"{run.wrong_readings} good readings were not the box's")
+    return found, run, left, again
 
-    def aftermath() -> Try:
-        sleep(max(0.0, until - monotonic()))
-        if any(values := box.values) and not any(at_end):
-            found.unsafe = _join(found.unsafe, f"{_named(values)} came back {AFTERWARDS:g} s after the end")
-            found.ms = None
-        _clear(run, box, run.folder)
-        return found
 
-    return later.submit(aftermath)
+def _look_again(found: Try, run: Run, left: int, moment: float) -> Try:
+    """A write that was under way may be carried out after everything was reset."""
+    sleep(max(0.0, moment - monotonic()))
+    if run.box.left != left and found.ms is not None:
+        came = _named(run.box.values) or "an output"
+        found.unsafe = _join(found.unsafe, f"{came} left its default within {AFTERWARDS:g} s after the end")
+        found.ms = None
+    _clear(run)
+    return found
 
 
 def _named(values: Sequence[int]) -> str:
@@ -176,23 +178,17 @@ def _join(*texts: str) -> str:
     return "; ".join(filter(None, texts))
 
 
-def _now(found: Try) -> Future[Try]:
-    done: Future[Try] = Future()
-    done.set_result(found)
-    return done
-
-
 def _place() -> tuple[Path, Box]:
     shared = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
     folder = Path(tempfile.mkdtemp(prefix="umo-kills-", dir=shared))
     return folder, Box(folder)
 
 
-def _clear(run: Run, box: Box, folder: Path) -> None:
+def _clear(run: Run) -> None:
     run.close()
-    box.close()
+    run.box.close()
     with suppress(OSError):
-        shutil.rmtree(folder)
+        shutil.rmtree(run.folder)
 
 
 @contextmanager

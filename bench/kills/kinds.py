@@ -38,6 +38,8 @@ KILLED = (-KILL,)
 PATIENT = 25.0
 """s, where `reset_for` (10 s) may be spent."""
 USUAL = Setting()
+STALL = (50, 600)
+"""ms."""
 
 
 @dataclass(frozen=True)
@@ -82,20 +84,20 @@ STOPS = [
     Kind("TERM to the starter", one("starter", TERM), {COMMAND: (143,), PROGRAM: (-TERM,)}, 30, BOTH),
     Kind("HUP to the starter", one("starter", HUP), {COMMAND: (129,), PROGRAM: (-HUP,)}, 30, BOTH),
     Kind("TERM to the starter under nohup", one("starter", TERM), (143,), 10, (COMMAND,), NOHUP),
-    Kind("INT twice, 5 to 60 ms apart", twice(INT), {COMMAND: (130,), PROGRAM: (-INT, 130)}, 50, (COMMAND, PROGRAM)),
+    Kind("INT twice, 5 to 60 ms apart", twice(INT), {COMMAND: (130,), PROGRAM: (-INT, 130)}, 40, (COMMAND, PROGRAM)),
     Kind("TERM to all three at once", each(TERM), {COMMAND: (143,), PROGRAM: (-TERM,)}, 40, (COMMAND, PROGRAM)),
     Kind(
         "leaving the block as the application ends",
         ending,
         (0, 143),
-        40,
+        30,
         setting=Setting(arguments=("--periods", "20", "--leave", "0.07", "0.13")),
     ),
-    Kind("SIGKILL of any at start-up", starting, (1, -KILL, 143, -TERM), 70, BOTH, takes=1),
-    Kind("SIGKILL of any while stopping", stopping, (1, 143, -KILL), 50, (COMMAND,)),
+    Kind("SIGKILL of any at start-up", starting, (1, -KILL, 143, -TERM), 60, BOTH, takes=1),
+    Kind("SIGKILL of any while stopping", stopping, (1, 143, -KILL), 40, (COMMAND,)),
 ]
 DEVICE = [
-    Kind("control killed, box stalled", faulty("stall", 500, then=at_once("control", KILL)), LOST, 40, takes=1),
+    Kind("control killed, box stalled", faulty("stall", STALL, then=at_once("control", KILL)), LOST, 40, takes=1),
     Kind("control killed, box refusing", faulty("refuse", then=at_once("control", KILL)), LOST, 30, takes=1),
     Kind(
         "control killed, box with one connection",
@@ -117,7 +119,6 @@ WANT = [
     Kind("0 to 3 descriptors left: guardian killed", without_descriptors("guardian"), LOST, 10),
 ]
 FAULTS: list[tuple[str, str, int]] = [
-    ("stalled, then the newest first", "stall", 500),
     ("silent", "silent", 0),
     ("does it and is silent", "mute", 0),
     ("late by 250 ms", "late", 250),
@@ -148,12 +149,13 @@ FAULTS: list[tuple[str, str, int]] = [
     ("confirms another address", "echo", 0),
     ("confirms another value", "value", 0),
 ]
-EACH_FAULT = 6
+EACH_FAULT = 5
 PROTOCOL = [
     Kind(f"box: {text}", faulty(name, value), (1, -TERM), EACH_FAULT, limit=PATIENT, takes=1.0)
     for text, name, value in FAULTS
 ]
-PROTOCOL.append(
+PROTOCOL += [
+    Kind("box: stalled, then the newest first", faulty("stall", STALL), (1, -TERM), 40, limit=PATIENT, takes=1.0),
     Kind(
         "box: confirms a coil as 0x1234, TERM",
         faulty("coil", then=at_once("starter", TERM)),
@@ -161,8 +163,8 @@ PROTOCOL.append(
         EACH_FAULT,
         limit=PATIENT,
         takes=0.5,
-    )
-)
+    ),
+]
 KINDS = KILLS + STOPS + DEVICE + WANT + PROTOCOL
 
 

@@ -18,6 +18,8 @@ LATEST = 0.06
 """s after the machine runs at which it is struck at the latest."""
 STARTING = {"starter": 1.5, "guardian": 1.0, "control": 0.15}
 """s that a process lives about before the machine runs."""
+LASTING = (0.02, 1.0)
+"""s that a fault of the box stays."""
 GRACE = 1.0
 """s after a fault in which a machine may end by itself before it is asked to."""
 
@@ -124,15 +126,15 @@ def ending(run: Run, moments: Random) -> int:
     return monotonic_ns()
 
 
-def faulty(
-    name: str, value: int = 0, *, then: Strike | None = None, lasting: tuple[float, float] = (0.02, 1.0)
-) -> Strike:
-    """A fault of the box for a random time; `then` something else, shortly after it began. A machine that rides over
-    the fault is asked to stop afterwards; the moment is that of the fault, or of asking."""
+def faulty(name: str, value: int | tuple[int, int] = 0, *, then: Strike | None = None) -> Strike:
+    """A fault of the box for a random time, its value perhaps random, too; `then` something else, shortly after it
+    began. A machine that rides over the fault is asked to stop afterwards; the moment is that of the fault, or of
+    asking."""
 
     def strike(run: Run, moments: Random) -> int:
         moment = at_work(run, moments)
-        run.box.fault(name, value, moments.uniform(*lasting))
+        chosen = value if isinstance(value, int) else moments.randint(*value)
+        run.box.fault(name, chosen, moments.uniform(*LASTING))
         if then is not None:
             sleep(moments.uniform(0.0, 0.04))
             return then(run, moments)
