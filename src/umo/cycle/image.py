@@ -151,6 +151,8 @@ class Image(ABC):
                 for slot in block.unsettled:
                     self._set_quality(slot, Quality.GOOD)
                 block.unsettled.clear()
+        if self.commands.slewing:
+            self.commands.aim()
         journal = self.transfer.journal
         if journal is not None:
             journal.updated = journal.count
@@ -213,6 +215,7 @@ class Image(ABC):
                 self._accepted(slot)
             else:
                 self._fail_output(slot, cause, failures)
+        self.commands.aim()
         if failures:
             raise DriverError("could not be written", failures)
         return True
@@ -247,7 +250,7 @@ class Image(ABC):
         if not self.commands.by_slot:
             self.put_pending(slots, values, raws)
             return True
-        taken = [self.commands.take(slot, float(value)) for slot, value in zip(each, values, strict=True)]
+        taken = self.commands.take_many(each, values.tolist())
         if all(taken):
             self.put_pending(slots, values, raws)
             return True
