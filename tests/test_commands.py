@@ -31,6 +31,7 @@ from umo import (
 )
 from umo.control import Servo, state_of
 from umo.cycle import forms
+from umo.cycle.journal import ENTRY, Journal, Kind
 from umo.testing import Scripted, VirtualTimer, periods, put
 
 PERIOD = 0.001
@@ -221,6 +222,7 @@ def test_what_is_sent_moves_no_faster_than_the_rate() -> None:
         for _ in range(4):
             periods(m)
             seen.append(m.ram.read())
+            assert m.ram.pending == 2.5
         assert seen == pytest.approx([1.0, 2.0, 2.5, 2.5])
         assert (m.ram.pending, m.ram.raw) == (2.5, 2500)
 
@@ -243,7 +245,7 @@ def test_updating_twice_in_a_period_moves_it_once() -> None:
         for _ in range(3):
             m.update()
             m.ram.update()
-        assert m.ram.read() == 1.0
+        assert (m.ram.read(), m.ram.pending) == (1.0, 9.0)
 
 
 def test_a_target_turned_round_within_a_period_waits_for_the_next() -> None:
@@ -266,8 +268,9 @@ def test_the_update_of_another_part_takes_nothing_from_the_step() -> None:
         m.timer.read()
         m.lamp.update()
         assert m.ram.read() == 0.0
+        m.ram.write(-9.0)
         m.update()
-        assert m.ram.read() == 1.0
+        assert m.ram.read() == -1.0
 
 
 def test_the_target_is_reached_when_distance_and_rate_say() -> None:
@@ -384,7 +387,6 @@ def test_when_the_condition_has_gone_a_new_write_takes_effect_and_no_old_one(syn
 
 
 def test_values_that_make_no_sense_raise_from_write_also_while_inhibited() -> None:
-    m = press(heater=actuator(limits="clamp"))
     m = own(lambda m: [Interlock(is_open(m), [m.ram, m.lamp, m.heater], "open")], heater=actuator(limits="clamp"))
     with connect(m, wiring(Scripted({"door": 1}))):
         for value in (11.0, float("nan"), float("inf"), True, "1"):
@@ -495,9 +497,10 @@ def test_a_condition_may_answer_in_numpy() -> None:
         assert (m.ram.write(1.0), m.ram.inhibited) == (False, "too high")
 
 
-def test_an_interlock_that_goes_on_for_another_cause_acts_once_and_says_the_cause() -> None:
+@pytest.mark.parametrize("latched", [False, True])
+def test_an_interlock_that_goes_on_for_another_cause_acts_once_and_says_the_cause(latched: bool) -> None:
     box = Scripted({"height": [0, 2, 4]})
-    m = own(lambda m: [Interlock(lambda: {}[m.height.read()], [m.ram], "blind")])
+    m = own(lambda m: [Interlock(lambda: {}[m.height.read()], [m.ram], "blind", latched)])
     connection = connect(m, wiring(box))
     with connection:
         for cause in ("0.0", "1.0", "2.0"):
@@ -685,8 +688,12 @@ def test_a_reset_that_fails_comes_out_and_the_others_are_still_reset() -> None:
 
 
 @pytest.mark.usefixtures("both_forms")
-@pytest.mark.parametrize("cause", ["interlocked", "expired", "reset", "written"])
-def test_a_default_that_an_asynchronous_actuator_did_not_take_is_tried_every_period_until_it_was(cause: str) -> None:
+@pytest.mark.parametrize(
+    ("cause", "events"), [("interlocked", ["ram", "lamp"]), ("expired", ["lamp"]), ("reset", []), ("written", [])]
+)
+def test_a_default_that_an_asynchronous_actuator_did_not_take_is_tried_every_period_until_it_was(
+    cause: str, events: list[str]
+) -> None:
     valve, box = Scripted(), Scripted()
     m = press(lamp=relay(synchronous=False, expires="2 ms" if cause == "expired" else "1 s"))
     connection = connect(m, wired(m, box, entries={"lamp": {"driver": "valve"}}, valve=valve))
@@ -714,9 +721,7 @@ def test_a_default_that_an_asynchronous_actuator_did_not_take_is_tried_every_per
         assert (m.lamp.read(), valve.get("lamp")) == (OnOff.OFF, 0)
         periods(m, 5)
         assert len(valve.calls) == tries + 4
-        assert len(connection.machine.events) == (1 if cause in ("interlocked", "expired") else 0) + (
-            cause == "interlocked"  # the ram is named as well
-        )
+        assert [event.path for event in connection.machine.events] == events
 
 
 def test_a_default_written_in_vain_while_inhibited_is_still_tried_again() -> None:
@@ -794,33 +799,33 @@ def sent(box: Scripted, channel: str) -> set[int]:
 @pytest.mark.parametrize("resolution", [4.0, -4.0])
 @pytest.mark.parametrize("changes", [{}, {"synchronous": False}, {"slew_rate": 50_000.0}, {"expires": "5 ms"}])
 def test_nothing_beyond_the_range_is_ever_sent(changes: dict[str, Any], resolution: float) -> None:
-    box, m = Scripted(), press(ram=actuator(**COARSE | changes | {"resolution": resolution}))
+    box, m = Scripted(), press(heater=actuator(**COARSE | changes | {"resolution": resolution}))
     with connect(m, wiring(box)):
         for value in (11.0, -7.0, 10.5, -6.5, 11.0):
-            assert m.ram.write(value) is True
+            assert m.heater.write(value) is True
             periods(m)
-            assert m.ram.read() == value  # as written, not as quantised
-            assert Vector([m.ram]).write([-value / 2]) is True
+            assert m.heater.read() == value  # as written, not as quantised
+            assert Vector([m.heater]).write([-value / 2]) is True
             periods(m)
-            assert Vector([m.ram]).write([value]) is True
+            assert Vector([m.heater]).write([value]) is True
             periods(m)
         periods(m, 6)
-        m.ram.reset()
-    assert {raw * resolution for raw in sent(box, "ram")} == {8.0, -4.0, 4.0}
+        m.heater.reset()
+    assert {raw * resolution for raw in sent(box, "heater")} == {8.0, -4.0, 4.0}
 
 
 @pytest.mark.usefixtures("both_forms")
 def test_a_clamped_value_is_within_the_range_at_the_hardware_too() -> None:
     box = Scripted()
-    m = press(ram=actuator(**COARSE | {"limits": "clamp"}), heater=actuator(limits="clamp"))
+    m = press(heater=actuator(**COARSE | {"limits": "clamp"}), ram=actuator(limits="clamp"))
     with connect(m, wiring(box)):
         for value in (99.0, -99.0):
-            assert m.ram.write(value) is False
+            assert m.heater.write(value) is False
             periods(m)
-            assert Vector([m.ram, m.heater]).write([value, value]) is False
+            assert Vector([m.heater, m.ram]).write([value, value]) is False
             periods(m)
-    assert sent(box, "ram") == {2, -1}
-    assert sent(box, "heater") == {20, -20, 0}
+    assert sent(box, "heater") == {2, -1}
+    assert sent(box, "ram") == {20, -20, 0}
 
 
 def test_the_clamp_does_not_call_an_overridden_write_again() -> None:
@@ -833,6 +838,36 @@ def test_the_clamp_does_not_call_an_overridden_write_again() -> None:
         assert m.heater.write(100.0) is False
         periods(m)
         assert m.heater.read() == 10.0
+
+
+# What is told -------------------------------------------------------------------------------------------
+
+
+def test_what_guards_do_is_in_the_events_the_log_and_the_journal(caplog: pytest.LogCaptureFixture) -> None:
+    m = press(heater=actuator(expires="2 ms"))
+    connection = connect(m, wiring())
+    with connection:
+        m.heater.write(3.0)
+        periods(m)
+        put(m.door, PassFail.FAIL)
+        journal = connection.image.transfer.journal = Journal()
+        begin(m)
+        lines = [f"{event.path} {event.text}" for event in connection.machine.events]
+        assert lines == [
+            "ram inhibited: the door is open",
+            "lamp inhibited: the door is open",
+            "heater not written for 0.002 s: to its default",
+        ]
+        assert [record.getMessage() for record in caplog.records] == lines
+        entries = [ENTRY.unpack_from(journal.buffer, ENTRY.size * i)[:2] for i in range(journal.count)]
+        slots = {item: connection.image.slot_of[id(item)] for item in (m.ram, m.lamp, m.heater)}
+        assert entries == [
+            (slots[m.ram], Kind.INTERLOCKED),
+            (slots[m.lamp], Kind.INTERLOCKED),
+            (slots[m.heater], Kind.EXPIRED),
+            (slots[m.ram], Kind.RESET),
+            (slots[m.lamp], Kind.RESET),
+        ]
 
 
 # All together -------------------------------------------------------------------------------------------

@@ -205,6 +205,14 @@ def test_the_guardian_holds_the_order_whatever_the_order_in_which_it_is_told_wha
 # A device that does not answer holds none of the others back ----------------------------------------------
 
 
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The time that the transfer stage sees, in s: it stands still unless a test moves it."""
+    now = [100.0]
+    monkeypatch.setattr("umo.cycle.transfer.monotonic", lambda: now[0])
+    return now
+
+
 class Slow(Driver):
     """A circuit whose writes time out while `silent`; every call goes into a list that circuits share."""
 
@@ -240,6 +248,7 @@ LAST = ["valve", RIGHT[0], *REST, *RIGHT[1:]]
 """The first that times out, then everybody else, and only then the rest of its circuit."""
 
 
+@pytest.mark.usefixtures("clock")
 def test_after_the_first_timeout_of_a_driver_its_other_actuators_are_reset_last() -> None:
     calls: list[str] = []
     m, wiring, _ = mixed(calls)
@@ -249,6 +258,7 @@ def test_after_the_first_timeout_of_a_driver_its_other_actuators_are_reset_last(
     assert [failure.path for failure in caught.value.failures] == RIGHT
 
 
+@pytest.mark.usefixtures("clock")
 def test_a_driver_that_timed_out_before_is_reset_last_from_the_start_and_in_its_place_when_it_answers_again() -> None:
     calls: list[str] = []
     m, wiring, slow = mixed(calls)
@@ -268,6 +278,19 @@ def test_a_driver_that_timed_out_before_is_reset_last_from_the_start_and_in_its_
         assert calls == ORDER
 
 
+def test_a_timeout_of_long_ago_does_not_count(clock: list[float]) -> None:
+    calls: list[str] = []
+    m, wiring, slow = mixed(calls)
+    with connect(m, wiring):
+        with pytest.raises(DriverError):
+            m.arms["right"].turn.brake.write(OnOff.ON)
+        slow.silent = False
+        clock[0] += 0.501 + 2 * slow.timeout
+        calls.clear()
+        m.reset()
+        assert calls == ORDER
+
+
 def test_any_other_failure_keeps_its_place() -> None:
     m, box = cell(), Scripted()
     with pytest.raises(StopError), connect(m, wired(m, box)):
@@ -276,10 +299,7 @@ def test_any_other_failure_keeps_its_place() -> None:
     assert resets(box, since) == ORDER
 
 
-def test_a_call_that_took_as_long_as_its_timeout_counts_as_timed_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = [100.0]
-    monkeypatch.setattr("umo.cycle.transfer.monotonic", lambda: clock[0])
-
+def test_a_call_that_took_as_long_as_its_timeout_counts_as_timed_out(clock: list[float]) -> None:
     class Late(Slow):
         def write(self, channel: Channel, raw: int) -> None:
             self.calls.append(channel.text)
@@ -294,7 +314,7 @@ def test_a_call_that_took_as_long_as_its_timeout_counts_as_timed_out(monkeypatch
     assert calls == LAST
 
 
-@pytest.mark.usefixtures("without_children")
+@pytest.mark.usefixtures("without_children", "clock")
 def test_the_guardian_too_serves_a_silent_device_last_and_gives_it_one_more_try_alone() -> None:
     class Opened(Slow):
         def initialize(self, channel: Channel, default: int | None) -> None:
