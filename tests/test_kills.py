@@ -38,22 +38,6 @@ SHORT = [
     "0 to 3 descriptors left: control killed",
     "box: byte count 200 of bits",
 ]
-OPEN = {
-    "SIGSTOP of the guardian": "finding E.7",
-    "SIGKILL of the starter under nohup": "finding E.1",
-    "SIGSTOP of all three for 3 s": "finding E.8",
-    "INT twice, 5 to 60 ms apart": "finding E.3, now and then",
-    "pids.max reached: control killed": "finding E.2",
-    "0 to 3 descriptors left: control killed": "finding E.2",
-    "box: byte count 200 of bits": "finding E.5",
-}
-"""What fails as long as umo has these defects; pytest says when one of them is gone."""
-NAMES = [
-    pytest.param(name, marks=pytest.mark.xfail(reason=OPEN[name], strict="now and then" not in OPEN[name]))
-    if name in OPEN
-    else name
-    for name in SHORT
-]
 CHOSEN = {kind.name: kind for kind in KINDS if kind.name in SHORT}
 
 
@@ -66,7 +50,7 @@ def rows() -> dict[str, Row]:
 
 @needs_box
 @pytest.mark.slow
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", SHORT)
 def test_every_output_is_at_its_default_and_the_status_is_right_after(rows, name):
     if name not in rows:
         pytest.skip("not permitted here")

@@ -10,26 +10,22 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from enum import Enum
-from math import copysign
+from math import copysign, inf
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-
+from umo.cycle.inhibition import Inhibition, inhibitions_of
 from umo.cycle.journal import Kind
 from umo.cycle.stop_order import stop_sequence
-from umo.errors import DriverError, Failure, Interlocked
-from umo.objects import Atomic, BinaryActuator, Compound, DigitalActuator, Interlock
-from umo.objects.interlock import interlocks_of
-from umo.text import cause_of
+from umo.errors import Interlocked
+from umo.objects import BinaryActuator, Compound, DigitalActuator, Quality
 
 if TYPE_CHECKING:
     from umo.cycle.image import Image
 
 log = logging.getLogger("umo")
-EVENTS = 1000
 A_TICK = 1e-9
 """s by which a sum of periods may fall short of the time that it stands for."""
 
@@ -53,23 +49,23 @@ class Event(NamedTuple):
 
 @dataclass
 class Command:
-    """What is commanded of one guarded actuator, and what limits it."""
+    """What is commanded of one actuator, and what limits it."""
 
     slot: int
+    path: str
     default: float
-    expires: float | None
-    """s without a write after which the default is sent."""
-    slew_rate: float | None
-    """Units per s."""
+    synchronous: bool
+    expires: float
+    """s without a write after which the default is sent; infinite: never."""
+    slew_rate: float
+    """Units per s; infinite: any."""
+    inhibitions: list[Inhibition]
+    """Of the interlocks that name this actuator."""
     target: float
     """What was last accepted from the source."""
     source: Source = Source.DEFAULT
     written: float | None = None
     """When that was, s on the cycle's clock; None once it has lapsed."""
-    inhibitors: list[Inhibition] = field(default_factory=list)
-    """The interlocks that name this actuator."""
-    unsent: bool = False
-    """The default is to be sent and was not taken yet: it is tried again every period."""
     step: float = 0.0
     """Where the rate has brought it."""
     slewed: float = 0.0
@@ -77,51 +73,41 @@ class Command:
     resetting: bool = True
 
     @property
+    def guarded(self) -> bool:
+        return bool(self.inhibitions) or self.expires < inf or self.slew_rate < inf
+
+    @property
     def reason(self) -> str | None:
         """Why nothing but the default is sent now."""
-        return next((each.reason for each in self.inhibitors if each.reason is not None), None)
+        return next((each.reason for each in self.inhibitions if each.reason is not None), None)
 
-    def admits(self, value: float, path: str) -> bool:
+    def admits(self, value: float) -> bool:
         """Whether a value may be taken now; Interlocked where an interlock is declared to stop the program."""
         if value == self.default:
             return True
-        for each in self.inhibitors:
+        free = True
+        for each in self.inhibitions:
             if each.reason is not None:
                 if each.interlock.effect == "stop":
-                    raise Interlocked(path, each.reason)
-                return False
-        return True
+                    raise Interlocked(self.path, each.reason)
+                free = False
+        return free
+
+    def take(self, value: float, source: Source, now: float) -> None:
+        self.target, self.source, self.written = value, source, now
+
+    def lapse(self) -> None:
+        """The default as if written; a rate holds for it too."""
+        self.target, self.source, self.written = self.default, Source.DEFAULT, None
 
     def rest(self, now: float) -> None:
         """At the default: after connecting, and with a reset, which passes over every guard."""
-        self.target = self.step = self.default
-        self.source, self.written = Source.DEFAULT, None
+        self.lapse()
+        self.step = self.default
         self.resetting, self.slewed = True, now
 
-
-@dataclass
-class Inhibition:
-    """One interlock at work."""
-
-    interlock: Interlock
-    slots: list[int]
-    """What it forbids, in stop order."""
-    reason: str | None = None
-    """Why it inhibits now, None if it does not."""
-    held: bool = False
-    """Whether its condition held when it was last asked."""
-
-    def ask(self) -> bool:
-        """Ask the condition; True when it has just begun to inhibit."""
-        before = self.reason
-        found = _reason(self.interlock)
-        self.held = found is not None
-        self.reason = found if found is not None else before if self.interlock.latched else None
-        return before is None and found is not None
-
-    def acknowledge(self) -> None:
-        if not self.held:
-            self.reason = None
+    def has_expired(self, now: float) -> bool:
+        return self.written is not None and now - self.written >= self.expires - A_TICK
 
 
 class Commands:
@@ -129,33 +115,47 @@ class Commands:
 
     def __init__(self, root: Compound, image: Image) -> None:
         self._image = image
-        self.events: deque[Event] = deque(maxlen=EVENTS)
+        self.events: deque[Event] = deque(maxlen=1000)
         """The last thousand."""
-        order = [image.slot_of[id(item)] for item in stop_sequence(root)]
-        self._inhibitions = [_inhibition(interlock, image, order) for interlock in interlocks_of(root)]
-        forbidden = {slot for each in self._inhibitions for slot in each.slots}
-        items = ((image.slot_of[id(item)], item) for item in root.atoms())  # as declared
-        guarded = [(slot, item) for slot, item in items if slot in forbidden or _is_guarded(item)]
-        self.by_slot = {slot: _command(slot, item, image.clock.now) for slot, item in guarded}
-        for each in self._inhibitions:
-            for slot in each.slots:
-                self.by_slot[slot].inhibitors.append(each)
-        self._expiring = [command for command in self.by_slot.values() if command.expires is not None]
-        self.slewing = [command for command in self.by_slot.values() if command.slew_rate is not None]
+        self._order = [image.slot_of[id(item)] for item in stop_sequence(root)]
+        self._inhibitions = inhibitions_of(root, image.slot_of, self._order)
+        found = (self._command(item) for item in root.atoms() if isinstance(item, BinaryActuator | DigitalActuator))
+        self.by_slot = {command.slot: command for command in found if command.guarded}
+        """As declared."""
+        commands = self.by_slot.values()
+        self._expiring = [command for command in commands if command.expires < inf]
+        self._asynchronous = [command for command in commands if not command.synchronous]
+        self.slewing = [command for command in commands if command.slew_rate < inf]
+
+    def _command(self, item: BinaryActuator[Any] | DigitalActuator) -> Command:
+        slot, default = self._image.slot_of[id(item)], item._default_value()
+        rate = item.slew_rate if isinstance(item, DigitalActuator) else None
+        inhibitions = [each for each in self._inhibitions if slot in each.slots]
+        command = Command(
+            slot, item.path, default, item.synchronous, item.expires or inf, rate or inf, inhibitions, target=default
+        )
+        command.rest(self._image.clock.now)
+        return command
 
     # From the source -----------------------------------------------------------------------------------
 
     def take(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
         """A value within the range was written; whether the image takes it. False: inhibited."""
         command = self.by_slot.get(slot)
-        if command is None:
-            return True
-        if not command.admits(value, self._image.items[slot].path):
-            return False
-        command.target, command.source = value, source
-        command.written = self._image.clock.now
-        command.unsent = False
+        if command is not None:
+            if not command.admits(value):
+                return False
+            command.take(value, source, self._image.clock.now)
         return True
+
+    def take_many(self, slots: Sequence[int], values: Sequence[float], source: Source = Source.PROGRAM) -> list[bool]:
+        """The same for many at once, each with its answer; where it raises Interlocked, none was taken."""
+        commands = [self.by_slot.get(slot) for slot in slots]
+        free = [each is None or each.admits(value) for each, value in zip(commands, values, strict=True)]
+        for command, value, admitted in zip(commands, values, free, strict=True):
+            if command is not None and admitted:
+                command.take(value, source, self._image.clock.now)
+        return free
 
     def inhibited(self, slot: int) -> str | None:
         command = self.by_slot.get(slot)
@@ -165,7 +165,7 @@ class Commands:
         """Free what latched interlocks inhibit though their conditions have gone; whether all is free now."""
         commands = [self.by_slot[slot] for slot in slots if slot in self.by_slot]
         for command in commands:
-            for each in command.inhibitors:
+            for each in command.inhibitions:
                 each.acknowledge()
         return all(command.reason is None for command in commands)
 
@@ -177,53 +177,44 @@ class Commands:
     # Each period ---------------------------------------------------------------------------------------
 
     def evaluate(self) -> None:
-        """Interlocks, then expiries, then what could not be sent before; after `sample`. DriverError if a device did
-        not take its default."""
+        """After `sample`: ask the interlocks, look for what has expired, and reset all that this comes to at once, in
+        stop order. DriverError if a device did not take its default; it is tried again every period."""
         if not self.by_slot:
             return
-        retry = [command.slot for command in self.by_slot.values() if command.unsent]
-        failures = self._reset(retry)
-        for each in self._inhibitions:
-            if each.ask():
-                for slot in each.slots:
-                    self._happened(slot, f"reset: {each.reason}", Kind.INTERLOCKED)
-                failures += self._reset(each.slots)
+        due = self._unsent() | self._interlocked()
+        due |= self._expired(due)
+        if due:
+            self._image.reset_some([slot for slot in self._order if slot in due])
+
+    def _unsent(self) -> set[int]:
+        """Where the default was not taken. A synchronous actuator has it sent by the next `update`."""
+        resting = (command.slot for command in self._asynchronous if command.target == command.default)
+        return {slot for slot in resting if self._image.quality[slot] != Quality.GOOD}
+
+    def _interlocked(self) -> set[int]:
+        """What was free in the period before. All conditions are asked before anything is reset."""
+        begun = [each for each in self._inhibitions if each.ask()]
+        for each in begun:
+            for slot in each.slots:
+                self._happened(self.by_slot[slot], f"inhibited: {each.reason}", Kind.INTERLOCKED)
+        return {slot for each in begun for slot in each.slots}
+
+    def _expired(self, due: set[int]) -> set[int]:
+        """The asynchronous ones to be reset now; the default of the others is sent with `update`."""
+        found = set()
         for command in self._expiring:
-            if self._has_expired(command):
-                self._happened(command.slot, f"not written for {command.expires:g} s: to its default", Kind.EXPIRED)
-                failures += self._lapse(command)
-        if failures:
-            raise DriverError("could not be reset", failures)
-
-    def _reset(self, slots: list[int]) -> list[Failure]:
-        """The driver's reset for each; what an asynchronous actuator did not take is tried again every period, as the
-        next `update` does for the synchronous ones."""
-        failures = []
-        for slot, failure in self._image.reset_each(slots):
-            self.by_slot[slot].unsent = failure is not None and not self._image.items[slot].synchronous
-            failures += [failure] if failure else []
-        return failures
-
-    def _has_expired(self, command: Command) -> bool:
-        if command.written is None or command.expires is None:
-            return False
-        return self._image.clock.now - command.written >= command.expires - A_TICK
-
-    def _lapse(self, command: Command) -> list[Failure]:
-        """The default as if written: sent with `update`, or asynchronous at once."""
-        command.target, command.source, command.written = command.default, Source.DEFAULT, None
-        self._image.set_default(command.slot)
-        if self._image.items[command.slot].synchronous:
-            return []
-        failures = self._image.try_send(command.slot)
-        command.unsent = bool(failures)
-        return failures
+            if command.slot not in due and command.has_expired(self._image.clock.now):
+                self._happened(command, f"not written for {command.expires:g} s: to its default", Kind.EXPIRED)
+                if command.synchronous:
+                    command.lapse()
+                    self._image.set_default(command.slot)
+                else:
+                    found.add(command.slot)
+        return found
 
     def slew(self, slots: Iterable[int] | None = None) -> None:
-        """Pending becomes what the rate allows in this period, from what the hardware last accepted.
-
-        One step a period, however often this is called. A reset that the device did not take is made up whole.
-        """
+        """Before a transfer: pending becomes what the rate allows in this period, from what the hardware last accepted.
+        One step a period, however often this is called. A reset that the device did not take is made up whole."""
         for command in self.slewing:
             if slots is None or command.slot in slots:
                 self._slew(command)
@@ -234,50 +225,24 @@ class Commands:
         if command.resetting and accepted != command.default:
             command.step, command.slewed = command.default, now
         elif now > command.slewed:
-            assert command.slew_rate is not None
             step = command.slew_rate * (image.clock.dt or now - command.slewed)
             command.step = _towards(command.target, accepted, step)
             command.resetting, command.slewed = False, now
         image.pending[slot] = command.step
         image.pending_raws[slot] = image.wires[slot].raw(command.step)
 
-    def _happened(self, slot: int, text: str, kind: Kind) -> None:
-        event = Event(self._image.clock.now, self._image.items[slot].path, text)
-        self.events.append(event)
-        self._image.transfer.note(slot, kind)
-        log.warning("%s %s", event.path, event.text)
+    def aim(self) -> None:
+        """After a transfer: pending is again what was written."""
+        for command in self.slewing:
+            self._image.pending[command.slot] = command.target
 
-
-def _command(slot: int, item: Atomic, now: float) -> Command:
-    assert isinstance(item, BinaryActuator | DigitalActuator)
-    default = item._default_value()
-    rate = item._slew_rate if isinstance(item, DigitalActuator) else None
-    return Command(slot, default, item._expires, rate, target=default, step=default, slewed=now)
-
-
-def _inhibition(interlock: Interlock, image: Image, order: list[int]) -> Inhibition:
-    slots = {image.slot_of[id(item)] for item in interlock.actuators()}
-    return Inhibition(interlock, [slot for slot in order if slot in slots])
+    def _happened(self, command: Command, text: str, kind: Kind) -> None:
+        self.events.append(Event(self._image.clock.now, command.path, text))
+        self._image.transfer.note(command.slot, kind)
+        log.warning("%s %s", command.path, text)
 
 
 def _towards(target: float, start: float, step: float) -> float:
     """A step nearer to the target; there, when no more than a step is left but for rounding."""
     left = target - start
     return target if abs(left) <= step * (1 + 1e-9) else start + copysign(step, left)
-
-
-def _is_guarded(item: Atomic) -> bool:
-    if isinstance(item, DigitalActuator):
-        return item._expires is not None or item._slew_rate is not None
-    return isinstance(item, BinaryActuator) and item._expires is not None
-
-
-def _reason(interlock: Interlock) -> str | None:
-    """Why it inhibits now, None if it does not. A condition that cannot be evaluated counts as true."""
-    try:
-        holds: Any = interlock.condition()
-        if not isinstance(holds, bool | np.bool_):  # None, for want of a return, would never forbid
-            raise TypeError(f"{holds!r} is neither True nor False")
-        return interlock.reason if holds else None
-    except Exception as error:
-        return f"{interlock.reason} (assumed: its condition could not be evaluated, {cause_of(error)})"

@@ -150,6 +150,8 @@ class Image(ABC):
                 for slot in block.unsettled:
                     self._set_quality(slot, Quality.GOOD)
                 block.unsettled.clear()
+        if self._slewing:
+            self.commands.aim()
         if failures:
             raise DriverError("could not be written", failures)
         return True
@@ -209,6 +211,7 @@ class Image(ABC):
                 self._accepted(slot)
             else:
                 self._fail_output(slot, cause, failures)
+        self.commands.aim()
         if failures:
             raise DriverError("could not be written", failures)
         return True
@@ -243,7 +246,7 @@ class Image(ABC):
         if not self.commands.by_slot:
             self.put_pending(slots, values, raws)
             return True
-        taken = [self.commands.take(slot, float(value)) for slot, value in zip(each, values, strict=True)]
+        taken = self.commands.take_many(each, values.tolist())
         if all(taken):
             self.put_pending(slots, values, raws)
             return True

@@ -28,8 +28,9 @@ class Interlock:
     The condition is asked once a period, after `sample`; it reads synchronous sensors and actuators and is quick. One
     that raises counts as true: `state_of` and `value_of` of `umo.control` raise for a sensor that is not GOOD.
     `forbids` names actuators, or compounds for all actuators in them. `latched`: it inhibits until the condition has
-    gone and `acknowledge()` was called, of an actuator or of a compound. `effect="stop"`: `write` raises Interlocked in
-    place of returning False, which ends a run that does not expect it. Not a safety function.
+    gone and `acknowledge()` was called, of an actuator that it forbids or of a compound that holds one; that frees all
+    that it forbids. `effect="stop"`: `write` raises Interlocked in place of returning False, which ends a run that does
+    not expect it. Not a safety function.
     """
 
     condition: Callable[[], bool]
@@ -65,7 +66,8 @@ class Interlock:
 
 
 def interlocks_of(root: Compound) -> list[Interlock]:
-    """Every interlock of a machine, as declared; DeclarationError for what is none or forbids another machine's."""
+    """Every interlock of a machine, as declared; DeclarationError for anything else, and for one that forbids another
+    machine's."""
     own = set(map(id, root.atoms()))
     found = [each for node in (root, *root.walk()) if isinstance(node, Compound) for each in _declared_by(node)]
     for interlock in found:

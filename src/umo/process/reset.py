@@ -102,7 +102,7 @@ class Resetter:
 
     def _run(self, numbers: list[int], is_dead: Callable[[], bool]) -> None:
         """One attempt."""
-        numbers.sort(key=lambda number: id(self._wires[number].driver) in self._stuck)  # the others first
+        numbers.sort(key=lambda number: (id(self._wires[number].driver) in self._stuck, number))  # in stop order
         self._board.clear()
         limit = self._limit()
         if not self._begin(numbers):

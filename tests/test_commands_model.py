@@ -1,4 +1,4 @@
-"""All guards together against a model that is written down independently, in whole ticks and exact fractions.
+"""The command stage against a model that is written down independently, in whole ticks and exact fractions.
 
 Each actuator has a circuit of its own, so that any of them may fail in any period.
 """
@@ -52,8 +52,8 @@ class Machine(Compound):
 
     def interlocks(self) -> Iterator[Interlock]:
         yield Interlock(lambda: self.door.read() is PassFail.FAIL, [self.drives.slow, self.brake], "door")
-        yield Interlock(lambda: self.brake.read() is OnOff.ON, [self.drives, self.remote], "brake")
-        yield Interlock(lambda: 1 / self.height.read() < 0, [self.drives.slow], "blind")  # raises at 0
+        yield Interlock(lambda: self.brake.read() is OnOff.ON, [self.drives, self.remote], "brake", effect="stop")
+        yield Interlock(lambda: 1 / self.height.read() < 0, [self.drives.slow], "blind", latched=True)  # raises at 0
 
 
 ACTUATORS = ("drives.slow", "drives.quick", "remote", "brake")
@@ -92,6 +92,8 @@ class Act:
     owed: bool = False
     """A reset did not get through."""
     broken: bool = False
+    failed: bool = False
+    """Its last transfer did not get through."""
 
     def reset(self) -> bool:
         self.wanted = self.sent = self.default
@@ -100,6 +102,7 @@ class Act:
         return self.transfer()
 
     def transfer(self) -> bool:
+        self.failed = self.broken
         if not self.broken:
             self.confirmed = self.sent
         return not self.broken
@@ -130,7 +133,9 @@ class Act:
 @dataclass
 class Model:
     acts: dict[str, Act]
-    true: dict[str, bool] = field(default_factory=lambda: {"door": False, "brake": False, "blind": False})
+    held: dict[str, bool] = field(default_factory=lambda: {"door": False, "brake": False, "blind": False})
+    """The conditions when they were last asked."""
+    active: dict[str, bool] = field(default_factory=lambda: {"door": False, "brake": False, "blind": False})
     events: list[str] = field(default_factory=list)
     ticks: int = 1
 
@@ -145,29 +150,39 @@ class Model:
 
     def sample(self, door: bool, blind: bool) -> list[str]:
         """The actuators whose default did not get through."""
-        lost = []
-        asked: dict[str, Callable[[], bool]] = {
-            "door": lambda: door,
-            "brake": lambda: self.acts["brake"].confirmed == 1,
-            "blind": lambda: blind,
-        }
-        for name, holds in asked.items():
-            before, self.true[name] = self.true[name], holds()
-            for path in self.FORBIDS[name] if self.true[name] and not before else ():
-                self.events.append(path)
-                lost += [] if self.acts[path].reset() else [path]
+        due = {path for path, act in self.acts.items() if not act.synchronous and act.failed and at_default(act)}
+        self.held = {"door": door, "brake": self.acts["brake"].confirmed == 1, "blind": blind}
+        for name, holds in self.held.items():
+            if holds and not self.active[name]:
+                self.events += self.FORBIDS[name]
+                due.update(self.FORBIDS[name])
+            self.active[name] = holds or (name == "blind" and self.active[name])
         for act in self.acts.values():
-            if act.expires and act.age is not None and act.age >= EXPIRES:
+            if act.path not in due and act.expires and act.age is not None and act.age >= EXPIRES:
                 self.events.append(act.path)
-                fine = act.ask(act.default)
-                act.age = None
-                lost += [] if fine else [act.path]
-        return lost
+                act.wanted, act.age = act.default, None
+                if not act.synchronous:
+                    due.add(act.path)
+        return [path for path in due if not self.acts[path].reset()]
 
-    def reason(self, path: str, value: Fraction) -> str | None:
-        if value == self.acts[path].default:
+    def reasons(self, path: str) -> list[str]:
+        return [name for name, active in self.active.items() if active and path in self.FORBIDS[name]]
+
+    def answer(self, values: dict[str, Fraction]) -> dict[str, bool] | None:
+        """Whether each may be written; None where the interlock that stops the program says no."""
+        moved = [path for path, value in values.items() if value != self.acts[path].default]
+        if any("brake" in self.reasons(path) for path in moved):
             return None
-        return next((name for name, holds in self.true.items() if holds and path in self.FORBIDS[name]), None)
+        return {path: path not in moved or not self.reasons(path) for path in values}
+
+    def acknowledge(self, paths: list[str]) -> bool:
+        if not self.held["blind"] and "drives.slow" in paths:
+            self.active["blind"] = False
+        return not any(self.reasons(path) for path in paths)
+
+
+def at_default(act: Act) -> bool:
+    return act.wanted == act.default
 
 
 def model() -> Model:
@@ -212,33 +227,41 @@ class Pair:
 
     def same_failures(self, call: Callable[[], object], expected: list[str]) -> None:
         try:
-            call()
+            assert call() is not False
             assert expected == []
         except DriverError as error:
             assert sorted(failed(error)) == sorted(expected)
 
     def write(self, path: str, number: int) -> None:
         value = Fraction(number % 2 if path == "brake" else number)
-        reason = self.model.reason(path, value)
         given = (OnOff.ON if value else OnOff.OFF) if path == "brake" else float(value)
-        if reason is not None:
+        taken = self.model.answer({path: value})
+        if taken is None:
             with pytest.raises(Interlocked) as caught:
                 self.find(path).write(given)
-            assert caught.value.path == path
-            assert caught.value.reason.startswith(reason)
-            return
-        fine = self.model.acts[path].ask(value)
-        self.same_failures(lambda: self.find(path).write(given), [] if fine else [path])
+            assert (caught.value.path, caught.value.reason) == (path, "brake")
+        elif not taken[path]:
+            assert self.find(path).write(given) is False
+        else:
+            fine = self.model.acts[path].ask(value)
+            self.same_failures(lambda: self.find(path).write(given), [] if fine else [path])
 
     def write_both(self, number: int) -> None:
         values = {"drives.slow": Fraction(number), "drives.quick": Fraction(-number)}
-        if any(self.model.reason(path, value) for path, value in values.items()):
+        taken = self.model.answer(values)
+        if taken is None:
             with pytest.raises(Interlocked):
                 self.vector.write([float(value) for value in values.values()])
             return
         for path, value in values.items():
-            self.model.acts[path].ask(value)
-        assert self.vector.write([float(value) for value in values.values()]) is True
+            if taken[path]:
+                self.model.acts[path].ask(value)
+        assert self.vector.write([float(value) for value in values.values()]) is all(taken.values())
+
+    def acknowledge(self, part: str) -> None:
+        paths = [path for path in ACTUATORS if path.startswith(part)]
+        node = self.find(part) if part else self.m
+        assert node.acknowledge() is self.model.acknowledge(paths)
 
     def reset(self, part: str) -> None:
         paths = [path for path in ACTUATORS if path.startswith(part)]
@@ -259,6 +282,8 @@ class Pair:
             assert zero_one.get(item.pending, item.pending) == act.wanted, path
             scale = 1 if path == "brake" else 2
             assert self.boxes[path].get(path) == act.confirmed * scale, path
+            reason = next(iter(self.model.reasons(path)), None)
+            assert (item.inhibited or "").partition(" ")[0] == (reason or ""), path
         assert [event.path for event in self.connection.machine.events] == self.model.events
 
 
@@ -266,6 +291,7 @@ ACTIONS = st.one_of(
     st.tuples(st.just("write"), st.sampled_from(ACTUATORS), st.integers(-9, 9)),
     st.tuples(st.just("write_both"), st.integers(-9, 9)),
     st.tuples(st.just("reset"), st.sampled_from(["", "drives", *ACTUATORS])),
+    st.tuples(st.just("acknowledge"), st.sampled_from(["", "drives", *ACTUATORS])),
     st.tuples(st.just("update"), st.sampled_from(["", "drives", *ACTUATORS])),
 )
 PERIODS = st.lists(
@@ -282,7 +308,7 @@ PERIODS = st.lists(
 
 @pytest.mark.parametrize("arrays_from", [0, 10**9], ids=["arrays", "lists"])
 @given(steps=PERIODS)
-def test_all_guards_together_do_what_a_model_does(arrays_from: int, steps: list[Any]) -> None:
+def test_the_command_stage_does_what_a_model_does(arrays_from: int, steps: list[Any]) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("umo.cycle.forms.ARRAYS_FROM", arrays_from)
         pair = Pair([missed for missed, *_ in steps])

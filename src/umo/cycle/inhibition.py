@@ -1,0 +1,59 @@
+"""An interlock at work in a connected machine."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from umo.objects import Compound, Interlock
+from umo.objects.interlock import interlocks_of
+from umo.text import cause_of
+
+
+@dataclass(eq=False)
+class Inhibition:
+    """What one interlock forbids, and whether it does so now."""
+
+    interlock: Interlock
+    slots: list[int]
+    """What it forbids, in stop order."""
+    reason: str | None = None
+    """Why it inhibits now, None if it does not."""
+    held: bool = False
+    """Whether its condition held when it was last asked."""
+
+    def ask(self) -> bool:
+        """Ask the condition; True when it has just begun to inhibit."""
+        before, found = self.reason, _reason(self.interlock)
+        self.held = found is not None
+        self.reason = before if self.interlock.latched and not self.held else found
+        return before is None and self.held
+
+    def acknowledge(self) -> None:
+        """Free what it forbids, unless its condition still holds."""
+        if not self.held:
+            self.reason = None
+
+
+def inhibitions_of(root: Compound, slot_of: Mapping[int, int], order: Sequence[int]) -> list[Inhibition]:
+    """Every interlock of a machine, as declared. `slot_of` tells the slot of an object's id, `order` is the stop
+    order."""
+    found = []
+    for interlock in interlocks_of(root):
+        slots = {slot_of[id(item)] for item in interlock.actuators()}
+        found.append(Inhibition(interlock, [slot for slot in order if slot in slots]))
+    return found
+
+
+def _reason(interlock: Interlock) -> str | None:
+    """Why it inhibits now, None if it does not. A condition that cannot be evaluated counts as true."""
+    try:
+        holds: Any = interlock.condition()
+        if not isinstance(holds, bool | np.bool_):  # None, for want of a return, would never forbid
+            raise TypeError(f"{holds!r} is neither True nor False")
+        return interlock.reason if holds else None
+    except Exception as error:
+        return f"{interlock.reason} (assumed: its condition could not be evaluated, {cause_of(error)})"

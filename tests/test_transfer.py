@@ -1,0 +1,312 @@
+"""The transfer stage: some channels of a transfer fail and the others stand; what an exception of a driver means."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+from machines import actuator, failed, relay, sensor, switch, timer, wired
+from umo import (
+    BinaryActuator,
+    BinarySensor,
+    Channel,
+    ChannelsFailed,
+    Compound,
+    DeviceTimeout,
+    DigitalActuator,
+    DigitalSensor,
+    Direction,
+    Driver,
+    DriverError,
+    OnOff,
+    PassFail,
+    Quality,
+    Vector,
+    connect,
+)
+from umo.drivers.contract import IntArray
+from umo.testing import Scripted, VirtualTimer
+
+PASSED, FAILED = PassFail.PASS, PassFail.FAIL
+
+
+class Line(Compound):
+    """Three sensors and three actuators, all of one circuit."""
+
+    timer: DigitalSensor
+    levels: list[DigitalSensor]
+    full: BinarySensor[PassFail]
+    motors: list[DigitalActuator]
+    lamp: BinaryActuator[OnOff]
+
+
+def line(**changes: Any) -> Line:
+    levels = [sensor(**changes), sensor(**changes)]
+    return Line(timer=timer(), levels=levels, full=switch(), motors=[actuator(), actuator()], lamp=relay())
+
+
+class Bus(Driver):
+    """A circuit of single channels (its block transfers are derived) that remembers what it was asked for, in order."""
+
+    def __init__(self) -> None:
+        self.raws: dict[str, int] = {}
+        self.asked: list[str] = []
+        self.causes: dict[str, Exception] = {}
+        """By channel, what a call of it raises."""
+
+    def channel(self, text: str) -> Channel:
+        return Channel(text, Direction.BOTH, 16, signed=True)
+
+    def read(self, channel: Channel) -> int:
+        self._ask(channel)
+        return self.raws.get(channel.text, 0)
+
+    def write(self, channel: Channel, raw: int) -> None:
+        self._ask(channel)
+        self.raws[channel.text] = raw
+
+    def _ask(self, channel: Channel) -> None:
+        self.asked.append(channel.text)
+        if channel.text in self.causes:
+            raise self.causes[channel.text]
+
+
+class Block(Scripted):
+    """A circuit with block transfers of its own, some channels of which may fail; the rest is moved all the same."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.causes: dict[str, Exception | str] = {}
+
+    def read_many(self, channels: Sequence[Channel], out: IntArray) -> None:
+        super().read_many(channels, out)
+        self._fail(channels, out)
+
+    def write_many(self, channels: Sequence[Channel], raws: IntArray) -> None:
+        good = [i for i, channel in enumerate(channels) if channel.text not in self.causes]
+        super().write_many([channels[i] for i in good], raws[good])
+        self._fail(channels)
+
+    def _fail(self, channels: Sequence[Channel], out: IntArray | None = None) -> None:
+        found = {channel.text: self.causes[channel.text] for channel in channels if channel.text in self.causes}
+        if found:
+            if out is not None:  # what a failed channel left in the buffer is nobody's reading
+                out[[channel.text in found for channel in channels]] = 7
+            raise ChannelsFailed(found)
+
+
+# A whole period -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.usefixtures("both_forms")
+@pytest.mark.parametrize("kind", [Bus, Block])
+def test_a_sample_keeps_the_channels_that_stand_and_one_error_names_the_failed_ones(kind: type[Any]) -> None:
+    box, m = kind(), line()
+    with connect(m, wired(m, box)):
+        put(box, {"levels.0": 20, "levels.1": 40, "full": 1})
+        box.causes = {"levels.1": OSError("broken wire")}
+        m.timer.read()
+        with pytest.raises(
+            DriverError, match=r"could not be read\n.*levels\.1 \(channel levels\.1\).*broken wire"
+        ) as e:
+            m.sample()
+        assert failed(e.value) == ["levels.1"]
+        assert (m.levels[0].read(), m.levels[1].read(), m.full.read()) == (10.0, 0.0, FAILED)
+        assert (m.levels[0].raw, m.levels[1].raw, m.full.raw) == (20, 0, 1)
+        assert (m.levels[0].time, m.levels[1].time) == (0.001, 0.0)
+        assert [s.quality for s in (*m.levels, m.full)] == [Quality.GOOD, Quality.BAD, Quality.GOOD]
+        box.causes = {}
+        m.timer.read()
+        assert m.sample() is True
+        assert (m.levels[1].read(), m.levels[1].quality) == (20.0, Quality.GOOD)
+
+
+@pytest.mark.usefixtures("both_forms")
+@pytest.mark.parametrize("kind", [Bus, Block])
+def test_an_update_keeps_the_channels_that_stand_and_one_error_names_the_failed_ones(kind: type[Any]) -> None:
+    box, m = kind(), line()
+    with connect(m, wired(m, box)):
+        m.motors[0].write(1.0)
+        m.motors[1].write(2.0)
+        m.lamp.write(OnOff.ON)
+        box.causes = {"motors.0": OSError("no load")}
+        m.timer.read()
+        with pytest.raises(DriverError, match=r"could not be written\n.*motors\.0 \(channel motors\.0\).*no load") as e:
+            m.update()
+        assert failed(e.value) == ["motors.0"]
+        assert (m.motors[0].read(), m.motors[1].read(), m.lamp.read()) == (0.0, 2.0, OnOff.ON)
+        assert (m.motors[0].raw, m.motors[1].raw, m.lamp.raw) == (0, 4, 1)
+        assert (m.motors[0].time, m.motors[1].time) == (0.0, 0.001)
+        assert [a.quality for a in (*m.motors, m.lamp)] == [Quality.BAD, Quality.GOOD, Quality.GOOD]
+        box.causes = {}
+        assert m.update() is True
+        assert (m.motors[0].read(), m.motors[0].quality) == (1.0, Quality.GOOD)
+
+
+def test_a_channel_that_failed_is_held_where_that_was_declared_and_the_block_does_not_fail() -> None:
+    box, m = Bus(), line(on_error="hold", max_age="3 ms")
+    with connect(m, wired(m, box)):
+        put(box, {"levels.0": 20, "levels.1": 40})
+        box.causes = {"levels.1": OSError("broken wire")}
+        m.timer.read()
+        assert m.sample() is False
+        assert [s.quality for s in m.levels] == [Quality.GOOD, Quality.STALE]
+        assert (m.levels[0].read(), m.levels[1].read()) == (10.0, 0.0)
+
+
+@pytest.mark.usefixtures("both_forms")
+def test_what_stands_beside_a_failed_channel_is_judged_as_ever() -> None:
+    box, m = Block(), line()
+    with connect(m, wired(m, box)):
+        put(box, {"levels.0": 999, "full": 2})
+        box.causes = {"levels.1": "broken wire"}
+        m.timer.read()
+        with pytest.raises(DriverError) as e:
+            m.sample()
+        assert failed(e.value) == ["levels.1", "full"]
+        assert [s.quality for s in (*m.levels, m.full)] == [Quality.OUT_OF_RANGE, Quality.BAD, Quality.BAD]
+
+
+def test_failures_of_several_circuits_come_out_in_one_error() -> None:
+    box, other, m = Bus(), Bus(), line()
+    with connect(m, wired(m, box, entries={"levels.1": {"driver": "other"}}, other=other)):
+        box.causes = {"full": OSError("a")}
+        other.causes = {"levels.1": OSError("b")}
+        with pytest.raises(DriverError) as e:
+            m.sample()
+        assert [(failure.path, failure.cause) for failure in e.value.failures] == [("full", "a"), ("levels.1", "b")]
+
+
+@pytest.mark.parametrize(
+    "error",
+    [OSError("cut"), ChannelsFailed({"nobody's": "x"}), ChannelsFailed({}), DeviceTimeout("late"), ValueError("bug")],
+)
+def test_an_error_that_names_no_channel_of_the_transfer_fails_all_of_them(error: Exception) -> None:
+    box, m = Scripted(), line()
+    with connect(m, wired(m, box)):
+        box.at(len(box.calls), error)
+        with pytest.raises(DriverError) as e:
+            m.sample()
+        assert failed(e.value) == ["levels.0", "levels.1", "full"]
+        box.at(len(box.calls), error)
+        with pytest.raises(DriverError) as e:
+            m.update()
+        assert failed(e.value) == ["motors.0", "motors.1", "lamp"]
+
+
+# Some objects -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.usefixtures("both_forms")
+@pytest.mark.parametrize("kind", [Bus, Block])
+def test_a_part_or_a_vector_keeps_the_channels_that_stand_too(kind: type[Any]) -> None:
+    box, m = kind(), line()
+    with connect(m, wired(m, box)):
+        put(box, {"levels.0": 20, "levels.1": 40})
+        box.causes = {"levels.0": OSError("broken wire"), "motors.1": OSError("no load")}
+        with pytest.raises(DriverError) as e:
+            Vector(m.levels).sample()
+        assert failed(e.value) == ["levels.0"]
+        assert [s.read() for s in m.levels] == [0.0, 20.0]
+        assert [s.quality for s in m.levels] == [Quality.BAD, Quality.GOOD]
+        motors = Vector(m.motors)
+        motors.write([1.0, 2.0])
+        with pytest.raises(DriverError) as e:
+            motors.update()
+        assert failed(e.value) == ["motors.1"]
+        assert [a.read() for a in m.motors] == [1.0, 0.0]
+        assert [a.quality for a in m.motors] == [Quality.GOOD, Quality.BAD]
+        box.causes = {}
+
+
+# The derived block transfers ----------------------------------------------------------------------------
+
+CHANNELS = [Bus().channel(text) for text in "abcd"]
+
+
+def test_the_derived_transfers_go_on_after_a_channel_that_failed_and_name_all_that_did() -> None:
+    bus, out = Bus(), np.full(4, -1, np.int64)
+    bus.raws = {"a": 1, "b": 2, "c": 3, "d": 4}
+    bus.causes = {"b": OSError("broken wire"), "d": DriverError("no load")}
+    with pytest.raises(ChannelsFailed) as e:
+        bus.read_many(CHANNELS, out)
+    assert e.value.causes == {"b": "broken wire", "d": "no load"}
+    assert out.tolist() == [1, -1, 3, -1]
+    with pytest.raises(ChannelsFailed) as e:
+        bus.write_many(CHANNELS, np.array([5, 6, 7, 8]))
+    assert e.value.causes == {"b": "broken wire", "d": "no load"}
+    assert bus.raws == {"a": 5, "b": 2, "c": 7, "d": 4}
+    assert bus.asked == [*"abcd", *"abcd"]
+
+
+@pytest.mark.parametrize("late", [TimeoutError("late"), DeviceTimeout("late")])
+def test_the_derived_transfers_do_not_go_on_after_a_timeout(late: Exception) -> None:
+    bus, out = Bus(), np.zeros(4, np.int64)
+    bus.causes = {"a": OSError("broken wire"), "b": late}
+    for call in (lambda: bus.read_many(CHANNELS, out), lambda: bus.write_many(CHANNELS, out)):
+        bus.asked.clear()
+        with pytest.raises(TimeoutError):
+            call()
+        assert bus.asked == ["a", "b"]
+
+
+@pytest.mark.parametrize("bug", [ValueError("bug"), KeyError("k")])
+def test_a_fault_of_the_driver_itself_comes_out_of_the_derived_transfers_at_once(bug: Exception) -> None:
+    bus, out = Bus(), np.zeros(4, np.int64)
+    bus.causes = {"a": bug}
+    for call in (lambda: bus.read_many(CHANNELS, out), lambda: bus.write_many(CHANNELS, out)):
+        bus.asked.clear()
+        with pytest.raises(type(bug)):
+            call()
+        assert bus.asked == ["a"]
+
+
+# Whether a request may still be under way ---------------------------------------------------------------
+
+
+class Real(Bus):
+    def devices(self) -> list[str]:
+        return ["a test's bus"]
+
+
+class RealClock(VirtualTimer):
+    realtime = True
+
+
+@pytest.mark.parametrize(
+    ("kind", "channel", "error", "times"),
+    [
+        (Real, "motors.0", OSError("cut"), 2),
+        (Real, "motors.0", TimeoutError("late"), 2),
+        (Real, "motors.0", ValueError("bug"), 1),  # of the driver; nothing is under way
+        (Real, "levels.0", OSError("cut"), 1),  # a request to read changes nothing
+        (Bus, "motors.0", OSError("cut"), 1),  # not on hardware
+    ],
+)
+def test_after_a_write_that_failed_on_hardware_everything_is_reset_a_second_time_later(
+    kind: type[Bus], channel: str, error: Exception, times: int
+) -> None:
+    box, m = kind(), line()
+    pauses: list[float] = []
+    connection = connect(m, wired(m, box, clock=RealClock()))
+    connection.pause = pauses.append
+    with connection:
+        box.causes = {channel: error}
+        with pytest.raises(DriverError):
+            m.sample() and m.update()
+        box.causes = {}
+        box.asked.clear()
+    assert box.asked == ["motors.0", "motors.1", "lamp"] * times
+    assert bool(pauses) is (times == 2)
+
+
+def put(box: Bus | Block, raws: dict[str, int]) -> None:
+    """What the channels of a circuit read from now on."""
+    if isinstance(box, Bus):
+        box.raws |= raws
+    else:
+        for text, raw in raws.items():
+            box.set(text, raw)
