@@ -70,7 +70,7 @@ def test_the_exit_status_is_that_of_the_command(tank: Path, where: str) -> None:
 def test_what_a_closed_stream_leaves_free_is_taken_by_nothing_else(tank: Path) -> None:
     """A device's connection under number 1 would be sent whatever is printed."""
     code = (
-        "import pathlib, socket\nfrom umo.cli.streams import keep_open\nkeep_open()\n"
+        "import pathlib, socket\nfrom umo.system.streams import keep_open\nkeep_open()\n"
         "with socket.socket() as device: pathlib.Path('number').write_text(str(device.fileno()))"
     )
     line = f'exec "{sys.executable}" -c "$CODE" <&- >&- 2>&-'

@@ -6,6 +6,7 @@ A driver is imported only when it is named, and never replaced by another.
 from __future__ import annotations
 
 import importlib
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 
 from umo.drivers.contract import Driver
@@ -15,6 +16,7 @@ from umo.text import did_you_mean, reason_of
 GROUP = "umo.drivers"
 
 
+@cache
 def known() -> dict[str, EntryPoint]:
     """The registered drivers by name; none is imported."""
     return {point.name: point for point in sorted(entry_points(group=GROUP))}

@@ -17,6 +17,7 @@ from typing import Any
 from umo.errors import DeclarationError, UmoError
 from umo.objects import Compound
 from umo.process.station import Station, StationError, find
+from umo.text import reason_of
 from umo.wiring import Wired, driver_options, resolve
 
 MAIN = "__umo_main__"
@@ -118,7 +119,12 @@ def _of_functions(job: Job) -> Found:
     if job.machine is None:
         raise DeclarationError("a job names a station, or a function that returns the machine")
     make = _import(job.machine, job.script)
-    machine = make()
+    try:
+        machine = make()
+    except UmoError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise DeclarationError(f"{job.machine} failed: {reason_of(error)}") from error
     if not isinstance(machine, Compound):
         raise DeclarationError(f"{job.machine} returned {machine!r}, not a Compound")
     application = None if job.application is None else _import(job.application, job.script)
@@ -138,5 +144,5 @@ def _import(text: str, script: str | None) -> Any:
         return found
     except UmoError:
         raise
-    except Exception as error:
-        raise DeclarationError(f"{text} cannot be imported: {type(error).__name__}: {error}") from error
+    except (Exception, SystemExit) as error:
+        raise DeclarationError(f"{text} cannot be imported: {reason_of(error)}") from error
