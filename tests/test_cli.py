@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import socket
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import Result
 
+from umo import connect, published
 from umo.process.station import find
 from umo.system.hold import Hold
+from umo.testing import Scripted, periods
 
 
 def said(result: Result) -> str:
@@ -291,3 +295,33 @@ def test_a_new_station_overwrites_nothing(umo, tank: Path) -> None:
     result = umo("new", "tank")
     assert result.exit_code == 2
     assert "tank is not empty; nothing was written" in said(result)
+
+
+def test_get_of_a_station_that_runs_reads_its_frames_and_connects_to_nothing(umo, tank: Path) -> None:
+    machine = make(Path(tank))
+    box = Scripted({"level": 300})
+    wire = {item.path: {"driver": "box"} for item in machine.atoms()} | {
+        "timer": {"driver": "simulated", "period": 1.0}
+    }
+    connection = connect(machine, {"drivers": {"box": box}, "wire": wire})
+    with connection, published(connection, "tank", "simulated", place=tank):
+        periods(machine)
+        calls = len(box.calls)
+        result = umo("get", "tank", "level", "inlet")
+        assert result.exit_code == 0, said(result)
+        assert "level  150 mm  GOOD" in said(result)
+        assert "inlet  CLOSED  GOOD" in said(result)
+        assert f"from the frames of tank, which runs (pid {os.getpid()})" in said(result)
+        assert len(box.calls) == calls
+
+
+def make(folder: Path) -> Any:
+    """The machine of a station, without leaving its modules behind."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(folder))
+        for name in ("objects", "control", "application", "plant"):
+            patch.delitem(sys.modules, name, raising=False)
+        machine = importlib.import_module("objects").machine()
+        for name in ("objects", "control", "application", "plant"):
+            sys.modules.pop(name, None)
+    return machine

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import random
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from machines import actuator, failed, relay, sensor, switch, timer, wired
 from umo import (
@@ -26,9 +30,12 @@ from umo import (
     Quality,
     Vector,
     connect,
+    published,
 )
+from umo.cycle.journal import Kind
 from umo.drivers.contract import IntArray
-from umo.testing import Scripted, VirtualTimer
+from umo.frames import Reader
+from umo.testing import Scripted, VirtualTimer, periods
 
 PASSED, FAILED = PassFail.PASS, PassFail.FAIL
 
@@ -310,3 +317,94 @@ def put(box: Bus | Block, raws: dict[str, int]) -> None:
     else:
         for text, raw in raws.items():
             box.set(text, raw)
+
+
+# The journal ----------------------------------------------------------------------------------------------
+
+
+class Cell(Compound):
+    """Every kind of object, for a replay."""
+
+    timer: DigitalSensor
+    sensors: list[DigitalSensor]
+    motors: list[DigitalActuator]
+    probe: DigitalSensor
+    relays: list[BinaryActuator[OnOff]]
+
+
+def cell() -> Cell:
+    return Cell(
+        timer=timer(),
+        sensors=[sensor() for _ in range(3)],
+        motors=[actuator() for _ in range(3)],
+        probe=sensor(synchronous=False),
+        relays=[relay(synchronous=False) for _ in range(2)],
+    )
+
+
+STEPS = st.lists(st.sampled_from(["sample", "part", "motor", "probe", "relay", "vector", "reset", "fail"]), max_size=10)
+
+
+@pytest.mark.usefixtures("both_forms")
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=150)
+@given(before=STEPS, after=STEPS, seed=st.integers(0, 9))
+def test_from_a_frame_back_over_its_journal_stands_what_the_whole_machine_sampled(
+    before: list[str], after: list[str], seed: int
+) -> None:
+    numbers = random.Random(seed)
+    script = {name: lambda: numbers.randrange(200) for name in ("sensors.0", "sensors.1", "sensors.2", "probe")}
+    machine, box = cell(), Scripted(script)
+    connection = connect(machine, wired(machine, box))
+    with connection as m, published(connection, "cell") as ring, Reader(ring.path) as reader:
+        relays = Vector(m.relays)
+        work: dict[str, Callable[[], object]] = {
+            "sample": m.sample,
+            "part": m.sensors[1].sample,
+            "motor": m.motors[0].update,
+            "probe": m.probe.read,
+            "relay": lambda: m.relays[0].write(numbers.choice([OnOff.ON, OnOff.OFF])),
+            "vector": lambda: relays.write(numbers.choice([OnOff.ON, OnOff.OFF])),
+            "reset": m.reset,
+            "fail": lambda: box.at(len(box.calls), OSError("cut")),
+        }
+        periods(m)
+        m.timer.read()
+
+        def do(steps: list[str]) -> None:
+            for step in steps:
+                with suppress(DriverError):
+                    work[step]()
+
+        do([step for step in before if step != "sample"])
+        count = ring.journal.count
+        do(["sample"])
+        sampled = list(connection.image.raws)
+        do(after)
+        with suppress(DriverError):
+            m.update()
+        (frame,) = reader.last(1)
+        entries = reader.journal(frame)
+        assert entries is not None
+        assert (frame["sampled"], frame["updated"]) == (count, len(entries))
+        raws = frame["raws"].tolist()
+        for slot, _, _, stood in reversed(entries[count:].tolist()):
+            raws[slot] = stood
+        outputs = {slot for block in connection.image.outputs for slot in range(block.start, block.stop)}
+        unsent = [slot for slot in range(len(raws)) if slot not in outputs]  # those moved again with the update
+        assert [raws[slot] for slot in unsent] == [sampled[slot] for slot in unsent]
+
+
+def test_a_second_sample_of_the_whole_machine_in_one_period_is_in_the_journal() -> None:
+    machine, box = cell(), Scripted({"sensors.0": [1, 2, 3, 4], "sensors.1": 7, "sensors.2": 8})
+    connection = connect(machine, wired(machine, box))
+    with connection as m, published(connection, "cell") as ring, Reader(ring.path) as reader:
+        m.timer.read()
+        m.sample()
+        m.sample()
+        m.update()
+        (frame,) = reader.last(1)
+        entries = reader.journal(frame)
+        assert entries is not None
+        slot = connection.image.slot_of[id(m.sensors[0])]
+        assert (slot, Kind.READ, 3, 2) in [tuple(entry) for entry in entries.tolist()]
+        assert frame["sampled"] == 0

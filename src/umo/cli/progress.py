@@ -1,6 +1,6 @@
 """What a run shows while it works.
 
-It is drawn from within the loop, as the loop's process holds no other thread (design.md section 7), so it has to be
+It is drawn from within the loop, as the loop's process holds no other thread, so it has to be
 cheap: a line of plain text takes about 3 us, a picture of rich's live display 320 us and now and then 1.3 ms.
 """
 

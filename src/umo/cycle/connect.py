@@ -1,4 +1,4 @@
-"""Connecting a machine to its hardware, and leaving it safely (design.md section 3, rule 9)."""
+"""Connecting a machine to its hardware, and leaving it safely."""
 
 from __future__ import annotations
 

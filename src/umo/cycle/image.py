@@ -19,7 +19,7 @@ from umo.cycle.transfer import Transfer
 from umo.drivers.contract import Channel, Direction
 from umo.errors import DriverError, Failure
 from umo.objects import Atomic, Binary, BinaryActuator, BinarySensor, DigitalActuator, DigitalSensor, Quality
-from umo.objects.scaling import FloatArray, IntArray, to_raw, to_value
+from umo.objects.scaling import FloatArray, IntArray, to_value
 from umo.text import cause_of
 from umo.wiring.resolved import Wire, Wired
 
@@ -51,9 +51,11 @@ class Image(ABC):
         self.raws: Any = self.transfer.raws
         self.pending_raws_array = np.zeros(count, np.int64)
         self.pending_raws: Any = self.pending_raws_array.data
-        self.scales = [(*wire.scale, *_bounds(wire)) for wire in self.wires]
+        self.scales = [(*wire.scale, *wire.bounds) for wire in self.wires]
         self.base = [_base_quality(item) for item in self.items]
-        self._exact = [_is_exact(wire) for wire in self.wires]
+        self._exact = [
+            item.direction is Direction.INPUT or wire.exact for item, wire in zip(self.items, self.wires, strict=True)
+        ]
         self._raw_bounds = None if all(self._exact) else np.array([wire.raw_bounds for wire in self.wires]).T
         self._make(count)
         self.inputs = self._blocks(Direction.INPUT)
@@ -254,13 +256,6 @@ class Image(ABC):
         self.put_pending(np.array(each)[free], values[free], raws[free])
         return False
 
-    def inhibited(self, slot: int) -> str | None:
-        """Why an interlock keeps this actuator at its default."""
-        return self.commands.inhibited(slot)
-
-    def acknowledge(self, slots: Iterable[int]) -> bool:
-        return self.commands.acknowledge(slots)
-
     def reset_some(self, slots: Iterable[int]) -> None:
         failures = [failure for _, failure in self.reset_each(slots) if failure is not None]
         if failures:
@@ -397,14 +392,6 @@ def _group_order(wires: Sequence[Wire]) -> Any:
     return key
 
 
-def _bounds(wire: Wire) -> tuple[float, float]:
-    """Half a resolution beyond the range is still GOOD; a binary level is exactly 0 or 1."""
-    if wire.calibration is None:
-        return 0.0, 1.0
-    half = abs(wire.calibration.resolution) / 2
-    return wire.calibration.minimum - half, wire.calibration.maximum + half
-
-
 def _base_quality(item: Atomic) -> Quality:
     incremental = isinstance(item, DigitalSensor) and item.incremental
     return Quality.UNREFERENCED if incremental else Quality.GOOD
@@ -412,10 +399,3 @@ def _base_quality(item: Atomic) -> Quality:
 
 def _not_binary(raw: int) -> str:
     return f"read {raw}; a binary channel reads 0 or 1"
-
-
-def _is_exact(wire: Wire) -> bool:
-    """Whether the raw integer nearest to any value in the range stands for a value in the range."""
-    if wire.calibration is None or wire.item.direction is Direction.INPUT:
-        return True
-    return tuple(sorted(to_raw(end, *wire.scale) for end in wire.calibration[:2])) == wire.raw_bounds

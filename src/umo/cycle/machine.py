@@ -114,7 +114,7 @@ class ConnectedMachine:
         self.image.reset_some(self._slots_of(part).all)
 
     def acknowledge(self, part: Compound) -> bool:
-        return self.image.acknowledge(self._slots_of(part).all)
+        return self.commands.acknowledge(self._slots_of(part).all)
 
     def start(self, sequence: Coroutine[Any, Any, Any]) -> Task:
         return self.sequences.start(sequence)

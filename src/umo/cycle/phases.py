@@ -5,12 +5,15 @@ Watching costs about 0.3 us a transfer, so it is switched on only where someone 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from time import monotonic_ns
 from typing import Any
 
+from umo.cycle.block import Block
 from umo.cycle.image import Image
+from umo.cycle.journal import Journal, Kind
 from umo.drivers.contract import Driver
+from umo.errors import ChannelsFailed
 
 UNKNOWN = -1
 
@@ -29,10 +32,12 @@ class Phases:
         self._control = 1 + len(inputs)
         self._image = image
         self._timer = None if image.timer < 0 else image.wires[image.timer].driver
+        self._moved: set[int] = set()
+        """The blocks that were moved in this period."""
         for number, block in enumerate(image.inputs, 1):
-            block.transfer = self._timed(block.transfer, number, self._sampling)
+            block.transfer = self._watched(block, number, Kind.READ)
         for number, block in enumerate(image.outputs, self._control + 1):
-            block.transfer = self._timed(block.transfer, number, self._updating)
+            block.transfer = self._watched(block, number, Kind.WRITE)
         if image.timer >= 0:
             image.transfer.tick = self._timed(image.transfer.tick, 0)
 
@@ -48,6 +53,7 @@ class Phases:
     def clear(self) -> None:
         """A part that is not transferred in the next period took no time in it."""
         self.ns[:] = self._none
+        self._moved.clear()
 
     @property
     def wake(self) -> int:
@@ -55,22 +61,37 @@ class Phases:
         ticker = getattr(self._timer, "ticker", None)
         return UNKNOWN if ticker is None else ticker.woke - ticker.due
 
-    def _sampling(self) -> None:
-        """Where in the journal the whole machine is sampled."""
-        if (journal := self._image.transfer.journal) is not None:
-            journal.sampled = journal.count
+    def _watched(self, block: Block, number: int, kind: Kind) -> Callable[..., None]:
+        """A block's transfer, timed; the journal says where it stood, or, if it is moved again, what it moved."""
+        timed, transfer, moved = self._timed(block.transfer, number), self._image.transfer, self._moved
 
-    def _updating(self) -> None:
-        if (journal := self._image.transfer.journal) is not None:
-            journal.updated = journal.count
+        def watched(channels: Any, raws: Any) -> None:
+            journal = transfer.journal
+            if journal is None:
+                timed(channels, raws)
+                return
+            again = number in moved
+            moved.add(number)
+            journal.mark(kind)
+            failed: Collection[str] = ()
+            try:
+                timed(channels, raws)
+            except ChannelsFailed as error:
+                failed = error.causes
+                raise
+            except BaseException:
+                again = False
+                raise
+            finally:
+                if again:
+                    _note_block(journal, block, kind, transfer.raws, failed)
 
-    def _timed(
-        self, call: Callable[..., Any], number: int, before: Callable[[], None] = lambda: None
-    ) -> Callable[..., Any]:
+        return watched
+
+    def _timed(self, call: Callable[..., Any], number: int) -> Callable[..., Any]:
         ns = self.ns
 
         def timed(*arguments: Any) -> Any:
-            before()
             began = monotonic_ns()
             try:
                 return call(*arguments)
@@ -78,3 +99,10 @@ class Phases:
                 ns[number] = monotonic_ns() - began
 
         return timed
+
+
+def _note_block(journal: Journal, block: Block, kind: Kind, raws: Any, failed: Collection[str]) -> None:
+    """What a block has moved, each object for itself; `failed` are the texts of the channels that did not."""
+    for slot, (channel, raw) in enumerate(zip(block.channels, block.view, strict=True), block.start):
+        if channel.text not in failed:
+            journal.add(slot, kind, raw, raws[slot])

@@ -1,4 +1,4 @@
-"""Running a machine: the loop that a program may also write out itself (design.md section 6)."""
+"""Running a machine: the loop that a program may also write out itself."""
 
 from __future__ import annotations
 

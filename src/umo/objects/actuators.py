@@ -42,7 +42,7 @@ class BinaryActuator(Binary[S]):
     @property
     def inhibited(self) -> str | None:
         """Why an interlock keeps it at its default now; None: it does not."""
-        return self._image.inhibited(self._slot)
+        return self._image.commands.inhibited(self._slot)
 
     def describe(self) -> str:
         return super().describe() + _expiry_text(self._expires)
@@ -137,7 +137,7 @@ class DigitalActuator(Digital):
     @property
     def inhibited(self) -> str | None:
         """Why an interlock keeps it at its default now; None: it does not."""
-        return self._image.inhibited(self._slot)
+        return self._image.commands.inhibited(self._slot)
 
     @property
     def slew_rate(self) -> float | None:

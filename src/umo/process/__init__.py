@@ -1,4 +1,4 @@
-"""Processes: a control process that nothing disturbs, and a guardian that outlives it (design.md section 7)."""
+"""Processes: a control process that nothing disturbs, and a guardian that outlives it."""
 
 from umo.process.start import RunFailed, Started, start
 

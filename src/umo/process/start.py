@@ -1,4 +1,4 @@
-"""Starting a machine in processes of its own, and holding on to it (design.md section 7)."""
+"""Starting a machine in processes of its own, and holding on to it."""
 
 from __future__ import annotations
 

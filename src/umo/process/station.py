@@ -1,4 +1,4 @@
-"""Finding a station: a directory, or a package that ships with umo (design.md section 10)."""
+"""Finding a station: a directory, or a package that ships with umo."""
 
 from __future__ import annotations
 

@@ -33,6 +33,21 @@ class Wire:
             return 0, 1
         return raw_bounds(*self.calibration)
 
+    @property
+    def exact(self) -> bool:
+        """Whether the raw integer nearest to any value of an actuator's range stands for a value in the range."""
+        if self.calibration is None:
+            return True
+        return tuple(sorted(to_raw(end, *self.scale) for end in self.calibration[:2])) == self.raw_bounds
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Where a sensor's value is GOOD: to half a resolution beyond the range; a binary level is exactly 0 or 1."""
+        if self.calibration is None:
+            return 0.0, 1.0
+        half = abs(self.calibration.resolution) / 2
+        return self.calibration.minimum - half, self.calibration.maximum + half
+
     def raw(self, value: float) -> int:
         """The raw integer nearest to an actuator's value, of those within its range."""
         least, greatest = self.raw_bounds
