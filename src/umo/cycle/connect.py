@@ -148,8 +148,8 @@ class connect(Generic[C]):
         try:
             self.machine.finish_period()
             stopping = self._cancel_sequences()
-            unreached = self._reset()
-            failures = self._finalize() + self._close()
+            unreached, late = self._reset()
+            failures = late + self._finalize() + self._close()
         finally:
             self.machine.disconnect()
             self._give_back()
@@ -188,15 +188,21 @@ class connect(Generic[C]):
             return error
         return None
 
-    def _reset(self) -> list[Failure]:
-        """A request that failed may still be under way, and undo a reset that came before it: then everything is reset
-        a second time, later."""
+    def _reset(self) -> tuple[list[Failure], list[Failure]]:
+        """What was not reached, and what was at the second attempt only.
+
+        A request that failed may still be under way, and undo a reset that came before it: then everything is reset a
+        second time, later.
+        """
         slots = self._stop_sequence()
-        failures = self._reset_once(slots)
-        if self.image.transfer.unsure:
-            wait_for(settling(self.wired), self.pause, self.on_step)
-            failures = self._reset_once(slots)
-        return failures
+        first = self._reset_once(slots)
+        if not self.image.transfer.unsure:
+            return first, []
+        wait_for(settling(self.wired), self.pause, self.on_step)
+        left = self._reset_once(slots)
+        still = {failure.path for failure in left}
+        late = [failure for failure in first if failure.path not in still]
+        return left, [replace(each, cause=f"reset at the second attempt: {each.cause}") for each in late]
 
     def _reset_once(self, slots: list[int]) -> list[Failure]:
         return [failure for _, failure in self.image.reset_each(slots) if failure is not None]

@@ -289,11 +289,12 @@ class Image(ABC):
 
     def set_referenced(self, slot: int, referenced: bool) -> None:
         self.base[slot] = Quality.GOOD if referenced else Quality.UNREFERENCED
-        quality = self.quality[slot]
-        if quality == Quality.STALE and not referenced:
-            self._set_quality(slot, Quality.UNREFERENCED)
-        elif quality not in (Quality.STALE, Quality.BAD):
+        item, quality = cast(Sensor, self.items[slot]), self.quality[slot]
+        held = item._max_age is not None and item.synchronous and self.times[slot] < self.clock.now
+        if quality != Quality.BAD and not (held and referenced):
             self._set_quality(slot, self._judge(slot, self.values[slot]))
+        elif quality == Quality.UNREFERENCED:  # what is held now is known, and is no newer for that
+            self._set_quality(slot, Quality.STALE)
 
     # Inside --------------------------------------------------------------------------------------------
 

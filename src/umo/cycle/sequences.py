@@ -14,6 +14,7 @@ from typing import Any, Protocol
 
 from umo.errors import Cancelled, TaskFailed, TimeExpired
 from umo.objects.units import seconds as in_seconds
+from umo.text import cause_of, place_of
 
 
 class Tick(Protocol):
@@ -164,7 +165,8 @@ class Task:
     def _refuse_exit(self, error: BaseException) -> None:
         """These two would end the whole run without a word, `sys.exit(0)` even as if all were well."""
         if isinstance(error, SystemExit | GeneratorExit):
-            raise TaskFailed(f"{self._name} raised {error!r}; a sequence ends by returning, or by an error") from error
+            what = f"{self._name} raised {cause_of(error)}{place_of(error)}"
+            raise TaskFailed(f"{what}; a sequence ends by returning, or by an error") from error
 
     @property
     def _name(self) -> str:

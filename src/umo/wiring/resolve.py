@@ -69,6 +69,8 @@ class _Resolver:
         period = self._period(timer)
         watchdogs = self._make_drivers(period)
         wires = [wire for path, item in self.items.items() if (wire := self._wire(path, item)) is not None]
+        for wire in wires:  # after all channels were made, which then lie side by side in memory
+            self._check_place(wire)
         for path in sorted(self.source.entries.keys() - self.items.keys()):
             self.source.fault(f'wire."{path}"', f"the machine has no such object{self.source.near(path, self.items)}")
         self._check_periods(period)
@@ -170,7 +172,6 @@ class _Resolver:
             what = f"{type(driver).__name__}.channel gave {channel!r} for it, not a Channel"
             self.source.fault(f"{key}.channel", what)
             return None
-        self._check_place(key, path, entry.driver, channel)
         self._check_direction(key, item, channel)
         if not isinstance(item, Digital):
             for name in ("resolution", "zero_offset", "minimum", "maximum"):
@@ -183,11 +184,14 @@ class _Resolver:
         self._check_raws(key, item, calibration, channel)
         return Wire(item, driver, channel, calibration)
 
-    def _check_place(self, key: str, path: str, driver: str, channel: Channel) -> None:
+    def _check_place(self, wire: Wire) -> None:
+        path, channel = wire.item.path, wire.channel
+        driver = self.source.entries[path].driver
         for place in channel.places:
             other = self.taken.setdefault((driver, place), path)
             if other != path:
-                self.source.fault(key, f"channel {channel.text!r} of {driver} is already that of {other}")
+                text = f"channel {channel.text!r} of {driver} is already that of {other}"
+                self.source.fault(f'wire."{path}"', text)
                 return
 
     def _check_direction(self, key: str, item: Atomic, channel: Channel) -> None:
