@@ -66,6 +66,7 @@ def _all(console: Console, rounds: int, options: argparse.Namespace) -> int:
             *figures.bytes_per_object(),
             *figures.seconds_to_connect(),
             figures.seconds_to_import(),
+            figures.control_period(),
             figures.station_ratio(),
         )
     with console.status(f"{rounds} rounds of every case in turns"):

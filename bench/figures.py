@@ -9,12 +9,16 @@ import sys
 import tempfile
 import tracemalloc
 from pathlib import Path
-from time import perf_counter
+from statistics import median
+from time import perf_counter, perf_counter_ns
 
+import umo
 from bench.driver import Fill
 from bench.machine import Umo, machine, wiring
 from bench.mix import layout
 from umo import connect
+from umo.stations.ztheta import objects as ztheta
+from umo.stations.ztheta.application import main
 
 
 def bytes_per_object(count: int = 10_000) -> tuple[float, float]:
@@ -65,6 +69,28 @@ def seconds_to_import(repeats: int = 7) -> float:
     run("import umo")  # the files are in memory from here on
     pairs = [(run("import umo"), run("pass")) for _ in range(repeats)]
     return min(full for full, _ in pairs) - min(empty for _, empty in pairs)
+
+
+def control_period(runs: int = 2) -> tuple[float, float]:
+    """z-theta's `control` in virtual time, us: sequences and laws, for one part from homing to placing. The least of
+    some runs of the time that half of the periods stay below, and the median over the runs."""
+    medians = sorted(_control_median() for _ in range(runs))
+    return medians[0], medians[len(medians) // 2]
+
+
+def _control_median() -> float:
+    folder = Path(umo.__file__).parent / "stations" / "ztheta" / "wiring"
+    times = []
+    with connect(ztheta.machine(), folder / "simulated.toml", seed=3) as m:
+        task = m.start(main(m, parts=1))
+        while not task.done:
+            m.timer.read()
+            m.sample()
+            start = perf_counter_ns()
+            m.control()
+            times.append(perf_counter_ns() - start)
+            m.update()
+    return median(times) * 1e-3
 
 
 def station_ratio() -> float | str:

@@ -34,6 +34,8 @@ class Others:
     declare_s: float
     connect_s: float
     import_s: float
+    control: tuple[float, float]
+    """us, least and median."""
     station: float | str
 
 
@@ -81,6 +83,8 @@ def targets(table: Table, others: Others) -> list[Target]:
         found.append(Target(what, "at most 1 times", "-", "not measured: no compiler"))
     else:
         found.append(upper(what, scan.minimum / paper.minimum, 1.0, "times", scan.median / paper.median))
+    found.append(upper("z-theta's control in virtual time, a period", others.control[0], 12.0, "us", others.control[1]))
+    found.append(upper("import umo", others.import_s, 0.25, "s", others.import_s))
     what = "the station against real time"
     if isinstance(others.station, str):
         found.append(Target(what, "at least 10 times", "-", f"not measured: {others.station}"))
@@ -107,7 +111,6 @@ def other_grid(others: Others) -> Grid:
     grid.add_row("bytes per object that connecting adds", f"{others.connected_bytes:,.0f}")
     grid.add_row("declaring 10,000 objects", f"{others.declare_s:.2f} s")
     grid.add_row("connecting 10,000 objects", f"{others.connect_s:.2f} s")
-    grid.add_row("import umo", f"{others.import_s:.2f} s")
     return grid
 
 

@@ -169,26 +169,26 @@ class Transfer:
         patient: bool = True,
     ) -> Iterator[tuple[int, Failure | None]]:
         """Reset (or initialise) each in turn; one failure never stops the rest. The slots of a driver that does not
-        answer in time are left to the end, so that it holds none of the others back; if not `patient`, each such driver
-        gets one more try there, and the rest of its slots fails with it. `begin` is called with each slot."""
+        answer in time are left to the end, so that it holds none of the others back; if not `patient`, they fail with
+        it and are not tried: whoever comes again opens one connection more, not one for each. `begin` is called with
+        each slot."""
         waiting: list[int] = []
+        causes: dict[int, str] = {}
         for slot in slots:
-            if self._is_late(self.wires[slot].driver):
+            driver = id(self.wires[slot].driver)
+            if not self._is_late(self.wires[slot].driver):
+                begin(slot)
+                failure = self._segment(slot, segment, self._default(slot))
+                causes[driver] = "" if failure is None else failure.cause
+                yield slot, failure
+            elif patient:
                 waiting.append(slot)
             else:
-                begin(slot)
-                yield slot, self._segment(slot, segment, self._default(slot))
-        given_up: dict[int, str] = {}
+                wire = self.wires[slot]
+                yield slot, Failure(wire.item.path, wire.channel.text, causes.get(driver, "it timed out before"))
         for slot in waiting:
-            wire = self.wires[slot]
-            if id(wire.driver) in given_up:
-                yield slot, Failure(wire.item.path, wire.channel.text, given_up[id(wire.driver)])
-                continue
             begin(slot)
-            failure = self._segment(slot, segment, self._default(slot))
-            if failure is not None and not patient:
-                given_up[id(wire.driver)] = failure.cause
-            yield slot, failure
+            yield slot, self._segment(slot, segment, self._default(slot))
 
     def _default(self, slot: int) -> int | None:
         """The raw integer of an actuator's default; None for a sensor."""

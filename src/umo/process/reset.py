@@ -186,7 +186,7 @@ class Resetter:
     def _patience(self, name: str) -> float:
         """The timeout of a driver in this attempt, s."""
         timeout = self._timeouts[name]
-        return max(timeout, min(timeout * 2.0**self._attempt, PATIENCE))
+        return max(timeout, min(timeout * 4.0**self._attempt, PATIENCE))
 
     # In the child --------------------------------------------------------------------------------------
 
