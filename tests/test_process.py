@@ -101,7 +101,7 @@ def cells(tmp_path: Path) -> Cells:
 def impatient(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
     """For drivers that never answer: the limits that end the waiting, as small as a shared machine allows. What the
     wiring's [process] has of them."""
-    monkeypatch.setattr(guardian, "STARTING_LIMIT", 1.0)
+    monkeypatch.setattr(guardian, "STARTING_LIMIT", 0.5)
     monkeypatch.setattr(reset, "GRACE", 0.2)
     return {"hang_timeout": "100 ms"}
 
@@ -127,6 +127,7 @@ def calls_of_a_run(folder: Path) -> int:
     return Cells(folder / "box").numbers[CALLS]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("action", "step"), [("raise", 1), ("kill", 1), ("hang", 1), ("spin", 7), ("stop", 7)])
 def test_at_every_call_of_a_driver_the_end_is_safe_and_reported(
     tmp_path: Path, action: str, step: int, request: pytest.FixtureRequest
