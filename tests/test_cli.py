@@ -263,13 +263,13 @@ def test_get_reads_by_path_in_any_unit(umo, tank: Path) -> None:
 
 
 def test_set_holds_then_resets(umo, tank: Path) -> None:
-    assert said(umo("set", "tank", "inlet", "open", "--hold", "1")) == "inlet OPEN raw 1 GOOD inlet reset to CLOSED"
+    assert said(umo("set", "tank", "inlet", "open", "--hold", "0.05")) == "inlet OPEN raw 1 GOOD inlet reset to CLOSED"
 
 
 def test_set_keeps_up_a_command_that_expires(umo, tank: Path, caplog: pytest.LogCaptureFixture) -> None:
     objects = tank / "objects.py"
     objects.write_text(objects.read_text().replace("CLOSED),", 'CLOSED, expires="0.5 s"),'))
-    assert umo("set", "tank", "inlet", "open", "--hold", "2").exit_code == 0
+    assert umo("set", "tank", "inlet", "open", "--hold", "0.05").exit_code == 0
     assert "not written" not in caplog.text
 
 
@@ -324,3 +324,21 @@ def make(folder: Path) -> Any:
         for name in ("objects", "control", "application", "plant"):
             sys.modules.pop(name, None)
     return machine
+
+
+def test_holding_takes_the_time_of_the_wall_clock_whatever_the_timer_does(
+    umo, tank: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = [100.0]
+
+    def sleep(seconds: float) -> None:
+        clock[0] += max(seconds, 0.001)
+
+    wiring = tank / "wiring" / "virtual.toml"
+    wires = [f'"{path}" = {{ driver = "simulated" }}' for path in ("inlet", "drain", "level", "overflow")]
+    wiring.write_text("\n".join(["[wire]", *wires, '"timer" = { driver = "simulated", period = "10 ms" }']))
+    monkeypatch.setattr("umo.cli.hand.time.monotonic", lambda: clock[0])
+    monkeypatch.setattr("umo.cli.hand.time.sleep", sleep)
+    result = umo("set", "tank", "inlet", "OPEN", "-w", "virtual", "--hold", "5")
+    assert result.exit_code == 0, said(result)
+    assert clock[0] == pytest.approx(105.0, abs=0.02)
