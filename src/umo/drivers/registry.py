@@ -7,11 +7,14 @@ from __future__ import annotations
 
 import importlib
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
+from typing import TYPE_CHECKING
 
 from umo.drivers.contract import Driver
 from umo.errors import WiringError
 from umo.text import did_you_mean, reason_of
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 GROUP = "umo.drivers"
 
@@ -19,6 +22,8 @@ GROUP = "umo.drivers"
 @cache
 def known() -> dict[str, EntryPoint]:
     """The registered drivers by name; none is imported."""
+    from importlib.metadata import entry_points  # a sixth of what importing umo took
+
     return {point.name: point for point in sorted(entry_points(group=GROUP))}
 
 
