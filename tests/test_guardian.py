@@ -22,10 +22,12 @@ from umo.process import control, guardian, reset
 from umo.process.board import Board as ResetBoard
 from umo.process.board import Reached
 from umo.process.control import Control
+from umo.process.job import Job
 from umo.process.life import LARGEST, Life
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome, plain
 from umo.process.reset import Resetter
+from umo.system.custody import Custody
 from umo.testing import Scripted, periods
 from umo.wiring import resolve
 
@@ -294,3 +296,20 @@ def test_the_starter_takes_the_guardians_status_where_its_last_words_were_lost()
     assert vanished(143).status == 143
     assert vanished(1).status == 1
     assert "nobody could reset" in str(vanished(-9).failure)
+
+
+def test_the_child_that_resets_stands_below_the_guardian_so_that_a_driver_that_loops_cannot_starve_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[tuple[int, int | None]] = []
+    monkeypatch.setattr(guardian.realtime, "guard", lambda priority, cpu: asked.append((priority, cpu)))
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    wiring = process_box.wiring(tmp_path / "box", process={"priority": 60})
+    plan = guardian.Plan(Job(machine="process_box:machine", wiring=wiring))
+    here, there = MessageSocket.pair()
+    watch = guardian.Guardian(plan, here, Custody([], "test"))
+    watch._traces.close()
+    watch._resetter._guard()
+    assert asked == [(59, None)]  # `guard` gives one more than the priority of the control process
+    there.close()
+    here.close()

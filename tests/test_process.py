@@ -22,8 +22,11 @@ from umo.process import guardian, reset
 from umo.process.job import Job
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Outcome
+from umo.system import record
 from umo.system.record import Ended, all_standing
 
+AT_ONCE = 6
+"""Runs side by side: most of their time they wait."""
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux")
 
 
@@ -136,16 +139,20 @@ def test_at_every_call_of_a_driver_the_end_is_safe_and_reported(
     calls = calls_of_a_run(tmp_path / "first")
     assert calls > 20
     process = {} if action in ("raise", "kill") else request.getfixturevalue("impatient")
-    for at in range(1, calls + 1, step):
-        file = tmp_path / f"box-{at}"
-        outcome = Run(process_box.wiring(file, at=at, action=action, process=process), acknowledge=True).outcome()
-        where = f"{action} at call {at} of {calls}: {outcome}"
-        assert Cells(file).levels == {"motor": 0, "valve": 0}, where
-        assert outcome.status != 0, where
-        assert outcome.failure is not None, where
-        assert outcome.unreached == [], where
-        assert outcome.unsafe == (action != "raise"), where
-        assert bool(standing()) == outcome.unsafe, where
+    waiting = list(range(1, calls + 1, step))
+    while waiting:
+        together, waiting = waiting[:AT_ONCE], waiting[AT_ONCE:]
+        files = {at: tmp_path / f"box-{at}" for at in together}
+        runs = {at: Run(process_box.wiring(file, at=at, action=action, process=process)) for at, file in files.items()}
+        for at, run in runs.items():
+            outcome = run.outcome()
+            where = f"{action} at call {at} of {calls}: {outcome}"
+            assert Cells(files[at]).levels == {"motor": 0, "valve": 0}, where
+            assert outcome.status != 0, where
+            assert outcome.failure is not None, where
+            assert outcome.unreached == [], where
+            assert outcome.unsafe == (action != "raise"), where
+            assert bool(record.standing(f"file {files[at]}")) == outcome.unsafe, where
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

@@ -80,8 +80,9 @@ class Guardian:
         self._spares = [os.open(os.devnull, os.O_RDONLY) for _ in range(SPARES)]
         self._traces = tempfile.TemporaryFile()  # noqa: SIM115  (as long as the process)
         self._watcher = Watcher(plan.name)
+        # one below the guardian: a driver that loops for ever in a reset must not keep the guardian from ending it
         self._resetter = Resetter(
-            plan.machine, plan.wired, lambda: realtime.guard(self._process.priority, self._process.cpu)
+            plan.machine, plan.wired, lambda: realtime.guard(self._process.priority - 1, self._process.cpu)
         )
 
     def run(self) -> Outcome:
