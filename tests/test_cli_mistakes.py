@@ -217,7 +217,7 @@ def test_a_plot_that_cannot_be_drawn_costs_the_plot_alone(
     monkeypatch.setattr("umo.cli.plot.save_plot", fail)
     result = umo("run", "tank")
     assert result.exit_code == 0
-    assert "could not be written down whole: ValueError: $z_ is not mathematics" in said(result)
+    assert "the results of the run are incomplete: ValueError: $z_ is not mathematics" in said(result)
 
 
 def test_runs_that_end_in_the_same_second_have_a_folder_each(

@@ -195,7 +195,10 @@ def test_one_failing_reset_never_stops_the_rest_and_all_are_listed_by_path():
 
 def test_what_could_only_not_be_given_back_is_a_driver_error_that_is_no_stop_error():
     machine, box = arm(), Scripted()
-    with pytest.raises(DriverError, match="could not be given back") as caught, connect(machine, wired(machine, box)):
+    with (
+        pytest.raises(DriverError, match="could not be finalised or closed") as caught,
+        connect(machine, wired(machine, box)),
+    ):
         box.at(len(box.calls) + len(STOPPING), OSError("cut"))
     assert not isinstance(caught.value, StopError)
     assert failed(caught.value) == ["gripper"]
@@ -247,7 +250,7 @@ def test_an_error_of_the_application_keeps_its_place_when_its_sequences_fail_whi
         m.start(stubborn())
         periods(m, 2)
         raise KeyError("the first")
-    assert caught.value.__notes__ == ["and while its sequences were stopped: ValueError: cleanup"]
+    assert caught.value.__notes__ == ["also, while stopping its sequences: ValueError: cleanup"]
 
 
 def test_a_sequence_may_still_write_while_it_is_cancelled_and_the_defaults_come_last():
@@ -359,7 +362,7 @@ def test_a_watchdog_that_cannot_be_armed_fails_the_connection():
     wiring = wired(machine, box)
     wiring["drivers"]["box"] = {"type": box, "watchdog": "200 ms"}
     box.at(1 + len(DECLARED), OSError("refused"))
-    with pytest.raises(DriverError, match="driver box could not be given its watchdog: refused"):
+    with pytest.raises(DriverError, match="driver box could not be armed with its watchdog: refused"):
         connect(machine, wiring).__enter__()
     assert {path: box.get(path) for path in ACTUATORS} == DEFAULTS
     assert log(box)[-1] == ("close", "")
@@ -460,7 +463,7 @@ def test_one_connect_may_be_entered_again():
 def test_a_connected_machine_cannot_be_connected_again_and_stays_connected():
     machine, box = arm(), Scripted()
     with connect(machine, wired(machine, box)) as m:
-        with pytest.raises(DeclarationError, match="Arm is connected already"):
+        with pytest.raises(DeclarationError, match="Arm is already connected"):
             connect(machine).__enter__()
         periods(m, 1)
     assert log(box)[-1] == ("close", "")

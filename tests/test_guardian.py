@@ -85,7 +85,7 @@ def test_a_broken_report_is_a_reason_to_step_in(tmp_path: Path, cells: Cells, mo
     monkeypatch.setattr(Outcome, "encode", lambda self: b"{")
     outcome = Run(process_box.wiring(tmp_path / "box")).outcome()
     assert outcome.failure is not None
-    assert "did not leave; the guardian reset every actuator" in outcome.failure.message
+    assert "without resetting the machine; the guardian reset every actuator" in outcome.failure.message
     assert_safe(cells)
 
 
@@ -147,7 +147,7 @@ def test_a_guardian_that_is_stopped_is_noticed_and_the_machine_stops_by_itself(t
     os.kill(run.guardian, signal.SIGSTOP)
     outcome = run.outcome()
     assert outcome.failure is not None
-    assert "the guardian has not been seen for " in outcome.failure.message
+    assert "no sign of life from the guardian for " in outcome.failure.message
     assert (outcome.status, outcome.unsafe) == (1, True)
     assert_safe(cells)
     assert len(standing()) == 1
@@ -182,7 +182,7 @@ def test_a_gap_longer_than_the_hang_limit_ends_the_run(monkeypatch: pytest.Monke
     one = watched(gap=3.0)
     one._each_period(cast(Any, None))
     assert stopped == [None]
-    assert "nothing ran for 3.0 s" in one._alarm
+    assert "no process ran for 3.0 s" in one._alarm
     watched(gap=0.05)._each_period(cast(Any, None))
     assert len(stopped) == 1
     watched(unwatched=0.6)._each_period(cast(Any, None))
@@ -295,7 +295,7 @@ def test_the_starter_takes_the_guardians_status_where_its_last_words_were_lost()
     assert vanished(0).status == 0
     assert vanished(143).status == 143
     assert vanished(1).status == 1
-    assert "nobody could reset" in str(vanished(-9).failure)
+    assert "without resetting the actuators" in str(vanished(-9).failure)
 
 
 def test_the_child_that_resets_stands_below_the_guardian_so_that_a_driver_that_loops_cannot_starve_it(

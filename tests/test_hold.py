@@ -246,7 +246,7 @@ def test_a_process_killed_while_it_drives_a_device_leaves_it_standing(device: st
         connect(machine, on(Board(device), machine)).__enter__()
         os.kill(os.getpid(), signal.SIGKILL)
     os.waitpid(child, 0)
-    with pytest.raises(StandsStopped, match="all of its processes ended at once"):
+    with pytest.raises(StandsStopped, match="all of its processes ended without a report"):
         connect(machine, on(Board(device), machine)).__enter__()
 
 
@@ -265,7 +265,7 @@ def test_a_timer_in_virtual_time_is_refused_beside_hardware(device: str) -> None
     machine = bench()
     (fault,) = umo.check(machine, wired(machine, Board(device)))
     assert fault.key == 'wire."timer".driver'
-    assert f"driver box takes hardware ({device})" in fault.message
+    assert f"driver box controls hardware ({device})" in fault.message
 
 
 def test_a_driver_that_cannot_name_its_devices_is_a_fault() -> None:
@@ -293,4 +293,4 @@ def test_two_texts_of_one_output_are_found_by_the_address_in_the_channels_own_fi
     entries = {"motor": {"channel": "out1"}, "valve": {"channel": "out01"}, "encoder": {"channel": "in2"}}
     faults = umo.check(machine, wired(machine, Card(), entries=entries))
     assert [fault.key for fault in faults] == ['wire."valve"']
-    assert "is already that of motor" in faults[0].message
+    assert "is already used by motor" in faults[0].message

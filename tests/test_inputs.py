@@ -162,7 +162,7 @@ def test_a_second_motion_on_a_busy_axis_is_refused_and_the_claim_ends_with_the_m
     m = sensors()
     claim = Claim(m)
     with claim.of("home"):
-        with pytest.raises(Busy, match="busy with home; move_to has to wait"), claim.of("move_to"):
+        with pytest.raises(Busy, match="busy with home; move_to was not started"), claim.of("move_to"):
             pass
         assert claim.holder == "home"
     with pytest.raises(ZeroDivisionError), claim.of("move_to"):

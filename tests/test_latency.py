@@ -108,7 +108,7 @@ def test_the_loop_has_a_process_of_one_thread_which_is_not_a_fork(monkeypatch: p
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="real time needs Linux")
 def test_a_loop_that_cannot_begin_is_an_error_and_leaves_no_process(capfd: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(DriverError, match="ended before it began"):
+    with pytest.raises(DriverError, match="ended before it started measuring"):
         Loop(0.0, 0, None)
     assert "is 0" in capfd.readouterr().err
 

@@ -403,7 +403,7 @@ AT_READ = [
     ("transaction=1", "an answer to transaction 3 in place of 2"),
     ("transaction=-2", "an answer to transaction 0 in place of 2"),
     ("transaction=-1", "an answer to transaction 1 in place of 2, and no other within 50 ms"),
-    ("garbage", "what came is not Modbus"),
+    ("garbage", "the received data is not Modbus"),
 ]
 READING = [f"input:{i}" for i in range(4)]
 

@@ -16,7 +16,7 @@ def test_an_object_of_a_machine_is_not_copied_or_pickled(again) -> None:
     m = bench()
     for _ in range(2):
         for node, name in ((m, "Bench"), (m.motor, r"motor \(DigitalActuator\)")):
-            with pytest.raises(DeclarationError, match=f"^{name} cannot be copied or pickled; declare another one"):
+            with pytest.raises(DeclarationError, match=f"^{name} cannot be copied or pickled; call machine"):
                 again(node)
         with connect(m):
             pass

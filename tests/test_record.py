@@ -59,7 +59,7 @@ def test_a_record_that_cannot_be_read_is_never_taken_for_a_safe_end(content: byt
     Record([DEVICE], "press", "").begin(False)
     own_file().write_bytes(content)
     (ended,) = standing(DEVICE)
-    assert "is not known: its record cannot be read" in str(ended)
+    assert "is unknown: its record cannot be read" in str(ended)
     assert "every actuator was reset" not in str(ended)
     with pytest.raises(StandsStopped):
         Record([DEVICE], "press", "").begin(False)
@@ -74,7 +74,7 @@ def test_a_start_that_cannot_be_written_down_is_refused(monkeypatch: pytest.Monk
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(UmoError, match="the start could not be written down: No space left"):
+    with pytest.raises(UmoError, match="the start of the run could not be recorded: No space left"):
         Record([DEVICE], "press", "").begin(False)
 
 

@@ -724,7 +724,9 @@ def test_a_sequence_that_was_started_twice_is_an_error_that_says_so():
         sequence = work()
         cycle.start(sequence)
         cycle.start(sequence)
-        with pytest.raises(TypeError, match="work was started twice; call the `async def` function for each start"):
+        with pytest.raises(
+            TypeError, match="work was started twice; call the `async def` function again for each start"
+        ):
             cycle.steps(1)
         cycle.steps(1)
 
@@ -752,7 +754,7 @@ def test_a_sequence_that_runs_the_control_of_the_machine_is_an_error_that_says_s
     with Cycle() as cycle:
         cycle.start(work(cycle.m))
         other = cycle.start(after(1))
-        with pytest.raises(TaskFailed, match="a sequence called `control` of the whole machine"):
+        with pytest.raises(TaskFailed, match="a sequence called `control` of the root"):
             cycle.steps(1)
         cycle.steps(2)
         assert other.done
@@ -775,7 +777,9 @@ def test_a_foreign_awaitable_is_a_type_error(where):
 
     with Cycle() as cycle:
         cycle.start(mistaken() if where == "alone" else gather(after(9, "b", log), mistaken()))
-        with pytest.raises(TypeError, match=r"awaited 'something'; only what umo.control offers"):
+        with pytest.raises(
+            TypeError, match=r"awaited 'something'; a sequence can await only the functions of umo.control"
+        ):
             cycle.steps(1)
         assert log == (["left"] if where == "alone" else ["left", "cancelled b", "left b"])
 
@@ -804,7 +808,7 @@ def test_an_asyncio_future_is_a_type_error():
 
         with Cycle() as cycle:
             cycle.start(mistaken())
-            with pytest.raises(TypeError, match=r"only what umo.control offers"):
+            with pytest.raises(TypeError, match=r"a sequence can await only the functions of umo.control"):
                 cycle.steps(1)
     finally:
         loop.close()
@@ -816,7 +820,7 @@ def test_a_sleep_of_asyncio_is_a_type_error_though_it_yields_nothing():
 
     with Cycle() as cycle:
         cycle.start(mistaken())
-        with pytest.raises(TypeError, match=r"awaited None; only what umo.control offers"):
+        with pytest.raises(TypeError, match=r"awaited None; a sequence can await only the functions of umo.control"):
             cycle.steps(1)
 
 

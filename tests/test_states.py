@@ -57,7 +57,7 @@ def test_a_state_prints_as_its_name():
 
 
 def test_three_states_are_refused():
-    with pytest.raises(DeclarationError, match="Light names 3 states"):
+    with pytest.raises(DeclarationError, match="Light has 3 states"):
 
         class Light(TwoState):
             RED = 1
@@ -66,7 +66,7 @@ def test_three_states_are_refused():
 
 
 def test_one_state_is_refused():
-    with pytest.raises(DeclarationError, match="Stuck names 1 states"):
+    with pytest.raises(DeclarationError, match="Stuck has 1 states"):
 
         class Stuck(TwoState):
             ON = 1

@@ -200,7 +200,7 @@ def test_sensors_are_sampled_these_alone_or_read_now_when_asynchronous(box):
         assert encoders.sample() is False
         assert box.calls[-1].channels == ("lanes.1.encoder", "lanes.2.encoder")
         assert encoders.read().tolist() == [500.0, 2.0]
-        with pytest.raises(DeclarationError, match="holds sensors"):
+        with pytest.raises(DeclarationError, match="contains sensors"):
             encoders.write(1.0)
 
 

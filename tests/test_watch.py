@@ -45,7 +45,7 @@ def test_ps_lists_what_runs() -> None:
             assert word in result.stdout
         (line,) = json.loads(umo("ps", "--json").stdout)["running"]
         assert (line["station"], line["periods"], line["missed"]) == ("press", 20, 2)
-    assert said(umo("ps")) == "nothing runs"
+    assert said(umo("ps")) == "no station is running"
 
 
 def test_ps_names_the_machines_that_stand_stopped() -> None:
@@ -91,12 +91,12 @@ def test_watch_takes_paths_alone_where_one_station_runs() -> None:
 
 def test_watch_says_which_stations_there_are() -> None:
     result = umo("watch", "press")
-    assert (result.exit_code, "nothing runs" in said(result)) == (2, True)
+    assert (result.exit_code, "no station is running" in said(result)) == (2, True)
     with running():
         result = umo("watch", "pres")
         assert result.exit_code == 2
-        assert "'pres' does not run (did you mean 'press'?); running: press" in said(result)
-    with running(), running("mill"), pytest.raises(FramesError, match="more than one station runs"):
+        assert "'pres' is not running (did you mean 'press'?); running: press" in said(result)
+    with running(), running("mill"), pytest.raises(FramesError, match="several stations are running"):
         attach(None)
 
 

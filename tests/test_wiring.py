@@ -107,7 +107,7 @@ class Arm(Compound):
 def test_an_object_without_a_line_is_a_fault():
     assert one_fault(bench(), simulated(bench(), valve=None)) == (
         'wire."valve"',
-        'is not wired; what is not built yet is { driver = "simulated" }',
+        'is not wired; for hardware that does not exist yet use { driver = "simulated" }',
     )
 
 
@@ -140,7 +140,7 @@ def test_a_driver_without_a_type_is_one_fault(table):
 
 def test_two_objects_on_one_channel():
     wiring = simulated(bench(), motor={"channel": "7"}, encoder={"channel": "7"})
-    assert one_fault(bench(), wiring) == ('wire."encoder"', "channel '7' of simulated is already that of motor")
+    assert one_fault(bench(), wiring) == ('wire."encoder"', "channel '7' of simulated is already used by motor")
 
 
 def test_one_channel_of_two_drivers_is_no_clash():
@@ -162,7 +162,7 @@ def test_channels_that_share_a_place_clash():
 
     wiring = simulated(bench(), motor={"driver": "box", "channel": "4"}, encoder={"driver": "box", "channel": "5"})
     wiring["drivers"] = {"box": Wide()}
-    assert one_fault(bench(), wiring) == ('wire."encoder"', "channel '5' of box is already that of motor")
+    assert one_fault(bench(), wiring) == ('wire."encoder"', "channel '5' of box is already used by motor")
 
 
 def test_a_channel_that_its_driver_does_not_know():
@@ -234,7 +234,7 @@ def test_raw_values_beyond_int64_fit_no_channel_though_it_have_64_bits():
 
 @pytest.mark.parametrize("resolution", [1e-320, -5e-324, 1e-308])
 def test_a_resolution_too_fine_for_any_raw_value_is_a_fault(resolution):
-    assert "beyond any channel" in one_fault(Arm(motor=actuator()), on_card("out", resolution=resolution))[1]
+    assert "too large for any channel" in one_fault(Arm(motor=actuator()), on_card("out", resolution=resolution))[1]
 
 
 @pytest.mark.parametrize(
@@ -275,7 +275,7 @@ def test_a_line_that_is_no_table(line):
     wiring = simulated(bench())
     wiring["wire"]["motor"] = line
     key, message = one_fault(bench(), wiring)
-    assert (key, message.startswith("is a table such as")) == ('wire."motor"', True)
+    assert (key, message.startswith("must be a table such as")) == ('wire."motor"', True)
 
 
 @pytest.mark.parametrize(
@@ -391,7 +391,7 @@ def test_options_of_connect_go_to_the_drivers_that_take_them():
     wiring = simulated(bench())
     wiring["drivers"] = {"card": {"type": CARD, "host": "here", "port": 1}}
     assert resolve(bench(), wiring, {"port": 2}).drivers["card"].port == 2
-    with pytest.raises(WiringError, match="no driver of this wiring takes the option 'seed'"):
+    with pytest.raises(WiringError, match="no driver of this wiring has the option 'seed'"):
         resolve(bench(), wiring, {"seed": 1})
     with pytest.raises(WiringError, match=r"drivers\.card\.port"):
         resolve(bench(), wiring, {"port": "two"})
@@ -432,13 +432,13 @@ def test_a_period_in_any_unit_or_in_seconds(period, value):
 def test_a_timer_without_a_period():
     wiring = simulated(bench())
     wiring["wire"]["timer"] = {"driver": "simulated"}
-    assert one_fault(bench(), wiring) == ('wire."timer".period', 'is missing, such as "1 ms"')
+    assert one_fault(bench(), wiring) == ('wire."timer".period', 'is missing; give for example "1 ms"')
 
 
 def test_a_period_that_is_not_the_timers():
     assert one_fault(bench(), simulated(bench(), motor={"period": "1 ms"})) == (
         'wire."motor".period',
-        "belongs to the timer",
+        "is allowed for the timer only",
     )
 
 
@@ -463,10 +463,10 @@ def test_a_period_longer_than_a_controller_allows():
     assert faults(law, simulated(law, timer={"period": "2 ms"})) == []
     assert one_fault(law, simulated(law, timer={"period": "2.1 ms"})) == (
         'wire."timer".period',
-        "2.1 ms is longer than Law allows (2 ms)",
+        "2.1 ms is longer than `max_period` of Law (2 ms)",
     )
     both = Both(timer=timer(), fast=Fast(motor=actuator()))
-    assert "1 ms is longer than fast allows (0.5 ms)" in one_fault(both, simulated(both))[1]
+    assert "1 ms is longer than `max_period` of fast (0.5 ms)" in one_fault(both, simulated(both))[1]
 
 
 def test_a_timer_is_an_asynchronous_sensor_in_sampling_periods_that_does_not_hold():
@@ -480,11 +480,11 @@ def test_a_timer_is_an_asynchronous_sensor_in_sampling_periods_that_does_not_hol
         actuator(),
     ):
         key, message = one_fault(Odd(timer=wrong), None)
-        assert (key, "timer is not an asynchronous DigitalSensor" in message) == ('wire."timer"', True)
+        assert (key, "timer must be an asynchronous DigitalSensor" in message) == ('wire."timer"', True)
     held = DigitalSensor(
         "sampling_period", minimum=0, maximum=9, resolution=1, synchronous=False, on_error="hold", max_age=1
     )
-    assert "cannot hold: time would stand still" in one_fault(Odd(timer=held), None)[1]
+    assert "a held value would stop the clock" in one_fault(Odd(timer=held), None)[1]
 
 
 # Parameters ------------------------------------------------------------------------------------------
@@ -583,7 +583,7 @@ def test_an_unknown_parameter_names_the_nearest():
 def test_a_parameter_is_a_finite_number(value):
     wiring = simulated(machine())
     wiring["parameters"] = {"z.speed": value}
-    assert "is a finite number" in one_fault(machine(), wiring)[1]
+    assert "must be a finite number" in one_fault(machine(), wiring)[1]
 
 
 # Files -----------------------------------------------------------------------------------------------
@@ -675,7 +675,7 @@ def test_an_unknown_section():
 @pytest.mark.parametrize("content", [5, "text", [1, 2], None])
 def test_a_section_that_is_no_table(section, content):
     found = faults(bench(), simulated(bench()) | {section: content})
-    assert found[0] == (section, f"is a table, not {content!r}")
+    assert found[0] == (section, f"must be a table, not {content!r}")
 
 
 def test_a_missing_file_a_directory_broken_toml_and_broken_text(tmp_path):

@@ -90,7 +90,7 @@ def test_a_mapping_may_hold_what_a_file_cannot() -> None:
 @pytest.mark.parametrize(
     ("channel", "expected"),
     [
-        ("nothing", "Recorder.channel gave None for it, not a Channel"),
+        ("nothing", "Recorder.channel returned None, not a Channel"),
         ("leave", "SystemExit: 0 at "),
         ("mute", "Mute (its text cannot be shown)"),
     ],

@@ -101,7 +101,7 @@ def test_the_same_code_runs_at_a_longer_period_with_the_gains_of_that_circuit() 
 def test_a_longer_period_than_the_machine_allows_is_refused() -> None:
     slow = wiring()
     slow["wire"]["timer"]["period"] = "20 ms"
-    with pytest.raises(umo.WiringError, match="longer than Manipulator allows"):
+    with pytest.raises(umo.WiringError, match="longer than `max_period` of Manipulator"):
         Run(slow)
 
 

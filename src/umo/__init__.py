@@ -1,7 +1,7 @@
 """umo, Universal Mechatronic Objects: the object layer between device drivers and control software.
 
 Declare a machine's actuators and sensors, wire each to a driver's channel in a TOML file, and write control
-code that never learns which circuit is behind an object. After Muir and Horner, "Mechatronic objects for
+code that does not depend on the circuits. After Muir and Horner, "Mechatronic objects for
 real-time control software development" (1998).
 """
 

@@ -1,4 +1,4 @@
-"""Every error of umo, named by who is at fault.
+"""All errors of umo, ordered by what is wrong: declaration, wiring, value, device, program.
 
 UmoError
 |-- DeclarationError (TypeError)     the declaration: a wrong child, default, range or unit
@@ -7,17 +7,17 @@ UmoError
 |-- RangeError (ValueError)          a value beyond its object's range, NaN or infinite
 |-- StateError (TypeError)           a state of another two-state type
 |-- PathError (LookupError)          a path that names no object of the machine
-|-- NotConnected (RuntimeError)      a value was asked of an object outside `connect`
+|-- NotConnected (RuntimeError)      an object was used outside `connect`
 |-- DriverError (OSError)            the device: every path and channel that failed
 |   |-- DeviceTimeout (TimeoutError) a call did not end within the driver's timeout
 |   |-- ChannelsFailed               some channels of a block transfer; the others stand
 |   `-- StopError                    outputs that could not be brought to their defaults
-|-- BadInput (RuntimeError)          a control law was fed by a sensor whose quality it refuses
-|-- Interlocked (RuntimeError)       an interlock forbids what was to be written
-|-- Busy (RuntimeError)              a second motion was asked of a busy axis
-|-- TimeExpired (TimeoutError)       a condition did not come true in its time
+|-- BadInput (RuntimeError)          a control law read a sensor whose quality it does not accept
+|-- Interlocked (RuntimeError)       an interlock with effect="stop" forbids the write
+|-- Busy (RuntimeError)              a motion was started on an axis in motion
+|-- TimeExpired (TimeoutError)       a condition was not true within its timeout
 |-- TaskFailed (RuntimeError)        the machine could not do its work: base of a station's own errors
-|-- FramesError (RuntimeError)       frames that cannot be published, or attached to
+|-- FramesError (RuntimeError)       frames cannot be published or read
 |-- DeviceHeld (RuntimeError)        another process, or another machine of this one, holds a device
 `-- StandsStopped (RuntimeError)     the last run on a device ended unsafely and was not acknowledged
 Cancelled (BaseException)            thrown into sequences when the machine stops
@@ -33,7 +33,7 @@ from umo.text import cause_of, did_you_mean
 
 
 class UmoError(Exception):
-    """Base of everything umo raises on purpose. Whatever its constructor takes, it can be copied and pickled."""
+    """Base of all errors that umo raises. All can be copied and pickled, whatever the arguments of the constructor."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _made_again, (type(self), self.args, self.__dict__)
@@ -53,7 +53,7 @@ class DeclarationError(UmoError, TypeError):
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One fault of a wiring: where (file and key) and what."""
+    """One fault of a wiring: file, key and message."""
 
     file: str
     key: str
@@ -64,7 +64,7 @@ class Fault:
 
 
 class WiringError(UmoError, ValueError):
-    """The wiring does not fit the machine; `faults` lists everything that was found."""
+    """The wiring does not fit the machine; `faults` lists all faults."""
 
     def __init__(self, message: str, faults: Sequence[Fault] = ()) -> None:
         super().__init__("\n".join([message, *map(str, faults)]) if faults else message)
@@ -72,7 +72,7 @@ class WiringError(UmoError, ValueError):
 
 
 class ChannelError(WiringError):
-    """A channel's text is of no form that its driver knows."""
+    """The text of a channel is not a form that its driver knows."""
 
     def __init__(self, text: str, forms: Iterable[str]) -> None:
         forms = list(forms)
@@ -85,7 +85,7 @@ class RangeError(UmoError, ValueError):
 
 
 class StateError(UmoError, TypeError):
-    """The value is no state of the object's two-state type; nothing was changed."""
+    """The value is not a state of the object's two-state type; nothing was changed."""
 
 
 class PathError(UmoError, LookupError):
@@ -93,12 +93,12 @@ class PathError(UmoError, LookupError):
 
 
 class NotConnected(UmoError, RuntimeError):
-    """The object has no hardware behind it outside `with connect(...)`."""
+    """The object is not connected; use it inside `with connect(...)`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """One object that its driver could not serve."""
+    """The failure of one object: path, channel and cause."""
 
     path: str
     channel: str
@@ -111,7 +111,7 @@ class Failure:
 class DriverError(UmoError, OSError):
     """A device failed; `failures` names every path and channel concerned.
 
-    A driver raises it with a message alone; the process image adds the failures.
+    A driver raises it with a message only; umo adds the failures.
     """
 
     def __init__(self, message: str, failures: Sequence[Failure] = ()) -> None:
@@ -147,7 +147,7 @@ class StopError(DriverError):
 
 
 class BadInput(UmoError, RuntimeError):
-    """A control law was given a sensor whose quality it does not accept; of a Vector the first, and how many others."""
+    """A control law read a sensor whose quality it does not accept. For a Vector: the first, and how many others."""
 
     def __init__(self, path: str, quality: object, others: int = 0) -> None:
         more = f", and {others} more of the Vector {'is' if others == 1 else 'are'} not accepted" if others else ""
@@ -157,7 +157,7 @@ class BadInput(UmoError, RuntimeError):
 
 
 class Interlocked(UmoError, RuntimeError):
-    """An interlock forbids the actuator everything but its default; nothing was changed."""
+    """An interlock with effect="stop" inhibits the actuator: only its default may be written; nothing was changed."""
 
     def __init__(self, path: str, reason: str) -> None:
         super().__init__(f"{path} is interlocked: {reason}")
@@ -170,24 +170,24 @@ class Busy(UmoError, RuntimeError):
 
 
 class TimeExpired(UmoError, TimeoutError):
-    """A condition did not come true within its time."""
+    """A condition was not true within its timeout."""
 
 
 class TaskFailed(UmoError, RuntimeError):
-    """The machine could not do what it was asked; stations derive their own errors from this."""
+    """The machine could not carry out its task. Base class for the errors of a station."""
 
 
 class DeviceHeld(UmoError, RuntimeError):
-    """A device is held already: by another process, or by another connected machine of this one."""
+    """A device is already in use: by another process, or by another connected machine of this process."""
 
 
 class StandsStopped(UmoError, RuntimeError):
-    """The last run on a device did not end safely; whoever drives it again says that they know."""
+    """The last run on a device ended unsafely. Inspect the machine, then connect with `acknowledge=True`."""
 
 
 class FramesError(UmoError, RuntimeError):
-    """A ring of frames that cannot be made or attached to: another version's, another user's, a full disk."""
+    """A ring of frames cannot be created or read: wrong version, owner is another user, disk full."""
 
 
 class Cancelled(BaseException):
-    """Thrown into a sequence when the machine stops or when a sequence beside it failed."""
+    """Raised inside a sequence when the machine stops or when a sequence in the same `together` failed."""

@@ -44,6 +44,6 @@ def place_of(error: BaseException) -> str:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """The nearest of the known names as a phrase to append to a message; empty if none is near."""
+    """The nearest of the known names, as text to append to a message; empty if none is similar."""
     near = difflib.get_close_matches(name[:200], list(islice(known, MOST)), n=1, cutoff=0.5)
     return f" (did you mean {near[0]!r}?)" if near else ""

@@ -1,4 +1,4 @@
-"""The command `umo`: its arguments and where they go. The work is done beside this module."""
+"""The command `umo`: its arguments and where they go. The other modules of this package do the work."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ app = typer.Typer(
 )
 
 StationName = Annotated[
-    str, typer.Argument(metavar="STATION", help="A station's directory, or a shipped one (ztheta).")
+    str, typer.Argument(metavar="STATION", help="Directory of a station, or the name of a shipped one (ztheta).")
 ]
 WiringName = Annotated[
     str | None,
-    typer.Option("--wiring", "-w", metavar="NAME|FILE", help="One of the station's wirings, or a TOML file."),
+    typer.Option("--wiring", "-w", metavar="NAME|FILE", help="Name of a wiring of the station, or a TOML file."),
 ]
 Acknowledge = Annotated[
-    bool, typer.Option("--acknowledge", help="Go on although the last run on one of the devices ended unsafely.")
+    bool, typer.Option("--acknowledge", help="Start even if the last run on a device ended unsafely.")
 ]
 
 
 def guarded(work: Callable[[], int | None]) -> None:
-    """Whatever goes wrong ends with a line or two on stderr: what a user can cause with status 2, a device's failure
-    with 1 or 3, anything else with 1 and its place; Ctrl-C before there is a machine to stop with 130."""
+    """Print any error in one or two lines on stderr and exit. Status 2: a user's mistake. 1 or 3: a device failed.
+    1 with file and line: any other exception. 130: Ctrl-C before a machine was started."""
     from umo.process.outcome import FAILED, MISTAKE, message_of, status_of
 
     try:
@@ -73,18 +73,20 @@ def _finite(value: float | None) -> float | None:
 def run(
     station: StationName,
     wiring: WiringName = None,
-    realtime: Annotated[bool, typer.Option("--realtime", help="Keep pace with the wall clock.")] = False,
-    parts: Annotated[int | None, typer.Option(min=1, help="How many parts to serve.")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Where everything starts on a simulated plant.")] = None,
+    realtime: Annotated[bool, typer.Option("--realtime", help="Run in real time; default: virtual time.")] = False,
+    parts: Annotated[int | None, typer.Option(min=1, help="Number of parts to serve.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Random seed of the plant's initial state.")] = None,
     summary: Annotated[
-        Path | None, typer.Option(metavar="FILE.json", help="Write the figures of the run here.")
+        Path | None, typer.Option(metavar="FILE.json", help="Write a summary of the run to this file.")
     ] = None,
     acknowledge: Acknowledge = False,
-    full_traceback: Annotated[bool, typer.Option("--traceback", help="Show all of an exception.")] = False,
+    full_traceback: Annotated[
+        bool, typer.Option("--traceback", help="Show the full traceback of an exception.")
+    ] = False,
 ) -> None:
     """Run a station; exit status 0 only if all parts were placed.
 
-    In real time the loop has a process of its own, with a guardian that resets the machine if that one dies or hangs.
+    In real time the loop runs in its own process. A guardian process resets the machine if the loop dies or hangs.
     Trace (CSV) and plot (PNG) go to runs/. Ctrl-C stops safely: every actuator goes to its default.
     """
     from umo.process.job import Job
@@ -133,7 +135,7 @@ def get(
     unit: Annotated[str | None, typer.Option(help="Show digital values in this unit.")] = None,
     acknowledge: Acknowledge = False,
 ) -> None:
-    """Read objects by path. Of a station that runs from its frames; else connect, read, reset and leave."""
+    """Read objects by path: from the frames if the station is running; otherwise connect, read and reset."""
     from umo.process.station import find
 
     from .hand import get_values
@@ -152,11 +154,11 @@ def set_(
     value: Annotated[str, typer.Argument(help="A state (ON), a number, or a number with a unit ('80 mm').")],
     wiring: WiringName = None,
     hold: Annotated[
-        float | None, typer.Option(min=0.0, callback=_finite, help="Seconds to hold it; else until Ctrl-C.")
+        float | None, typer.Option(min=0.0, callback=_finite, help="Hold time in s; default: until Ctrl-C.")
     ] = None,
     acknowledge: Acknowledge = False,
 ) -> None:
-    """Connect, write one actuator and hold it, show what is read, then reset. No control code runs."""
+    """Connect, write and hold one actuator, show its value, then reset. No control code runs."""
     from umo.process.station import find
 
     from .hand import set_value
@@ -170,13 +172,13 @@ def watch(
         list[str] | None,
         typer.Argument(
             metavar="[STATION] [PATH]...",
-            help="A name or pid of `umo ps`, where more than one runs; objects, or compounds for all in them.",
+            help="Station name or pid (see `umo ps`), required if several run; paths of objects or compounds.",
         ),
     ] = None,
-    once: Annotated[bool, typer.Option("--once", help="Show the values now, and end.")] = False,
-    seconds: Annotated[float | None, typer.Option(min=0.0, callback=_finite, help="End after so long.")] = None,
+    once: Annotated[bool, typer.Option("--once", help="Show the current values once, then exit.")] = False,
+    seconds: Annotated[float | None, typer.Option(min=0.0, callback=_finite, help="Exit after this time in s.")] = None,
 ) -> None:
-    """Watch a running station: values, traces, missed periods. It cannot be disturbed by this."""
+    """Watch a running station: values, traces, missed periods. Watching does not disturb the station."""
     from .watch import watch as show
 
     guarded(lambda: show(words or [], once, seconds))
@@ -184,7 +186,7 @@ def watch(
 
 @app.command(epilog="Examples: umo ps  |  umo ps --json")
 def ps(as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False) -> None:
-    """List the stations that run in real time, and those that stand stopped."""
+    """List the stations that run in real time, and the devices whose last run ended unsafely."""
     from .running import ps as show
 
     guarded(lambda: show(as_json))
@@ -194,15 +196,17 @@ def ps(as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False
 def latency(
     period: Annotated[str, typer.Option(help="The sampling period, such as 1ms or 500us.")] = "1ms",
     seconds: Annotated[
-        float, typer.Option(min=0.1, callback=_finite, help="How long each of the two loops runs.")
+        float, typer.Option(min=0.1, callback=_finite, help="Measuring time of each of the two loops in s.")
     ] = 10.0,
-    load: Annotated[bool, typer.Option("--load", help="Keep every core busy beside them.")] = False,
-    json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the figures here.")] = None,
+    load: Annotated[bool, typer.Option("--load", help="Load every core during the measurement.")] = False,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="Write the results to this file.")
+    ] = None,
 ) -> None:
-    """Say whether this computer can keep a period: umo's loop beside a bare one in C.
+    """Measure whether this computer can keep a sampling period, with umo's loop and a bare loop in C.
 
     yes: no period missed, and the longest wake-up plus work below half of the period. with care: at most one of a
-    thousand missed and 99.9 % below the period. no: otherwise. It holds for the time and the load that were measured.
+    thousand missed and 99.9 % below the period. no: otherwise. The result is valid for the measured time and load only.
     """
     from .latency import latency as answer
 
@@ -211,11 +215,15 @@ def latency(
 
 @app.command(epilog="Examples: umo why  |  umo why ztheta  |  umo why ztheta --now  |  umo why --file kept.box")
 def why(
-    station: Annotated[str | None, typer.Argument(metavar="[STATION]", help="Of this station only.")] = None,
-    now: Annotated[bool, typer.Option("--now", help="Keep a black box of the running station first.")] = False,
-    file: Annotated[Path | None, typer.Option(metavar="FILE.box", help="A black box that was put aside.")] = None,
+    station: Annotated[
+        str | None, typer.Argument(metavar="[STATION]", help="Name of a station; default: all stations.")
+    ] = None,
+    now: Annotated[bool, typer.Option("--now", help="First write a black box of the running station.")] = False,
+    file: Annotated[
+        Path | None, typer.Option(metavar="FILE.box", help="Read this black box instead of the newest one.")
+    ] = None,
 ) -> None:
-    """Say why periods were missed: the last black box, what each phase took, and the cause in words."""
+    """Show why periods were missed: the newest black box, the duration of each phase, and the cause."""
     from .why import why as say_why
 
     guarded(lambda: say_why(station, now, file))
@@ -225,14 +233,16 @@ def why(
 def plant(
     station: StationName,
     host: Annotated[str, typer.Option(help="Address to serve at.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(min=0, max=65535, help="TCP port; 0 takes a free one.")] = 5020,
-    seed: Annotated[int, typer.Option(min=0, help="Where everything starts.")] = 0,
-    parts: Annotated[int, typer.Option(min=1, help="Parts that the courier carries.")] = 3,
-    watchdog: Annotated[float, typer.Option(help="Seconds without a request, to 65.535; 0: none.")] = 0.2,
-    fault: Annotated[list[str] | None, typer.Option(help="A fault that the plant has; may be repeated.")] = None,
-    report: Annotated[Path | None, typer.Option(metavar="FILE.json", help="Keep the plant's truth here.")] = None,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="TCP port; 0: any free port.")] = 5020,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed of the initial state.")] = 0,
+    parts: Annotated[int, typer.Option(min=1, help="Number of parts.")] = 3,
+    watchdog: Annotated[float, typer.Option(help="Watchdog timeout in s, at most 65.535; 0: off.")] = 0.2,
+    fault: Annotated[list[str] | None, typer.Option(help="Fault to simulate; may be repeated.")] = None,
+    report: Annotated[
+        Path | None, typer.Option(metavar="FILE.json", help="Write the plant's own report to this file.")
+    ] = None,
 ) -> None:
-    """Serve a station's plant as a process of its own, as a controller box on a bench would (Modbus TCP)."""
+    """Run a station's plant in its own process and serve it over Modbus TCP, like a controller box."""
     from umo.process.station import find
 
     from .show import serve_plant
@@ -243,9 +253,9 @@ def plant(
 
 @app.command(epilog="Examples: umo new my-machine && umo run my-machine")
 def new(
-    directory: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that is empty or not there yet.")],
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="A new or empty folder.")],
 ) -> None:
-    """Make a small working station with its tests, to begin from."""
+    """Create a small working station with tests."""
     from .new import make_station
 
     guarded(lambda: make_station(directory))

@@ -1,4 +1,4 @@
-"""A run in processes of its own, seen from the terminal that started it: frames in, signals on."""
+"""A run in its own processes, as shown by the command that started it: reads frames, forwards signals."""
 
 from __future__ import annotations
 

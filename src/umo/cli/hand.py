@@ -1,4 +1,4 @@
-"""`umo get` and `umo set`: the electrical developer's hand tool. The loop runs, control code does not."""
+"""`umo get` and `umo set`: read and write single objects by hand. The loop runs without control code."""
 
 from __future__ import annotations
 
@@ -54,7 +54,9 @@ def get_values(
             value, quality = shown[item.path]
             out.print(f"{item.path:{width}}  {_text(item, value, unit)}  {quality}", markup=False)
     if running is not None:
-        err.print(f"umo: from the frames of {station.name}, which runs (pid {running.about['pid']})", markup=False)
+        err.print(
+            f"umo: read from the frames of {station.name}, which is running (pid {running.about['pid']})", markup=False
+        )
 
 
 def _running(station: Station, file: Path | None, wired: Wired) -> Reader | None:
@@ -74,7 +76,7 @@ def _now(items: Iterable[Any]) -> dict[str, tuple[Any, Quality]]:
 def _latest(reader: Reader) -> dict[str, tuple[Any, Quality]]:
     frame = reader.latest()
     if frame is None:
-        raise FramesError(f"{reader.about['station']} runs, but has not finished a period yet")
+        raise FramesError(f"{reader.about['station']} is running but has not finished a period yet")
     values = reader.values(frame)
     return {path: (values[path], Quality(int(frame["quality"][i]))) for i, path in enumerate(reader.paths)}
 

@@ -1,4 +1,4 @@
-"""`umo latency`: can this computer do it?"""
+"""`umo latency`: whether this computer can keep a sampling period."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def latency(period: str, seconds: float, load: bool, file: Path | None) -> None:
     if not SHORTEST <= step <= LONGEST:
         raise RangeError(f"--period {period}: umo latency measures periods from 50 us to 1 s")
     if not LINUX:
-        raise RangeError("umo latency needs Linux: it measures the loop that runs there in real time")
+        raise RangeError("umo latency needs Linux: umo runs in real time on Linux only")
     if file is not None and (file.is_dir() or not file.parent.is_dir()):
         raise RangeError(f"--json {file}: is a folder" if file.is_dir() else f"--json {file}: no folder {file.parent}")
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
@@ -43,7 +43,7 @@ def latency(period: str, seconds: float, load: bool, file: Path | None) -> None:
             step, seconds, load=load, progress=lambda share: bar.update(task, completed=share, refresh=True)
         )
     if found.c is None:
-        err.print("umo: no C compiler here (cc, gcc, clang): without the loop to compare with")
+        err.print("umo: no C compiler found (cc, gcc, clang): the C loop is not measured")
     out.print(_table(found, load))
     for line in _histogram(found):
         out.print(line)
@@ -59,7 +59,7 @@ def latency(period: str, seconds: float, load: bool, file: Path | None) -> None:
 
 
 def _table(found: Measured, load: bool) -> Table:
-    beside = "every core busy beside it" if load else "as it is"
+    beside = "with load on every core" if load else "without added load"
     table = Table(title=f"{found.period * 1e3:g} ms, {beside}, us", title_justify="left", header_style="bold")
     for name in ("", *(name for name, _ in QUANTILES), "missed"):
         table.add_column(name, justify="right" if name else "left")

@@ -12,7 +12,7 @@ from .console import out
 
 
 def make_station(directory: Path) -> None:
-    """Copy the template; StationError unless the directory is empty or not there yet."""
+    """Copy the template. StationError if the directory exists and is not empty."""
     if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
         raise StationError(f"{directory} is not empty; nothing was written")
     try:

@@ -1,4 +1,4 @@
-"""The whole run at a glance: a picture of its trace (extra `plot`)."""
+"""The plot of a run's trace (extra `plot`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run shows while it works.
+"""The progress display of a run.
 
 It is drawn from within the loop, as the loop's process holds no other thread, so it has to be
 cheap: a line of plain text takes about 3 us, a picture of rich's live display 320 us and now and then 1.3 ms.
@@ -19,7 +19,7 @@ BAR = 24
 
 
 def task_of(machine: object) -> str:
-    """What the machine says that it is doing: its `task`, if it has one."""
+    """The current task of the machine: its attribute `task`, if it has one."""
     return str(getattr(machine, "task", ""))
 
 

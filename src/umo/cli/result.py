@@ -1,4 +1,4 @@
-"""What came of a run: the table, the summary, the exit status."""
+"""The result of a run: table, summary, exit status."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`umo run`: connect, drive, and say what came of it."""
+"""`umo run`: run a station and print the results."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def run_station(job: Job, *, summary: Path | None, full_traceback: bool = False)
         raise StationError(f"--summary {summary}: {what}")
     plan = Plan(job)
     if "realtime" in plan.unused:
-        err.print("umo: --realtime changes nothing: this wiring's timer keeps its own time")
+        err.print("umo: --realtime has no effect on the timer of this wiring")
     result = Result(Statistics())
     seen = Seen(plan.machine)
     said: Any = seen if plan.wired.realtime and LINUX else plan.machine
@@ -65,7 +65,7 @@ def _fail(failure: Failed, full_traceback: bool) -> int:
 
 
 def _drive(plan: Plan, result: Result, observers: list[Any]) -> None:
-    """The run itself, in this process; whatever ends it is kept, and the actuators are at their defaults after it."""
+    """The run itself, in this process. Its error is stored in the result; the actuators are reset before it returns."""
     connection = connect(plan.machine, plan.wired, acknowledge=plan.job.acknowledge)
     outcome = result.outcome
     try:
@@ -95,7 +95,7 @@ def _write_summary(result: Result, summary: Path) -> bool:
 
 
 def _leave_behind(name: str, task: str, result: Result, trace: Trace) -> None:
-    """Trace, plot and summary; what cannot be written is said, and changes nothing else."""
+    """Write trace, plot and summary. A failure is printed and does not change the exit status."""
     failure = result.outcome.failure
     try:
         folder = _new_folder(f"{name}-{datetime.now():%Y%m%d-%H%M%S}")
@@ -108,9 +108,9 @@ def _leave_behind(name: str, task: str, result: Result, trace: Trace) -> None:
 
         save_plot(trace, folder / "plot.png", f"umo run {name}: {task or 'done'}")
     except ImportError:
-        err.print(f'umo: no plot: it needs matplotlib (pip install "umo[plot]"); the trace is in {folder}')
+        err.print(f'umo: no plot: matplotlib is not installed (pip install "umo[plot]"); the trace is in {folder}')
     except Exception as error:  # a full disk; a name that the plot cannot show
-        err.print(f"umo: the run could not be written down whole: {cause_of(error)}", soft_wrap=True)
+        err.print(f"umo: the results of the run are incomplete: {cause_of(error)}", soft_wrap=True)
     else:
         out.print(f"trace and plot: {folder}")
 

@@ -22,7 +22,7 @@ from .console import err, out
 
 
 def ps(as_json: bool) -> None:
-    """What runs, and what stands stopped."""
+    """List what runs, and the devices that stand stopped."""
     found = [_line(reader) for reader in readers()]
     stopped = standing()
     if as_json:
@@ -31,7 +31,7 @@ def ps(as_json: bool) -> None:
     if found:
         out.print(_table(found))
     else:
-        out.print("nothing runs")
+        out.print("no station is running")
     for ended in stopped:
         out.print(f"stands stopped: {ended} (start it with --acknowledge)")
 
@@ -46,13 +46,15 @@ def frames_at(path: Path) -> Reader:
 
 @contextmanager
 def reading(path: Path) -> Iterator[None]:
-    """What a file's content makes go wrong is the file's fault: FramesError."""
+    """Raise any error of reading a damaged file as FramesError."""
     try:
         yield
     except UmoError:
         raise
     except Exception as error:  # of json, struct, numpy, mmap: whatever a damaged file leads to
-        raise FramesError(f"{path} cannot be read, it is damaged or of another umo ({cause_of(error)})") from error
+        raise FramesError(
+            f"{path} cannot be read: it is damaged or was written by another version of umo ({cause_of(error)})"
+        ) from error
 
 
 def attach(name: str | None) -> Reader:
@@ -64,11 +66,11 @@ def attach(name: str | None) -> Reader:
         return fitting[0]
     names = [str(reader.about["station"]) for reader in found]
     if not found:
-        raise FramesError(f"nothing runs{_others()}; `umo run STATION` in real time can be watched")
+        raise FramesError(f"no station is running{_others()}; start one in real time with `umo run STATION`")
     if not fitting:
-        raise FramesError(f"{name!r} does not run{did_you_mean(str(name), names)}; running: {', '.join(names)}")
+        raise FramesError(f"{name!r} is not running{did_you_mean(str(name), names)}; running: {', '.join(names)}")
     pids = ", ".join(f"{reader.about['station']} (pid {reader.about['pid']})" for reader in fitting)
-    raise FramesError(f"more than one station runs, name one or its pid: {pids}")
+    raise FramesError(f"several stations are running; give a name or a pid: {pids}")
 
 
 def attach_first(words: list[str]) -> tuple[Reader, list[str]]:
@@ -154,7 +156,7 @@ def lasting(seconds: float) -> str:
 
 
 def _others() -> str:
-    """Another user's folder says that there may be something to see, but not for us."""
+    """A hint for the message if another user has a folder of frames."""
     folders = [path for path in Path("/dev/shm").glob("umo-*") if path.is_dir()] if Path("/dev/shm").is_dir() else []
     own = f"umo-{os.getuid()}" if hasattr(os, "getuid") else ""
-    return " for this user; another user's stations cannot be watched" if any(p.name != own for p in folders) else ""
+    return " for this user; stations of another user cannot be watched" if any(p.name != own for p in folders) else ""

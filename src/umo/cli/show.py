@@ -1,4 +1,4 @@
-"""`umo check`, `umo tree`, `umo drivers`, `umo plant`: what there is, and whether it fits."""
+"""`umo check`, `umo tree`, `umo drivers`, `umo plant`."""
 
 from __future__ import annotations
 

@@ -32,8 +32,8 @@ BLOCKS = "▁▂▃▄▅▆▇█"
 
 
 def watch(words: list[str], once: bool, seconds: float | None) -> None:
-    """Show a running station until it ends, Ctrl-C, or for `seconds` s. `words`: its name or pid, then paths; where
-    one runs alone, paths only."""
+    """Show a running station until it ends, until Ctrl-C, or for `seconds` s. `words`: its name or pid, then paths;
+    only paths if one station is running."""
     reader, paths = attach_first(words)
     with reader:
         picture = Picture(reader, _chosen(reader, paths))

@@ -1,4 +1,4 @@
-"""`umo why`: what the last black box says of the periods that were missed."""
+"""`umo why`: shows the causes of missed periods from the newest black box."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def _newest(station: str | None) -> Path:
             raise FramesError(f"no black box of {station!r}{did_you_mean(station, names)}; there are those of: {known}")
     if not found:
         raise FramesError(
-            "no black box yet: one is kept when a period is missed in real time (`umo why --now` keeps one of a run)"
+            "no black box yet: one is written when a period is missed in real time; `umo why --now` writes one at once"
         )
     return found[-1]
 
@@ -58,7 +58,7 @@ def _keep(station: str | None) -> Path:
                 file = blackbox.name_for(blackbox.folder(), name, time.time())
                 blackbox.save(reader, file, "on demand")
                 return file
-    raise FramesError("no station runs" if station is None else f"no station {station!r} runs (`umo ps` shows them)")
+    raise FramesError("no station runs" if station is None else f"station {station!r} is not running (see `umo ps`)")
 
 
 def _report(reader: Reader, file: Path) -> None:

@@ -1,4 +1,5 @@
-"""Control laws and sequences. Control laws take objects, not numbers: an input that is not accepted raises BadInput."""
+"""Control laws and sequences. Control laws take objects, not numbers. They raise BadInput if the quality of an
+input is not accepted."""
 
 from umo.control.claim import Claim
 from umo.control.inputs import HOMING, Accept, state_of, value_of

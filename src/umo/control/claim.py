@@ -10,7 +10,7 @@ from umo.objects import Compound
 
 
 class Claim:
-    """Held for the length of a motion: `with self.claim.of("move_to"):`; a second one raises Busy."""
+    """Reserves an axis for one motion: `with self.claim.of("move_to"):`. A second motion raises Busy."""
 
     def __init__(self, owner: Compound) -> None:
         self._owner = owner
@@ -19,7 +19,7 @@ class Claim:
     @contextmanager
     def of(self, what: str) -> Iterator[None]:
         if self.holder is not None:
-            raise Busy(f"{self._owner.path} is busy with {self.holder}; {what} has to wait")
+            raise Busy(f"{self._owner.path} is busy with {self.holder}; {what} was not started")
         self.holder = what
         try:
             yield

@@ -1,4 +1,4 @@
-"""How control laws read: an object's value, or BadInput. Nothing rests on the caller looking at a bool.
+"""Reading the inputs of control laws: the value of an object, or BadInput. The caller has no flag to check.
 
 GOOD is accepted, and STALE: an object is STALE only within the `max_age` that its integrator declared for holding a
 last value. BAD, OUT_OF_RANGE and UNREFERENCED are refused, unless the call says what else it accepts.
@@ -18,10 +18,10 @@ from umo.objects.scaling import FloatArray
 S = TypeVar("S", bound=TwoState)
 
 Accept: TypeAlias = Quality | Container[Quality]
-"""One quality, or several: what a call accepts besides GOOD and STALE."""
+"""The qualities (one or several) that a call accepts in addition to GOOD and STALE."""
 
 HOMING = frozenset({Quality.UNREFERENCED, Quality.OUT_OF_RANGE})
-"""What homing accepts: the count moves, but nobody knows yet what it means."""
+"""The quality that homing accepts: the counter works, but its reference position is not known yet."""
 
 
 @overload

@@ -11,7 +11,7 @@ from umo.errors import RangeError
 
 
 class Setpoint(NamedTuple):
-    """Where the axis should be now, in its units, per s and per s squared."""
+    """Position, velocity and acceleration of the setpoint, in units, units/s and units/s^2."""
 
     position: float
     velocity: float
@@ -20,7 +20,7 @@ class Setpoint(NamedTuple):
 
 @dataclass
 class Profile:
-    """A path from where the axis is to its target within these limits, asked for one period at a time."""
+    """A setpoint profile to a target position within these limits, advanced by one period per call."""
 
     velocity: float
     """Largest speed, units per s."""
@@ -35,14 +35,14 @@ class Profile:
     _duration: float = field(default=0.0, init=False)
 
     def hold(self, position: float, velocity: float = 0.0) -> None:
-        """Begin at this position and speed; `to` plans from here."""
+        """Set the start position and velocity of the next profile."""
         self.setpoint = Setpoint(position, velocity, 0.0)
         self._duration = 0.0
 
     def to(self, target: float, *, velocity: float = inf) -> float:
-        """Plan from the present setpoint to rest at the target; the duration in s.
+        """Plan a profile from the current setpoint to standstill at the target. Returns its duration in s.
 
-        `velocity` lowers the largest speed for this path. RangeError when a number is not finite or a limit
+        `velocity` lowers the largest speed for this profile. RangeError if a number is not finite or a limit is
         not positive.
         """
         ruckig = _ruckig()
@@ -57,9 +57,9 @@ class Profile:
         try:
             result = self._planner.calculate(plan, self._trajectory)
         except ruckig.RuckigError as error:
-            raise RangeError(f"no path to {target!r}: {str(error).strip()}") from None
+            raise RangeError(f"no profile to {target!r}: {str(error).strip()}") from None
         if result not in (ruckig.Result.Working, ruckig.Result.Finished):
-            raise RangeError(f"no path to {target!r} within {self!r}: {result.name}")
+            raise RangeError(f"no profile to {target!r} within the limits of {self!r}: {result.name}")
         self._elapsed = 0.0
         self._duration = float(self._trajectory.duration)
         return self._duration
@@ -69,7 +69,7 @@ class Profile:
         return self._elapsed >= self._duration
 
     def step(self, dt: float) -> Setpoint:
-        """The setpoint `dt` s further on; at the end it stays at the target."""
+        """Advance the profile by `dt` s and return the setpoint. After the end it is the target."""
         if self._duration:
             self._elapsed = elapsed = self._elapsed + dt
             if elapsed >= self._duration:

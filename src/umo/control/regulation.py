@@ -23,7 +23,7 @@ class Hysteresis(Generic[S]):
     high: float
 
     def control(self, accept: Accept = ()) -> S:
-        """One period: read, decide, write; the state written. BadInput as for every control law."""
+        """One period: read, compare, write. Returns the state written. Raises BadInput like every control law."""
         value, actuator = value_of(self.sensor, accept), self.actuator
         if value < self.low:
             state = self.raising
@@ -36,5 +36,5 @@ class Hysteresis(Generic[S]):
 
     @property
     def settled(self) -> bool:
-        """Whether the value is within the band; BadInput as for `control`."""
+        """Whether the value is between `low` and `high`. Raises BadInput like `control`."""
         return self.low <= value_of(self.sensor) <= self.high

@@ -13,9 +13,10 @@ from umo.objects import DigitalActuator, DigitalSensor
 class Servo:
     """u = gain (e + 1/integral_time int(e) dt - derivative_time dy/dt) + feed-forward, e = setpoint - y.
 
-    The derivative acts on the measured value, through a first-order filter. Anti-windup: the integral stands
-    while `write` says that the value was not taken as given, and is led back to what the actuator's `read`
-    shows was really accepted. All times in s; gains hold at any sampling period that is short beside them.
+    The derivative acts on the measured value, through a first-order filter. Anti-windup: the integral is held
+    while `write` returns False (the output was limited), and is corrected to the output that the actuator's
+    `read` shows as accepted. All times are in s. Gains do not depend on the sampling period, as long as it is
+    short compared with these times.
     """
 
     sensor: DigitalSensor
@@ -40,7 +41,7 @@ class Servo:
     _asked: float | None = field(default=None, init=False)
 
     def begin(self) -> None:
-        """Forget the past: before the servo takes an axis over, or after its sensor was referenced."""
+        """Clear the state. Call it before the servo takes over an axis, and after its sensor was referenced."""
         self._integral = self._rate = self.error = 0.0
         self._last = self._asked = None
 
@@ -53,9 +54,9 @@ class Servo:
         dt: float,
         accept: Accept = (),
     ) -> bool:
-        """One period of `dt` s: read, compute, write. False when the actuator was at its limit.
+        """One period of `dt` s: read, compute, write. False if the output was limited.
 
-        Without time (`dt` is 0 on a machine that has no timer) neither integral nor derivative contribute.
+        With `dt` = 0 (a machine without a timer) integral and derivative do not contribute.
         Raises BadInput when the sensor's quality is not accepted.
         """
         value = value_of(self.sensor, accept)

@@ -7,21 +7,21 @@ from dataclasses import dataclass, field
 from umo.objects import BinaryActuator, Rotation, UpDown
 
 STEPS_PER_PERIOD = 0.4
-"""The most that a profile should ask for: a step takes two periods, and a reversal one more."""
+"""Largest step rate of a profile, in steps per period: a step takes two periods, a reversal one more."""
 
 
 @dataclass
 class Stepping:
-    """Turns a position in steps, a real number, into edges: a phase accumulator.
+    """Converts a position in steps (a real number) into step edges: a phase accumulator.
 
-    UP and DOWN last at least one period each, and the direction has stood at the hardware for at least one
-    period before UP. CW counts upwards.
+    UP and DOWN last at least one period each. The direction output is stable for at least one period before UP.
+    CW counts up.
     """
 
     step: BinaryActuator[UpDown]
     direction: BinaryActuator[Rotation]
     count: int = field(default=0, init=False)
-    """Steps sent, with their sign."""
+    """Sum of the steps sent, CW positive."""
 
     def control(self, position: float) -> bool:
         """One period towards `position` in steps; True once it is within half a step and the output is DOWN."""

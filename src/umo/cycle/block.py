@@ -26,6 +26,6 @@ class Block:
         self.transfer: Callable[[Any, IntArray], None]
         """The driver's block transfer, as the transfer stage calls it."""
         self.scales: Any = None
-        """Inputs: resolution, zero offset and bounds of its objects, as the form of the image wants them."""
+        """Inputs: resolution, zero offset and bounds of its objects, prepared by the form of the image."""
         self.unsettled: set[int] = set()
-        """Slots whose quality is not what it is when all is well."""
+        """Slots whose quality differs from the normal one."""

@@ -1,4 +1,4 @@
-"""The cycle's clock: seconds, counted by the timer on whichever channel the wiring put it."""
+"""The cycle's clock: time in s, counted in ticks of the wired timer."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def _nothing() -> None:
 
 
 class WallClock(Clock):
-    """For machines without a timer: seconds since connecting, looked at when the whole machine is sampled."""
+    """For machines without a timer: seconds since connecting, read when the whole machine is sampled."""
 
     __slots__ = ("_source", "_start")
 

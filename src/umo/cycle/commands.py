@@ -1,9 +1,9 @@
-"""The command stage: what stands between whoever writes a guarded actuator and the process image, as data.
+"""The command stage: checks every write to a guarded actuator before it reaches the process image.
 
     source, range, interlock, expiry, rate, then the image
 
-The range is judged by the object itself, before anything else. An actuator that has no guard, is synchronous and whose
-range its raw integers meet writes into the image directly and pays nothing for this.
+The object itself checks the range first. A synchronous actuator without a guard, whose raw values match its range
+exactly, writes to the image directly; then the command stage costs no time.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("umo")
 A_TICK = 1e-9
-"""s by which a sum of periods may fall short of the time that it stands for."""
+"""Tolerance in s of a sum of periods (rounding)."""
 
 
 class Source(Enum):
@@ -36,7 +36,7 @@ class Source(Enum):
     PROGRAM = "program"
     HAND = "hand"
     DEFAULT = "default"
-    """umo itself: a reset, a lapsed command, an interlock."""
+    """umo itself: a reset, an expired command, an interlock."""
 
 
 class Event(NamedTuple):
@@ -49,27 +49,27 @@ class Event(NamedTuple):
 
 @dataclass
 class Command:
-    """What is commanded of one actuator, and what limits it."""
+    """The command of one actuator and its limits."""
 
     slot: int
     path: str
     default: float
     synchronous: bool
     expires: float
-    """s without a write after which the default is sent; infinite: never."""
+    """Time in s without a write after which the default is sent; infinite: never."""
     slew_rate: float
-    """Units per s; infinite: any."""
+    """Largest rate in units per s; infinite: not limited."""
     inhibitions: list[Inhibition]
-    """Of the interlocks that name this actuator."""
+    """The interlocks that name this actuator."""
     target: float
-    """What was last accepted from the source."""
+    """The value last accepted from the source."""
     source: Source = Source.DEFAULT
     written: float | None = None
-    """When that was, s on the cycle's clock; None once it has lapsed."""
+    """Time of that write in s on the cycle's clock; None after it has expired."""
     step: float = 0.0
-    """Where the rate has brought it."""
+    """The value reached so far under the rate limit."""
     slewed: float = 0.0
-    """When it last made a step."""
+    """Time of its last step."""
     resetting: bool = True
 
     @property
@@ -78,7 +78,7 @@ class Command:
 
     @property
     def reason(self) -> str | None:
-        """Why nothing but the default is sent now."""
+        """The reason for which only the default may be sent."""
         return next((each.reason for each in self.inhibitions if each.reason is not None), None)
 
     def admits(self, value: float) -> bool:
@@ -97,11 +97,11 @@ class Command:
         self.target, self.source, self.written = value, source, now
 
     def lapse(self) -> None:
-        """The default as if written; a rate holds for it too."""
+        """The command has expired: the default is written; the rate limit applies to it."""
         self.target, self.source, self.written = self.default, Source.DEFAULT, None
 
     def rest(self, now: float) -> None:
-        """At the default: after connecting, and with a reset, which passes over every guard."""
+        """The actuator is at its default: after connecting, and after a reset, which ignores all guards."""
         self.lapse()
         self.step = self.default
         self.resetting, self.slewed = True, now
@@ -162,7 +162,7 @@ class Commands:
         return None if command is None else command.reason
 
     def acknowledge(self, slots: Iterable[int]) -> bool:
-        """Free what latched interlocks inhibit though their conditions have gone; whether all is free now."""
+        """Acknowledge latched interlocks whose conditions are false. True if no actuator is inhibited."""
         commands = [self.by_slot[slot] for slot in slots if slot in self.by_slot]
         for command in commands:
             for each in command.inhibitions:
@@ -177,8 +177,8 @@ class Commands:
     # Each period ---------------------------------------------------------------------------------------
 
     def evaluate(self) -> None:
-        """After `sample`: ask the interlocks, look for what has expired, and reset all that this comes to at once, in
-        stop order. DriverError if a device did not take its default; it is tried again every period."""
+        """After `sample`: evaluate interlocks and expiries, and reset the actuators concerned in stop order.
+        DriverError if a device did not accept its default; the reset is retried in every period."""
         if not self.by_slot:
             return
         due = self._unsent() | self._interlocked()
@@ -204,7 +204,11 @@ class Commands:
         found = set()
         for command in self._expiring:
             if command.slot not in due and command.has_expired(self._image.clock.now):
-                self._happened(command, f"not written for {command.expires:g} s: to its default", Kind.EXPIRED)
+                self._happened(
+                    command,
+                    f"command expired: not written for {command.expires:g} s, default sent",
+                    Kind.EXPIRED,
+                )
                 if command.synchronous:
                     command.lapse()
                     self._image.set_default(command.slot)
@@ -214,7 +218,7 @@ class Commands:
 
     def slew(self, slots: Iterable[int] | None = None) -> None:
         """Before a transfer: pending becomes what the rate allows in this period, from what the hardware last accepted.
-        One step a period, however often this is called. A reset that the device did not take is made up whole."""
+        One step per period, even if called several times. A reset that failed is retried without the limit."""
         for command in self.slewing:
             if slots is None or command.slot in slots:
                 self._slew(command)

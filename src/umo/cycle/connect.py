@@ -1,4 +1,4 @@
-"""Connecting a machine to its hardware, and leaving it safely."""
+"""Connecting a machine to its hardware, and disconnecting it safely."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from umo.cycle.forms import make_image
 from umo.cycle.image import Image
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.signals import StopFlag
-from umo.cycle.stop_order import stop_sequence
 from umo.cycle.transfer import settling, wait_for
 from umo.drivers.contract import Driver
 from umo.errors import DeclarationError, DriverError, Failure, StopError
@@ -29,21 +28,20 @@ C = TypeVar("C", bound=Compound)
 
 _ENTERING = threading.Lock()
 _ENTERED: set[int] = set()
-"""The machines (by id) that are connected, or about to be."""
+"""Ids of the machines that are connected or being connected."""
 
 
 class connect(Generic[C]):
     """Connect a machine: `with connect(machine, "wiring/simulated.toml") as m:`.
 
-    `wiring` is a TOML file, its contents as a dict, or None: everything on simulated channels at 1 ms.
-    `options` go to every driver that takes one of that name (`seed=1`).
+    `wiring` is a TOML file, its contents as a dict, or None (default: all objects on simulated channels, period
+    1 ms). `options` are passed to every driver that has an option of this name (`seed=1`).
 
-    Entering checks the wiring (WiringError lists every fault), holds the drivers' devices (DeviceHeld names who has
-    one; StandsStopped if the last run on one ended unsafely, unless `acknowledge`), opens the drivers, initialises
-    every object at its default, arms the circuits' watchdogs, then takes one sample. Leaving resets every actuator
-    in stop order, then finalises in reverse order; one failure never stops the rest, and StopError lists by path
-    what could not be brought to its default. After a failed entry the same is done to everything that was
-    initialised.
+    On entry: check the wiring (WiringError lists every fault); reserve the devices (DeviceHeld names the owner;
+    StandsStopped if the last run on a device ended unsafely, unless `acknowledge`); open the drivers; initialise
+    every object at its default; arm the watchdogs; take one sample. On exit: reset every actuator in stop order,
+    then finalise in reverse order. A failure does not stop the other resets; StopError lists by path the actuators
+    that are not at their defaults. If entry fails, the objects initialised so far are reset and finalised too.
     """
 
     def __init__(
@@ -62,11 +60,13 @@ class connect(Generic[C]):
         self._acknowledge = acknowledge
         self.stop = StopFlag()
         self.on_step: Callable[[], object] = lambda: None
-        """Called before every call of a driver while connecting and leaving: a sign of life."""
+        """Called before every call of a driver while connecting and disconnecting: a sign of life."""
         self.pause: Callable[[float], object] = time.sleep
-        """How leaving waits, in s, before it resets a second time."""
+        """The function that waits (in s) before the second reset."""
+        self.reached = True
+        """Whether every initialised actuator is at its default, as far as is known."""
         self.custody: Custody | None = None
-        """Who keeps the devices for this connection, if not the connection itself."""
+        """The owner of the devices, if not the connection itself."""
         self.wired: Wired
         self.machine: ConnectedMachine
         self._restore: list[Callable[[], object]] = []
@@ -85,7 +85,7 @@ class connect(Generic[C]):
     def __enter__(self) -> C:
         with _ENTERING:
             if id(self.root) in _ENTERED:
-                raise DeclarationError(f"{type(self.root).__name__} is connected already")
+                raise DeclarationError(f"{type(self.root).__name__} is already connected")
             _ENTERED.add(id(self.root))
         try:
             self._enter()
@@ -113,6 +113,7 @@ class connect(Generic[C]):
                 custody.finish()
             raise
         self._custody = custody
+        self.reached = False
         try:
             self._start()
         except BaseException as error:
@@ -143,12 +144,13 @@ class connect(Generic[C]):
         self.machine.sample_all()
 
     def _leave(self, cause: BaseException | None) -> None:
-        """Everything back to its default, everything given back; what was not reached is raised at the end."""
-        unreached: list[Failure] = [Failure("application", "-", "leaving was interrupted")]
+        """Reset everything, then release everything. Actuators that were not reached are raised at the end."""
+        unreached: list[Failure] = [Failure("application", "-", "disconnecting was interrupted")]
         try:
             self.machine.finish_period()
             stopping = self._cancel_sequences()
             unreached, late = self._reset()
+            self.reached = not unreached
             failures = late + self._finalize() + self._close()
         finally:
             self.machine.disconnect()
@@ -159,9 +161,9 @@ class connect(Generic[C]):
         if stopping is not None:
             if cause is None:
                 raise stopping
-            cause.add_note(f"and while its sequences were stopped: {cause_of(stopping)}")
+            cause.add_note(f"also, while stopping its sequences: {cause_of(stopping)}")
         if failures:
-            raise DriverError("could not be given back", failures) from cause
+            raise DriverError("could not be finalised or closed", failures) from cause
 
     def _give_back(self) -> None:
         """Calibrations, parameters and signal handlers as they were."""
@@ -175,13 +177,13 @@ class connect(Generic[C]):
         if self._custody is self.custody:  # its keeper looks after what was not reached
             return
         if unreached:
-            what = "it was left" if cause is None else cause_of(cause)
+            what = "the connection was closed" if cause is None else cause_of(cause)
             self._custody.stopped(what, [failure.path for failure in unreached])
         else:
             self._custody.finish()
 
     def _cancel_sequences(self) -> BaseException | None:
-        """What comes out of their cleaning up: whatever it is, the outputs are still to be reset."""
+        """Cancel the sequences. Returns the error of their cleanup: the outputs must be reset in any case."""
         try:
             self.machine.sequences.cancel()
         except BaseException as error:
@@ -189,10 +191,9 @@ class connect(Generic[C]):
         return None
 
     def _reset(self) -> tuple[list[Failure], list[Failure]]:
-        """What was not reached, and what was at the second attempt only.
+        """Failures: the actuators not reached, and those reached at the second attempt only.
 
-        A request that failed may still be under way, and undo a reset that came before it: then everything is reset a
-        second time, later.
+        A request that failed may still be carried out later and undo a reset. Then everything is reset a second time.
         """
         slots = self._stop_sequence()
         first = self._reset_once(slots)
@@ -216,7 +217,7 @@ class connect(Generic[C]):
         for name in reversed(self._opened):
             try:
                 self.image.transfer.close(name)
-            except Exception as error:
+            except BaseException as error:
                 failures.append(Failure(f"driver {name}", "-", f"not closed: {cause_of(error)}"))
         return failures
 
@@ -226,5 +227,4 @@ class connect(Generic[C]):
     def _stop_sequence(self) -> list[int]:
         """The slots of the initialised actuators."""
         initialized = set(self._initialized)
-        slots = [self.image.slot_of[id(item)] for item in stop_sequence(self.root)]
-        return [slot for slot in slots if slot in initialized]
+        return [slot for slot in self.machine.stop_order if slot in initialized]

@@ -13,7 +13,7 @@ log = logging.getLogger("umo")
 
 
 class Frame:
-    """What one period was: a view of the live image, valid during the call of the observer."""
+    """The data of one period: a view of the live image, valid only during the call of the observer."""
 
     __slots__ = ("began", "execution", "image", "missed", "number", "time")
 
@@ -53,7 +53,7 @@ Observer = Callable[[Frame], None]
 
 
 def show(frame: Frame, observers: list[Observer]) -> None:
-    """Observers cannot hurt what they watch: one that raises is logged and watched no more."""
+    """Call the observers. One that raises is logged and removed; it does not disturb the loop."""
     for observer in tuple(observers):
         try:
             observer(frame)

@@ -62,7 +62,7 @@ class Image(ABC):
         self.outputs = self._blocks(Direction.OUTPUT)
         self.transfer.bind(self.inputs, self.outputs)
         self._good: bool | None = None
-        """Whether all of `sampled` are GOOD; None when a quality has changed since that was looked up."""
+        """Whether all of `sampled` are GOOD; None: a quality has changed since the last check."""
         self.sampled = slice(0, self.inputs[-1].stop if self.inputs else 0)
         for block in self.inputs:
             self._prepare(block)
@@ -117,7 +117,7 @@ class Image(ABC):
     # A whole period ------------------------------------------------------------------------------------
 
     def sample(self) -> bool:
-        """Every synchronous sensor, one transfer a driver. What failed does not stop the others."""
+        """Read every synchronous sensor, one transfer per driver. A failure does not stop the others."""
         failures: list[Failure] = []
         now = self.clock.now
         for block in self.inputs:
@@ -136,7 +136,7 @@ class Image(ABC):
         return self._good
 
     def update(self) -> bool:
-        """Every synchronous actuator, written since or not, one transfer a driver."""
+        """Send every synchronous actuator, written or not since the last period; one transfer per driver."""
         if self._slewing:
             self.commands.slew()
         failures: list[Failure] = []
@@ -180,7 +180,7 @@ class Image(ABC):
     # Some objects --------------------------------------------------------------------------------------
 
     def read_now(self, slot: int) -> float:
-        """An asynchronous sensor: the hardware, now. The timer's moves the clock."""
+        """Read an asynchronous sensor from the hardware, now. Reading the timer advances the clock."""
         failures: list[Failure] = []
         try:
             raw = self.transfer.read(slot)
@@ -230,7 +230,7 @@ class Image(ABC):
         return True
 
     def try_send(self, slot: int) -> list[Failure]:
-        """What is pending of one actuator, to the hardware now."""
+        """Send the pending value of one actuator to the hardware, now."""
         failures: list[Failure] = []
         try:
             self.transfer.write(slot, self.pending_raws[slot])

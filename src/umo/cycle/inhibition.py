@@ -1,4 +1,4 @@
-"""An interlock at work in a connected machine."""
+"""The state of an interlock in a connected machine."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from umo.text import cause_of
 
 @dataclass(eq=False)
 class Inhibition:
-    """What one interlock forbids, and whether it does so now."""
+    """One interlock: its actuators, and whether it inhibits them."""
 
     interlock: Interlock
     slots: list[int]
-    """What it forbids, in stop order."""
+    """The actuators that it inhibits, in stop order."""
     reason: str | None = None
-    """Why it inhibits now, None if it does not."""
+    """The reason while it inhibits; None: it does not."""
     held: bool = False
-    """Whether its condition held when it was last asked."""
+    """The last result of its condition."""
 
     def ask(self) -> bool:
-        """Ask the condition; True when it has just begun to inhibit."""
+        """Evaluate the condition. True if it starts to inhibit now."""
         before, found = self.reason, _reason(self.interlock)
         self.held = found is not None
         self.reason = before if self.interlock.latched and not self.held else found
         return before is None and self.held
 
     def acknowledge(self) -> None:
-        """Free what it forbids, unless its condition still holds."""
+        """Free its actuators, unless its condition is still true."""
         if not self.held:
             self.reason = None
 
@@ -53,7 +53,7 @@ def _reason(interlock: Interlock) -> str | None:
     try:
         holds: Any = interlock.condition()
         if not isinstance(holds, bool | np.bool_):  # None, for want of a return, would never forbid
-            raise TypeError(f"{holds!r} is neither True nor False")
+            raise TypeError(f"{holds!r} is not True or False")
         return interlock.reason if holds else None
     except Exception as error:
-        return f"{interlock.reason} (assumed: its condition could not be evaluated, {cause_of(error)})"
+        return f"{interlock.reason} (its condition counts as true because it could not be evaluated: {cause_of(error)})"

@@ -1,4 +1,4 @@
-"""What moved one object at a time in a period, in order, so that a replay can be exact.
+"""The journal of a period: transfers of single objects, in order, for an exact replay.
 
 The transfers of the whole machine are not in it: a frame's raw integers say what they moved, and the journal how
 many of its entries came before them. An entry keeps the raw integer that its object had before, so that from a
@@ -44,7 +44,7 @@ class Journal:
         self.count = 0
         """Entries of this period so far."""
         self.lost = 0
-        """Entries of this period that found no room."""
+        """Entries of this period that were dropped because the journal was full."""
         self.sampled = NEVER
         """How many entries came before the sample of the whole machine; NEVER before it took place."""
         self.updated = NEVER

@@ -1,4 +1,4 @@
-"""The connected machine: what `sample`, `control`, `update` and `reset` of the root and its parts come to."""
+"""The connected machine: carries out `sample`, `control`, `update` and `reset` of the root and its parts."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class ConnectedMachine:
         """Called after every period with its frame."""
         self.frame = Frame(image)
         self.commands = Commands(root, image)
-        self._stop_order = [image.slot_of[id(item)] for item in stop_sequence(root)]
+        self.stop_order = [image.slot_of[id(item)] for item in stop_sequence(root)]
         self._slots: dict[int, _Slots] = {}
         self._acts: dict[int, list[Callable[[], None]]] = {}
         self._started = 0
@@ -72,7 +72,7 @@ class ConnectedMachine:
         return timeless
 
     def _guarded_sample(self) -> bool:
-        """The guards are looked at when sensors failed, too; one DriverError lists what both could not reach."""
+        """Guards are evaluated even if sensors failed; one DriverError lists the failures of both."""
         try:
             good = self.image.sample()
         except DriverError as unread:
@@ -86,7 +86,7 @@ class ConnectedMachine:
 
     @property
     def events(self) -> deque[Event]:
-        """What guards did, the last thousand times."""
+        """The last 1,000 actions of guards."""
         return self.commands.events
 
     def control(self, part: Compound) -> None:
@@ -143,7 +143,7 @@ class ConnectedMachine:
             slot_of = self.image.slot_of
             atoms = {slot_of[id(atom)]: atom for atom in part.atoms()}
             sensors = [slot for slot, atom in atoms.items() if atom.direction is Direction.INPUT]
-            actuators = [slot for slot in self._stop_order if slot in atoms]
+            actuators = [slot for slot in self.stop_order if slot in atoms]
             self._slots[id(part)] = _Slots(
                 [slot for slot in sensors if atoms[slot].synchronous],
                 [slot for slot, atom in atoms.items() if atom.synchronous and atom.direction is Direction.OUTPUT],

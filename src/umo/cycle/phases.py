@@ -1,6 +1,6 @@
-"""What each phase of a period took: the timer, each driver's sample, the control code, each driver's update.
+"""Durations of the phases of a period: timer, sample of each driver, control code, update of each driver.
 
-Watching costs about 0.3 us a transfer, so it is switched on only where someone looks at it (`umo.frames`).
+Measuring costs about 0.3 us per transfer, so it is on only while frames are published (`umo.frames`).
 """
 
 from __future__ import annotations

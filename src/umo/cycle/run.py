@@ -1,4 +1,4 @@
-"""Running a machine: the loop that a program may also write out itself."""
+"""Running a machine: the standard loop. A program may write its own."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ def run(
     observers: Iterable[Observer] = (),
     **options: Any,
 ) -> Any:
-    """Connect the machine, run the application's sequence to its end, leave safely; what the sequence returned.
+    """Connect the machine, run the application's sequence to its end and disconnect safely. Returns its result.
 
     Without an application the machine's `control` runs until SIGINT or SIGTERM. After a signal the result is
-    None. Errors of the application, the control code and the devices come out after the actuators have been
-    brought to their defaults. `options` go to the drivers, as for `connect`.
+    None. Errors of the application, the control code and the devices are raised after the actuators have been
+    reset to their defaults. `options` are passed to the drivers, as for `connect`.
     """
     connection = connect(machine, wiring, **options)
     with connection as m:
@@ -36,10 +36,10 @@ def run(
 
 
 def drive(m: C, application: Application[C] | None = None) -> Any:
-    """The loop itself, on a connected machine: until the application ends, or a stop is asked for."""
+    """The loop of a connected machine. Ends when the application ends or a stop is requested."""
     timer = m.children().get("timer")
     if not isinstance(timer, DigitalSensor):
-        raise DeclarationError(f"{type(m).__name__} has no `timer`; a machine that runs has a DigitalSensor named so")
+        raise DeclarationError(f"{type(m).__name__} has no `timer`: umo.run needs a DigitalSensor with this name")
     task = None if application is None else m.start(application(m))
     while m.running and not (task is not None and task.done):
         timer.read()

@@ -30,22 +30,23 @@ Sequence = Coroutine[Any, Any, Any]
 
 
 _PERIOD = object()
-"""What a sequence hands to the cycle when it waits; anything else, even None, is not from here."""
+"""The only object that a sequence may yield to the cycle; anything else, even None, is an error."""
 
 
 @coroutine
 def next_period() -> Generator[object, Tick, Tick]:
-    """Until the next period; returns its tick: `period` in s and `ticks` consumed (1, or more after a miss)."""
+    """Wait for the next period. Returns its tick: `period` in s and `ticks` consumed (1, or more after a miss)."""
     return (yield _PERIOD)
 
 
 async def wait(duration: str | float) -> None:
-    """A time in s (or "20 ms"), rounded up to whole periods; missed periods count."""
+    """Wait for a time in s (or "20 ms"), rounded up to whole periods. Missed periods count."""
     await _pass(in_seconds(duration))
 
 
 async def until(condition: Callable[[], bool], timeout: str | float | None = None) -> None:
-    """Until the condition, asked once per period and at once, is true; TimeExpired after `timeout` (s or text)."""
+    """Wait until the condition is true. It is evaluated at once, then once per period. TimeExpired after `timeout`
+    (s, or a text such as "20 ms"; default: no timeout)."""
     if condition():
         return
     limit = math.inf if timeout is None else in_seconds(timeout)
@@ -74,7 +75,7 @@ def _whole_periods(limit: float, period: float) -> float:
     if math.isinf(limit):
         return limit
     if not period:
-        raise TaskFailed("a machine without a timer has no periods to count seconds in")
+        raise TaskFailed("a machine without a timer cannot wait for a time: it has no sampling period")
     return math.ceil(limit / period - 1e-9)
 
 
@@ -99,12 +100,12 @@ class _Together:
 
 
 def together(*sequences: Sequence) -> Awaitable[tuple[Any, ...]]:
-    """Run the sequences side by side; their results. The first failure cancels the rest and is raised."""
+    """Run sequences in parallel and return their results. The first error cancels the others and is raised."""
     return _Together(sequences)
 
 
 class Task:
-    """A sequence under way."""
+    """A started sequence."""
 
     def __init__(self, sequence: Sequence) -> None:
         if not isinstance(sequence, Coroutine):
@@ -132,15 +133,15 @@ class Task:
             self._refuse_exit(error)
             raise
         if awaited is not _PERIOD:
-            wrong = TypeError(f"a sequence awaited {awaited!r}; only what umo.control offers can be awaited")
+            wrong = TypeError(f"a sequence awaited {awaited!r}; a sequence can await only the functions of umo.control")
             raise _with_notes(wrong, _cancel_all([self]))
         if self._cancelling:
             self.cancel()
         return self.done
 
     def cancel(self) -> None:
-        """Throw Cancelled in; the sequence may clean up, and may not go on. If it asks for this itself, it happens
-        where it awaits next."""
+        """Raise Cancelled inside the sequence. It may clean up but must not continue. A sequence that cancels
+        itself gets Cancelled at its next await."""
         if self.done:
             return
         if getattr(self._sequence, "cr_running", False):
@@ -160,13 +161,13 @@ class Task:
         self._begun = True
         if inspect.iscoroutine(self._sequence) and inspect.getcoroutinestate(self._sequence) != inspect.CORO_CREATED:
             self.done = True
-            raise TypeError(f"{self._name} was started twice; call the `async def` function for each start")
+            raise TypeError(f"{self._name} was started twice; call the `async def` function again for each start")
 
     def _refuse_exit(self, error: BaseException) -> None:
         """These two would end the whole run without a word, `sys.exit(0)` even as if all were well."""
         if isinstance(error, SystemExit | GeneratorExit):
             what = f"{self._name} raised {cause_of(error)}{place_of(error)}"
-            raise TaskFailed(f"{what}; a sequence ends by returning, or by an error") from error
+            raise TaskFailed(f"{what}; a sequence must end by returning or with an error") from error
 
     @property
     def _name(self) -> str:
@@ -186,7 +187,7 @@ def _cancel_all(tasks: list[Task]) -> list[BaseException]:
 
 def _with_notes(error: BaseException, others: list[BaseException]) -> BaseException:
     for other in others:
-        error.add_note(f"and while a sequence beside it was cancelled: {other!r}")
+        error.add_note(f"also, while another sequence was cancelled: {other!r}")
     return error
 
 
@@ -207,7 +208,7 @@ class Sequences:
         if not self._tasks:
             return
         if self._advancing:
-            raise TaskFailed("a sequence called `control` of the whole machine; that is the cycle's, once a period")
+            raise TaskFailed("a sequence called `control` of the root; only the cycle may call it, once per period")
         self._advancing = True
         try:
             for task in self._tasks.copy():  # what they start begins with the next period
@@ -217,8 +218,8 @@ class Sequences:
             self._advancing = False
 
     def cancel(self) -> None:
-        """On stop: Cancelled into each, the last started first. The first error of their cleaning up is raised after
-        all, as it is; the others are its notes."""
+        """On stop: cancel each sequence, the last started first. Then the first error of their cleanup is raised; the
+        others are added to it as notes."""
         errors: list[BaseException] = []
         while self._tasks:  # cleaning up may start more
             tasks, self._tasks = self._tasks, []

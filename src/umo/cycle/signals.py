@@ -27,14 +27,14 @@ class StopFlag:
         self.signal: int | None = None
 
     def install(self) -> None:
-        """Listen from now on."""
+        """Start listening."""
         self.requested, self.signal = False, None
         _flags[self] = _in_main_thread()
         if _flags[self] and not _before:
             _before.update({number: signal.signal(number, _caught) for number in SIGNALS})
 
     def restore(self) -> None:
-        """Listen no more; the last machine to leave gives the handlers back, whichever was connected first."""
+        """Stop listening. The last machine that disconnects restores the signal handlers."""
         _flags.pop(self, None)
         if _in_main_thread() and not any(_flags.values()):
             while _before:

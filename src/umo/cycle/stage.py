@@ -1,4 +1,4 @@
-"""How far a machine has come, from its start to its end."""
+"""The stages of a run."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Stage(IntEnum):
     STOPPING = 2
     """Its actuators are being brought to their defaults, its drivers closed."""
     ENDED = 3
-    """All of that is over, or its processes are gone."""
+    """The run has ended, or its processes have."""
 
     def __str__(self) -> str:
         return self.name.lower()

@@ -1,4 +1,4 @@
-"""What a run leaves behind: the statistics of its periods and a trace, in bounded memory however long it runs."""
+"""Statistics and trace of a run, in bounded memory for any length of the run."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""The transfer stage: the one way from a machine to its drivers, for the image and for the guardian alike.
+"""The transfer stage: every call of a driver is made here, for the image and for the guardian.
 
-Whatever calls a driver does so here. So what belongs to every call is here, once: the time that each phase of a period
-takes, the journal, what an exception means for the objects concerned, and which drivers have stopped answering.
+What every call needs is here once: timing of the phases of a period, the journal, mapping exceptions to the objects
+concerned, and the list of drivers that do not answer.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from umo.text import cause_of
 from umo.wiring.resolved import Wire, Wired
 
 SETTLE = 0.25
-"""s that a device is given at least to carry out what was still under way."""
+"""Minimum time in s for a device to carry out requests that are still pending."""
 LONGEST_SETTLE = 1.0
 SLICE = 0.05
 RECENT = 0.5
-"""s, and twice its timeout, for which a driver that timed out is expected to do so again."""
+"""Time in s, plus twice its timeout, for which a driver that timed out is served last."""
 _DONE = {"initialize": Kind.INITIALIZE, "reset": Kind.RESET}
 
 
@@ -45,17 +45,17 @@ class Transfer:
         self._real = {id(wired.drivers[name]) for name in wired.hardware}
         self.raws_array = np.zeros(len(wires), np.int64)
         self.raws: Any = self.raws_array.data  # a memoryview: quicker than numpy's items
-        """The integer that each object last had at the hardware."""
+        """The raw value that each object last had at the hardware."""
         self.journal: Journal | None = None
-        """Where traffic beside the transfers of the whole machine is noted, if someone reads it."""
+        """The journal of transfers of single objects; None if it is not used."""
         self.on_call: Callable[[], object] = _nothing
         """Called before each call that is not part of a period: a sign of life."""
         self.tick: Callable[[Channel], int]
         """How the timer is read."""
         self._late: dict[int, float] = {}
-        """By id, the drivers of which a call timed out, and when that was."""
+        """Drivers (by id) that timed out, with the time of the timeout."""
         self.unsure = False
-        """A write of a driver with hardware failed, and nobody knows whether the device will still carry it out."""
+        """True: a write to hardware failed, and the device may still carry it out."""
 
     # Whole drivers -------------------------------------------------------------------------------------
 
@@ -66,7 +66,7 @@ class Transfer:
         self._whole(name, "closed", self.drivers[name].close)
 
     def watchdog(self, name: str, seconds: float) -> None:
-        self._whole(name, "given its watchdog", lambda: self.drivers[name].watchdog(seconds))
+        self._whole(name, "armed with its watchdog", lambda: self.drivers[name].watchdog(seconds))
 
     def _whole(self, name: str, what: str, call: Callable[[], None]) -> None:
         self.on_call()
@@ -185,7 +185,14 @@ class Transfer:
                 waiting.append(slot)
             else:
                 wire = self.wires[slot]
-                yield slot, Failure(wire.item.path, wire.channel.text, causes.get(driver, "it timed out before"))
+                yield (
+                    slot,
+                    Failure(
+                        wire.item.path,
+                        wire.channel.text,
+                        causes.get(driver, "not tried: an earlier call of the driver timed out"),
+                    ),
+                )
         for slot in waiting:
             begin(slot)
             yield slot, self._segment(slot, segment, self._default(slot))
@@ -202,7 +209,7 @@ class Transfer:
         began = monotonic()
         try:
             getattr(wire.driver, segment)(wire.channel, *default)
-        except Exception as error:
+        except BaseException as error:  # whatever a driver raises, the others are still to be brought to their defaults
             self._failed(wire.driver, (slot,), error, True, monotonic() - began)
             self.note(slot, Kind.FAILED_RESET)
             return Failure(wire.item.path, wire.channel.text, cause_of(error))
@@ -214,12 +221,12 @@ class Transfer:
     # What every call has in common ---------------------------------------------------------------------
 
     def _failed(
-        self, driver: Driver[Any], slots: Sequence[int], error: Exception, write: bool, took: float = 0.0
+        self, driver: Driver[Any], slots: Sequence[int], error: BaseException, write: bool, took: float = 0.0
     ) -> list[tuple[int, str]]:
         """The slots that failed, with the cause: all of a call, or those that the driver names."""
         if isinstance(error, TimeoutError) or took >= driver.timeout:
             self._late[id(driver)] = monotonic()
-        if write and isinstance(error, OSError) and id(driver) in self._real:
+        if write and id(driver) in self._real:
             self.unsure = True
         if isinstance(error, ChannelsFailed):
             causes = error.causes

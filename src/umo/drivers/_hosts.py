@@ -1,4 +1,4 @@
-"""The one spelling of a host's addresses: so two names of one device can be seen to be the same."""
+"""Normalised addresses of a host, so that two names of one device compare equal."""
 
 from __future__ import annotations
 

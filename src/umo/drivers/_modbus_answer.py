@@ -1,6 +1,6 @@
-"""What of a device's bytes is the answer to a request, and nothing but that: pure functions, no socket.
+"""Finds and checks the answer to a request in the received bytes: pure functions, no socket.
 
-pymodbus takes lengths and confirmations as they come; a value that moves a machine is looked at more closely.
+pymodbus does not check lengths and confirmations; values for a machine need these checks.
 Requests and answers are whole frames: transaction, protocol (0), length of what follows, unit, function, data.
 """
 
@@ -31,12 +31,12 @@ class Refused(DriverError):
 
 
 def frame_end(data: bytes) -> int:
-    """Where the first frame of the data ends, 0 while it is not whole; Lost if these are no frames."""
+    """Where the first frame of the data ends, 0 while it is incomplete; Lost if the data is not Modbus."""
     if len(data) < _HEADER.size:
         return 0
     _, protocol, length = _HEADER.unpack_from(data)
     if protocol or not _SHORTEST <= length <= _LONGEST:
-        raise Lost("what came is not Modbus")
+        raise Lost("the received data is not Modbus")
     end = _HEADER.size + length
     return end if len(data) >= end else 0
 

@@ -30,7 +30,7 @@ class Direction(Flag):
 class Channel:
     """One channel of an interface circuit: its text, direction, width in bits and sign.
 
-    A driver may derive its own frozen channel to keep an address beside them: its own fields then say where it is.
+    A driver may derive a frozen class with more fields, such as an address. These fields then identify the place.
     """
 
     text: str
@@ -40,8 +40,8 @@ class Channel:
 
     @property
     def places(self) -> tuple[Hashable, ...]:
-        """What of the circuit the channel takes up; no two objects may share a place. Of a derived channel all of its
-        own fields and its direction, so that two texts of one output are found; without any its text."""
+        """The places of the circuit that the channel uses. Two objects must not share a place. Default: the direction
+        and the fields of the derived class, so two texts for one output are found; without such fields the text."""
         own = tuple(getattr(self, field.name) for field in fields(self)[len(fields(Channel)) :])
         return ((self.direction, own),) if own else (self.text,)
 
@@ -58,38 +58,38 @@ C = TypeVar("C", bound=Channel, default=Channel)
 
 
 class Driver(ABC, Generic[C]):
-    """One interface circuit: a DAC card, a GPIO chip, a Modbus unit. Knows nothing of objects.
+    """One interface circuit: a DAC card, a GPIO chip, a Modbus unit. A driver transfers raw values only.
 
-    The constructor takes the circuit's options (the keys of its `[drivers.NAME]` table) and touches no
-    hardware. Required: `channel`, and `read` or `write` as its channels' directions need. A call that
-    fails raises any OSError (`umo.DriverError` is one), one that timed out a TimeoutError (`umo.DeviceTimeout`);
-    it ends within `timeout` and does not retry. `Driver[MyChannel]` where channels are of an own class.
+    The constructor takes the options of the circuit (the keys of its `[drivers.NAME]` table) and must not access
+    hardware. Required: `channel`, `read` if there are inputs, `write` if there are outputs. Every call returns
+    within `timeout` and does not retry. Errors: any OSError (such as `umo.DriverError`) if a call fails, a
+    TimeoutError (such as `umo.DeviceTimeout`) if it timed out. Use `Driver[MyChannel]` for a derived channel class.
     """
 
     timeout: float = 1.0
-    """The longest that one call may take, in s; set from the wiring before `open` (default 10 periods)."""
+    """Timeout of one call in s; set from the wiring before `open`. Default: 10 periods."""
     period: float = 0.0
-    """The machine's sampling period in s, 0 without a timer; set from the wiring before `open`."""
+    """Sampling period of the machine in s; 0: no timer. Set from the wiring before `open`."""
     realtime: bool = False
-    """Whether its timer channel, if it has one, keeps the pace of the wall clock."""
+    """True if the driver has a timer channel that runs in real time. Default: False."""
 
     # The paper's five segments -------------------------------------------------------------------
 
     @abstractmethod
     def channel(self, text: str) -> C:
-        """The channel that the text names; ChannelError with the valid forms otherwise. Before `open` too."""
+        """The channel with this text. Raises ChannelError with the valid forms. May be called before `open`."""
 
     def initialize(self, channel: C, default: int | None) -> None:
-        """Prepare the channel. An output comes up at its default, with no other level in between;
-        a sensor's default is None."""
+        """Prepare the channel. An output must go directly to its default, without another level in between.
+        `default` is a raw value; None for a sensor."""
         if default is not None:
             self.write(channel, default)
 
     def finalize(self, channel: C) -> None:
-        """Give the channel up; an output was reset before."""
+        """Release the channel. An output has been reset before."""
 
     def reset(self, channel: C, default: int | None) -> None:
-        """Actuators: write the default. Sensors (None): clear the circuit's faults, never a count."""
+        """Actuators: write the default, a raw value. Sensors (None): clear faults of the circuit, not a counter."""
         if default is not None:
             self.write(channel, default)
 
@@ -102,13 +102,13 @@ class Driver(ABC, Generic[C]):
     # Derived: override what the circuit does better ------------------------------------------------
 
     def devices(self) -> Iterable[str]:
-        """The hardware that it takes, such as "modbus tcp 192.168.0.7:502", in a form in which two spellings of one
-        device are equal. One process holds a device at a time. None: a simulation in this process. Before `open`."""
+        """The hardware that the driver uses, such as "modbus tcp 192.168.0.7:502". The text must be the same for every
+        spelling of one device: one process holds a device at a time. Empty: a simulation. Called before `open`."""
         return ()
 
     def read_many(self, channels: Sequence[C], out: IntArray) -> None:
-        """Read all the channels into `out`, in place: the sensors of one period. One transfer on a bus. ChannelsFailed
-        where only some of them failed."""
+        """Read all channels into `out`, in place: the sensors of one period, if possible in one bus transfer.
+        Raises ChannelsFailed if only some channels failed."""
         failed: dict[str, Exception] = {}
         for i, channel in enumerate(channels):
             try:
@@ -121,8 +121,8 @@ class Driver(ABC, Generic[C]):
             raise ChannelsFailed(failed)
 
     def write_many(self, channels: Sequence[C], raws: IntArray) -> None:
-        """Write all the channels: the actuators of one period; ChannelsFailed where only some of them failed. `raws`
-        is the caller's; copy, never keep."""
+        """Write all channels: the actuators of one period. Raises ChannelsFailed if only some channels failed. `raws`
+        belongs to the caller: copy it, do not keep it."""
         failed: dict[str, Exception] = {}
         for channel, raw in zip(channels, raws.tolist(), strict=True):
             try:
@@ -135,15 +135,15 @@ class Driver(ABC, Generic[C]):
             raise ChannelsFailed(failed)
 
     def open(self) -> None:
-        """Reach for the circuit; before any other call but `channel` and `devices`."""
+        """Open the circuit. Only `channel` and `devices` are called before."""
 
     def close(self) -> None:
-        """Let the circuit go; after the last call, also when `open` failed."""
+        """Close the circuit. The last call; also made if `open` failed."""
 
     def watchdog(self, seconds: float) -> None:
-        """Arm the circuit's own watchdog: without a request for so long it drops its outputs to safe levels."""
+        """Arm the watchdog of the circuit: after this time without a request it sets its outputs to safe levels."""
         raise NotImplementedError(f"{type(self).__name__} has no watchdog of its own")
 
     def report(self) -> Mapping[str, Any]:
-        """What the circuit, or a plant, has to say at the end of a run, before `close`: plain data by name."""
+        """Results of the circuit or plant at the end of a run, as plain data by name. Called before `close`."""
         return {}

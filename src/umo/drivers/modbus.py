@@ -47,29 +47,29 @@ class Modbus(Driver[ModbusChannel]):
     """One unit of a Modbus TCP device.
 
     Channels: `coil:N` and `holding:N[:TYPE]` (both directions), `discrete:N` and `input:N[:TYPE]` (inputs);
-    TYPE is uint16 (as it stands), int16, uint32 or int32, the last two in registers N and N + 1. N is the
+    TYPE is uint16 (default), int16, uint32 or int32, the last two in registers N and N + 1. N is the
     protocol's address, 0 to 65535, counted from 0; many manuals count from 1 and put the table before it.
 
     Options:
-        host, port, unit: the device; a name in place of an address is looked up once, when opened.
+        host, port, unit: the device; a host name is resolved once, by `open`.
         word_order: which word of a 32-bit value has the lower address, the "big" (high) or the "little".
         watchdog_register: the holding register that takes the watchdog's time in ms, if there is one.
-        bridge_gaps: read over up to 16 unused registers or 64 unused bits where that saves a request. Off
-            as it stands, since a device may answer exception 2 to an address that it does not have.
+        bridge_gaps: read over up to 16 unused registers or 64 unused bits where that saves a request. Default:
+            off, since a device may answer exception 2 to an address that it does not have.
 
     All channels of a period move in as few requests as their addresses allow: the cells of one table that
-    follow each other in one request, up to the protocol's maxima. Writes never touch a cell that was not
-    named. A single coil or register is written by function 5 or 6, more by 15 or 16: each is what the
-    most devices know.
+    follow each other in one request, up to the protocol's maxima. Only addressed cells are written.
+    A single coil or register is written with function 5 or 6, several with 15 or 16: the functions that most
+    devices support.
 
-    Each call, with all of its requests and a new connection where one is needed, ends within `timeout`.
-    Nothing is sent twice: after a write that timed out, nobody knows whether the device took it. After any
-    failure but an exception answer the connection is closed, and the next call opens it again.
+    Each call returns within `timeout`, including all of its requests and a reconnection if needed. There is no
+    retry: after a write timed out, it is not known whether the device carried it out. After any failure except
+    an exception answer the connection is closed, and the next call opens it again.
 
     Where a block takes several requests, one that is answered by an exception fails for its own channels and
     the others go on; one that loses the connection fails for its own and those of all later requests, as
     ChannelsFailed says. A timeout is a DeviceTimeout of the whole block, whatever was read or written
-    before it: the time of the call is spent, and the device may be gone.
+    before it: the time of the call is used up, and the device may be disconnected.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class Modbus(Driver[ModbusChannel]):
         _within("port", port, 1, 65535)
         _within("unit", unit, 0, 255)
         if word_order not in ("big", "little"):
-            raise WiringError(f"word_order is 'big' or 'little', not {word_order!r}")
+            raise WiringError(f"word_order must be 'big' or 'little', not {word_order!r}")
         if watchdog_register is not None:
             _within("watchdog_register", watchdog_register, 0, HIGHEST_ADDRESS)
         self._host, self._port, self._unit = host, port, unit
@@ -136,7 +136,7 @@ class Modbus(Driver[ModbusChannel]):
     def watchdog(self, seconds: float) -> None:
         """Write the time, in ms, into the watchdog's register; 0 turns most watchdogs off."""
         if self._watchdog_register is None:
-            raise _NoWatchdog(f"Modbus {self._host}:{self._port} was given no watchdog_register")
+            raise _NoWatchdog(f"Modbus {self._host}:{self._port} needs the option watchdog_register for a watchdog")
         if not 0 <= seconds <= _LONGEST_WATCHDOG:
             raise DriverError(f"a watchdog of {seconds:g} s does not fit its register (0 to 65.535 s)")
         milliseconds = max(round(seconds * 1000), 1 if seconds else 0)
@@ -200,4 +200,4 @@ def _blamed(requests: Sequence[Request], channels: Sequence[ModbusChannel], erro
 
 def _within(name: str, value: int, least: int, most: int) -> None:
     if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-        raise WiringError(f"{name} is a whole number from {least} to {most}, not {value!r}")
+        raise WiringError(f"{name} must be a whole number from {least} to {most}, not {value!r}")

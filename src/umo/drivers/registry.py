@@ -1,6 +1,6 @@
 """Finding a driver's class by name: entry points of the group `umo.drivers`, or `module:Class`.
 
-A driver is imported only when it is named, and never replaced by another.
+A driver is imported only if a wiring names it. A driver that is missing is not replaced by another one.
 """
 
 from __future__ import annotations

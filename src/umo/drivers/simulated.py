@@ -1,7 +1,7 @@
-"""The simulated circuit: for objects whose circuit is not built yet, and for tests.
+"""The simulated circuit: for objects whose circuit does not exist yet, and for tests.
 
-It remembers what was written and keeps a history; sensors read what `set` put there, 0 at first. As the
-timer it returns at once with 0 missed: virtual time.
+It stores every write in a history. A sensor reads the value given by `set`, default: 0. As the timer it returns
+at once with 0 missed periods: virtual time.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ class Simulated(Driver):
         return Channel(text, Direction.BOTH, 64, signed=True)
 
     def set(self, channel: str, raw: int) -> None:
-        """What the channel reads from now on."""
+        """Set the raw value that the channel reads."""
         self._raws[channel] = int(raw)
 
     def get(self, channel: str) -> int:
-        """What was last written or set, 0 before."""
+        """The raw value last written or set; default: 0."""
         return self._raws.get(channel, 0)
 
     def read(self, channel: Channel) -> int:

@@ -56,7 +56,7 @@ class Ticker:
         libc = ctypes.CDLL(None, use_errno=True)
         self._fd = libc.timerfd_create(CLOCK_MONOTONIC, TFD_CLOEXEC)
         if not self._nanoseconds:  # which timerfd takes for "never"
-            raise DriverError(f"timerfd: no period of {self.period:g} s; wire a timer with its period")
+            raise DriverError(f"timerfd: the period is {self.period:g} s; give the timer a period in its wiring")
         self._next = time.monotonic_ns() + self._nanoseconds
         spec = _Itimerspec(_timespec(self._nanoseconds), _timespec(self._next))
         if self._fd < 0 or libc.timerfd_settime(self._fd, TFD_TIMER_ABSTIME, ctypes.byref(spec), None) < 0:
@@ -67,8 +67,8 @@ class Ticker:
         self._passed = waiting.poll
 
     def wait(self) -> int:
-        """The paper's meaning exactly: ticks that have passed since the last call, at once; if none, block
-        for the next one and return 0. The grid stays where it was after a miss."""
+        """As in the paper: return at once the ticks that have passed since the last call; if there were none, block
+        until the next tick and return 0. A missed tick does not shift the following ticks."""
         before, self._late = self._late, 0
         passed = before + self._pass(self._expired(False))
         if passed:

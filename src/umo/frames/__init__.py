@@ -1,4 +1,4 @@
-"""Frames: one for each finished period, in a ring in shared memory that anyone of the same user can watch."""
+"""Frames: one for each finished period, in a ring in shared memory that all processes of the same user can read."""
 
 from umo.cycle.stage import Stage
 from umo.frames.folder import rings

@@ -1,4 +1,4 @@
-"""Making a ring's file: it gets its name last, when it is whole and locked."""
+"""Creating the file of a ring. The file gets its name last, when it is complete and locked."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MADV_POPULATE_WRITE = 23
 def make(path: Path, head: bytes, size: int) -> tuple[int, mmap.mmap]:
     """A new file of `size` bytes that begins with `head`: its descriptor, and its memory, all of it in place.
 
-    FramesError where there is no room, or where something living has that name. What was begun is undone then.
+    FramesError if there is not enough memory, or if a running process uses this name; then no file is left.
     """
     folder.is_living(path)  # that of a dead process goes
     try:
@@ -29,10 +29,10 @@ def make(path: Path, head: bytes, size: int) -> tuple[int, mmap.mmap]:
         except (OSError, AttributeError, NotImplementedError):  # a system, or a file system, that has no such files
             return _hidden(path, head, size)
     except FileExistsError:
-        raise FramesError(f"{path} is there already") from None
+        raise FramesError(f"{path} already exists") from None
     except OSError as error:
         raise FramesError(
-            f"no room for frames ({size / 1e6:.1f} MB at {path.parent}): {error.strerror or error}"
+            f"cannot reserve {size / 1e6:.1f} MB for frames in {path.parent}: {error.strerror or error}"
         ) from None
 
 

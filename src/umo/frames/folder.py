@@ -1,7 +1,7 @@
-"""Where the rings of running stations lie: one folder for each user, in shared memory where there is some.
+"""The folder of the rings of running stations: one per user, in shared memory if available.
 
-A ring is locked (flock) by the processes that keep it going and by nobody else, and has its name only when it is
-whole and locked. So a ring that can be locked is that of a dead process.
+Only the processes that write a ring lock it (flock), and it gets its name when it is complete and locked. So a ring
+that can be locked belongs to a dead process.
 """
 
 from __future__ import annotations

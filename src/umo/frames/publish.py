@@ -28,12 +28,12 @@ def published(
         with connection as m, umo.published(connection, "press"):
             ...
 
-    `umo ps` and `umo watch press` then find it, in a new file in the user's folder. Who chooses `path` instead finds
-    the last frames in it when the block has ended, and removes it; `place` is the station's folder. FramesError where
-    there is no room, and where this connection is being published already.
+    `umo ps` and `umo watch press` then find it. Default: a new file in the user's folder, removed at the end. A file
+    given as `path` keeps the last frames after the block; the caller removes it. `place` is the station's folder.
+    FramesError if there is not enough memory, or if this connection is already published.
     """
     if connection.image.transfer.journal is not None:
-        raise FramesError(f"{station} is being published already; a connection has one ring of frames at a time")
+        raise FramesError(f"{station} is already published; a connection can publish only one ring of frames")
     about = {
         "station": station,
         "wiring": wiring,

@@ -1,4 +1,4 @@
-"""Attaching to the frames of a running station: copies of whole frames, and a count of those that were lost."""
+"""Reading the frames of a running station: copies of complete frames, and a count of lost frames."""
 
 from __future__ import annotations
 
@@ -41,9 +41,8 @@ Entries = npt.NDArray[Any]
 class Reader:
     """Reads one ring, or a file that holds one (a black box), from its oldest frame on.
 
-    `read` gives every new frame, `latest` the last one. A reader that is too slow is lapped: the frames that
-    it could not get are counted in `lost`. It maps the file for reading only, so whatever becomes of it, the
-    writer does not notice.
+    `read` returns every new frame, `latest` the last one. If the reader is too slow, frames are overwritten before
+    they are read; `lost` counts them. The file is mapped read-only: a reader cannot disturb the writer.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -66,16 +65,16 @@ class Reader:
     def _attach(self) -> mmap.mmap:
         length = os.fstat(self._file).st_size
         if length < DESCRIPTION:
-            raise FramesError(f"{self.path} holds no frames")
+            raise FramesError(f"{self.path} does not contain frames")
         mapped = mmap.mmap(self._file, length, access=mmap.ACCESS_READ)
         magic, version, self.flags, first, size, self.slots, journal, entries, described = HEADER.unpack_from(mapped)
         if magic != MAGIC:
-            raise FramesError(f"{self.path} holds no frames")
+            raise FramesError(f"{self.path} does not contain frames")
         if version != VERSION:
             raise FramesError(f"{self.path} has frames of version {version}, this umo reads version {VERSION}")
         ends = DESCRIPTION + described, first + self.slots * size, journal + entries * ENTRY.itemsize
         if not self.slots or ends[0] > first or ends[1] > journal or ends[2] > length:
-            raise FramesError(f"{self.path} is cut short")
+            raise FramesError(f"{self.path} is truncated")
         description = mapped[DESCRIPTION : DESCRIPTION + described]
         if struct.unpack_from("<Q", mapped, DESCRIBED)[0] != zlib.crc32(description):
             raise FramesError(f"{self.path} is damaged")
@@ -121,7 +120,7 @@ class Reader:
         return folder.held(self._file)
 
     def index(self, path: str) -> int:
-        """Where an object stands in a frame's `values`; PathError with the nearest path otherwise."""
+        """The index of an object in a frame's `values`; PathError with the nearest path otherwise."""
         if path not in self._index:
             raise PathError(f"no object {path!r}{did_you_mean(path, self._index)} in {self.about.get('station')}")
         return self._index[path]
@@ -159,7 +158,7 @@ class Reader:
     # The journal ---------------------------------------------------------------------------------------
 
     def journal(self, frame: Any) -> Entries | None:
-        """What moved one object at a time in the period of a frame, in order; None where that has been written over."""
+        """The journal of a frame's period: transfers of single objects, in order; None if it was overwritten."""
         first, count = int(frame["journal"]), int(frame["entries"])
         start, entries = self.entries(first, first + count)
         if start > first or (self._checked and count and zlib.crc32(entries.tobytes()) != frame["entries_checksum"]):

@@ -30,9 +30,9 @@ ORDERED = platform.machine().lower() in ("x86_64", "amd64", "i686")
 
 
 class Ring:
-    """An observer that publishes every frame it is shown.
+    """An observer that publishes every frame.
 
-    Making it reserves the memory, so a full disk is a FramesError here and not a crash later. `path` is a new
+    The constructor reserves the memory; FramesError if the disk is full. `path` is a new
     file in the user's folder of frames. Call `close` at the end.
     """
 
@@ -147,7 +147,7 @@ class Ring:
         return self._task[1], done if type(done) is int else 0, total if type(total) is int else 0
 
     def close(self) -> None:
-        """The last frame stands; readers see that the ring has ended. The file is for its maker to remove."""
+        """End the ring: readers see the end and the last frames. The file is not removed."""
         self.state(Stage.ENDED)
         self.usage.close()
         self.image.transfer.journal = None

@@ -1,4 +1,4 @@
-"""How late a loop wakes up on this computer and how long it works: umo's own beside a bare one in C."""
+"""Wake-up latency and execution time of a loop on this computer: umo's loop compared with a bare loop in C."""
 
 from umo.latency.measure import Samples, measure
 from umo.latency.verdict import Answer, judge

@@ -1,4 +1,4 @@
-"""Why a period was missed, in words, from what its frames say.
+"""Finds the cause of a missed period from its frames.
 
 A tick is missed between one return of the timer and the next call of it: the period before the frame that reports it
 woke late, or took too long. The part of that period with the largest excess over its usual time (the median of all
@@ -64,7 +64,7 @@ def explain(frames: Frames, layout: Layout, row: int) -> Verdict:
     """Why periods were missed at this row; UNKNOWN at the first two rows, whose past is not at hand."""
     missed = int(frames["missed"][row])
     if row < 2:
-        return Verdict(row, missed, Cause.UNKNOWN, "what came before is not in this file", 0.0)
+        return Verdict(row, missed, Cause.UNKNOWN, "the periods before it are not in this file", 0.0)
     parts = split(frames, layout)
     late = {name: float(times[row - 1] - np.median(times)) for name, times in parts.items()}
     part = max(late, key=lambda name: late[name])
@@ -92,14 +92,16 @@ def _judge(part: str, excess: float, took: float, counted: dict[str, int]) -> tu
     if counted["collections"] and counted["collecting"] >= SHARE * excess:
         return Cause.COLLECTION, f"a collection ran for {_ms(counted['collecting'])} (the garbage collector)"
     if counted["run_queue_wait"] >= SHARE * excess:
-        return Cause.PREEMPTED, f"preempted for {_ms(counted['run_queue_wait'])}: another process had the core"
+        return Cause.PREEMPTED, f"preempted for {_ms(counted['run_queue_wait'])}: another process used the core"
     if _faulted(counted, excess):
         return Cause.PAGE_FAULTS, _faults(counted)
     kind, _, driver = part.partition(" ")
     if driver:
         return Cause.DRIVER, f"driver {driver} took {_ms(took)} ({kind})"
     if part == WAKE:
-        text = f"the timer woke {_ms(took)} late, yet no process had the core: interrupts, or the host of this machine"
+        text = (
+            f"the timer woke {_ms(took)} late, but no other process used the core: interrupts, or the host of this VM"
+        )
         return Cause.WAKE, text
     if part == AFTER:
         return Cause.AFTER, f"observers and the frame took {_ms(took)} after update"

@@ -84,7 +84,9 @@ class Loop:
             self.refusals, self.priority, self.cpu = self._here.recv()
         except EOFError:
             self.close()
-            raise DriverError("the loop to be measured ended before it began; why is said above") from None
+            raise DriverError(
+                "the measuring process ended before it started measuring; see the message above"
+            ) from None
 
     def run(self, periods: int) -> npt.NDArray[np.int64]:
         """As `native.run`."""

@@ -1,4 +1,4 @@
-"""The two loops in turns, in slices of half a second, so that what else happens on the computer meets both."""
+"""Measures the two loops in turns, in slices of 0.5 s, so that other load on the computer affects both."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Samples:
 
 @dataclass
 class Measured:
-    """What came of it. `c` is None without a compiler."""
+    """The results. `c` is None without a compiler."""
 
     period: float
     umo: Samples

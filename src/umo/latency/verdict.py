@@ -1,4 +1,4 @@
-"""What the figures mean: a plain answer for the period, and what would make them better."""
+"""The verdict on a measurement, and advice to improve it."""
 
 from __future__ import annotations
 
@@ -56,11 +56,11 @@ def _read(path: str) -> str:
 
 
 def advice(found: Measured, read: Callable[[str], str] = _read, cores: int | None = None) -> list[str]:
-    """What to change on this computer, a line each; nothing for what is as it should be."""
+    """Settings of this computer to change, one line each."""
     lines = [str(refusal) for refusal in found.refusals]
     if read("/sys/kernel/realtime").strip() != "1" and "PREEMPT_RT" not in read("/proc/version"):
         lines.append(
-            f"kernel {platform.release()} is not a real-time one: install one with PREEMPT_RT (linux-image-rt)"
+            f"kernel {platform.release()} is not a real-time kernel: install one with PREEMPT_RT (linux-image-rt)"
         )
     governor = read("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor").strip()
     if governor and governor != "performance":

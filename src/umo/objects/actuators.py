@@ -13,7 +13,7 @@ from umo.objects.units import seconds
 class BinaryActuator(Binary[S]):
     """One output bit: a valve, a relay, a step input. EPICS bo, Modbus coil, OPC UA TwoState, BACnet BO.
 
-    `expires` ("100 ms", or s): not written for so long it goes to its default.
+    `expires` (s, or a text such as "100 ms"): without a write for this time the default is sent. Default: never.
     """
 
     __slots__ = ("_default", "_expires")
@@ -31,17 +31,17 @@ class BinaryActuator(Binary[S]):
 
     @property
     def default(self) -> S:
-        """The safe state: written when the machine is connected, reset and left."""
+        """The safe state: written on connect, on reset and when the connection ends."""
         return self._default
 
     @property
     def expires(self) -> float | None:
-        """s without a write after which the default is sent; None: never."""
+        """Time in s without a write after which the default is sent; None: never."""
         return self._expires
 
     @property
     def inhibited(self) -> str | None:
-        """Why an interlock keeps it at its default now; None: it does not."""
+        """The reason of the interlock that keeps the actuator at its default; None: not inhibited."""
         return self._image.commands.inhibited(self._slot)
 
     def describe(self) -> str:
@@ -53,10 +53,10 @@ class BinaryActuator(Binary[S]):
         return self._one if self._image.pending[self._slot] else self._zero
 
     def write(self, value: S) -> bool:
-        """Take a new state: synchronous for the next `update`, asynchronous at once.
+        """Set a new state. Synchronous: sent by the next `update`. Asynchronous: sent at once.
 
-        True: taken as given; False: inhibited by an interlock. Raises StateError for a state of another type and
-        changes nothing; asynchronous also DriverError.
+        True: accepted. False: inhibited by an interlock. Raises StateError for a state of another type and changes
+        nothing. Asynchronous: also DriverError.
         """
         if not self._direct:
             return self._image.command(self._slot, float(self._level(value)))
@@ -86,10 +86,10 @@ class BinaryActuator(Binary[S]):
 class DigitalActuator(Digital):
     """A group of output bits: a DAC, a PWM duty cycle. EPICS ao, Modbus holding register, BACnet AO.
 
-    `limits` says what happens beyond the range: "raise" (RangeError, nothing changes) or "clamp" (the
-    nearest bound is taken and `write` returns False). NaN and infinities always raise. `expires` ("100 ms", or s):
-    not written for so long it goes to its default. `slew_rate` (units per s, synchronous only): what is sent moves
-    towards what was written no faster than this; `pending` shows what was written, `read` what was sent.
+    `limits` sets what `write` does with a value outside the range. "raise" (default): RangeError, nothing changes.
+    "clamp": the nearest bound is taken and `write` returns False. NaN and infinities always raise. `expires` (s, or a
+    text such as "100 ms"): without a write for this time the default is sent. `slew_rate` (units per s, synchronous
+    only): the largest rate of change of the value sent. `pending` is the value written, `read` the value sent.
     """
 
     __slots__ = ("_clamp", "_default", "_expires", "_slew_rate")
@@ -114,9 +114,9 @@ class DigitalActuator(Digital):
         self._expires = _expiry(expires)
         self._slew_rate = None if slew_rate is None else _finite("slew_rate", slew_rate)
         if self._slew_rate is not None and self._slew_rate <= 0:
-            raise DeclarationError(f"slew_rate {slew_rate:g} is not above 0 {units}/s")
+            raise DeclarationError(f"slew_rate must be above 0 {units}/s, not {slew_rate:g}")
         if self._slew_rate is not None and not synchronous:
-            raise DeclarationError("slew_rate is for a synchronous actuator: it is sent a step each period")
+            raise DeclarationError("slew_rate needs a synchronous actuator: one step is sent per period")
         if limits not in ("raise", "clamp"):
             raise DeclarationError(f'limits={limits!r} is neither "raise" nor "clamp"')
         self._default = _finite("default", default)
@@ -126,22 +126,22 @@ class DigitalActuator(Digital):
 
     @property
     def default(self) -> float:
-        """The safe value: written when the machine is connected, reset and left."""
+        """The safe value: written on connect, on reset and when the connection ends."""
         return self._default
 
     @property
     def expires(self) -> float | None:
-        """s without a write after which the default is sent; None: never."""
+        """Time in s without a write after which the default is sent; None: never."""
         return self._expires
 
     @property
     def inhibited(self) -> str | None:
-        """Why an interlock keeps it at its default now; None: it does not."""
+        """The reason of the interlock that keeps the actuator at its default; None: not inhibited."""
         return self._image.commands.inhibited(self._slot)
 
     @property
     def slew_rate(self) -> float | None:
-        """The fastest change of what is sent, in `units` per s; None: any."""
+        """The largest rate of change of the value sent, in `units` per s; None: not limited."""
         return self._slew_rate
 
     def describe(self) -> str:
@@ -159,11 +159,11 @@ class DigitalActuator(Digital):
         return value
 
     def write(self, value: float) -> bool:
-        """Take a new value in `units`: synchronous for the next `update`, asynchronous at once.
+        """Set a new value in `units`. Synchronous: sent by the next `update`. Asynchronous: sent at once.
 
-        True: taken as given (rounding to the resolution is not a change); False: clamped, or inhibited by an
-        interlock. Raises RangeError beyond the range under limits="raise" and for what is not a finite number, and
-        changes nothing; asynchronous also DriverError.
+        True: accepted unchanged (rounding to the resolution does not count). False: clamped, or inhibited by an
+        interlock. Raises RangeError and changes nothing if the value is outside the range with limits="raise", or is
+        not a finite number. Asynchronous: also DriverError.
         """
         if value.__class__ is not float:
             value = self._number(value)
@@ -199,7 +199,7 @@ class DigitalActuator(Digital):
 def _expiry(expires: str | float | None) -> float | None:
     limit = None if expires is None else seconds(expires)
     if limit == 0:
-        raise DeclarationError("expires is 0; it is the time for which a command holds")
+        raise DeclarationError("expires must be above 0: it is the time for which a command is valid")
     return limit
 
 

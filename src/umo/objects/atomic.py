@@ -40,12 +40,12 @@ class Atomic(Node):
 
     @property
     def synchronous(self) -> bool:
-        """Whether the object moves with the sampling period (`sample`, `update`) or at every call."""
+        """True: transferred once per period by `sample` or `update`. False: transferred by each `read` or `write`."""
         return self._synchronous
 
     @property
     def raw(self) -> int:
-        """The integer at the hardware: sensors as last read, actuators as last accepted."""
+        """The raw value at the hardware: of a sensor as last read, of an actuator as last accepted."""
         return cast(int, self._image.raws[self._slot])
 
     @property
@@ -62,14 +62,14 @@ class Atomic(Node):
         return not isinstance(self._image, Unconnected)
 
     def reset(self) -> None:
-        """At once, also when synchronous: actuators go to their default, sensors clear their circuit's faults."""
+        """Reset at once, also if synchronous: actuators go to their default, sensors clear faults of their circuit."""
         self._image.reset_some((self._slot,))
 
     def acknowledge(self) -> bool:
         return self._image.commands.acknowledge((self._slot,))
 
     def describe(self) -> str:
-        """Range and units in a few characters, for tables."""
+        """Range and units as a short text, for tables."""
         raise NotImplementedError
 
     def _connect(self, image: Image, slot: int, direct: bool) -> None:
@@ -174,7 +174,7 @@ class Digital(Atomic):
             )
         )
         if self._resolution == 0:
-            raise DeclarationError("resolution is 0; it is the change of the value for one bit")
+            raise DeclarationError("resolution must not be 0: it is the change of the value for one bit")
         if self._minimum >= self._maximum:
             raise DeclarationError(f"minimum {minimum:g} is not below maximum {maximum:g}")
 

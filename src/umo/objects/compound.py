@@ -43,10 +43,10 @@ class Compound(Node):
     """
 
     stop_order: ClassVar[tuple[str, ...]] = ()
-    """Paths below this object in the order in which they are brought to their defaults; the rest follows as declared.
-    The order of a part holds within it, unless one further up names its parts itself."""
+    """Paths below this object in the order in which they are reset to their defaults. Default: as declared; paths that
+    are not named follow in this order. A part uses its own `stop_order`, unless a parent names the part's objects."""
     max_period: ClassVar[str | float | None] = None
-    """The longest sampling period that this object's `control` is meant for, in s or as "2 ms"."""
+    """The longest sampling period for which `control` is designed, in s or as "2 ms". Default: not limited."""
 
     _children: Mapping[str, Node] = MappingProxyType({})
     _fixed: frozenset[str] = frozenset()  # the fields that hold parts
@@ -59,7 +59,7 @@ class Compound(Node):
         dataclasses.dataclass(eq=False, repr=False, kw_only=True)(cls)
         for field in dataclasses.fields(cls):  # type: ignore[arg-type]
             if hasattr(Compound, field.name) or field.name.startswith("_"):
-                raise DeclarationError(f"{cls.__name__}.{field.name}: the name is taken; choose another")
+                raise DeclarationError(f"{cls.__name__}.{field.name}: the name is reserved; choose another")
 
     @final
     def __post_init__(self) -> None:
@@ -84,11 +84,11 @@ class Compound(Node):
         self.setup()
 
     def setup(self) -> None:
-        """Called once the parts are in place: make here what the class keeps for itself."""
+        """Called at the end of construction. Override it to create the class's own attributes, such as control laws."""
 
     def __setattr__(self, name: str, value: object) -> None:
         if name in self._fixed:
-            raise DeclarationError(f"{self.path or type(self).__name__}.{name} is a part; parts are fixed")
+            raise DeclarationError(f"{self.path or type(self).__name__}.{name} is a part; parts cannot be replaced")
         if isinstance(value, Node) and name != "_parent" and value._parent is None and self._fixed:
             raise DeclarationError(f"{type(self).__name__}.{name}: declare an object as an annotated field")
         object.__setattr__(self, name, value)
@@ -119,7 +119,7 @@ class Compound(Node):
         return known[path]
 
     def interlocks(self) -> Iterable[Interlock]:
-        """What this object forbids, and when; overridden by classes that have interlocks. Asked when connecting."""
+        """The interlocks of this object. Override it to declare interlocks. Called on connect."""
         return ()
 
     # One period ------------------------------------------------------------------------------------
@@ -133,15 +133,15 @@ class Compound(Node):
         return self._update()
 
     def reset(self) -> None:
-        """Every object below, at once: actuators to their defaults, in their stop order, then sensors clear their
-        circuit's faults."""
+        """Reset every object below at once: actuators to their defaults in stop order, then sensors clear the faults
+        of their circuits."""
         self._machine.reset(self)
 
     def acknowledge(self) -> bool:
         return self._machine.acknowledge(self)
 
     def start(self, sequence: Coroutine[Any, Any, Any]) -> Task:
-        """Let a sequence run beside the others, from the next period on; its error comes out of `control`."""
+        """Start a sequence. It runs from the next period on, beside the others. `control` raises its errors."""
         return self._machine.start(sequence)
 
     @property
@@ -150,7 +150,7 @@ class Compound(Node):
 
     @property
     def running(self) -> bool:
-        """False once the machine is asked to stop (SIGINT, SIGTERM) or is not connected."""
+        """False after a request to stop (SIGINT, SIGTERM, SIGHUP), or if not connected."""
         return self.connected and self._machine.running
 
     @property
@@ -160,7 +160,7 @@ class Compound(Node):
 
     @property
     def dt(self) -> float:
-        """The time since the period before in s: the ticks that the timer consumed, times the period."""
+        """Time since the previous period in s: ticks consumed by the timer times the period."""
         return self._machine.clock.dt
 
     @property
@@ -209,7 +209,7 @@ def _parts(name: str, value: object) -> tuple[object, dict[str, Node]]:
         return value, {}
     parts = {key: item for key, item in named.items() if isinstance(item, Node)}
     if len(parts) < len(named) and any(map(_holds_objects, named.values())):
-        raise DeclarationError(f"{name} mixes objects with other things: {next(k for k in named if k not in parts)}")
+        raise DeclarationError(f"{name} contains objects and other values: {next(k for k in named if k not in parts)}")
     if parts and (len(parts) < len(value) or any("." in key.removeprefix(f"{name}.") for key in parts)):
         raise DeclarationError(f"{name}: the keys of parts are different texts without a dot")
     return (frozen, parts) if parts else (value, {})
@@ -232,8 +232,8 @@ def _check_type(where: str, value: object, hint: Any) -> None:
             _check_type(where, item, args[1] if args else object)
     elif isinstance(origin, type) and issubclass(origin, Node):
         if not isinstance(value, origin):
-            raise DeclarationError(f"{where} wants a {origin.__name__}, not {value!r}")
+            raise DeclarationError(f"{where} must be a {origin.__name__}, not {value!r}")
         if isinstance(value, Binary) and args and isinstance(args[0], type) and value.states is not args[0]:
-            raise DeclarationError(f"{where} wants {args[0].__name__}, not {value.states.__name__}")
+            raise DeclarationError(f"{where} must have the states {args[0].__name__}, not {value.states.__name__}")
     elif isinstance(value, Node) and hint is not Any and get_origin(hint) not in (Union, UnionType):
-        raise DeclarationError(f"{where} is annotated {hint}, which is not a place for {value!r}")
+        raise DeclarationError(f"{where} is annotated {hint}, which does not accept {value!r}")

@@ -1,4 +1,4 @@
-"""Interlocks: what must not be commanded while something else is so."""
+"""Interlocks: conditions that inhibit actuators."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ from umo.text import cause_of, place_of
 
 @dataclass(frozen=True, eq=False)
 class Interlock:
-    """While `condition()` is true, what it `forbids` is inhibited: it is reset at once, in its stop order, and stays at
-    its default; `write` returns False, `inhibited` says why. A write after the condition has gone takes effect.
+    """While `condition()` is true, the actuators in `forbids` are inhibited: they are reset at once, in stop order, and
+    stay at their defaults. `write` returns False, `inhibited` is the reason. After the condition has become false,
+    the next write takes effect.
 
         class Lathe(Compound):
             door: BinarySensor[OpenClosed]
@@ -25,12 +26,12 @@ class Interlock:
             def interlocks(self):
                 yield Interlock(lambda: self.door.read() is OpenClosed.OPEN, [self.spindle], "the door is open")
 
-    The condition is asked once a period, after `sample`; it reads synchronous sensors and actuators and is quick. One
-    that raises counts as true: `state_of` and `value_of` of `umo.control` raise for a sensor that is not GOOD.
-    `forbids` names actuators, or compounds for all actuators in them. `latched`: it inhibits until the condition has
-    gone and `acknowledge()` was called, of an actuator that it forbids or of a compound that holds one; that frees all
-    that it forbids. `effect="stop"`: `write` raises Interlocked in place of returning False, which ends a run that does
-    not expect it. Not a safety function.
+    The condition is evaluated once per period, after `sample`. It must be quick and read only synchronous sensors and
+    actuators. If it raises, it counts as true: `state_of` and `value_of` of `umo.control` raise for bad sensors.
+    `forbids` names actuators, or compounds for all actuators in them. `latched`: it inhibits until the condition is
+    false and `acknowledge()` was called, for one of its actuators or for a compound that contains one. This frees all
+    of its actuators. `effect="stop"`: `write` raises Interlocked instead of returning False; unless it is caught, the
+    run ends. Default: latched=False, effect="inhibit". An interlock is not a safety function.
     """
 
     condition: Callable[[], bool]
@@ -40,7 +41,7 @@ class Interlock:
     effect: Literal["inhibit", "stop"] = "inhibit"
 
     def actuators(self) -> list[Atomic]:
-        """Every actuator it forbids, in declared order; DeclarationError for anything else."""
+        """All actuators in `forbids`, in declared order. Raises DeclarationError for anything else."""
         found: list[Atomic] = []
         for node in self.forbids:
             if isinstance(node, Compound):
@@ -53,16 +54,16 @@ class Interlock:
 
     def __post_init__(self) -> None:
         if not callable(self.condition):
-            raise DeclarationError(f"the condition of an interlock is a function, not {self.condition!r}")
+            raise DeclarationError(f"the condition of an interlock must be a function, not {self.condition!r}")
         if not isinstance(self.reason, str) or not self.reason.strip():
-            raise DeclarationError(f"an interlock says its reason, not {self.reason!r}")
+            raise DeclarationError(f"the reason of an interlock must be a text, not {self.reason!r}")
         if self.effect not in ("inhibit", "stop"):
             raise DeclarationError(f'effect={self.effect!r} is neither "inhibit" nor "stop"')
         if not isinstance(self.forbids, Iterable):
-            raise DeclarationError(f"interlock {self.reason!r} forbids a list of objects, not {self.forbids!r}")
+            raise DeclarationError(f"interlock {self.reason!r} must forbid a list of objects, not {self.forbids!r}")
         object.__setattr__(self, "forbids", tuple(self.forbids))
         if not self.actuators():
-            raise DeclarationError(f"interlock {self.reason!r} forbids nothing")
+            raise DeclarationError(f"interlock {self.reason!r} does not name an actuator")
 
 
 def interlocks_of(root: Compound) -> list[Interlock]:
@@ -89,5 +90,5 @@ def _declared_by(node: Compound) -> list[Interlock]:
     for interlock in each:
         if not isinstance(interlock, Interlock):
             owner = node.path or type(node).__name__
-            raise DeclarationError(f"{owner}.interlocks gives {interlock!r}; it returns a list of Interlock, or yields")
+            raise DeclarationError(f"{owner}.interlocks gives {interlock!r}; it must return or yield Interlocks")
     return each

@@ -1,6 +1,6 @@
-"""What a connected object holds on to: the process image and the running machine, seen from the objects.
+"""The interface between connected objects and the process image and running machine.
 
-The image is made in `umo.cycle`, above this layer; these protocols are the whole of what objects know of it.
+The image is implemented in `umo.cycle`, above this layer. Objects use only these protocols.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ class Machine(Protocol):
 
 
 class Unconnected:
-    """Stands for the image and the machine outside `connect`: whatever is asked of it raises NotConnected."""
+    """Placeholder for image and machine outside `connect`: every access raises NotConnected."""
 
     __slots__ = ("_owner",)
 

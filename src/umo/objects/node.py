@@ -29,19 +29,19 @@ class Node:
         return ".".join(reversed(names))
 
     def control(self) -> None:
-        """Acts once per period; overridden by classes that have something to do. A parent acts before its children."""
+        """Called once per period. Override it to implement control. A parent is called before its children."""
 
     def acknowledge(self) -> bool:
-        """Free the actuators of this object that a latched interlock still inhibits though its condition has gone.
+        """Acknowledge latched interlocks: free the actuators of this object whose condition is no longer true.
 
-        True: none of them is inhibited any more.
+        True: none of its actuators is inhibited.
         """
         raise NotImplementedError
 
     def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
-        """An object is one place of one machine, so `copy` and `pickle` are refused: DeclarationError."""
+        """`copy` and `pickle` raise DeclarationError: an object belongs to one place in one machine."""
         name = f"{self.path} ({type(self).__name__})" if self.path else type(self).__name__
-        raise DeclarationError(f"{name} cannot be copied or pickled; declare another one, as machine() does")
+        raise DeclarationError(f"{name} cannot be copied or pickled; call machine() to declare another one")
 
     def _adopt(self, parent: Compound, name: str) -> None:
         if self._parent is not None:

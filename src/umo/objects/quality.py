@@ -4,17 +4,17 @@ from enum import IntEnum
 
 
 class Quality(IntEnum):
-    """What a value is worth. GOOD and STALE feed control laws, the others only where a call accepts them."""
+    """Whether a value can be used. Control laws accept GOOD and STALE; the others only if the call says so."""
 
     GOOD = 0
     OUT_OF_RANGE = 1
-    """More than half a resolution beyond a bound."""
+    """The value is outside the range by more than half a resolution."""
     UNREFERENCED = 2
     """An incremental sensor before homing has called `referenced()`."""
     STALE = 3
-    """The device failed; this is the last value, still younger than `max_age`."""
+    """The device failed; this is the last value, not older than `max_age`."""
     BAD = 4
-    """The device failed; the value is not to be used."""
+    """The device failed; do not use the value."""
 
     def __str__(self) -> str:
         return self.name

@@ -43,8 +43,9 @@ class BinarySensor(Binary[S]):
 class DigitalSensor(Digital):
     """A group of input bits: a counter, an ADC. EPICS ai, Modbus input register, OPC UA AnalogItem, BACnet AI.
 
-    `incremental=True`: the value is UNREFERENCED until homing calls `referenced()`. `on_error="hold"` keeps
-    the last value, STALE, for `max_age` (s, or a text such as "50 ms") when the device fails; control laws accept it.
+    `incremental=True`: the value is UNREFERENCED until homing calls `referenced()`. `on_error="hold"`: when
+    the device fails, the last value is kept for `max_age` (s, or a text such as "50 ms") with the quality STALE,
+    which control laws accept. Default: "raise".
     """
 
     __slots__ = ("_incremental", "_max_age")
@@ -83,7 +84,7 @@ class DigitalSensor(Digital):
         return value
 
     def referenced(self, known: bool = True) -> None:
-        """Homing has proved (or, with False, lost) what the count means."""
+        """Mark the value as referenced by homing. False: the reference is lost, the quality is UNREFERENCED again."""
         if not self._incremental:
             raise DeclarationError(f"{self.path} is not declared incremental")
         self._image.set_referenced(self._slot, known)
@@ -94,5 +95,5 @@ def _hold(on_error: str, max_age: str | float | None) -> float | None:
     if on_error not in ("raise", "hold"):
         raise DeclarationError(f'on_error={on_error!r} is neither "raise" nor "hold"')
     if (on_error == "hold") != (max_age is not None):
-        raise DeclarationError('on_error="hold" and max_age go together')
+        raise DeclarationError('on_error="hold" and max_age must be given together')
     return None if max_age is None else seconds(max_age)

@@ -19,7 +19,9 @@ class TwoState(Enum):
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         if len(cls.__members__) != 2 or len(list(cls)) != 2:
-            raise DeclarationError(f"{cls.__name__} names {len(list(cls))} states; a two-state type names two")
+            raise DeclarationError(
+                f"{cls.__name__} has {len(list(cls))} states; a two-state type must have exactly two"
+            )
 
     if not TYPE_CHECKING:  # typed, its NoReturn would make mypy skip whatever follows an `if state:`
 

@@ -47,7 +47,7 @@ DIGITS = 12
 def check_unit(unit: str) -> str:
     """The unit itself when pint knows it; DeclarationError otherwise."""
     if len(unit) > LONGEST or not _UNIT.fullmatch(unit):
-        form = "a unit is a name, or names with * and / and small powers"
+        form = "allowed: names, *, / and small powers"
         raise DeclarationError(f"{unit[:LONGEST]!r} is not a unit that pint knows ({form})")
     try:
         registry().parse_units(unit)

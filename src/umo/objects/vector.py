@@ -1,4 +1,4 @@
-"""Many like objects moved at once, with the same verbs as one."""
+"""Many objects of one kind, read or written at once with the same methods as one."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ QualityArray = npt.NDArray[np.uint8]
 
 
 class Vector(Generic[A]):
-    """Like objects side by side: `motors = Vector(axis.motor for axis in m.axes)`, `motors.write(array)`.
+    """Objects of one kind: `motors = Vector(axis.motor for axis in m.axes)`, `motors.write(array)`.
 
-    Like means: the same atomic kind, the same units or two-state type, all synchronous or none. Values are
-    float64 arrays in the order given; of binary objects 1.0 is the state declared `one` (before an inversion
-    in the wiring); `write` takes states, one for all or a sequence, or an array of such levels. Make it before or
-    after connecting.
+    One kind means: the same class, the same units or two-state type, all synchronous or all asynchronous. Values are
+    float64 arrays in the order given. For binary objects 1.0 is the state declared as `one` (before an inversion in
+    the wiring); `write` takes one state for all, a sequence of states, or an array of levels. A Vector can be created
+    before or after connecting.
     """
 
     def __init__(self, objects: Iterable[A]) -> None:
@@ -38,10 +38,12 @@ class Vector(Generic[A]):
         if not self._objects:
             raise DeclarationError("a Vector needs at least one object")
         if len(set(map(id, self._objects))) < len(self._objects):
-            raise DeclarationError("an object stands twice in the Vector")
+            raise DeclarationError("an object is in the Vector twice")
         likes = {_likeness(item) for item in self._objects}
         if len(likes) > 1:
-            raise DeclarationError(f"a Vector holds like objects, not {' and '.join(map(str, sorted(likes)))}")
+            raise DeclarationError(
+                f"the objects of a Vector must be of one kind, not {' and '.join(map(str, sorted(likes)))}"
+            )
         self._where: _Slots | None = None
 
     def __len__(self) -> int:
@@ -69,13 +71,13 @@ class Vector(Generic[A]):
         return qualities
 
     def write(self, values: FloatArray | Sequence[float] | float | TwoState | Sequence[TwoState]) -> bool:
-        """Take new values: an array of shape (n,) or one value for all. All or nothing: RangeError changes none.
+        """Set new values: an array of shape (n,) or one value for all. If it raises RangeError, no value is changed.
 
-        True: all taken as given; False: some were clamped (limits="clamp") or are inhibited by an interlock.
-        Synchronous for the next `update`, asynchronous at once.
+        True: all accepted unchanged; False: some were clamped (limits="clamp") or are inhibited by an interlock.
+        Synchronous: sent by the next `update`. Asynchronous: sent at once.
         """
         if self._objects[0].direction is not Direction.OUTPUT:
-            raise DeclarationError(f"{self!r} holds sensors; only actuators are written")
+            raise DeclarationError(f"{self!r} contains sensors; only actuators can be written")
         slots = self._located()
         numbers, taken = self._levels(values) if slots.limits is None else slots.limits.check(self._objects, values)
         raws = to_raws(numbers, slots.resolution, slots.zero_offset)
@@ -85,12 +87,12 @@ class Vector(Generic[A]):
         return taken and free
 
     def sample(self) -> bool:
-        """Synchronous sensors: read the hardware now, these alone; True if all are GOOD."""
+        """Synchronous sensors: read these objects only, now; True if all are GOOD."""
         slots = self._located()
         return slots.image.sample_some(slots.all_slots) if self._objects[0].synchronous else True
 
     def update(self) -> bool:
-        """Synchronous actuators: send what is pending now, of these alone."""
+        """Synchronous actuators: send the pending values of these objects only, now."""
         slots = self._located()
         return slots.image.update_some(slots.all_slots) if self._objects[0].synchronous else True
 
@@ -120,7 +122,7 @@ class Vector(Generic[A]):
     def _given_levels(self, levels: Any) -> FloatArray:
         numbers: FloatArray = levels.astype(np.float64)
         if numbers.shape != (len(self),) or np.count_nonzero((numbers == 0.0) | (numbers == 1.0)) != len(self):
-            raise StateError(f"levels are an array of {len(self)} zeros and ones, as `read` returns them")
+            raise StateError(f"levels must be an array of {len(self)} zeros and ones, as `read` returns them")
         return numbers
 
     def __repr__(self) -> str:

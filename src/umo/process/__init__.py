@@ -1,4 +1,4 @@
-"""Processes: a control process that nothing disturbs, and a guardian that outlives it."""
+"""Processes: the control process, which runs the loop, and the guardian, which resets the machine if it fails."""
 
 from umo.process.start import RunFailed, Started, start
 

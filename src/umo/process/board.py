@@ -1,4 +1,4 @@
-"""What became of each actuator while a machine is being brought to its defaults, in memory shared with who does it.
+"""The state of each actuator during a reset, in memory shared with the process that resets.
 
 The child writes, the guardian reads: neither a pipe nor a message stands between them that could be full or broken.
 """
@@ -19,7 +19,7 @@ ENTRY = 1 + TEXT
 
 
 class Reached(IntEnum):
-    """What the last attempt made of an actuator."""
+    """The result of the last attempt for an actuator."""
 
     UNTRIED = 0
     YES = 1

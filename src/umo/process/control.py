@@ -28,21 +28,25 @@ from umo.system.custody import Custody
 from umo.text import text_of
 
 WATCHED_EVERY = 0.5
-"""s for which the guardian may be silent at least, before it counts as gone: a busy computer delays it."""
+"""Minimum time in s without a sign of life before the guardian counts as lost: a busy computer delays it."""
 
 
 class Control:
     """Runs one plan in the process that calls it, which was forked by the guardian."""
 
-    def __init__(self, plan: Plan, custody: Custody, life: Life, channel: MessageSocket, ring: Path | None) -> None:
+    def __init__(
+        self, plan: Plan, custody: Custody, life: Life, channel: MessageSocket, guardian: int, ring: Path | None
+    ) -> None:
         self._plan = plan
         self._custody = custody
         self._life = life
         self._channel = channel
-        self._guardian = os.getppid()
+        self._guardian = guardian
         self._path = ring
         self._hang = plan.wired.process.hang_timeout
         self._alarm = ""
+        self._order = stop_sequence(plan.machine)
+        self._connection: connect[Any] | None = None
 
     def run(self) -> Outcome:
         """Connect, drive, leave; whatever ends it is in the outcome."""
@@ -53,13 +57,15 @@ class Control:
         except BaseException as error:
             outcome.failure = Failed.of(error)
             if isinstance(error, StopError):
-                actuators = {item.path for item in stop_sequence(self._plan.machine)}
+                actuators = {item.path for item in self._order}
                 outcome.unreached = sorted({failure.path for failure in error.failures} & actuators)
+        if not (self._connection is None or self._connection.reached or outcome.unreached):
+            outcome.unreached = [item.path for item in self._order]  # leaving itself failed: nothing is known
         if self.orphaned or self._life.unwatched > self._patience:
-            self._alarm = self._alarm or "the guardian is gone"
+            self._alarm = self._alarm or "the guardian has ended"
             outcome.unsafe = True
         if self._alarm and outcome.failure is None:
-            what = f"{self._alarm}; the control process stopped the machine by itself"
+            what = f"{self._alarm}; the control process stopped the machine"
             outcome.failure = Failed("Stopped", what, 1)
         return outcome
 
@@ -76,7 +82,7 @@ class Control:
         plan = self._plan
         process = plan.wired.process
         refusals = realtime.prepare(process.priority, process.cpu)
-        connection = connect(plan.machine, plan.wired)
+        self._connection = connection = connect(plan.machine, plan.wired)
         connection.custody = self._custody
         connection.on_step = self._life.beat
         with connection as machine:
@@ -93,7 +99,7 @@ class Control:
 
     @contextmanager
     def _published(self, connection: connect[Any]) -> Iterator[Ring | None]:
-        """Frames are for those who watch: a machine runs without them where there is no room for any."""
+        """Publish frames for observers. The machine runs without them if there is not enough memory."""
         with ExitStack() as stack:
             ring = None
             try:
@@ -105,15 +111,15 @@ class Control:
             yield ring
 
     def _each_period(self, frame: Frame) -> None:
-        """A sign of life; and a look at whether this process stood still, was asked to stop, or is not watched."""
+        """Give a sign of life. Check whether this process was suspended, asked to stop, or lost its guardian."""
         life = self._life
         gap = life.beat()
         if gap > self._hang:
-            self._stop(f"nothing ran for {gap:.1f} s: the computer, or all of its processes, stood still")
+            self._stop(f"no process ran for {gap:.1f} s: they were stopped, or the computer was suspended")
         elif life.asked:
             request_stop(life.asked)
         elif life.unwatched > self._patience:
-            self._stop(f"the guardian has not been seen for {life.unwatched:.1f} s")
+            self._stop(f"no sign of life from the guardian for {life.unwatched:.1f} s")
 
     def _stop(self, why: str) -> None:
         self._alarm = self._alarm or why

@@ -1,7 +1,7 @@
-"""The guardian: forks the control process, sees it die or hang, and brings the machine to its defaults then.
+"""The guardian: forks the control process, watches it, and resets the machine if it dies or hangs.
 
-What it needs for that it has from the start: a child on standby, descriptors, shared memory. It believes nothing that
-the control process says but a clean report, and whatever goes wrong in it ends in resetting.
+It reserves everything that a reset needs at its start: a standby child, descriptors, shared memory. It resets the
+machine after any error, and whenever the control process has not reported a clean end.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from umo.cycle.signals import SIGNALS
 from umo.cycle.stage import Stage
 from umo.process.control import Control, end
 from umo.process.job import Job, Plan
-from umo.process.life import Life
+from umo.process.life import Life, clock
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome
 from umo.process.reset import Resetter, summary
@@ -36,9 +36,9 @@ LOOK = 0.02
 WHERE = signal.SIGUSR2
 """At this signal the control process writes down where its Python code stands."""
 STARTING_LIMIT = 30.0
-"""s that a step of connecting may take, beside two periods."""
+"""Timeout in s of a step of connecting, in addition to two periods."""
 BURIAL = 5.0
-"""s that a killed process may take to end."""
+"""Time in s that a killed process may take to end."""
 SPARES = 4
 """Descriptors kept free for the end."""
 
@@ -47,16 +47,17 @@ def main(file: int, job_file: int) -> int:
     """A guardian process from its job to its exit status."""
     keep_open()  # what is printed, here or in the control process, cannot end a run
     channel = MessageSocket(socket.socket(fileno=file))
-    custody = None
+    custody = guardian = None
     try:
         with open(job_file, "rb") as opened:
             job = Job.load(opened.read())
         plan = Plan(job)
         custody = Custody(plan.wired.devices, plan.name, plan.wiring_name, acknowledge=job.acknowledge)
-        outcome = Guardian(plan, channel, custody).run()
+        guardian = Guardian(plan, channel, custody)
+        outcome = guardian.run()
     except BaseException as error:
         outcome = Outcome(Failed.of(error))
-        if custody is not None:  # nothing was forked, so nothing was driven
+        if custody is not None and (guardian is None or not guardian.forked):  # so nothing was driven
             custody.finish()
     channel.send("ended", outcome=outcome.dump())
     return outcome.status
@@ -76,7 +77,7 @@ class Guardian:
         self._pid = 0
         self._status: int | None = None
         self._given_up = 0.0
-        """When a process that cannot be ended is waited for no more."""
+        """Time at which waiting for a process that cannot be killed ends."""
         self._spares = [os.open(os.devnull, os.O_RDONLY) for _ in range(SPARES)]
         self._traces = tempfile.TemporaryFile()  # noqa: SIM115  (as long as the process)
         self._watcher = Watcher(plan.name)
@@ -89,6 +90,7 @@ class Guardian:
         """From fork to the last reset."""
         for number in SIGNALS:
             signal.signal(number, self._ask)
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # ignored, it would leave nobody to wait for
         self._resetter.stand_by()
         self._fork()
         try:
@@ -96,9 +98,16 @@ class Guardian:
             outcome = self._keep()
         except BaseException as error:  # whatever it is, the machine comes first
             outcome = self._step_in(f"the guardian failed: {cause_of(error)}")
-        self._resetter.dismiss()
-        self._watcher.finish()
+        with suppress(Exception):
+            self._resetter.dismiss()
+        with suppress(Exception):
+            self._watcher.finish()
         return outcome
+
+    @property
+    def forked(self) -> bool:
+        """Whether there has been a control process."""
+        return self._pid != 0
 
     def _keep(self) -> Outcome:
         hung = self._watch()
@@ -113,22 +122,23 @@ class Guardian:
     # While it runs -------------------------------------------------------------------------------------
 
     def _fork(self) -> None:
+        guardian = os.getpid()
         held, holding = os.pipe()
         self._pid = os.fork()
         if self._pid == 0:
             self._life.hold()
             os.write(holding, b"!")
-            self._in_child()
+            self._in_child(guardian)
         os.close(holding)
         os.read(held, 1)  # the child holds its lock, or is dead already
         os.close(held)
 
-    def _in_child(self) -> NoReturn:
+    def _in_child(self, guardian: int) -> NoReturn:
         """The control process."""
         try:
             for number in SIGNALS:  # until the machine is connected
                 signal.signal(number, lambda number, frame: self._life.ask(number))
-            control = Control(self._plan, self._custody, self._life, self._channel, self._watcher.path)
+            control = Control(self._plan, self._custody, self._life, self._channel, guardian, self._watcher.path)
             faulthandler.register(WHERE, file=self._traces, all_threads=False)
             outcome = control.run()
             self._life.report(outcome.encode())
@@ -138,7 +148,7 @@ class Guardian:
                 self._channel.send("ended", outcome=outcome.dump())
             self._life.enter(Stage.ENDED)
             if outcome.unsafe and not control.orphaned:
-                os.kill(os.getppid(), signal.SIGKILL)
+                os.kill(guardian, signal.SIGKILL)
             end(outcome.status)
         except BaseException:
             with suppress(BaseException):
@@ -148,17 +158,17 @@ class Guardian:
 
     def _watch(self) -> str:
         """Until the control process is gone (""), or hangs: then what is known of it."""
-        seen = monotonic()
+        seen = resumed = clock()
         while not self._life.gone(LOOK):
-            late = monotonic() - seen - LOOK
-            seen = monotonic()
+            now = clock()
+            late, seen = (now - seen) * 1e-9 - LOOK, now
             self._life.watch()
             self._listen()
             self._watcher.look()
             limit = self._limit()
             if late > limit / 2:  # this computer stood still: the control process says so itself, if it still can
-                continue
-            if self._life.silence > limit:
+                resumed = now
+            if min(self._life.silence, (now - resumed) * 1e-9) > limit:
                 return f"no sign of life for {limit * 1e3:g} ms while {self._life.stage}"
         return ""
 
@@ -193,7 +203,7 @@ class Guardian:
         return f"the control process hung: {hung}{stopped}{self._where()}"
 
     def _step_in(self, why: str) -> Outcome:
-        """It is dead without having left, or it hangs: make sure that it is dead, and reset the machine."""
+        """The control process died without resetting the machine, or hangs: make sure that it is dead, then reset."""
         while self._spares:
             os.close(self._spares.pop())
         with suppress(ProcessLookupError):
@@ -207,9 +217,9 @@ class Guardian:
         return Outcome(Failed("ControlLost", message, 1), unsafe=True, unreached=list(left))
 
     def _settle(self, outcome: Outcome) -> Outcome:
-        """The control process left by itself; what it could not reach is tried again."""
+        """The control process has ended by itself. Retry the actuators that it could not reset."""
         if outcome.unreached:
-            left = self._reset(outcome.unreached)
+            left = self._reset(self._resetter.paths)  # all of them: the list may have been cut, and the order counts
             outcome.unsafe, outcome.unreached = True, list(left)
             outcome.failure = outcome.failure or Failed("StopError", "not brought to their defaults", 3)
             told = f"not reached: {summary(left)}" if left else "reset by the guardian afterwards"
@@ -243,10 +253,11 @@ class Guardian:
         self._given_up = self._given_up or monotonic() + BURIAL
         while True:
             self._life.watch()
-            pid, status = os.waitpid(self._pid, os.WNOHANG)
-            if pid:
-                self._status = status
-                return True
+            with suppress(ChildProcessError):
+                pid, status = os.waitpid(self._pid, os.WNOHANG)
+                if pid:
+                    self._status = status
+                    return True
             if monotonic() >= until:
                 return monotonic() >= self._given_up
             sleep(0.0005)
@@ -277,9 +288,9 @@ def _is_stopped(pid: int) -> bool:
 
 def _ending(status: int | None) -> str:
     if status is None:
-        return "cannot be ended: it sticks in a call of the kernel"
+        return "cannot be killed: it is blocked in a kernel call"
     if os.WIFSIGNALED(status):
         number = os.WTERMSIG(status)
         what = "was killed" if number in (signal.SIGKILL, *SIGNALS) else "crashed"
         return f"{what} ({signal.Signals(number).name})"
-    return f"ended with status {os.WEXITSTATUS(status)} and did not leave"
+    return f"ended with status {os.WEXITSTATUS(status)} without resetting the machine"

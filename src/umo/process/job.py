@@ -1,4 +1,4 @@
-"""What is to be run: a station, or a machine and an application given as functions."""
+"""The description of a run: a station, or a machine and an application given as functions."""
 
 from __future__ import annotations
 
@@ -50,7 +50,9 @@ class Job:
         try:
             return json.dumps(asdict(self)).encode()
         except TypeError as error:
-            raise DeclarationError(f"only plain data goes to another process: {error}") from None
+            raise DeclarationError(
+                f"options and wiring must be plain data (JSON) for another process: {error}"
+            ) from None
 
     @classmethod
     def load(cls, data: bytes) -> Job:
@@ -61,13 +63,13 @@ def reference(function: Callable[..., Any]) -> tuple[str, str | None]:
     """A function as `module:name`, and the script that it is in; DeclarationError if it cannot be imported."""
     name, module = getattr(function, "__qualname__", ""), getattr(function, "__module__", None)
     if not name.isidentifier() or module is None:
-        raise DeclarationError(f"{function!r} is not a function of a module; the control process could not import it")
+        raise DeclarationError(f"{function!r} is not a function of a module: the control process cannot import it")
     if module != "__main__":
         return f"{module}:{name}", None
     script = getattr(sys.modules["__main__"], "__file__", None)
     if script is None or not Path(script).is_file():
         raise DeclarationError(
-            f"{name} was typed in here, so the control process could not import it; "
+            f"{name} was defined interactively: the control process cannot import it; "
             "put machine and application into a module or a station (`umo new DIR`)"
         )
     return f"{MAIN}:{name}", str(Path(script).resolve())
@@ -98,7 +100,9 @@ class Plan:
         taken = set() if main is None else set(list(inspect.signature(main).parameters)[1:])
         drivers = driver_options(self.wiring)
         for name in given.keys() - taken - drivers - {"realtime"}:
-            raise StationError(f"--{name}: neither the application of {self.name} nor a driver of its wiring takes it")
+            raise StationError(
+                f"--{name}: neither the application of {self.name} nor a driver of its wiring has this option"
+            )
         for_main = {name: value for name, value in given.items() if name in taken}
         self.application: Sequence | None = None if main is None else partial(_call, main, for_main)
         return {name: value for name, value in given.items() if name in drivers}, sorted(given.keys() - taken - drivers)
@@ -117,7 +121,7 @@ def _of_station(station: Station) -> Found:
 
 def _of_functions(job: Job) -> Found:
     if job.machine is None:
-        raise DeclarationError("a job names a station, or a function that returns the machine")
+        raise DeclarationError("a job needs a station, or a function that returns the machine")
     make = _import(job.machine, job.script)
     try:
         machine = make()

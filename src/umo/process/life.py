@@ -1,4 +1,4 @@
-"""What guardian and control process share: memory with a lock that tells when its holder died, and signs of life.
+"""Memory shared by guardian and control process: a lock that reports the death of its owner, and signs of life.
 
 The lock is a process-shared, robust pthread mutex: the kernel hands it on with EOWNERDEAD while the dead process is
 still being taken apart, 0.2 ms after a SIGKILL, where waiting for the exit took up to 30 ms with locked memory
@@ -56,7 +56,7 @@ class Life:
     # The control process -------------------------------------------------------------------------------
 
     def hold(self) -> None:
-        """From now on the guardian sees this thread die."""
+        """Take the lock: from now on the guardian detects the death of this thread."""
         self._libc.pthread_mutex_lock(ctypes.byref(self._mutex))
 
     def enter(self, stage: Stage) -> None:
@@ -81,7 +81,7 @@ class Life:
         return int(self._cells[ASKED])
 
     def report(self, text: bytes) -> None:
-        """What there is to say at the end; what is too long is left out, and the guardian will not understand it."""
+        """Write the report of the end. A report that is too long is dropped; the guardian then treats it as invalid."""
         self._memory[REPORT : REPORT + min(len(text), LARGEST)] = text[:LARGEST]
         self._cells[LENGTH] = len(text)
 
@@ -92,7 +92,7 @@ class Life:
         self._cells[WATCH] = clock()
 
     def ask(self, number: int) -> None:
-        """Ask the control process to stop, as this signal would."""
+        """Ask the control process to stop, like this signal does."""
         self._cells[ASKED] = number
 
     @property

@@ -1,4 +1,4 @@
-"""The line between a starter, its guardian and the control process: messages in JSON over one pair of sockets."""
+"""Messages between starter, guardian and control process: JSON over one pair of sockets."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class MessageSocket:
         return cls(here), there
 
     def send(self, kind: str, files: Sequence[int] = (), **content: Any) -> None:
-        """Never blocks and never fails: a starter that is gone or does not listen is no reason to stop.
+        """Send a message. Never blocks or raises, even if the starter has ended or does not read.
         `files` are handed over with the message."""
         with suppress(OSError):
             text = json.dumps({"kind": kind, **content}).encode()

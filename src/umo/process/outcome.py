@@ -1,4 +1,4 @@
-"""How a run ended, as plain data: what another process is told, and what the exit status comes from."""
+"""The outcome of a run as plain data: sent to other processes, source of the exit status."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ LARGEST = 60_000
 
 @dataclass
 class Failed:
-    """What ended a run that did not end by itself."""
+    """The error that ended a run."""
 
     name: str
     message: str
@@ -94,9 +94,9 @@ class Outcome:
 
     failure: Failed | None = None
     stopped_by: int | None = None
-    """The signal that asked it to stop."""
+    """The signal that requested the stop."""
     unsafe: bool = False
-    """The guardian had to step in, or the control process lost it: the machine stands stopped until acknowledged."""
+    """True: the guardian had to reset the machine, or was lost. The next run must acknowledge this."""
     unreached: list[str] = field(default_factory=list)
     parts: Parts = field(default_factory=Parts)
     simulated: float = 0.0
@@ -122,8 +122,8 @@ class Outcome:
         return data | {"result": plain(self.result)}
 
     def encode(self) -> bytes:
-        """As JSON, at most `LARGEST` bytes: names of actuators are left out before anything is lost."""
-        for most in (None, 1000, 100, 0):
+        """As JSON, at most `LARGEST` bytes: of very many unreached actuators only the first are named."""
+        for most in (None, 1000, 100, 1):
             text = json.dumps(self.dump() | {"unreached": self.unreached[:most]}).encode()
             if len(text) <= LARGEST:
                 break
@@ -175,4 +175,4 @@ def message_of(failure: BaseException) -> str:
     own = tuple(str(Path(umo.__file__).parent / name) for name in ("cycle", "control", "cli", "process"))
     frames = [frame for frame in traceback.extract_tb(failure.__traceback__) if not frame.filename.startswith(own)]
     where = f" at {frames[-1].filename}:{frames[-1].lineno}" if frames else ""
-    return f"{type(failure).__name__}: {text_of(failure)}{where} (--traceback shows all of it)"
+    return f"{type(failure).__name__}: {text_of(failure)}{where} (full traceback: --traceback)"

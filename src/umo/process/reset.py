@@ -1,9 +1,9 @@
-"""Bringing a machine to its defaults from outside, after its control process is dead.
+"""Resetting a machine to its defaults from another process, after its control process has died.
 
-Each attempt is made by a child process of its own, in which the drivers are opened afresh: a driver that hangs or
-crashes costs that child and one attempt. The first child is forked before the control process and stands by, so that
-no limit that is reached later can keep it from its work; where a later one cannot be forked, the guardian does the work
-itself. All calls go through the transfer stage.
+Each attempt is made in its own child process, which opens the drivers again: a driver that hangs or crashes costs
+only this attempt. The first child is forked before the control process and stands by, so it works even if a limit of
+processes or descriptors is reached later. If a later child cannot be forked, the guardian does the work itself. All
+calls go through the transfer stage.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from umo.text import cause_of
 from umo.wiring import Wired
 
 GRACE = 1.0
-"""s that a call of a driver may take beyond twice its timeout."""
+"""Time in s that a call of a driver may take in addition to twice its timeout."""
 PAUSE = 0.2
 """s between two attempts."""
 PATIENCE = 3.0
@@ -63,7 +63,7 @@ class Resetter:
             self._wait_for_work()
 
     def dismiss(self) -> None:
-        """The machine ended safely: nothing is to be reset."""
+        """The machine ended safely: no reset is needed."""
         if self._child:
             os.kill(self._child, signal.SIGKILL)
             os.waitpid(self._child, 0)
@@ -89,14 +89,18 @@ class Resetter:
         while left:
             self._run([numbers[path] for path in left], is_dead)
             reached = {path for path in left if self._board.reached(numbers[path]) is Reached.YES}
-            left = {path: self._board.cause(numbers[path]) or "no answer" for path in left if path not in reached}
+            left = {path: self._why_not(numbers[path]) for path in left if path not in reached}
             if not left or monotonic() >= until:
                 break
             if not told:
                 told = True
-                said(f"not reached yet, trying for {lasting:g} s: {summary(left)}")
+                said(f"not reached yet, retrying for up to {lasting:g} s: {summary(left)}")
             self._pause(is_dead)
         return left
+
+    def _why_not(self, number: int) -> str:
+        tried = self._board.reached(number) is Reached.NO
+        return self._board.cause(number) if tried else "not tried: its driver did not answer in time"
 
     # The guardian's side -------------------------------------------------------------------------------
 
@@ -161,7 +165,7 @@ class Resetter:
             raise DeviceTimeout(f"a call did not return within {limit:g} s")
 
         def look() -> None:
-            signal.setitimer(signal.ITIMER_REAL, limit)
+            signal.setitimer(signal.ITIMER_REAL, limit, limit)
             if is_dead():
                 self._board.declare_dead()
 
@@ -206,6 +210,7 @@ class Resetter:
 
     def _work_as_child(self, numbers: list[int]) -> NoReturn:
         try:
+            realtime.die_with_parent(signal.SIGKILL)
             for number in IGNORED:
                 signal.signal(number, signal.SIG_IGN)
             self._guard()
@@ -238,7 +243,7 @@ class Resetter:
         reached = self._pass(transfer, reached, "reset")
         if reached:
             wait_for(settling(self._wired), sleep, call)
-            reached = self._pass(transfer, reached, "reset")
+            reached = self._pass(transfer, reached, "reset", last=True)
         for number in reversed(reached):
             transfer.finalize(number)
         for name in reversed(opened):
@@ -263,13 +268,22 @@ class Resetter:
             opened.append(name)
         return opened
 
-    def _pass(self, transfer: Transfer, numbers: list[int], segment: Literal["initialize", "reset"]) -> list[int]:
-        """One segment for each; those that were reached."""
-        reached = []
-        for number, failure in transfer.bring_to_default(numbers, segment, self._board.begin, patient=False):
-            self._board.note(number, None if failure is None else failure.cause)
+    def _pass(
+        self, transfer: Transfer, numbers: list[int], segment: Literal["initialize", "reset"], last: bool = False
+    ) -> list[int]:
+        """One segment for each; those that were reached. What is reached counts with the last pass; what was not tried,
+        as its driver had timed out, stays so."""
+        reached, begun = [], set()
+
+        def begin(number: int) -> None:
+            begun.add(number)
+            self._board.begin(number)
+
+        for number, failure in transfer.bring_to_default(numbers, segment, begin, patient=False):
             if failure is None:
                 reached.append(number)
+            if number in begun and (last or failure is not None):
+                self._board.note(number, None if failure is None else failure.cause)
         return reached
 
 

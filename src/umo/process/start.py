@@ -1,4 +1,4 @@
-"""Starting a machine in processes of its own, and holding on to it."""
+"""Starting a machine in its own processes, and controlling it from a program."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_
 
 
 class RunFailed(TaskFailed):
-    """A machine in processes of its own did not end well; `outcome` says how."""
+    """The run of a machine in its own processes failed; `outcome` has the details."""
 
     def __init__(self, outcome: Outcome) -> None:
         super().__init__(outcome.failure.message if outcome.failure else "the machine failed")
@@ -44,16 +44,16 @@ def start(
     acknowledge: bool = False,
     **options: Any,
 ) -> Started:
-    """Start a machine under a guardian and a control process of its own; returns at once.
+    """Start a machine in its own guardian and control process. Returns at once.
 
         with umo.start("ztheta", "modbus", parts=2) as machine:
             outcome = machine.wait()
 
     `station` is a station's name or folder, or a function that declares the machine, then with an `application`;
-    both must be importable by another process, so not typed into a notebook. `wiring` is one of the station's, a
-    file, or its contents. `options` go to the application and to the drivers, as on the command line.
-    `acknowledge` starts a machine whose last run ended unsafely. Linux only (DriverError elsewhere); every other
-    mistake comes out of `wait`.
+    both must be importable by another process, so not defined in a notebook. `wiring` is one of the station's, a
+    file, or its contents. `options` are passed to the application and the drivers, as on the command
+    line. `acknowledge` starts a machine whose last run ended unsafely. Linux only (DriverError elsewhere); all other
+    errors are raised by `wait`.
     """
     if callable(station):
         machine, script = reference(station)
@@ -67,17 +67,17 @@ def start(
 
 
 class Started:
-    """A machine that another process runs. It is stopped when this object's block ends or its process does."""
+    """A machine that runs in other processes. It is stopped when the `with` block ends or this program ends."""
 
     def __init__(self, job: Job) -> None:
         if not LINUX:
-            raise DriverError("real time in processes of its own needs Linux; virtual time works everywhere")
+            raise DriverError("umo.start needs Linux; virtual time works everywhere")
         self.pid: int | None = None
         """The control process, once it is running."""
         self.frames: Reader | None = None
-        """Reads every frame from the first one on, once it is running; one reader, so best read in one place."""
+        """Reader of all frames from the first one on; None before it is running. Use it in one place only."""
         self.refusals: list[Refusal] = []
-        """What the control process was not granted."""
+        """Real-time settings that the operating system did not permit."""
         self.notices: list[str] = []
         self._outcome: Outcome | None = None
         text = job.dump()
@@ -117,12 +117,12 @@ class Started:
 
     @property
     def outcome(self) -> Outcome | None:
-        """How it ended; None while it runs."""
+        """The outcome of the run; None while it runs."""
         self.poll()
         return self._outcome
 
     def poll(self, timeout: float = 0.0) -> None:
-        """Take note of what the processes have said; wait up to `timeout` s for something."""
+        """Process messages of the other processes; wait up to `timeout` s for one."""
         while self._outcome is None and (message := self._channel.receive(timeout)) is not None:
             timeout = 0.0
             self._note(message)
@@ -132,22 +132,22 @@ class Started:
             self._guardian.wait()
 
     def wait(self, timeout: float | None = None) -> Outcome:
-        """Until it has ended: how. TimeoutError after `timeout` s; RunFailed if it did not end well."""
+        """Wait for the end and return the outcome. TimeoutError after `timeout` s; RunFailed if the run failed."""
         until = None if timeout is None else monotonic() + timeout
         while self._outcome is None:
             if until is not None and monotonic() >= until:
-                raise TimeoutError(f"the machine still runs after {timeout:g} s")
+                raise TimeoutError(f"the machine is still running after {timeout:g} s")
             self.poll(0.1 if until is None else max(0.0, min(0.1, until - monotonic())))
         if self._outcome.failure is not None:
             raise RunFailed(self._outcome)
         return self._outcome
 
     def ask_to_stop(self, number: int = signal.SIGTERM) -> None:
-        """Ask it to stop safely, as that signal would; returns at once."""
+        """Request a safe stop, like this signal does. Returns at once."""
         self._channel.send("stop", signal=number)
 
     def stop(self) -> Outcome:
-        """Stop safely and wait for it; how it ended."""
+        """Stop safely, wait for the end and return the outcome."""
         self.ask_to_stop()
         while self._outcome is None:
             self.poll(0.1)
@@ -191,11 +191,11 @@ class Started:
         if status > 128:
             return Outcome(stopped_by=status - 128)
         if status > 0 or self.pid is None:
-            when = "" if self.pid is not None else " before anything ran"
-            text = f"the guardian ended with status {status}{when}; what it had to say was lost"
+            when = "" if self.pid is not None else " before the machine was started"
+            text = f"the guardian ended with status {status}{when}; its report was lost"
             return Outcome(Failed("Lost", text, max(status, 1)), unsafe=status == 3)
         text = (
-            "guardian and control process are gone, nobody could reset the actuators; "
-            "only the circuits' own watchdogs can have dropped them"
+            "guardian and control process have both ended without resetting the actuators; "
+            "only watchdogs of the circuits can have reset them"
         )
         return Outcome(Failed("Vanished", text, 3), unsafe=True)

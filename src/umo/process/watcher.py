@@ -1,6 +1,6 @@
-"""The guardian's look at the frames: when a period was missed, the last ones are kept in a black box.
+"""The guardian watches the frames: when a period was missed, it saves the last ones in a black box.
 
-An observer: whatever goes wrong here costs black boxes and nothing else, so nothing here raises.
+Nothing here raises: an error costs black boxes only.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ PATIENCE = 5.0
 
 
 class Watcher:
-    """Follows one ring, whose place it chooses; writes in a child process, so that a slow disk delays nobody."""
+    """Follows one ring in a file that it chooses. Writes in a child process: the disk does not delay the guardian."""
 
     def __init__(self, station: str) -> None:
         self.path: Path | None = None

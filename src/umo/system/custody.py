@@ -9,9 +9,8 @@ from umo.system.record import Record
 
 
 class Custody:
-    """Taken before a driver is opened: DeviceHeld, or StandsStopped unless `acknowledge`; ended by one of its methods.
-
-    A process that ends without that leaves a record which says so.
+    """Created before a driver is opened: raises DeviceHeld, or StandsStopped unless `acknowledge`. One of its methods
+    ends it. If a process ends without that, its record shows an unsafe end.
     """
 
     def __init__(self, devices: Iterable[str], station: str, wiring: str = "", *, acknowledge: bool = False) -> None:
@@ -34,7 +33,7 @@ class Custody:
         try:
             self._record.stopped(what, unreached)
         except OSError as error:  # the record of the start stands all the same
-            return f"this could not be written down: {error.strerror or error}"
+            return f"this could not be recorded: {error.strerror or error}"
         finally:
             self.hold.release()
         return ""

@@ -1,4 +1,4 @@
-"""Folders that umo shares between processes, safe against whoever else may write beside them.
+"""Folders that umo shares between processes, protected against other users who can write to the same place.
 
 A folder in a place that everybody may write to (/dev/shm, /var/tmp) is known by its owner, not by its name: another
 user who takes the name first changes nothing, nor does a symbolic link.

@@ -1,4 +1,4 @@
-"""Holding devices: one process at a time drives a device, from whatever station, wiring, program or user.
+"""Holding devices: one process at a time uses a device, for all stations, wirings, programs and users.
 
 On Linux a device is held by an abstract Unix socket of its name (unix(7)). Binding it is atomic and system-wide (within
 one network namespace), needs neither a folder nor a right, and the kernel ends it with the last process that has it
@@ -7,6 +7,7 @@ and tells everybody which one that is. Elsewhere nothing is held: real time is f
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import socket
@@ -17,7 +18,7 @@ from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from umo.errors import DeviceHeld
+from umo.errors import DeviceHeld, UmoError
 
 LINUX = sys.platform.startswith("linux")
 LONGEST = 107
@@ -27,8 +28,8 @@ TABLE = Path("/proc/net/unix")
 
 
 class Hold:
-    """Devices that this process holds, and every process that it forks from now on: until all of those have ended or
-    released them. DeviceHeld says who holds one since when; then none of the others is held either."""
+    """Devices held by this process and by every process that it forks from now on, until all of them have ended or
+    released them. DeviceHeld names the owner of a device and the start time; then no device is held."""
 
     def __init__(self, devices: Iterable[str], purpose: str) -> None:
         self.devices = sorted(set(devices))
@@ -51,7 +52,9 @@ class Hold:
         self._sockets.append(taken)
         try:
             taken.bind(_name(device))
-        except OSError:
+        except OSError as error:
+            if error.errno != errno.EADDRINUSE:
+                raise UmoError(f"{device} cannot be held: {error.strerror}") from None
             raise DeviceHeld(f"{device} is held by {holder(device)}") from None
         taken.listen(BACKLOG)
         note = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)  # its name is what others read in /proc/net/unix
@@ -62,36 +65,39 @@ class Hold:
 
 def is_held(device: str) -> bool:
     """Whether a process holds the device now."""
-    return LINUX and _peer(device)[0] != 0
+    return LINUX and _peer(device) is not None
 
 
 def holder(device: str) -> str:
-    """Who holds a device, for what and since when, as far as the kernel tells."""
-    pid, uid = _peer(device)
+    """The owner of a device, its purpose and start time, as far as the kernel tells."""
+    pid, uid = _peer(device) or (0, 0)
     if not pid:
         return "another process"
     what, since = _noted(device, pid)
     who = "this program itself" if pid == os.getpid() else f"pid {pid} of {_user(uid)}"
     if not Path(f"/proc/{pid}").exists():
-        who += ", which has ended; a process that it started is still there"
+        who += ", which has ended; one of its child processes still holds it"
     when = "" if since is None else f", since {time.strftime('%Y-%m-%d %H:%M:%S', time.localtime(since))}"
     return f"{who}{f' ({what})' if what else ''}{when}"
 
 
-def _peer(device: str) -> tuple[int, int]:
-    """The kernel's word on who listens there: pid and user; 0 where it cannot be asked."""
+def _peer(device: str) -> tuple[int, int] | None:
+    """The kernel's word on who listens there: pid and user, None for nobody; 0 where it cannot be asked, as too many
+    have asked before."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
         probe.setblocking(False)
         try:
             probe.connect(_name(device))
             pid, uid, _ = struct.unpack("3i", probe.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+        except ConnectionRefusedError:
+            return None
         except OSError:
             return 0, 0
     return pid, uid
 
 
 def _noted(device: str, pid: int) -> tuple[str, float | None]:
-    """What the holder says of itself: for what, and since when."""
+    """What the holder has noted about itself: purpose and start time."""
     start = f"@{_note(device, pid)}"
     with suppress(OSError, ValueError):
         for line in TABLE.read_text(errors="replace").splitlines():

@@ -1,4 +1,4 @@
-"""Making a process undisturbed, as far as this computer grants it, and saying what it did not grant."""
+"""Real-time settings of a process, as far as the operating system permits them, and a list of those refused."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ ISOLATED = Path("/sys/devices/system/cpu/isolated")
 
 @dataclass(frozen=True)
 class Refusal:
-    """Something that was not granted: what, why, and the line that would grant it."""
+    """A setting that was not permitted: what, why, and the line of configuration that permits it."""
 
     what: str
     why: str

@@ -1,9 +1,9 @@
-"""What became of the last run on a device, on disk: it outlives the processes, and the computer's going down.
+"""How the last run on a device ended, recorded on disk: it survives the processes and a restart of the computer.
 
-A record says "running" from before a device is driven to the safe end, when it is removed. One that is there while
-nobody holds the device tells of an unsafe end: the device stands stopped, and whoever drives it next says that they
-know. Every user keeps records of their own, which all may read and nobody else can change: another user's record,
-or one that cannot be read, is told and can be acknowledged, not removed.
+A record with the state "running" is written before a device is used, and removed at a safe end. If there is a record
+while no process holds the device, the last run ended unsafely: the next run must acknowledge it. Each user has their
+own records. All users may read them, only the owner can change them. A record of another user, or one that cannot be
+read, is reported and can be acknowledged, but is not removed.
 """
 
 from __future__ import annotations
@@ -63,13 +63,19 @@ class Ended:
         by = f" by {self.user}" if self.user else ""
         if self.state == "running":
             return (
-                f"{name} was started{by} at {when}, and all of its processes ended at once, or the computer did; "
-                "only the circuits' own watchdogs can have dropped its outputs"
+                f"{name} was started{by} at {when}, and all of its processes ended without a report "
+                "(they were killed, or the computer went down); "
+                "only watchdogs of the circuits can have reset its outputs"
             )
         if self.state != "stopped":
-            return f"how the last run on device {self.device}{by} ended is not known: {self.what}"
+            return f"how the last run on device {self.device}{by} ended is unknown: {self.what}"
         reached = f"not reached: {', '.join(self.unreached)}" if self.unreached else "every actuator was reset"
-        return f"{name} was stopped{by} at {when}: {self.what}; {reached}"
+        return plain(f"{name} was stopped{by} at {when}: {self.what}; {reached}")
+
+
+def plain(text: str) -> str:
+    """Without what a terminal would obey."""
+    return "".join(c if c.isprintable() else "?" for c in text)
 
 
 class Record:
@@ -81,19 +87,19 @@ class Record:
         self._seen: dict[str, list[str]] = {}
 
     def begin(self, acknowledged: bool) -> None:
-        """The devices are about to be driven; StandsStopped if the last run on one of them ended unsafely and nobody
-        acknowledged it. UmoError where that cannot be written down: an unsafe end could not be told from a safe one."""
+        """Record the start of a run. StandsStopped if the last run on a device ended unsafely and was not acknowledged.
+        UmoError if the record cannot be written: an unsafe end could then not be distinguished from a safe one."""
         before = [ended for device in self._devices for ended in standing(device)]
         if before and not acknowledged:
             told = "\n".join(dict.fromkeys(f"{ended}." for ended in before))
-            raise StandsStopped(f"{told}\nLook at the machine, then start it with --acknowledge (acknowledge=True)")
+            raise StandsStopped(f"{told}\nInspect the machine, then start it with --acknowledge (acknowledge=True)")
         try:
             for device in self._devices:
                 others = [ended.id for ended in before if ended.device == device and not ended.mine and ended.id]
                 self._seen[device] = [*(mine.seen if (mine := _own(device)) else []), *others]
                 self._write(device, "running")
         except OSError as error:
-            raise UmoError(f"the start could not be written down: {error.strerror or error}") from None
+            raise UmoError(f"the start of the run could not be recorded: {error.strerror or error}") from None
 
     def finish(self) -> None:
         """The run ended safely."""
@@ -157,8 +163,11 @@ def _read(path: Path, owner: int) -> Ended | None:
             return None
         try:
             ended = Ended(**json.loads(opened.read(LARGEST)))
-            ended.device + ended.what + ended.id, ended.when + 0, list(ended.seen)  # of the right types
-        except (OSError, ValueError, TypeError, RecursionError):
+            texts = [ended.device, ended.station, ended.wiring, ended.state, ended.what, ended.id]
+            if not all(isinstance(text, str) for text in [*texts, *ended.unreached, *ended.seen]):
+                raise TypeError("texts")
+            time.localtime(ended.when)
+        except (OSError, ValueError, TypeError, OverflowError, RecursionError):
             return _unknown(path, owner, "its record cannot be read")
     ended.mine = not hasattr(os, "getuid") or owner == os.getuid()
     ended.user = "" if ended.mine else f"user {owner}"
@@ -192,3 +201,8 @@ def _replace(path: Path, content: dict[str, Any]) -> None:
         opened.flush()
         os.fsync(file)
     new.replace(path)
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)

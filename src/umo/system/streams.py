@@ -1,7 +1,7 @@
-"""stdout and stderr that cannot end a run: a reader that goes away, a full disk, a closed stream cost the text alone.
+"""stdout and stderr that cannot end a run: if the reader ends, the disk is full or a stream is closed, text is dropped.
 
-Python raises BrokenPipeError or OSError out of any print, also a user's own in the middle of a period. Here such text
-is dropped where it leaves Python, so that nobody above notices.
+Python would raise BrokenPipeError or OSError from any print, also from one in control code. Here the text is dropped
+without an exception.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import TextIO
 
 
 class _Descriptor(io.FileIO):
-    """A descriptor that takes everything, and loses what it cannot write."""
+    """A descriptor that accepts all text and drops what it cannot write."""
 
     def write(self, data: object) -> int:
         size = memoryview(data).nbytes  # type: ignore[arg-type]

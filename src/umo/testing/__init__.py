@@ -15,8 +15,8 @@
             periods(m, 2)
             assert m.valve.read() is OpenClosed.CLOSED
 
-In a wiring given as a dict a driver's table may be the driver itself, made beforehand, or hold it as its
-`type` beside a `timeout` or `watchdog`. No test sleeps: time is a wired device.
+In a wiring given as a dict, a driver object may replace its table, or be the `type` in a table with a `timeout` or
+`watchdog`. Tests do not sleep: the timer is a wired device.
 """
 
 from umo.testing.loop import periods, put

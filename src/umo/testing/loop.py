@@ -1,4 +1,4 @@
-"""Short hands for tests of a connected machine."""
+"""Helpers for tests of a connected machine."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ class _Settable(Protocol):
 
 
 def put(sensor: BinarySensor[Any] | DigitalSensor, value: float | TwoState) -> None:
-    """What a sensor on a simulated or scripted channel measures from now on: a value in its units, or a state.
+    """Set the value (in units) or state that a sensor on a simulated or scripted channel measures from now on.
 
-    It goes through the wired scaling, so it also serves beyond the range (`OUT_OF_RANGE`); the sensor shows
-    it with the next `sample`, an asynchronous one with the next `read`.
+    The wired scaling applies. A value outside the range is allowed (`OUT_OF_RANGE`). A synchronous sensor takes it
+    with the next `sample`, an asynchronous one with the next `read`.
     """
     image = cast("Image", sensor._image)
     wire = image.wires[sensor._slot]
     if not isinstance(wire.driver, _Settable):
-        raise DeclarationError(f"{sensor.path}: nothing can be put on a {type(wire.driver).__name__} channel")
+        raise DeclarationError(f"{sensor.path}: put() cannot set a {type(wire.driver).__name__} channel")
     level = sensor._level(cast(Any, value)) if isinstance(sensor, Binary) else sensor._number(cast(float, value))
     wire.driver.set(wire.channel.text, to_raw(level, *wire.scale))
 
 
 def periods(machine: Compound, count: int = 1) -> None:
-    """Run that many periods of the loop on a connected machine: timer (if it has one), sample, control, update."""
+    """Run `count` periods of a connected machine: timer (if there is one), sample, control, update."""
     timer = machine.children().get("timer")
     for _ in range(count):
         if isinstance(timer, Atomic):

@@ -1,4 +1,4 @@
-"""A circuit that reads what a test wrote down, fails when the test says so, and remembers every call."""
+"""A scripted circuit: given readings, given failures, and a record of every call."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ class Scripted(Driver):
 
         box = Scripted({"encoder": [0, 10, 20], "switch": lambda: 1, "scale": OSError("unplugged")})
         box.at(7, OSError("cut"))     # call number 7 raises
-        box.at(8, 2.5)                # call 8, a reading, returns what no driver should
+        box.at(8, 2.5)                # call 8, a read, returns a wrong value
         box.at(9, lambda call: ...)   # call 9 calls back first
-        box.broken = OSError("dead")  # from now on every call raises, until it is None again
+        box.broken = OSError("dead")  # every call raises this until it is None again
 
     A channel without a script reads what was last written or `set`, 0 before. `calls` holds every call in
     order, the failing ones too. Without `channels` any name is a channel of 64 bits and a sign, both ways.
@@ -52,8 +52,8 @@ class Scripted(Driver):
     # What a test says and asks -----------------------------------------------------------------------
 
     def at(self, number: int, action: Any) -> None:
-        """At that call (from 0, `len(box.calls)` is the next): raise an exception, call a callable with the
-        Call, or read anything else instead. What a callable returns, unless None, is read too."""
+        """Set what call `number` does (from 0; the next is `len(box.calls)`): raise an exception, call a callable with
+        the Call, or read any other value. A callable's result is the value read, unless it is None."""
         self._actions[number] = action
 
     def set(self, channel: str, reading: Reading) -> None:

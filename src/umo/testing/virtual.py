@@ -11,11 +11,11 @@ from umo.drivers.contract import Channel, Direction, Driver
 class VirtualTimer(Driver):
     """One channel, the tick, in virtual time: `read` returns at once.
 
-        VirtualTimer()                        every period on time, for ever
+        VirtualTimer()                        every period on time
         VirtualTimer(missed=[0, 0, 3])        the third read finds 3 ticks passed, then on time again
-        VirtualTimer(end_after=1000)          in the 1000th period the machine is asked to stop, as by SIGTERM
+        VirtualTimer(end_after=1000)          in period 1000 the machine is asked to stop, like by SIGTERM
 
-    `on_period(number)` is called at the start of each period, from 1. It also serves in a TOML file, as
+    `on_period(number)` is called at the start of each period, from 1. It can also be used in a TOML file, as
     `type = "umo.testing:VirtualTimer"` with the options `missed` and `end_after`.
     """
 

@@ -24,9 +24,9 @@ class Entry(BaseModel):
 
     driver: StrictStr
     channel: StrictStr | None = None
-    """Without one the channel is named by the object's path."""
+    """Default: the object's path."""
     inverted: StrictBool | None = None
-    """Binary objects: the electrical level is the other one."""
+    """Binary objects: the electrical level is inverted."""
     resolution: Number | None = None
     zero_offset: Number | None = None
     minimum: Number | None = None
@@ -38,7 +38,7 @@ class Entry(BaseModel):
 def options_of(name: str, signature: Mapping[str, inspect.Parameter], given: dict[str, Any]) -> dict[str, Any]:
     """A driver's options checked against its constructor's annotations; ValidationError.
 
-    Nothing is converted but what TOML cannot say otherwise: a text is a Path, a list is a tuple where one is wanted.
+    Values are not converted, except types that TOML does not have: a text to a Path, a list to a tuple.
     That is how pydantic takes JSON, so plain data is handed to it as JSON.
     """
     fields: dict[str, Any] = {

@@ -1,4 +1,4 @@
-"""From a wiring as written to one that fits its machine: the lint behind `umo check` and `connect`.
+"""Checks a wiring against its machine and resolves it: used by `umo check` and `connect`.
 
 All faults are found in one run, each with its file and key.
 """
@@ -77,7 +77,7 @@ class _Resolver:
         known = _parameters(self.root) if self.source.parameters else {}
         parameters = [p for key, value in self.source.parameters.items() if (p := self._parameter(known, key, value))]
         for name in sorted(self.unused):
-            self.source.fault("", f"no driver of this wiring takes the option {name!r}")
+            self.source.fault("", f"no driver of this wiring has the option {name!r}")
         drivers = {name: driver for name, driver in self.drivers.items() if driver is not None}
         wired = Wired(drivers, wires, period, timer, parameters, watchdogs, self._hardware(drivers))
         self._check_time(wired)
@@ -112,7 +112,9 @@ class _Resolver:
         given = {key: value for key, value in table.items() if key not in RESERVED}
         if isinstance(table["type"], Driver):
             for key in given:
-                self.source.fault(f"drivers.{name}.{key}", "is for a driver's type; this driver is made already")
+                self.source.fault(
+                    f"drivers.{name}.{key}", "is an option for a driver's type; this driver is already constructed"
+                )
             return table["type"]
         try:
             cls = registry.find(table["type"])
@@ -158,7 +160,9 @@ class _Resolver:
         entry = self.source.entries.get(path)
         if entry is None:
             if not any(fault.key.startswith(key) for fault in self.source.faults):
-                self.source.fault(key, 'is not wired; what is not built yet is { driver = "simulated" }')
+                self.source.fault(
+                    key, 'is not wired; for hardware that does not exist yet use { driver = "simulated" }'
+                )
             return None
         driver = self.drivers[entry.driver]
         if driver is None:
@@ -169,7 +173,7 @@ class _Resolver:
             self.source.fault(f"{key}.channel", reason_of(error))
             return None
         if not isinstance(channel, Channel):
-            what = f"{type(driver).__name__}.channel gave {channel!r} for it, not a Channel"
+            what = f"{type(driver).__name__}.channel returned {channel!r}, not a Channel"
             self.source.fault(f"{key}.channel", what)
             return None
         self._check_direction(key, item, channel)
@@ -190,7 +194,7 @@ class _Resolver:
         for place in channel.places:
             other = self.taken.setdefault((driver, place), path)
             if other != path:
-                text = f"channel {channel.text!r} of {driver} is already that of {other}"
+                text = f"channel {channel.text!r} of {driver} is already used by {other}"
                 self.source.fault(f'wire."{path}"', text)
                 return
 
@@ -224,7 +228,9 @@ class _Resolver:
         try:
             ends = [to_raw(v, calibration.resolution, calibration.zero_offset) for v in calibration[:2]]
         except OverflowError:
-            self.source.fault(key, f"the resolution {calibration.resolution:g} makes raw values beyond any channel")
+            self.source.fault(
+                key, f"the resolution {calibration.resolution:g} makes raw values too large for any channel"
+            )
             return
         if isinstance(item, DigitalActuator) and operator.gt(*raw_bounds(*calibration)):
             self.source.fault(key, f"no multiple of the resolution {calibration.resolution:g} lies within the range")
@@ -241,19 +247,19 @@ class _Resolver:
     def _period(self, timer: Atomic | None) -> float | None:
         for path, entry in self.source.entries.items():
             if path != "timer" and entry.period is not None:
-                self.source.fault(f'wire."{path}".period', "belongs to the timer")
+                self.source.fault(f'wire."{path}".period', "is allowed for the timer only")
         if timer is None:
             return None
         key = 'wire."timer"'
         if not isinstance(timer, DigitalSensor) or timer.synchronous or timer.units != "sampling_period":
-            self.source.fault(key, "timer is not an asynchronous DigitalSensor in sampling_period")
+            self.source.fault(key, "timer must be an asynchronous DigitalSensor in sampling_period")
         elif timer._max_age is not None:
-            self.source.fault(key, 'timer cannot hold: time would stand still; on_error="raise"')
+            self.source.fault(key, 'timer must have on_error="raise": a held value would stop the clock')
         wired = self.source.entries.get("timer")
         if wired is None:
             return None
         if wired.period is None:
-            self.source.fault(f"{key}.period", 'is missing, such as "1 ms"')
+            self.source.fault(f"{key}.period", 'is missing; give for example "1 ms"')
         return self._duration(f"{key}.period", wired.period)
 
     def _duration(self, key: str, value: Any) -> float | None:
@@ -279,13 +285,13 @@ class _Resolver:
                 self.source.fault('wire."timer".period', f"{period * 1e3:g} ms is {why}")
 
     def _check_time(self, wired: Wired) -> None:
-        """Virtual time runs as fast as it can: no hardware is made for that."""
+        """Virtual time runs as fast as possible: it is refused together with hardware."""
         if wired.timer is not None and wired.period is not None and wired.hardware and not wired.realtime:
             name, devices = next(iter(wired.hardware.items()))
             timer = self.source.entries["timer"].driver
             self.source.fault(
                 'wire."timer".driver',
-                f"{timer} keeps virtual time, but driver {name} takes hardware ({devices[0]}); "
+                f"{timer} runs in virtual time, but driver {name} controls hardware ({devices[0]}); "
                 'wire the timer to a real clock, { driver = "timerfd", period = ... }',
             )
 
@@ -304,7 +310,7 @@ class _Resolver:
         elif hang <= waits and wired.realtime:
             self.source.fault(
                 "process.hang_timeout",
-                f"{hang * 1e3:g} ms is not above the {waits * 1e3:g} ms of timeouts that one period may hold",
+                f"{hang * 1e3:g} ms must be above {waits * 1e3:g} ms, the sum of the timeouts of one period",
             )
         reset_for = self._duration("process.reset_for", table.get("reset_for")) or Process().reset_for
         priority = self._whole("process.priority", table.get("priority", Process().priority), 1, 98)
@@ -313,7 +319,7 @@ class _Resolver:
 
     def _whole(self, key: str, value: Any, lowest: int, highest: int) -> int:
         if isinstance(value, bool) or not isinstance(value, int) or not lowest <= value <= highest:
-            self.source.fault(key, f"is a whole number from {lowest} to {highest}, not {value!r}")
+            self.source.fault(key, f"must be a whole number from {lowest} to {highest}, not {value!r}")
             return lowest
         return value
 
@@ -323,7 +329,7 @@ class _Resolver:
             self.source.fault(f"parameters.{key!r}", f"no such parameter{self.source.near(key, known)}")
             return None
         if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
-            self.source.fault(f"parameters.{key!r}", f"is a finite number, not {value!r}")
+            self.source.fault(f"parameters.{key!r}", f"must be a finite number, not {value!r}")
             return None
         owner, name = known[key]
         whole = isinstance(value, int) and isinstance(getattr(owner, name), int)
@@ -331,7 +337,7 @@ class _Resolver:
 
 
 def longest_period(wired: Wired) -> float:
-    """The s that one period may take when every call of a driver times out: a block transfer for each driver and
+    """The longest duration of a period in s, if every call of a driver times out: a block transfer for each driver and
     direction, and a call for each asynchronous object."""
     calls = {
         (id(wire.driver), wire.item.path if not wire.item.synchronous else wire.item.direction): wire.driver.timeout
@@ -346,11 +352,11 @@ def _unfit(period: float, node: Node) -> str:
     if isinstance(node, Compound) and node.max_period is not None:
         longest = seconds(node.max_period)
         if period > longest * (1 + 1e-9):
-            return f"longer than {node.path or type(node).__name__} allows ({longest * 1e3:g} ms)"
+            return f"longer than `max_period` of {node.path or type(node).__name__} ({longest * 1e3:g} ms)"
     if isinstance(node, BinaryActuator | DigitalActuator):
         expires = node.expires or math.inf  # it must outlast the way from one write to the next
         if period > expires * (1 - 1e-9):
-            return f"not shorter than a command of {node.path} holds ({expires * 1e3:g} ms)"
+            return f"not shorter than `expires` of {node.path} ({expires * 1e3:g} ms)"
     return ""
 
 

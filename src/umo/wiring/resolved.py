@@ -88,17 +88,17 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Process:
-    """How the control process is kept in real time: the wiring's `[process]`, times in s."""
+    """Real-time settings of the control process: the wiring's `[process]`, times in s."""
 
     hang_timeout: float = 0.1
-    """Without a finished period for so long the guardian takes the process for hanging. By itself 20 periods, at least
-    0.1 s, and more than all drivers together may spend in timeouts in one period."""
+    """Time in s without a finished period after which the process counts as hanging. Default: 20 periods, at least
+    0.1 s, and above the sum of the timeouts of one period."""
     reset_for: float = 10.0
-    """How long the guardian goes on trying to reach a device that is away."""
+    """Time in s for which the guardian retries to reach a device that does not answer."""
     priority: int = 80
-    """Of the control process under SCHED_FIFO, 1 to 98; the guardian stands one above."""
+    """Priority of the control process under SCHED_FIFO, 1 to 98. The guardian runs at one above."""
     cpu: int | None = None
-    """The core to stay on; None: an isolated one or the last one, if SCHED_FIFO is permitted."""
+    """The core of the control process. None: an isolated core or the last one, if SCHED_FIFO is permitted."""
 
 
 @dataclass(frozen=True, slots=True)

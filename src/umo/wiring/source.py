@@ -82,7 +82,7 @@ def _table(source: Source, data: Mapping[str, Any], section: str) -> Mapping[str
     table = data.get(section, {})
     if isinstance(table, Mapping):
         return table
-    source.fault(section, f"is a table, not {table!r}")
+    source.fault(section, f"must be a table, not {table!r}")
     return {}
 
 
@@ -93,7 +93,7 @@ def _read_drivers(source: Source, tables: Mapping[str, Any]) -> None:
         if isinstance(table, Driver):
             source.drivers[name] = {"type": table}
         elif not isinstance(table, Mapping):
-            source.fault(f"drivers.{name}", f"is a table, not {table!r}")
+            source.fault(f"drivers.{name}", f"must be a table, not {table!r}")
         elif not isinstance(table.get("type"), str | Driver):
             source.fault(f"drivers.{name}.type", "is missing: a driver's name, or module:Class")
             source.drivers[name] = {}  # its objects need not be reported as well
@@ -108,7 +108,7 @@ def _read_entry(source: Source, path: str, table: Any) -> None:
 
     key = f'wire."{path}"'
     if not isinstance(table, Mapping):
-        source.fault(key, f'is a table such as {{ driver = "simulated" }}, not {table!r}')
+        source.fault(key, f'must be a table such as {{ driver = "simulated" }}, not {table!r}')
         return
     if path in source.entries:
         source.fault(key, "is wired twice")

@@ -1,4 +1,4 @@
-"""How the machine acts, period by period (the controls developer's file). No line here knows a circuit."""
+"""How the machine acts, period by period (the controls developer's file). This file does not depend on the circuits."""
 
 from umo import BinaryActuator, BinarySensor, Compound, DigitalSensor, OpenClosed, PassFail, TaskFailed
 from umo.control import Hysteresis, state_of, until, value_of

@@ -1,6 +1,6 @@
 """The tank's hardware, simulated, behind the five driver functions (the electrical developer's file).
 
-When the real circuit is there, only the wiring changes: `type = "modbus"` in place of `type = "plant:Plant"`.
+For the real circuit only the wiring changes: `type = "modbus"` instead of `type = "plant:Plant"`.
 """
 
 from umo import Channel, Direction, Driver
@@ -44,6 +44,6 @@ class Plant(Driver):
         self._out[channel.text] = raw
 
     def advance(self, seconds: float) -> None:
-        """Let the water flow for so long."""
+        """Advance the simulation by `seconds` s."""
         flow = 20.0 * self._out["out:inlet"] - 3.0 * self.level**0.5 * self._out["out:drain"] - self.leak
         self.level = min(max(self.level + flow * seconds, 0.0), 520.0)

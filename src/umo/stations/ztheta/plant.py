@@ -100,7 +100,7 @@ class Plant(Driver[PlantChannel]):
         faults: Sequence[str] = (),
     ) -> None:
         if not 1 <= parts <= MOST_PARTS:
-            raise WiringError(f"the courier carries 1 to {MOST_PARTS} parts, not {parts}")
+            raise WiringError(f"parts must be 1 to {MOST_PARTS}, not {parts}")
         if not 0 <= preset < 1 << 16:
             raise WiringError(f"the preset {preset} does not fit the 16 bits of the z counter")
         for fault in faults:
