@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import gc
 import mmap
 import os
@@ -93,6 +94,11 @@ async def returns_the_unshowable(m: Machine) -> object:
 async def fails_at_length(m: Machine) -> None:
     await drive(m)
     raise ValueError("x" * 1_000_000)
+
+
+async def breaks_its_stop_order(m: Machine) -> None:
+    await drive(m)
+    m.stop_order = ("valve", "moter")
 
 
 async def closes_everything(m: Machine) -> None:
@@ -285,3 +291,35 @@ async def half_busy(m: Machine) -> None:
     for _ in range(1500):
         spin_for(0.0005)
         await next_period()
+
+
+class Leaving(Box):
+    """Resetting its valve raises what is not an Exception."""
+
+    def reset(self, channel: Channel, default: int | None) -> None:
+        if channel.text == "valve":
+            raise asyncio.CancelledError
+        super().reset(channel, default)
+
+
+class HalfDead(Box):
+    """Once it is struck, nothing answers for its valve when it is opened again."""
+
+    def initialize(self, channel: Channel, default: int | None) -> None:
+        if channel.text == "valve" and self._called()[STRUCK]:
+            raise umo.DeviceTimeout("no answer")
+        super().initialize(channel, default)
+
+
+class Reporting(Box):
+    """Its report tells the level of the motor."""
+
+    def report(self) -> dict[str, Any]:
+        return {"placed": self._called()[LEVELS]}
+
+
+class Mute(Box):
+    """Its report fails."""
+
+    def report(self) -> dict[str, Any]:
+        raise SystemExit("no report")

@@ -196,7 +196,7 @@ def test_one_failing_reset_never_stops_the_rest_and_all_are_listed_by_path():
 def test_what_could_only_not_be_given_back_is_a_driver_error_that_is_no_stop_error():
     machine, box = arm(), Scripted()
     with (
-        pytest.raises(DriverError, match="could not be finalised or closed") as caught,
+        pytest.raises(DriverError, match="failures at the end of the run") as caught,
         connect(machine, wired(machine, box)),
     ):
         box.at(len(box.calls) + len(STOPPING), OSError("cut"))

@@ -19,6 +19,8 @@ from test_process import Run, assert_safe, standing
 from umo import DeviceTimeout, DriverError, connect
 from umo.cycle import transfer
 from umo.process import control, guardian, reset
+from umo.process import life as life_module
+from umo.process import outcome as outcome_module
 from umo.process.board import Board as ResetBoard
 from umo.process.board import Reached
 from umo.process.control import Control
@@ -69,11 +71,20 @@ def test_plain_results_pass_as_they_are() -> None:
     assert plain({"a": [1, 2.5, None, "text"]}) == {"a": [1, 2.5, None, "text"]}
 
 
-def test_names_of_actuators_are_left_out_before_an_outcome_is_too_long() -> None:
-    outcome = Outcome(Failed("StopError", "x", 3), unreached=[f"zones.{i}.heater" for i in range(100_000)])
+@pytest.mark.parametrize(
+    ("text", "name"), [("x", "zones.{}.heater"), ("Ж" * 20_000, "motor{}"), ("\0" * 20_000, "\0" * 900)]
+)
+def test_however_long_an_outcome_is_it_arrives_with_some_of_its_unreached_actuators(text: str, name: str) -> None:
+    outcome = Outcome(
+        Failed("StopError", text, 3, text), unreached=[name.format(i) for i in range(100_000)], result=text
+    )
+    assert len(outcome.encode()) <= outcome_module.LARGEST < LARGEST
+    assert len(json.dumps(outcome.dump())) <= outcome_module.LARGEST
     again = Outcome.decode(outcome.encode())
     assert again is not None
     assert again.status == 3
+    assert again.unreached
+    assert again.failure is not None
 
 
 @pytest.mark.parametrize("text", [b"", b"{", b"null", b"[]", b'{"failure": 1}', b"\xff", b"[" * 60_000])
@@ -224,6 +235,97 @@ def test_a_period_longer_than_the_limit_for_a_step_of_starting_does_not_count_as
     assert life._limit() > 60.0
 
 
+def test_a_suspended_computer_is_not_taken_for_a_hanging_control_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    now, looks = [10**12], [0]
+    for module in (guardian, life_module):
+        monkeypatch.setattr(module, "clock", lambda: now[0])
+    monkeypatch.setattr(life_module.time, "clock_gettime_ns", lambda clock: now[0])
+    life = Life()
+
+    def look(within: float) -> bool:
+        looks[0] += 1
+        now[0] += int(3600e9) if looks[0] == 3 else int(within * 1e9)
+        return looks[0] > 5
+
+    life.gone = look  # type: ignore[method-assign]
+    life.enter(guardian.Stage.RUNNING)
+    watch = guardian.Guardian.__new__(guardian.Guardian)
+    watch._life, watch._process = life, cast(Any, type("P", (), {"hang_timeout": 0.1}))
+    watch._listen = lambda: None  # type: ignore[method-assign]
+    watch._watcher = cast(Any, type("W", (), {"look": staticmethod(lambda: None)}))
+    assert watch._watch() == ""
+    looks[0] = 10
+    life.gone = lambda within: bool(now.__setitem__(0, now[0] + int(within * 1e9)))  # type: ignore[method-assign]
+    assert watch._watch() == "no sign of life for 100 ms while running"
+
+
+@pytest.mark.parametrize("number", [signal.SIGCHLD])
+def test_a_guardian_started_with_sigchld_ignored_still_resets(tmp_path: Path, cells: Cells, number: int) -> None:
+    before = signal.signal(number, signal.SIG_IGN)
+    try:
+        run = Run(process_box.wiring(tmp_path / "box"), "forever").until_running()
+        signal.signal(number, before)
+        os.kill(run.control, signal.SIGKILL)
+        outcome = run.outcome()
+    finally:
+        signal.signal(number, before)
+    assert outcome.failure is not None
+    assert "the guardian reset every actuator" in outcome.failure.message
+    assert (outcome.status, outcome.unreached) == (1, [])
+    assert_safe(cells)
+
+
+# Drivers and applications that break rules -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("killed", [False, True])
+def test_a_driver_that_raises_what_is_not_an_exception_costs_its_own_actuator_only(
+    tmp_path: Path, cells: Cells, killed: bool
+) -> None:
+    wiring = process_box.wiring(tmp_path / "box", type="process_box:Leaving", process={"reset_for": "10 ms"})
+    run = Run(wiring, "forever" if killed else "drive")
+    if killed:
+        os.kill(run.until_running().control, signal.SIGKILL)
+    outcome = run.outcome()
+    assert (outcome.status, outcome.unreached) == (3, ["valve"])
+    assert outcome.failure is not None
+    assert "CancelledError" in outcome.failure.message
+    assert cells.levels["motor"] == 0
+
+
+def test_what_does_not_answer_keeps_nothing_else_of_its_driver_from_being_reset(
+    tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(reset, "PAUSE", 0.01)
+    wiring = process_box.wiring(tmp_path / "box", type="process_box:HalfDead", process={"reset_for": "1 s"})
+    run = Run(wiring, "forever").until_running()
+    cells.numbers[process_box.STRUCK] = 1
+    os.kill(run.control, signal.SIGKILL)
+    outcome = run.outcome()
+    assert (outcome.status, outcome.unreached) == (3, ["valve"])
+    assert cells.levels["motor"] == 0
+
+
+def test_the_stop_order_is_the_one_that_the_machine_was_connected_with(tmp_path: Path, cells: Cells) -> None:
+    outcome = Run(process_box.wiring(tmp_path / "box"), "breaks_its_stop_order").outcome()
+    assert (outcome.status, outcome.unreached) == (0, [])
+    assert_safe(cells)
+
+
+def test_a_driver_reports_after_its_outputs_were_reset(tmp_path: Path, cells: Cells) -> None:
+    outcome = Run(process_box.wiring(tmp_path / "box", type="process_box:Reporting")).outcome()
+    assert outcome.status == 0
+    assert outcome.parts.placed == 0  # 500 before the reset
+
+
+def test_a_report_that_fails_is_told_and_changes_nothing_else(tmp_path: Path, cells: Cells) -> None:
+    outcome = Run(process_box.wiring(tmp_path / "box", type="process_box:Mute")).outcome()
+    assert (outcome.status, outcome.unreached, outcome.unsafe) == (1, [], False)
+    assert outcome.failure is not None
+    assert "driver box (channel -): no report: SystemExit: no report" in outcome.failure.message
+    assert_safe(cells)
+
+
 # Requests that were still under way -----------------------------------------------------------------------
 
 
@@ -261,7 +363,7 @@ def test_a_silent_device_gets_more_time_from_attempt_to_attempt(tmp_path: Path) 
     resetter = Resetter(machine, resolve(machine, process_box.wiring(tmp_path / "box", timeout="100 ms")))
     found = []
     for _ in range(5):
-        found.append(resetter._patience("box"))
+        found.append(resetter._timeout("box"))
         resetter._attempt += 1
     assert found == [0.1, 0.4, 1.6, 3.0, 3.0]
 

@@ -111,6 +111,15 @@ def test_the_hold_ends_with_the_process_however_that_ends(device: str) -> None:
     Hold([device], "after").release()
 
 
+def test_a_device_is_held_however_many_have_asked_before(device: str) -> None:
+    with another_process(device) as pid:
+        os.kill(pid, signal.SIGSTOP)  # it answers nobody
+        assert all(is_held(device) for _ in range(10_000))
+        with pytest.raises(DeviceHeld):
+            Hold([device], "second")
+        os.kill(pid, signal.SIGCONT)
+
+
 def test_who_gets_one_of_two_devices_only_holds_neither(device: str) -> None:
     with another_process(f"{device} b"), pytest.raises(DeviceHeld):
         Hold([f"{device} a", f"{device} b"], "second")

@@ -69,6 +69,51 @@ def test_a_record_that_cannot_be_read_is_never_taken_for_a_safe_end(content: byt
     assert standing(DEVICE) == []
 
 
+ODD: list[dict[str, object]] = [
+    {"when": 1e300},
+    {"when": float("nan")},
+    {"unreached": [1]},
+    {"unreached": 3},
+    {"seen": [None]},
+    {"station": 5},
+]
+
+
+@pytest.mark.parametrize("odd", ODD)
+def test_a_record_with_a_value_that_makes_no_sense_counts_as_unreadable(odd: dict[str, object]) -> None:
+    Record([DEVICE], "press", "").begin(False)
+    own_file().write_text(json.dumps(json.loads(own_file().read_text()) | odd))
+    (ended,) = standing(DEVICE)
+    assert "is unknown: its record cannot be read" in str(ended)
+
+
+def test_a_record_cannot_send_commands_to_the_terminal_that_shows_it() -> None:
+    run = Record([DEVICE], "\x1b[2Jpress", "")
+    run.begin(False)
+    run.stopped("\x1b]0;title\x07", ["\x1b[31mram"])
+    (ended,) = standing(DEVICE)
+    assert str(ended).isprintable()
+    assert "[2Jpress" in str(ended)
+
+
+def test_a_start_that_can_be_written_down_for_one_of_two_devices_only_leaves_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    files = []
+    sync = os.fsync
+
+    def full(file: int) -> None:
+        files.append(file)
+        if len(files) > 2:  # the record and the folder of the first device
+            raise OSError(28, "No space left on device")
+        sync(file)
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(UmoError):
+        Record(["bus 1", "bus 2"], "press", "").begin(False)
+    assert standing("bus 1") == []
+
+
 def test_a_start_that_cannot_be_written_down_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     def full(file: int) -> None:
         raise OSError(28, "No space left on device")
@@ -143,6 +188,21 @@ def test_a_file_that_does_not_belong_to_the_folders_owner_is_not_believed() -> N
     file = others()
     os.chown(file, 1, 1)
     assert standing(DEVICE) == []
+
+
+@pytest.mark.skipif(not ROOT, reason="reading as another user needs root")
+def test_records_that_cannot_be_listed_are_not_taken_for_safe_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    with tempfile.TemporaryDirectory() as place:
+        os.chmod(place, 0o1777)
+        monkeypatch.setenv("UMO_STATE", place)
+        Record([DEVICE], "press", "").begin(False)
+        record._folder().chmod(0o700)
+        child = os.fork()
+        if child == 0:
+            os.setuid(NOBODY)
+            told = [(ended.state, ended.user) for ended in standing(DEVICE)]
+            os._exit(told != [("unknown", "user 0")])
+        assert os.waitpid(child, 0)[1] == 0
 
 
 @pytest.mark.skipif(not ROOT, reason="writing as another user needs root")

@@ -288,7 +288,7 @@ class RealClock(VirtualTimer):
     [
         (Real, "motors.0", OSError("cut"), 2),
         (Real, "motors.0", TimeoutError("late"), 2),
-        (Real, "motors.0", ValueError("bug"), 1),  # of the driver; nothing is under way
+        (Real, "motors.0", ValueError("bug"), 2),
         (Real, "levels.0", OSError("cut"), 1),  # a request to read changes nothing
         (Bus, "motors.0", OSError("cut"), 1),  # not on hardware
     ],

@@ -99,7 +99,8 @@ def _hold(machine: Compound, file: Path | None, item: Any, value: Any, hold: flo
         taken = item.write(value)
         m.update()
         shown = f"{item.path}  {_text(item, item.read(), None)}  raw {item.raw}  {item.quality}"
-        out.print(shown if taken else f"{shown}  (clamped)", markup=False)
+        why = "" if taken else f"  (inhibited: {item.inhibited})" if item.inhibited else "  (clamped)"
+        out.print(shown + why, markup=False)
         pause = 0.0 if connection.wired.realtime else connection.wired.period or PAUSE
         _loop(m, hold, pause, partial(item.write, value) if item.expires is not None else None)
     out.print(f"{item.path}  reset to {item.default}", markup=False)

@@ -78,11 +78,11 @@ def _drive(plan: Plan, result: Result, observers: list[Any]) -> None:
                 result.elapsed = time.perf_counter() - begun
                 outcome.simulated = machine.now
                 outcome.stopped_by = connection.stop.signal
-                outcome.parts = Parts.of(machine, connection.wired.drivers)
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # SystemExit too: the run did not come to its end
         outcome.failure = Failed.of(error)
+    outcome.parts = Parts.of(plan.machine, connection.reports.values())
 
 
 def _write_summary(result: Result, summary: Path) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -65,6 +65,8 @@ class connect(Generic[C]):
         """The function that waits (in s) before the second reset."""
         self.reached = True
         """Whether every initialised actuator is at its default, as far as is known."""
+        self.reports: dict[str, Mapping[str, Any]] = {}
+        """After the run, what each driver reports of its circuit or plant (Driver.report), by the driver's name."""
         self.custody: Custody | None = None
         """The owner of the devices, if not the connection itself."""
         self.wired: Wired
@@ -72,6 +74,7 @@ class connect(Generic[C]):
         self._restore: list[Callable[[], object]] = []
         self._opened: list[str] = []
         self._initialized: list[int] = []  # slots
+        self._started = False
 
     @property
     def image(self) -> Image:
@@ -95,7 +98,7 @@ class connect(Generic[C]):
         return self.root
 
     def _enter(self) -> None:
-        self._opened, self._initialized, self._restore = [], [], []
+        self._opened, self._initialized, self._restore, self._started = [], [], [], False
         given = self._wiring
         self.wired = given if isinstance(given, Wired) else resolve(self.root, given, self._options)
         custody = self.custody or Custody(self.wired.devices, type(self.root).__name__, acknowledge=self._acknowledge)
@@ -142,6 +145,7 @@ class connect(Generic[C]):
         for name, limit in self.wired.watchdogs.items():
             transfer.watchdog(name, limit)
         self.machine.sample_all()
+        self._started = True
 
     def _leave(self, cause: BaseException | None) -> None:
         """Reset everything, then release everything. Actuators that were not reached are raised at the end."""
@@ -151,7 +155,7 @@ class connect(Generic[C]):
             stopping = self._cancel_sequences()
             unreached, late = self._reset()
             self.reached = not unreached
-            failures = late + self._finalize() + self._close()
+            failures = late + self._ask_reports() + self._finalize() + self._close()
         finally:
             self.machine.disconnect()
             self._give_back()
@@ -163,7 +167,7 @@ class connect(Generic[C]):
                 raise stopping
             cause.add_note(f"also, while stopping its sequences: {cause_of(stopping)}")
         if failures:
-            raise DriverError("could not be finalised or closed", failures) from cause
+            raise DriverError("failures at the end of the run", failures) from cause
 
     def _give_back(self) -> None:
         """Calibrations, parameters and signal handlers as they were."""
@@ -212,13 +216,23 @@ class connect(Generic[C]):
         found = map(self.image.transfer.finalize, reversed(self._initialized))
         return [replace(failure, cause=f"not finalised: {failure.cause}") for failure in found if failure is not None]
 
+    def _ask_reports(self) -> list[Failure]:
+        def ask(name: str) -> None:
+            self.reports[name] = self.image.transfer.report(name)
+
+        return self._of_each(self._opened if self._started else (), ask, "no report")
+
     def _close(self) -> list[Failure]:
+        return self._of_each(reversed(self._opened), self.image.transfer.close, "not closed")
+
+    def _of_each(self, names: Iterable[str], call: Callable[[str], None], what: str) -> list[Failure]:
+        """One call for each driver. An error, whatever it is, does not keep it from the others."""
         failures = []
-        for name in reversed(self._opened):
+        for name in names:
             try:
-                self.image.transfer.close(name)
+                call(name)
             except BaseException as error:
-                failures.append(Failure(f"driver {name}", "-", f"not closed: {cause_of(error)}"))
+                failures.append(Failure(f"driver {name}", "-", f"{what}: {cause_of(error)}"))
         return failures
 
     def _declared_order(self) -> list[int]:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from math import inf
 from operator import index
 from time import monotonic
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
@@ -28,6 +28,7 @@ LONGEST_SETTLE = 1.0
 SLICE = 0.05
 RECENT = 0.5
 """Time in s, plus twice its timeout, for which a driver that timed out is served last."""
+T = TypeVar("T")
 _DONE = {"initialize": Kind.INITIALIZE, "reset": Kind.RESET}
 
 
@@ -68,10 +69,13 @@ class Transfer:
     def watchdog(self, name: str, seconds: float) -> None:
         self._whole(name, "armed with its watchdog", lambda: self.drivers[name].watchdog(seconds))
 
-    def _whole(self, name: str, what: str, call: Callable[[], None]) -> None:
+    def report(self, name: str) -> dict[str, Any]:
+        return self._whole(name, "asked for its report", lambda: dict(self.drivers[name].report()))
+
+    def _whole(self, name: str, what: str, call: Callable[[], T]) -> T:
         self.on_call()
         try:
-            call()
+            return call()
         except DriverError as error:
             raise DriverError(f"driver {name}: {error}", error.failures) from error
         except Exception as error:
@@ -169,31 +173,18 @@ class Transfer:
         patient: bool = True,
     ) -> Iterator[tuple[int, Failure | None]]:
         """Reset (or initialise) each in turn; one failure never stops the rest. The slots of a driver that does not
-        answer in time are left to the end, so that it holds none of the others back; if not `patient`, they fail with
-        it and are not tried: whoever comes again opens one connection more, not one for each. `begin` is called with
-        each slot."""
+        answer in time are left to the end, so that it holds none of the others back; if not `patient`, they are left
+        out: whoever comes again opens one connection more, not one for each. `begin` is called with each slot."""
+        if not patient:
+            self._late.clear()
         waiting: list[int] = []
-        causes: dict[int, str] = {}
         for slot in slots:
-            driver = id(self.wires[slot].driver)
-            if not self._is_late(self.wires[slot].driver):
-                begin(slot)
-                failure = self._segment(slot, segment, self._default(slot))
-                causes[driver] = "" if failure is None else failure.cause
-                yield slot, failure
-            elif patient:
+            if self._is_late(self.wires[slot].driver):
                 waiting.append(slot)
             else:
-                wire = self.wires[slot]
-                yield (
-                    slot,
-                    Failure(
-                        wire.item.path,
-                        wire.channel.text,
-                        causes.get(driver, "not tried: an earlier call of the driver timed out"),
-                    ),
-                )
-        for slot in waiting:
+                begin(slot)
+                yield slot, self._segment(slot, segment, self._default(slot))
+        for slot in waiting if patient else ():
             begin(slot)
             yield slot, self._segment(slot, segment, self._default(slot))
 

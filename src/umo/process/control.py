@@ -59,9 +59,11 @@ class Control:
             if isinstance(error, StopError):
                 actuators = {item.path for item in self._order}
                 outcome.unreached = sorted({failure.path for failure in error.failures} & actuators)
+        if self._connection is not None:
+            outcome.parts = Parts.of(self._plan.machine, self._connection.reports.values())
         if not (self._connection is None or self._connection.reached or outcome.unreached):
             outcome.unreached = [item.path for item in self._order]  # leaving itself failed: nothing is known
-        if self.orphaned or self._life.unwatched > self._patience:
+        if self.orphaned or self._life.unwatched > self._unwatched_limit:
             self._alarm = self._alarm or "the guardian has ended"
             outcome.unsafe = True
         if self._alarm and outcome.failure is None:
@@ -75,7 +77,7 @@ class Control:
         return os.getppid() != self._guardian
 
     @property
-    def _patience(self) -> float:
+    def _unwatched_limit(self) -> float:
         return max(self._hang, WATCHED_EVERY)
 
     def _work(self, outcome: Outcome) -> None:
@@ -95,7 +97,6 @@ class Control:
                 self._life.enter(Stage.STOPPING)
                 outcome.stopped_by = None if self._alarm else self._life.asked or connection.stop.signal
                 outcome.simulated = machine.now
-                outcome.parts = Parts.of(machine, connection.wired.drivers)
 
     @contextmanager
     def _published(self, connection: connect[Any]) -> Iterator[Ring | None]:
@@ -118,7 +119,7 @@ class Control:
             self._stop(f"no process ran for {gap:.1f} s: they were stopped, or the computer was suspended")
         elif life.asked:
             request_stop(life.asked)
-        elif life.unwatched > self._patience:
+        elif life.unwatched > self._unwatched_limit:
             self._stop(f"no sign of life from the guardian for {life.unwatched:.1f} s")
 
     def _stop(self, why: str) -> None:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 import traceback
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import umo
-from umo.drivers import Driver
 from umo.errors import (
     DeclarationError,
     DeviceHeld,
@@ -43,6 +42,8 @@ LONGEST = 12_000
 """Characters of a traceback, of a message or of a result that are passed on."""
 LARGEST = 60_000
 """Bytes of an outcome on its way to another process."""
+BOUNDS = ((100_000, LONGEST), (1000, 4000), (100, 400), (1, 40))
+"""The number of unreached actuators and the characters of each text that are passed on: the first that fits."""
 
 
 @dataclass
@@ -55,13 +56,16 @@ class Failed:
     """1: the machine or its control code failed. 2: the user's mistake. 3: an output was not reached."""
     traceback: str = ""
 
+    def cut(self, longest: int) -> Failed:
+        return replace(self, message=self.message[:longest], traceback=self.traceback[-longest:])
+
     @classmethod
     def of(cls, error: BaseException) -> Failed:
         try:
             lines = "".join(traceback.format_exception(error))
         except Exception:  # of an exception that cannot be shown
             lines = type(error).__name__
-        return cls(type(error).__name__, message_of(error)[:LONGEST], status_of(error), lines[-LONGEST:])
+        return cls(type(error).__name__, message_of(error), status_of(error), lines).cut(LONGEST)
 
 
 @dataclass
@@ -76,15 +80,14 @@ class Parts:
     """Whether the parts were counted by the plant itself, not by the control code."""
 
     @classmethod
-    def of(cls, machine: Compound, drivers: Mapping[str, Driver]) -> Parts:
+    def of(cls, machine: Compound, reports: Iterable[Mapping[str, Any]]) -> Parts:
         """Count the parts: by a plant's own report where there is one, else as the control code did."""
         found = cls(getattr(machine, "placed", None), getattr(machine, "parts_total", None))
-        for driver in drivers.values():
-            report = driver.report()
-            if "placed" in report:
+        for report in reports:
+            if isinstance(report.get("placed"), int):
                 found.truth = True
                 found.placed = report["placed"]
-                found.error_um, found.error_deg = report.get("error_um"), report.get("error_deg")
+                found.error_um, found.error_deg = (plain(report.get(name), 40) for name in ("error_um", "error_deg"))
         return found
 
 
@@ -116,18 +119,21 @@ class Outcome:
         return FAILED if self.parts.total and self.parts.placed != self.parts.total else 0
 
     def dump(self) -> dict[str, Any]:
-        """As plain data of a bounded size, whatever the application returned."""
-        data = {name: value for name, value in vars(self).items() if name != "result"}
-        data |= {"failure": self.failure and asdict(self.failure), "parts": asdict(self.parts)}
-        return data | {"result": plain(self.result)}
+        """As plain data, at most `LARGEST` bytes as JSON, whatever the application returned. Long texts are cut, and of
+        very many unreached actuators only the first are named."""
+        for most, longest in BOUNDS:
+            data = vars(self) | {
+                "failure": self.failure and asdict(self.failure.cut(longest)),
+                "unreached": self.unreached[:most],
+                "parts": asdict(self.parts),
+                "result": plain(self.result, longest),
+            }
+            if len(json.dumps(data)) <= LARGEST:
+                break
+        return data
 
     def encode(self) -> bytes:
-        """As JSON, at most `LARGEST` bytes: of very many unreached actuators only the first are named."""
-        for most in (None, 1000, 100, 1):
-            text = json.dumps(self.dump() | {"unreached": self.unreached[:most]}).encode()
-            if len(text) <= LARGEST:
-                break
-        return text
+        return json.dumps(self.dump()).encode()
 
     @classmethod
     def decode(cls, text: bytes) -> Outcome | None:
@@ -146,15 +152,15 @@ class Outcome:
         return cls(failure=failure and Failed(**failure), parts=parts, **data)
 
 
-def plain(result: Any) -> Any:
+def plain(result: Any, longest: int = LONGEST) -> Any:
     """The same if it is plain data of a moderate size; else its text, cut."""
     try:
-        if len(json.dumps(result)) <= LONGEST:
+        if len(json.dumps(result)) <= longest:
             return result
     except Exception:
         pass
     try:
-        return repr(result)[:LONGEST]
+        return repr(result)[:longest]
     except Exception:
         return f"<{type(result).__name__}, which cannot be shown>"
 

@@ -52,6 +52,7 @@ class Resetter:
         self._board = Board(self.paths)
         self._attempt = 0
         self._stuck: set[int] = set()
+        self._misses = [0] * len(self._wires)
         self._child = 0
         self._start = self._heard = -1
 
@@ -89,7 +90,7 @@ class Resetter:
         while left:
             self._run([numbers[path] for path in left], is_dead)
             reached = {path for path in left if self._board.reached(numbers[path]) is Reached.YES}
-            left = {path: self._why_not(numbers[path]) for path in left if path not in reached}
+            left = {path: self._missed(numbers[path]) for path in left if path not in reached}
             if not left or monotonic() >= until:
                 break
             if not told:
@@ -98,15 +99,19 @@ class Resetter:
             self._pause(is_dead)
         return left
 
-    def _why_not(self, number: int) -> str:
-        tried = self._board.reached(number) is Reached.NO
-        return self._board.cause(number) if tried else "not tried: its driver did not answer in time"
+    def _missed(self, number: int) -> str:
+        """Count it, and say why."""
+        if self._board.reached(number) is not Reached.NO:
+            return "not tried: its driver did not answer in time"
+        self._misses[number] += 1
+        return self._board.cause(number)
 
     # The guardian's side -------------------------------------------------------------------------------
 
     def _run(self, numbers: list[int], is_dead: Callable[[], bool]) -> None:
         """One attempt."""
-        numbers.sort(key=lambda number: (id(self._wires[number].driver) in self._stuck, number))  # in stop order
+        # in stop order; what hung or failed before comes last, so that it does not keep the others from being tried
+        numbers.sort(key=lambda number: (id(self._wires[number].driver) in self._stuck, self._misses[number], number))
         self._board.clear()
         limit = self._limit()
         if not self._begin(numbers):
@@ -134,7 +139,10 @@ class Resetter:
         """Until the child ends; end it when one of its calls does not return."""
         why = ""
         while True:
-            pid, status = os.waitpid(self._child, os.WNOHANG)
+            try:
+                pid, status = os.waitpid(self._child, os.WNOHANG)
+            except ChildProcessError:  # somebody else has waited for it
+                pid, status = self._child, 0
             if pid:
                 break
             if is_dead():
@@ -185,9 +193,9 @@ class Resetter:
             sleep(0.01)
 
     def _limit(self) -> float:
-        return GRACE + 2 * max(map(self._patience, self._timeouts), default=0.0)
+        return GRACE + 2 * max(map(self._timeout, self._timeouts), default=0.0)
 
-    def _patience(self, name: str) -> float:
+    def _timeout(self, name: str) -> float:
         """The timeout of a driver in this attempt, s."""
         timeout = self._timeouts[name]
         return max(timeout, min(timeout * 4.0**self._attempt, PATIENCE))
@@ -255,11 +263,11 @@ class Resetter:
         opened = []
         for name in dict.fromkeys(names[id(self._wires[number].driver)] for number in numbers):
             mine = [number for number in numbers if names[id(self._wires[number].driver)] == name]
-            self._wired.drivers[name].timeout = self._patience(name)
+            self._wired.drivers[name].timeout = self._timeout(name)
             self._board.begin(mine[0])
             try:
                 transfer.open(name)
-            except Exception as error:
+            except BaseException as error:
                 for number in mine:
                     self._board.note(number, cause_of(error))
                 with suppress(Exception):
@@ -273,16 +281,11 @@ class Resetter:
     ) -> list[int]:
         """One segment for each; those that were reached. What is reached counts with the last pass; what was not tried,
         as its driver had timed out, stays so."""
-        reached, begun = [], set()
-
-        def begin(number: int) -> None:
-            begun.add(number)
-            self._board.begin(number)
-
-        for number, failure in transfer.bring_to_default(numbers, segment, begin, patient=False):
+        reached = []
+        for number, failure in transfer.bring_to_default(numbers, segment, self._board.begin, patient=False):
             if failure is None:
                 reached.append(number)
-            if number in begun and (last or failure is not None):
+            if last or failure is not None:
                 self._board.note(number, None if failure is None else failure.cause)
         return reached
 

@@ -8,6 +8,7 @@ read, is reported and can be acknowledged, but is not removed.
 
 from __future__ import annotations
 
+import fnmatch
 import hashlib
 import json
 import os
@@ -93,17 +94,24 @@ class Record:
         if before and not acknowledged:
             told = "\n".join(dict.fromkeys(f"{ended}." for ended in before))
             raise StandsStopped(f"{told}\nInspect the machine, then start it with --acknowledge (acknowledge=True)")
+        begun = []
         try:
             for device in self._devices:
                 others = [ended.id for ended in before if ended.device == device and not ended.mine and ended.id]
                 self._seen[device] = [*(mine.seen if (mine := _own(device)) else []), *others]
                 self._write(device, "running")
+                begun.append(device)
         except OSError as error:
+            known = {ended.device for ended in before}
+            self._remove(device for device in begun if device not in known)
             raise UmoError(f"the start of the run could not be recorded: {error.strerror or error}") from None
 
     def finish(self) -> None:
         """The run ended safely."""
-        for device in self._devices:
+        self._remove(self._devices)
+
+    def _remove(self, devices: Iterable[str]) -> None:
+        for device in devices:
             with suppress(OSError):
                 if self._seen[device]:
                     self._write(device, "ended")
@@ -139,12 +147,16 @@ def _own(device: str) -> Ended | None:
 
 def _all(pattern: str) -> Iterator[Ended]:
     for folder, status in folders.folders(folders.lasting()):
+        devices = folder / FOLDER
         try:
-            files = sorted((folder / FOLDER).glob(pattern))
-        except OSError:
-            files = []
-        for path in files:
-            ended = _read(path, status.st_uid)
+            names = sorted(os.listdir(devices))
+        except (FileNotFoundError, NotADirectoryError):
+            continue
+        except OSError as error:
+            yield _unknown(devices, status.st_uid, error.strerror or str(error))
+            continue
+        for name in fnmatch.filter(names, pattern):
+            ended = _read(devices / name, status.st_uid)
             if ended is not None:
                 yield ended
 
