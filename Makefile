@@ -9,7 +9,7 @@ demo: $(STAMP)
 	$(BIN)/umo run ztheta
 
 test: $(STAMP)
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --dist worksteal
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

@@ -14,6 +14,11 @@ settings.register_profile("umo", deadline=None, suppress_health_check=[HealthChe
 settings.load_profile("umo")
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The slow ones first: they wait most of their time, and the quick ones fill the gaps."""
+    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
+
+
 @pytest.fixture(params=["lists", "arrays"])
 def both_forms(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """The test runs twice, once with each form of the process image."""

@@ -288,7 +288,7 @@ async def page_faults(m: Machine) -> None:
 
 async def half_busy(m: Machine) -> None:
     """Half of each period on the core."""
-    for _ in range(1500):
+    for _ in range(400):
         spin_for(0.0005)
         await next_period()
 

@@ -70,7 +70,7 @@ def test_page_faults_are_named(tmp_path: Path) -> None:
 
 
 @contextmanager
-def busy_neighbours(cpu: int, count: int = 3) -> Iterator[None]:
+def busy_neighbours(cpu: int, count: int = 2) -> Iterator[None]:
     code = f"import os, ctypes\nctypes.CDLL(None).prctl(1, 9)\nos.sched_setaffinity(0, {{{cpu}}})\nprint(flush=True)\n"
     command = [sys.executable, "-c", code + "while True: pass"]
     neighbours = [subprocess.Popen(command, stdout=subprocess.PIPE) for _ in range(count)]

@@ -54,6 +54,7 @@ def test_the_toml_of_a_page_is_toml(page: Path) -> None:
         assert tomllib.loads(text)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_the_commands_of_a_page_do_what_they_say(page: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Lines `$ umo ...` of ```console blocks, but for those that run on."""

@@ -21,6 +21,7 @@ from umo.process.station import find
 pytest.importorskip("mujoco")
 pymodbus = pytest.importorskip("pymodbus.client")
 
+pytestmark = pytest.mark.slow
 DEFAULTS = ([False, True, False, False, False, False, False], 0)
 """Coils 0 to 6 (theta.direction is CW by default) and the DAC's register."""
 

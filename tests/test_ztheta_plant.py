@@ -126,8 +126,8 @@ def test_an_unknown_channel_names_the_nearest_one_and_every_form() -> None:
     "options, message",
     [
         ({"faults": ["no-parts"]}, "did you mean 'no-part'"),
-        ({"parts": 0}, "1 to 6 parts"),
-        ({"parts": 7}, "1 to 6 parts"),
+        ({"parts": 0}, "parts must be 1 to 6"),
+        ({"parts": 7}, "parts must be 1 to 6"),
         ({"preset": 65536}, "16 bits"),
     ],
 )
