@@ -226,6 +226,15 @@ def test_check_lists_all_faults_each_with_file_and_key(umo, tank: Path) -> None:
     assert said(result).count("simulated.toml") == 3
 
 
+def test_set_says_why_an_actuator_stays_at_its_default(umo, tank: Path) -> None:
+    control = tank / "control.py"
+    locked = "    def interlocks(self):\n        yield Interlock(lambda: True, [self.inlet], 'the hatch is open')\n\n"
+    text = control.read_text().replace("    def setup(self)", f"{locked}    def setup(self)")
+    control.write_text(text.replace("import BinaryActuator", "import Interlock, BinaryActuator"))
+    result = umo("set", "tank", "inlet", "OPEN", "--hold", "0")
+    assert "inlet CLOSED raw 0 GOOD (inhibited: the hatch is open)" in said(result)
+
+
 def test_check_refuses_an_interlock_that_makes_no_sense(umo, tank: Path) -> None:
     control = tank / "control.py"
     odd = "    def interlocks(self):\n        return [self.inlet]\n\n    def setup(self)"

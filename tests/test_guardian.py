@@ -75,9 +75,7 @@ def test_plain_results_pass_as_they_are() -> None:
     ("text", "name"), [("x", "zones.{}.heater"), ("Ж" * 20_000, "motor{}"), ("\0" * 20_000, "\0" * 200)]
 )
 def test_however_long_an_outcome_is_it_arrives_with_some_of_its_unreached_actuators(text: str, name: str) -> None:
-    outcome = Outcome(
-        Failed("StopError", text, 3, text), unreached=[name.format(i) for i in range(4000)], result=text
-    )
+    outcome = Outcome(Failed("StopError", text, 3, text), unreached=[name.format(i) for i in range(4000)], result=text)
     assert len(outcome.encode()) <= outcome_module.LARGEST < LARGEST
     assert len(json.dumps(outcome.dump())) <= outcome_module.LARGEST
     again = Outcome.decode(outcome.encode())

@@ -190,21 +190,6 @@ def test_a_file_that_does_not_belong_to_the_folders_owner_is_not_believed() -> N
     assert standing(DEVICE) == []
 
 
-@pytest.mark.skipif(not ROOT, reason="reading as another user needs root")
-def test_records_that_cannot_be_listed_are_not_taken_for_safe_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    with tempfile.TemporaryDirectory() as place:
-        os.chmod(place, 0o1777)
-        monkeypatch.setenv("UMO_STATE", place)
-        Record([DEVICE], "press", "").begin(False)
-        record._folder().chmod(0o700)
-        child = os.fork()
-        if child == 0:
-            os.setuid(NOBODY)
-            told = [(ended.state, ended.user) for ended in standing(DEVICE)]
-            os._exit(told != [("unknown", "user 0")])
-        assert os.waitpid(child, 0)[1] == 0
-
-
 @pytest.mark.skipif(not ROOT, reason="writing as another user needs root")
 def test_whoever_takes_this_users_name_first_changes_nothing() -> None:
     squatted = folders.lasting() / f"{folders.PREFIX}{os.getuid()}"
@@ -216,13 +201,17 @@ def test_whoever_takes_this_users_name_first_changes_nothing() -> None:
 
 
 @pytest.mark.skipif(not ROOT, reason="reading as another user needs root")
-def test_another_user_reads_this_users_record(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("mode", "state"), [(0o755, "running"), (0o700, "unknown")])
+def test_another_user_reads_this_users_record_and_takes_none_that_is_hidden_for_a_safe_end(
+    monkeypatch: pytest.MonkeyPatch, mode: int, state: str
+) -> None:
     with tempfile.TemporaryDirectory() as place:
         os.chmod(place, 0o1777)
         monkeypatch.setenv("UMO_STATE", place)
         Record([DEVICE], "press", "").begin(False)
+        record._folder().chmod(mode)
         child = os.fork()
         if child == 0:
             os.setuid(NOBODY)
-            os._exit([ended.user for ended in standing(DEVICE)] != ["user 0"])
+            os._exit([(ended.user, ended.state) for ended in standing(DEVICE)] != [("user 0", state)])
         assert os.waitpid(child, 0)[1] == 0

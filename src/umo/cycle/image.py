@@ -16,7 +16,7 @@ import numpy as np
 from umo.cycle.block import Block
 from umo.cycle.clock import Clock
 from umo.cycle.transfer import Transfer
-from umo.drivers.contract import Channel, Direction
+from umo.drivers.contract import Direction
 from umo.errors import DriverError, Failure
 from umo.objects import Atomic, Binary, BinaryActuator, BinarySensor, DigitalActuator, DigitalSensor, Quality
 from umo.objects.scaling import FloatArray, IntArray, to_value
@@ -366,9 +366,6 @@ class Image(ABC):
         self.pending[slot] = value
         self.pending_raws[slot] = self.wires[slot].raw(value)
 
-    def _channels(self, slots: Iterable[int]) -> tuple[Channel, ...]:
-        return tuple(self.wires[slot].channel for slot in slots)
-
     def _blocks(self, direction: Direction) -> list[Block]:
         inputs = direction is Direction.INPUT
         slots = [s for s, item in enumerate(self.items) if item.synchronous and item.direction is direction]
@@ -377,7 +374,7 @@ class Image(ABC):
             start, stop = group[0], group[-1] + 1
             buffer = np.zeros(len(group), np.int64) if inputs else self.pending_raws_array[start:stop]
             buffer.flags.writeable = inputs  # what is pending is not the driver's to change
-            blocks.append(Block(driver, self._channels(group), start, buffer))
+            blocks.append(Block(driver, tuple(self.wires[slot].channel for slot in group), start, buffer))
         return blocks
 
 
