@@ -386,16 +386,20 @@ def test_the_starter_takes_the_guardians_status_where_its_last_words_were_lost()
         def wait(self) -> int:
             return self._status
 
-    def vanished(status: int) -> Outcome:
+    def vanished(status: int, left: Outcome | None = None) -> Outcome:
         started = Started.__new__(Started)
         started.pid = 1
         started._guardian = cast(Any, Ended(status))
+        started._left = left
         return started._vanished()
 
     assert vanished(0).status == 0
     assert vanished(143).status == 143
     assert vanished(1).status == 1
     assert "without resetting the actuators" in str(vanished(-9).failure)
+    assert (vanished(-9).status, vanished(-9, Outcome()).status) == (3, 1)
+    assert "killed (SIGKILL) after the control process had ended" in str(vanished(-9, Outcome()).failure)
+    assert vanished(-9, Outcome(unreached=["motor"])).status == 3
 
 
 def test_the_child_that_resets_stands_below_the_guardian_so_that_a_driver_that_loops_cannot_starve_it(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import signal
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -62,10 +61,6 @@ class Result:
         factor = _shown(self.realtime_factor, ".2f")
         table.add_row("time", f"{self.outcome.simulated:.2f} s in {self.elapsed:.2f} s, {factor} x real time")
         return table
-
-
-def signal_name(number: int) -> str:
-    return signal.Signals(number).name
 
 
 def _shown(value: float | None, form: str) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from umo.cycle import connect, drive
+from umo.cycle.signals import signal_name
 from umo.cycle.trace import Statistics, Trace
 from umo.process.job import Job, Plan
 from umo.process.outcome import Failed, Parts
@@ -18,7 +19,7 @@ from umo.text import cause_of
 from .console import err, out
 from .follow import Seen, follow
 from .progress import Shown, task_of
-from .result import Result, signal_name
+from .result import Result
 
 RUNS = Path("runs")
 

@@ -11,6 +11,15 @@ SIGNALS = [signal.SIGINT, signal.SIGTERM]
 if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # ignored: under nohup
     SIGNALS.append(signal.SIGHUP)  # the terminal was closed
 
+
+def signal_name(number: int) -> str:
+    """Such as SIGTERM."""
+    try:
+        return signal.Signals(number).name
+    except ValueError:  # the real-time signals have numbers alone
+        return f"signal {number}"
+
+
 _flags: dict[StopFlag, bool] = {}  # every connected machine's, and whether it was connected in the main thread
 _before: dict[int, Any] = {}  # the handlers from before the first of those
 

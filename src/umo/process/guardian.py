@@ -17,7 +17,7 @@ from pathlib import Path
 from time import monotonic, sleep
 from typing import NoReturn
 
-from umo.cycle.signals import SIGNALS
+from umo.cycle.signals import SIGNALS, signal_name
 from umo.cycle.stage import Stage
 from umo.process.control import Control, end
 from umo.process.job import Job, Plan
@@ -142,10 +142,10 @@ class Guardian:
             faulthandler.register(WHERE, file=self._traces, all_threads=False)
             outcome = control.run()
             self._life.report(outcome.encode())
+            self._channel.send("left", outcome=outcome.dump())  # stands if the guardian is killed before it has spoken
             if outcome.unsafe:  # the guardian is gone or stopped: it is for this process to say so
                 assert outcome.failure is not None
                 self._custody.stopped(outcome.failure.message, outcome.unreached)
-                self._channel.send("ended", outcome=outcome.dump())
             self._life.enter(Stage.ENDED)
             if outcome.unsafe and not control.orphaned:
                 os.kill(guardian, signal.SIGKILL)
@@ -292,5 +292,5 @@ def _ending(status: int | None) -> str:
     if os.WIFSIGNALED(status):
         number = os.WTERMSIG(status)
         what = "was killed" if number in (signal.SIGKILL, *SIGNALS) else "crashed"
-        return f"{what} ({signal.Signals(number).name})"
+        return f"{what} ({signal_name(number)})"
     return f"ended with status {os.WEXITSTATUS(status)} without resetting the machine"

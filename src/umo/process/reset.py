@@ -17,6 +17,7 @@ from time import monotonic, sleep
 from types import FrameType
 from typing import Literal, NoReturn
 
+from umo.cycle.signals import signal_name
 from umo.cycle.stop_order import stop_sequence
 from umo.cycle.transfer import Transfer, settling, wait_for
 from umo.errors import DeviceTimeout
@@ -153,7 +154,7 @@ class Resetter:
             sleep(LOOK)
         self._child = 0
         if os.WIFSIGNALED(status) and not why:
-            why = f"the driver crashed ({signal.Signals(os.WTERMSIG(status)).name})"
+            why = f"the driver crashed ({signal_name(os.WTERMSIG(status))})"
         if why:
             self._blame(why)
 

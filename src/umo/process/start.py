@@ -14,6 +14,7 @@ from time import monotonic
 from types import TracebackType
 from typing import Any
 
+from umo.cycle.signals import signal_name
 from umo.cycle.stage import Stage
 from umo.errors import DriverError, FramesError, TaskFailed
 from umo.frames import Reader
@@ -80,6 +81,8 @@ class Started:
         """Real-time settings that the operating system did not permit."""
         self.notices: list[str] = []
         self._outcome: Outcome | None = None
+        self._left: Outcome | None = None
+        """The outcome that the control process sent at its end. The guardian's is the last word."""
         text = job.dump()
         self._channel, there = MessageSocket.pair()
         with there, tempfile.TemporaryFile() as file:
@@ -178,14 +181,22 @@ class Started:
                     self.frames = Reader(f"/proc/self/fd/{file}")
         elif message["kind"] == "notice":
             self.notices.append(message["text"])
+        elif message["kind"] == "left":
+            self._left = Outcome.load(message["outcome"])
         elif message["kind"] == "ended":
             self._outcome = Outcome.load(message["outcome"])
         for file in message["files"]:
             os.close(file)
 
     def _vanished(self) -> Outcome:
-        """Neither process said how it ended: the guardian's exit status does, if it had one."""
+        """The guardian did not say how it ended: its exit status does, if it had one, or the control process did."""
         status = self._guardian.wait()
+        if status < 0 and self._left is not None:
+            outcome = self._left
+            what = f"the guardian was killed ({signal_name(-status)}) after the control process had ended"
+            outcome.failure = outcome.failure or Failed("GuardianLost", what, 1)
+            outcome.unsafe = True
+            return outcome
         if status == 0:
             return Outcome()
         if status > 128:
