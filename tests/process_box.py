@@ -41,6 +41,28 @@ def machine() -> Machine:
     )
 
 
+class Counted(umo.Compound):
+    """Its parts have the names of counts."""
+
+    timer: umo.DigitalSensor
+    switch: umo.BinarySensor[umo.PassFail]
+    motor: umo.DigitalActuator
+    valve: umo.BinaryActuator[umo.OnOff]
+    placed: umo.DigitalActuator
+    parts_total: umo.BinarySensor[umo.PassFail]
+
+
+def counted() -> Counted:
+    return Counted(
+        timer=umo.DigitalSensor("sampling_period", minimum=0.0, maximum=99_999.9, resolution=1.0, synchronous=False),
+        switch=umo.BinarySensor(umo.PassFail, one=umo.PassFail.FAIL),
+        motor=umo.DigitalActuator("V", default=0.0, minimum=-10.0, maximum=10.0, resolution=0.01),
+        valve=umo.BinaryActuator(umo.OnOff, one=umo.OnOff.ON, default=umo.OnOff.OFF),
+        placed=umo.DigitalActuator("V", default=0.0, minimum=-10.0, maximum=10.0, resolution=0.01),
+        parts_total=umo.BinarySensor(umo.PassFail, one=umo.PassFail.FAIL),
+    )
+
+
 async def drive(m: Machine, periods: int = 4) -> str:
     """Outputs on for some periods."""
     m.motor.write(5.0)
@@ -89,6 +111,56 @@ class Unshowable:
 async def returns_the_unshowable(m: Machine) -> object:
     await drive(m)
     return Unshowable()
+
+
+async def returns_a_million(m: Machine) -> list[int]:
+    await drive(m)
+    return list(range(1_000_000))
+
+
+class ShownSlowly:
+    """Takes half a second."""
+
+    def __repr__(self) -> str:
+        spin_for(0.5)
+        return "slow"
+
+
+async def returns_the_slow(m: Machine) -> object:
+    await drive(m)
+    return ShownSlowly()
+
+
+class ShownByLeaving:
+    def __repr__(self) -> str:
+        raise SystemExit(0)
+
+
+async def returns_the_leaving(m: Machine) -> object:
+    await drive(m)
+    return ShownByLeaving()
+
+
+class Lethal:
+    def __repr__(self) -> str:
+        os.kill(os.getpid(), signal.SIGKILL)
+        return ""
+
+
+async def returns_the_lethal(m: Machine) -> object:
+    await drive(m)
+    return Lethal()
+
+
+class SlowError(Exception):
+    def __str__(self) -> str:
+        spin_for(0.5)
+        return "said slowly"
+
+
+async def fails_slowly(m: Machine) -> None:
+    await drive(m)
+    raise SlowError
 
 
 async def fails_at_length(m: Machine) -> None:
@@ -323,3 +395,13 @@ class Mute(Box):
 
     def report(self) -> dict[str, Any]:
         raise SystemExit("no report")
+
+
+class HangsInReset(Box):
+    """The first reset of its valve never returns."""
+
+    def reset(self, channel: Channel, default: int | None) -> None:
+        if channel.text == "valve" and not self._called()[STRUCK]:
+            self._called()[STRUCK] = 1
+            _hang()
+        super().reset(channel, default)

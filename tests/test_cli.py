@@ -16,7 +16,9 @@ from typer.testing import Result
 
 from umo import connect, published
 from umo.process.station import find
+from umo.stations import ztheta
 from umo.system.hold import Hold
+from umo.system.record import Record
 from umo.testing import Scripted, periods
 
 
@@ -191,11 +193,37 @@ def test_a_mistake_is_answered_in_a_line_with_the_nearest_valid_choice(umo, word
     assert "Traceback" not in said(result)
 
 
-def test_a_device_that_is_not_there_is_named_with_status_1(umo) -> None:
-    result = umo("get", "ztheta", "z.encoder", "-w", "modbus")
+def test_a_device_that_is_not_there_is_named_with_status_1(umo, tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    wiring = tmp_path / "elsewhere.toml"
+    shipped = Path(ztheta.__file__).parent / "wiring" / "modbus.toml"
+    wiring.write_text(shipped.read_text().replace("5020", str(port)))
+    result = umo("get", "ztheta", "z.encoder", "-w", str(wiring))
     assert result.exit_code == 1
     assert "driver box" in said(result)
-    assert "127.0.0.1:5020" in said(result)
+    assert f"127.0.0.1:{port}" in said(result)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="devices are held on Linux")
+@pytest.mark.parametrize("command", [["run"], ["get", "level"], ["set", "inlet", "OPEN", "--hold", "0"]])
+def test_a_device_that_stands_stopped_wants_to_be_acknowledged(umo, tank: Path, command: list[str]) -> None:
+    plant = tank / "plant.py"
+    plant.write_text(plant.read_text() + "\n    def devices(self):\n        return ['card 1']\n")
+    wiring = tank / "wiring" / "simulated.toml"
+    wiring.write_text(wiring.read_text().replace('driver = "tank", channel = "tick"', 'driver = "timerfd"'))
+    (tank / "application.py").write_text("async def main(m):\n    pass\n")
+    before = Record(["card 1"], "other", "")
+    before.begin(False)
+    before.stopped("killed", ["ram"])
+    words = [command[0], "tank", *command[1:]]
+    refused = umo(*words)
+    assert refused.exit_code == 2
+    assert "other on card 1 was stopped at " in said(refused)
+    assert "not reached: ram" in said(refused)
+    assert "--acknowledge" in said(refused)
+    assert umo(*words, "--acknowledge").exit_code == 0
+    assert umo(*words).exit_code == 0
 
 
 @pytest.mark.parametrize("broken", ["objects", "application", "control"])

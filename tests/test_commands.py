@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import umo
-from machines import actuator, failed, relay, sensor, switch, timer, wired
+from machines import actuator, bench, failed, relay, sensor, switch, timer, wired
 from umo import (
     BinaryActuator,
     BinarySensor,
@@ -724,6 +724,26 @@ def test_a_default_that_an_asynchronous_actuator_did_not_take_is_tried_every_per
         periods(m, 5)
         assert len(valve.calls) == tries + 4
         assert [event.path for event in connection.machine.events] == events
+
+
+@pytest.mark.usefixtures("both_forms")
+@pytest.mark.parametrize("written", [False, True])
+def test_a_default_that_an_actuator_without_a_guard_did_not_take_is_tried_every_period_too(written: bool) -> None:
+    valve, m = Scripted(), bench(valve=relay(synchronous=False))
+    with connect(m, wired(m, Scripted(), entries={"valve": {"driver": "valve"}}, valve=valve)):
+        m.valve.write(OnOff.ON)
+        valve.broken = OSError("glitch")
+        with pytest.raises(DriverError):
+            m.valve.write(OnOff.OFF) if written else m.valve.reset()
+        for _ in range(2):
+            with pytest.raises(DriverError):
+                begin(m)
+        valve.broken = None
+        tries = len(valve.calls)
+        begin(m)
+        assert (m.valve.read(), valve.get("valve")) == (OnOff.OFF, 0)
+        periods(m, 3)
+        assert len(valve.calls) == tries + 1
 
 
 def test_a_default_written_in_vain_while_inhibited_is_still_tried_again() -> None:

@@ -31,6 +31,21 @@ from umo.frames.ring import ENTRIES
 from umo.testing import Scripted, VirtualTimer, periods
 
 
+@pytest.mark.parametrize("failing", ["sample", "control"])
+def test_the_period_that_ends_a_run_with_an_exception_is_a_frame_too(tmp_path: Path, failing: str) -> None:
+    box, m = Scripted(), bench()
+    connection, path = connect(m, wired(m, box)), tmp_path / "ring"
+    with pytest.raises((DriverError, ZeroDivisionError)), connection, published(connection, "bench", path=path):
+        periods(m, 2)
+        m.timer.read()
+        if failing == "sample":
+            box.at(len(box.calls), OSError("cut"))
+        m.sample()
+        raise ZeroDivisionError
+    with Reader(path) as reader:
+        assert reader.read()["number"].tolist() == [1, 2, 3]
+
+
 @contextmanager
 def running(box: Scripted | None = None, *, missed: Any = (), **changes: Any) -> Iterator[tuple[Bench, Ring, Any]]:
     """A bench of five objects that publishes."""
@@ -143,6 +158,8 @@ def test_asynchronous_traffic_is_kept_in_order_with_what_was_before() -> None:
             ("motor", Kind.RESET, 0, 0),
             ("valve", Kind.FAILED_WRITE, 1, 1),
         ]
+        periods(m)
+        assert told(reader, reader.latest()) == [("valve", Kind.RESET, 0, 1)]  # its default, sent again
         periods(m)
         assert told(reader, reader.latest()) == []
 

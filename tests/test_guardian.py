@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import signal
@@ -9,6 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
 import pytest
 
 import process_box
@@ -18,16 +20,16 @@ from test_hold import Board, on
 from test_process import Run, assert_safe, standing
 from umo import DeviceTimeout, DriverError, connect
 from umo.cycle import transfer
-from umo.process import control, guardian, reset
+from umo.process import control_process, guardian, reset
 from umo.process import life as life_module
 from umo.process import outcome as outcome_module
 from umo.process.board import Board as ResetBoard
 from umo.process.board import Reached
-from umo.process.control import Control
+from umo.process.control_process import Control
 from umo.process.job import Job
 from umo.process.life import LARGEST, Life
 from umo.process.messages import MessageSocket
-from umo.process.outcome import Failed, Outcome, plain
+from umo.process.outcome import Failed, Outcome, Parts, plain
 from umo.process.reset import Resetter
 from umo.system.custody import Custody
 from umo.testing import Scripted, periods
@@ -50,13 +52,47 @@ def soon(monkeypatch: pytest.MonkeyPatch) -> None:
 # What a control process says ----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("what", ["much", "a_file", "the_machine", "the_unshowable"])
+RESULTS = ["much", "a_million", "a_file", "the_machine", "the_unshowable", "the_slow", "the_leaving", "the_lethal"]
+
+
+@pytest.mark.parametrize("what", RESULTS)
 def test_what_an_application_returns_cannot_change_how_a_run_ends(tmp_path: Path, cells: Cells, what: str) -> None:
-    outcome = Run(process_box.wiring(tmp_path / "box"), f"returns_{what}").outcome()
+    wiring = process_box.wiring(tmp_path / "box", process={"hang_timeout": "200 ms"})
+    outcome = Run(wiring, f"returns_{what}").outcome()
     assert (outcome.status, outcome.unsafe) == (0, False)
-    assert isinstance(outcome.result, str)
+    assert outcome.result is None if what == "the_lethal" else isinstance(outcome.result, str)
     assert len(json.dumps(outcome.dump())) < 65_536
     assert_safe(cells)
+
+
+def test_an_exception_that_is_shown_slowly_does_not_count_as_hanging(tmp_path: Path, cells: Cells) -> None:
+    outcome = Run(process_box.wiring(tmp_path / "box", process={"hang_timeout": "200 ms"}), "fails_slowly").outcome()
+    assert outcome.failure is not None
+    assert outcome.failure.message.startswith("SlowError: said slowly at ")
+    assert (outcome.status, outcome.unsafe) == (1, False)
+
+
+def test_a_report_that_never_ends_is_cut_off_and_the_end_stays_as_it_was(
+    tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(guardian, "REPORTING_LIMIT", 0.1)
+    outcome = Run(process_box.wiring(tmp_path / "box"), "returns_the_slow").outcome()
+    assert (outcome.status, outcome.unsafe, outcome.result) == (0, False, None)
+    assert standing() == []
+
+
+def test_parts_of_a_machine_may_have_any_name(tmp_path: Path, cells: Cells) -> None:
+    wiring = process_box.wiring(tmp_path / "box")
+    wiring["wire"] |= {"placed": {"driver": "simulated"}, "parts_total": {"driver": "simulated"}}
+    outcome = Run(wiring, machine="process_box:counted").outcome()
+    assert (outcome.status, outcome.unsafe, outcome.parts.placed) == (0, False, None)
+
+
+def test_a_count_of_numpy_is_a_count() -> None:
+    machine = process_box.machine()
+    again = Outcome.decode(Outcome(parts=Parts.of(machine, [{"placed": np.int64(2)}])).encode())
+    assert again is not None
+    assert again.parts.placed == 2
 
 
 def test_an_exception_with_an_endless_message_is_reported_in_a_bounded_one(tmp_path: Path, cells: Cells) -> None:
@@ -170,7 +206,7 @@ def test_a_signal_that_the_application_ignores_is_asked_again_in_shared_memory(t
     assert_safe(cells)
 
 
-def watched(gap: float = 0.0, asked: int = 0, unwatched: float = 0.0) -> Control:
+def watched(gap: float = 0.0, asked: int = 0, unwatched: float = 0.0, limit: float = 0.1) -> Control:
     """A control process's look at itself, with what it finds."""
 
     class Found:
@@ -181,13 +217,13 @@ def watched(gap: float = 0.0, asked: int = 0, unwatched: float = 0.0) -> Control
             return gap
 
     found = Control.__new__(Control)
-    found._life, found._hang, found._alarm = cast(Life, Found()), 0.1, ""
+    found._life, found._hang, found._gap, found._alarm = cast(Life, Found()), 0.1, limit, ""
     return found
 
 
 def test_a_gap_longer_than_the_hang_limit_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     stopped: list[object] = []
-    monkeypatch.setattr(control, "request_stop", lambda number=None: stopped.append(number))
+    monkeypatch.setattr(control_process, "request_stop", lambda number=None: stopped.append(number))
     one = watched(gap=3.0)
     one._each_period(cast(Any, None))
     assert stopped == [None]
@@ -198,6 +234,82 @@ def test_a_gap_longer_than_the_hang_limit_ends_the_run(monkeypatch: pytest.Monke
     assert len(stopped) == 2
     watched(unwatched=0.4)._each_period(cast(Any, None))
     assert len(stopped) == 2
+
+
+def test_a_gap_longer_than_the_watchdog_of_a_circuit_ends_the_run(tmp_path: Path) -> None:
+    plan = guardian.Plan(Job(machine="process_box:machine", wiring=process_box.wiring(tmp_path / "box")))
+    found = []
+    for watchdogs in ({}, {"box": 0.06}):
+        plan.wired = dataclasses.replace(plan.wired, watchdogs=watchdogs)
+        found.append(Control(plan, cast(Any, None), cast(Any, None), cast(Any, None), 0, None)._gap)
+    assert found == [5.0, 0.06]  # hang_timeout; the watchdog
+
+
+def test_a_driver_that_hangs_while_leaving_is_noticed_after_the_limit_for_a_hang(tmp_path: Path, cells: Cells) -> None:
+    wiring = process_box.wiring(tmp_path / "box", type="process_box:HangsInReset", process={"hang_timeout": "200 ms"})
+    outcome = Run(wiring).outcome()
+    assert outcome.failure is not None
+    assert "no sign of life for 200 ms while stopping" in outcome.failure.message
+    assert_safe(cells)
+
+
+def test_the_guardian_keeps_the_hold_until_its_resets_are_done(tmp_path: Path, cells: Cells) -> None:
+    away = tmp_path / "away"
+    away.touch()
+    wiring = process_box.wiring(tmp_path / "box", at=25, action="kill", away=str(away))
+    run = Run(wiring, "forever").until_running()
+    kinds = []
+    while "notice" not in kinds:  # "not reached yet, trying"
+        message = run.channel.receive(30)
+        assert message is not None
+        kinds.append(message["kind"])
+    second = Run(wiring, acknowledge=True).outcome()
+    assert second.status == 2
+    assert second.failure is not None
+    assert f"is held by pid {run.guardian} of " in second.failure.message
+    away.unlink()
+    assert run.outcome().unreached == []
+    assert Run(wiring, acknowledge=True).outcome().status == 0
+
+
+def test_the_guardian_too_resets_a_second_time_when_what_was_under_way_is_over(
+    tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    machine, waited = process_box.machine(), []
+    monkeypatch.setattr(Resetter, "_begin", lambda self, numbers: False)
+    wired_up = resolve(machine, process_box.wiring(tmp_path / "box", timeout="300 ms"))
+
+    def late(seconds: float, pause: object, on_call: object) -> None:
+        waited.append(seconds)
+        cells.numbers[process_box.LEVELS] = 500  # the device carries out the dead process's last write
+
+    monkeypatch.setattr(reset, "wait_for", late)
+    assert Resetter(machine, wired_up).reset(["motor", "valve"], 5.0) == {}
+    assert waited == [0.3]
+    assert_safe(cells)
+
+
+def test_messages_pass_where_more_than_1024_descriptors_are_open() -> None:
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if before[1] < 2048:
+        pytest.skip("this computer does not let a process open so many")
+    resource.setrlimit(resource.RLIMIT_NOFILE, (2048, before[1]))
+    taken = [os.open(os.devnull, os.O_RDONLY) for _ in range(1025)]
+    here, there = MessageSocket.pair()
+    other = MessageSocket(there)
+    try:
+        assert here.fileno() > 1023
+        other.send("notice", text="all is well")
+        message = here.receive(1.0)
+        assert message is not None
+        assert message["text"] == "all is well"
+    finally:
+        other.close()
+        here.close()
+        for file in taken:
+            os.close(file)
+        resource.setrlimit(resource.RLIMIT_NOFILE, before)
 
 
 def test_the_last_messages_of_a_peer_that_left_ours_unread_are_received() -> None:

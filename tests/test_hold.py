@@ -277,14 +277,16 @@ def test_a_timer_in_virtual_time_is_refused_beside_hardware(device: str) -> None
     assert f"driver box controls hardware ({device})" in fault.message
 
 
-def test_a_driver_that_cannot_name_its_devices_is_a_fault() -> None:
+@pytest.mark.parametrize("error", [KeyError("port"), SystemExit(0)])
+def test_a_driver_that_cannot_name_its_devices_is_a_fault(error: BaseException) -> None:
     class Broken(Scripted):
         def devices(self) -> list[str]:
-            raise KeyError("port")
+            raise error
 
     machine = bench()
     (fault,) = umo.check(machine, wired(machine, Broken()))
-    assert (fault.key, fault.message) == ("drivers.box", "cannot name its devices: KeyError: 'port'")
+    assert fault.key == "drivers.box"
+    assert fault.message.startswith(f"cannot name its devices: {type(error).__name__}: ")
 
 
 def test_two_texts_of_one_output_are_found_by_the_address_in_the_channels_own_fields() -> None:
@@ -303,3 +305,60 @@ def test_two_texts_of_one_output_are_found_by_the_address_in_the_channels_own_fi
     faults = umo.check(machine, wired(machine, Card(), entries=entries))
     assert [fault.key for fault in faults] == ['wire."valve"']
     assert "is already used by motor" in faults[0].message
+
+
+@pytest.mark.parametrize(("options", "faults"), [({}, 1), ({"unit": 2}, 0), ({"port": 503}, 0)])
+def test_one_output_by_two_drivers_of_one_device_is_found(options: dict[str, Any], faults: int) -> None:
+    machine = bench()
+    wiring = wired(machine, Scripted(), clock=Board("clock"))
+    wiring["drivers"] |= {
+        "left": {"type": "modbus", "host": "127.0.0.1", "port": 502, "unit": 1},
+        "right": {"type": "modbus", "host": "localhost", "port": 502, "unit": 1} | options,
+    }
+    wiring["wire"]["valve"] = {"driver": "left", "channel": "coil:1"}
+    wiring["wire"]["motor"] = {"driver": "right", "channel": "holding:1:int16"}
+    assert umo.check(machine, wiring) == []
+    wiring["wire"]["limit"] = {"driver": "right", "channel": "coil:1"}
+    found = umo.check(machine, wiring)
+    assert len(found) == faults
+    assert all("is already used by valve" in fault.message for fault in found)
+
+
+def test_connecting_gives_hardware_more_time_than_a_period_does(device: str) -> None:
+    """Finding E.10: a device that lets go of its last client late."""
+
+    class Slow(Board):
+        def __init__(self, *devices: str) -> None:
+            super().__init__(*devices)
+            self.given: dict[str, float] = {}
+
+        def open(self) -> None:
+            self.given["open"] = self.timeout
+
+        def initialize(self, channel: Channel, default: int | None) -> None:
+            self.given["initialize"] = self.timeout
+            super().initialize(channel, default)
+
+        def read_many(self, channels: Any, out: Any) -> None:
+            self.given["sample"] = self.timeout
+            super().read_many(channels, out)
+
+    machine, box = bench(), Slow(device)
+    box.timeout = 0.1
+    with connect(machine, on(box, machine)):
+        assert box.given["open"] == box.given["initialize"] == 3.0
+        assert box.given["sample"] == box.timeout < 3.0
+
+
+def test_a_connection_that_failed_leaves_an_earlier_unsafe_end_to_be_acknowledged(device: str) -> None:
+    first, second = bench(), bench()
+    box = Board(device)
+    with pytest.raises(umo.StopError), connect(first, on(box, first)) as m:
+        periods(m)
+        box.broken = OSError("unplugged")
+    broken = Board(device)
+    broken.broken = OSError("connection refused")
+    with pytest.raises(umo.DriverError), connect(second, on(broken, second), acknowledge=True):
+        pass
+    (ended,) = standing(device)
+    assert (ended.state, sorted(ended.unreached)) == ("stopped", ["motor", "valve"])

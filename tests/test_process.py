@@ -181,10 +181,9 @@ def test_an_exception_of_the_application_is_reported_with_its_place(tmp_path: Pa
     assert standing() == []
 
 
-def test_an_endless_loop_in_user_code_is_ended_and_its_line_named(
-    tmp_path: Path, cells: Cells, impatient: dict[str, str]
-) -> None:
-    outcome = Run(process_box.wiring(tmp_path / "box", process=impatient), "loop_at").outcome()
+def test_an_endless_loop_in_user_code_is_ended_and_its_line_named(tmp_path: Path, cells: Cells) -> None:
+    wiring = process_box.wiring(tmp_path / "box", process={"hang_timeout": "100 ms"})
+    outcome = Run(wiring, "loop_at").outcome()
     assert outcome.status == 1
     assert outcome.failure is not None
     assert "hung: no sign of life for 100 ms while running" in outcome.failure.message

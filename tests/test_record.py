@@ -37,7 +37,7 @@ def test_an_unsafe_end_is_told_to_the_next_start_until_it_is_acknowledged() -> N
     first = Record([DEVICE], "press", "bench")
     first.begin(False)
     first.stopped("the control process was killed", ["ram"])
-    with pytest.raises(StandsStopped, match=r"press \(bench\) was stopped at .*killed; not reached: ram"):
+    with pytest.raises(StandsStopped, match=r"press \(bench\) on bus 1 was stopped at .*killed; not reached: ram"):
         Record([DEVICE], "lathe", "other").begin(False)
     second = Record([DEVICE], "lathe", "other")
     second.begin(True)
@@ -52,6 +52,18 @@ def test_each_device_of_a_run_stands_by_itself() -> None:
     with pytest.raises(StandsStopped):
         Record(["bus 2"], "other", "").begin(False)
     Record(["bus 3"], "other", "").begin(False)
+
+
+def test_a_run_that_drove_nothing_leaves_what_was_to_be_acknowledged() -> None:
+    first = Record([DEVICE], "press", "bench")
+    first.begin(False)
+    first.stopped("killed", ["ram"])
+    told = [str(ended) for ended in standing(DEVICE)]
+    second = Record([DEVICE, "bus 2"], "press", "bench")
+    second.begin(True)
+    second.abandon()
+    assert [str(ended) for ended in standing(DEVICE)] == told
+    assert standing("bus 2") == []
 
 
 @pytest.mark.parametrize("content", [b"", b"not JSON", b"[1]", b'{"device": 1}', b"\xff\xfe", b"[" * 100_000])
@@ -123,6 +135,16 @@ def test_a_start_that_cannot_be_written_down_is_refused(monkeypatch: pytest.Monk
         Record([DEVICE], "press", "").begin(False)
 
 
+@pytest.mark.parametrize("place", ["a file", "a file/below", "/proc/nothing"])
+def test_a_folder_of_records_that_cannot_be_used_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str
+) -> None:
+    (tmp_path / "a file").touch()
+    monkeypatch.setenv("UMO_STATE", str(tmp_path / place))
+    with pytest.raises(UmoError, match="the records of earlier runs cannot be read: "):
+        Record([DEVICE], "press", "").begin(False)
+
+
 def test_without_devices_nothing_is_written() -> None:
     run = Record([], "press", "")
     run.begin(False)
@@ -165,7 +187,7 @@ def others(state: str = "stopped", name: str = f"{folders.PREFIX}{NOBODY}") -> P
 @pytest.mark.skipif(not ROOT, reason="writing as another user needs root")
 def test_another_users_unsafe_end_is_told_with_their_name_and_acknowledged_once() -> None:
     others()
-    with pytest.raises(StandsStopped, match="theirs was stopped by user 65534"):
+    with pytest.raises(StandsStopped, match="theirs on bus 1 was stopped by user 65534"):
         Record([DEVICE], "press", "").begin(False)
     run = Record([DEVICE], "press", "")
     run.begin(True)

@@ -23,6 +23,13 @@ def importable(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
 
 
+def test_a_wiring_of_any_size_starts(tmp_path: Path) -> None:
+    wiring = process_box.wiring(tmp_path / "box") | {"parameters": {}}
+    wiring["drivers"]["box"] |= {"away": str(tmp_path / ("x" * 200)) + "/" * 600_000}
+    with umo.start(process_box.machine, wiring, process_box.drive) as started:
+        assert started.wait(60).status == 0
+
+
 def test_a_handle_has_status_values_frames_and_an_end(tmp_path: Path) -> None:
     wiring = process_box.wiring(tmp_path / "box")
     with umo.start(process_box.machine, wiring, process_box.forever) as machine:

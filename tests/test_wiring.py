@@ -812,6 +812,17 @@ def test_the_limit_for_a_hang_is_20_periods_at_least_100_ms_and_above_all_timeou
     assert process_of({"hang_timeout": "30 ms"}).process.hang_timeout == pytest.approx(0.03)
 
 
+def test_a_limit_for_a_hang_that_a_period_may_spend_in_timeouts_is_a_fault() -> None:
+    machine = bench()
+    box = {"type": Scripted(), "timeout": "50 ms"}
+    wiring = wired(machine, Scripted(), entries={"timer": {"driver": "timerfd", "period": "1 ms"}})
+    wiring["drivers"]["box"] = box
+    limit = resolve(machine, wiring).process.hang_timeout
+    assert limit > 0.1  # one block to read, one to write
+    with pytest.raises(WiringError, match="must be above"):
+        resolve(machine, wiring | {"process": {"hang_timeout": "60 ms"}})
+
+
 @pytest.mark.parametrize(
     ("table", "said"),
     [

@@ -16,7 +16,7 @@ from umo.errors import ChannelError, DriverError, WiringError
 pytest.importorskip("mujoco")
 
 from umo.stations.ztheta import courier, plant
-from umo.stations.ztheta.devices import Counter, Counterbalance, Gripper
+from umo.stations.ztheta.devices import Counter, Counterbalance, SuctionCup
 from umo.stations.ztheta.plant import CHANNELS, FAULTS, Plant
 
 BALANCED, SUNK = 3, 0
@@ -453,7 +453,7 @@ def test_the_counterbalance_fills_through_the_valve_and_leaks_slowly_without_it(
     assert 940 < read(machine, "adc:counterweight") <= 950
 
 
-def pressures(gripper: Gripper, ms: int, **levels: int) -> list[float]:
+def pressures(gripper: SuctionCup, ms: int, **levels: int) -> list[float]:
     """The vacuum in kPa after each of so many ms on a part."""
     seen = []
     for _ in range(ms):
@@ -463,7 +463,7 @@ def pressures(gripper: Gripper, ms: int, **levels: int) -> list[float]:
 
 
 def test_the_vacuum_lags_by_20_ms_and_the_switch_passes_above_30_kpa() -> None:
-    gripper = Gripper()
+    gripper = SuctionCup()
     seen = pressures(gripper, 20, valve=1)
     assert seen[19] == pytest.approx(60 * (1 - math.exp(-1)))
     assert seen[12] < 30 < seen[13]
@@ -471,7 +471,7 @@ def test_the_vacuum_lags_by_20_ms_and_the_switch_passes_above_30_kpa() -> None:
 
 
 def test_the_puff_releases_in_3_ms_and_without_it_the_part_clings() -> None:
-    with_puff, without = Gripper(), Gripper()
+    with_puff, without = SuctionCup(), SuctionCup()
     for gripper in (with_puff, without):
         pressures(gripper, 200, valve=1)
     assert pressures(with_puff, 3, puff=1)[-1] == pytest.approx(60 * math.exp(-1), rel=0.01)
@@ -482,7 +482,7 @@ def test_the_puff_releases_in_3_ms_and_without_it_the_part_clings() -> None:
 
 
 def test_an_open_cup_draws_air_and_holds_nothing() -> None:
-    gripper = Gripper()
+    gripper = SuctionCup()
     assert max(pressures(gripper, 300, valve=1, touching=0)) < 10
     assert (gripper.raw, gripper.step(1, 0, False)) == (1, 0.0)
 

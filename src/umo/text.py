@@ -26,7 +26,7 @@ def text_of(error: BaseException) -> str:
     """`str(error)`, whatever its `__str__` does."""
     try:
         return str(error)
-    except Exception:
+    except BaseException:
         return f"{type(error).__name__} (its text cannot be shown)"
 
 

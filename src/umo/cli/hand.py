@@ -46,7 +46,7 @@ def get_values(
     width = max(map(len, paths))
     wired = resolve(machine, file)
     with ExitStack() as stack:
-        running = _running(station, file, wired)
+        running = _running(station, file if wiring else None, wired)
         if running is None:
             stack.enter_context(connect(machine, wired, acknowledge=acknowledge))
         shown = _now(items) if running is None else _latest(running)
@@ -60,10 +60,11 @@ def get_values(
 
 
 def _running(station: Station, file: Path | None, wired: Wired) -> Reader | None:
-    """The frames of this station, if it runs on one of these devices or with this wiring."""
+    """The frames of this station, if it runs: on one of these devices, with this wiring, or, where none was named,
+    with any."""
     for reader in readers():
         about = reader.about
-        same = about["wiring"] == ("" if file is None else file.stem)
+        same = file is None or about["wiring"] == file.stem
         if about["place"] == str(station.path) and (same or set(about["devices"]) & set(wired.devices)):
             return reader
     return None

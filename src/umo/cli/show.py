@@ -14,7 +14,7 @@ from umo.objects import Atomic, Compound, Digital, DigitalActuator, Node
 from umo.objects.interlock import interlocks_of
 from umo.process.station import Station, StationError
 from umo.wiring import check, resolve
-from umo.wiring.source import Source, read
+from umo.wiring.source import WiringSource, read
 
 from .console import err, out
 
@@ -46,7 +46,7 @@ def show_tree(station: Station, wiring: str | None) -> int:
     """The hierarchy of Figure 4, each object with its units, range and wiring; 2 if the wiring has faults."""
     file = station.wiring(wiring)
     machine = station.machine()
-    source = Source("") if file is None else read(file)
+    source = WiringSource("") if file is None else read(file)
     name = "everything simulated" if file is None else file.stem
     tree = Tree(_label((type(machine).__name__, "bold"), (name, "dim")))
     _branch(tree, machine, source)
@@ -59,7 +59,7 @@ def _label(*words: tuple[str, str]) -> Text:
     return Text("  ").join(Text(word, style) for word, style in words)
 
 
-def _branch(tree: Tree, compound: Compound, source: Source) -> None:
+def _branch(tree: Tree, compound: Compound, source: WiringSource) -> None:
     for name, child in compound.children().items():
         if isinstance(child, Compound):
             _branch(tree.add(_label((name, "bold"), (type(child).__name__, "dim"))), child, source)
@@ -67,7 +67,7 @@ def _branch(tree: Tree, compound: Compound, source: Source) -> None:
             tree.add(_leaf(name, child, source))
 
 
-def _leaf(name: str, item: Node, source: Source) -> Text:
+def _leaf(name: str, item: Node, source: WiringSource) -> Text:
     assert isinstance(item, Atomic)
     entry = source.entries.get(item.path)
     wire = "" if entry is None else f"{entry.driver}:{entry.channel or item.path}"

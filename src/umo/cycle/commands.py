@@ -20,7 +20,7 @@ from umo.cycle.inhibition import Inhibition, inhibitions_of
 from umo.cycle.journal import Kind
 from umo.cycle.stop_order import stop_sequence
 from umo.errors import Interlocked
-from umo.objects import BinaryActuator, Compound, DigitalActuator, Quality
+from umo.objects import BinaryActuator, Compound, DigitalActuator
 
 if TYPE_CHECKING:
     from umo.cycle.image import Image
@@ -117,6 +117,9 @@ class Commands:
         self._image = image
         self.events: deque[Event] = deque(maxlen=1000)
         """The last thousand."""
+        self.unsent: set[int] = set()
+        """Asynchronous actuators, guarded or not, whose default the device did not accept. The defaults of the others
+        are sent by every `update`."""
         self._order = [image.slot_of[id(item)] for item in stop_sequence(root)]
         self._inhibitions = inhibitions_of(root, image.slot_of, self._order)
         found = (self._command(item) for item in root.atoms() if isinstance(item, BinaryActuator | DigitalActuator))
@@ -124,7 +127,6 @@ class Commands:
         """As declared."""
         commands = self.by_slot.values()
         self._expiring = [command for command in commands if command.expires < inf]
-        self._asynchronous = [command for command in commands if not command.synchronous]
         self.slewing = [command for command in commands if command.slew_rate < inf]
 
     def _command(self, item: BinaryActuator[Any] | DigitalActuator) -> Command:
@@ -169,6 +171,14 @@ class Commands:
                 each.acknowledge()
         return all(command.reason is None for command in commands)
 
+    def failed(self, slot: int) -> None:
+        """The device did not accept what is pending. A default is sent again, until it is accepted or another value is
+        written."""
+        item = self._image.items[slot]
+        if isinstance(item, BinaryActuator | DigitalActuator) and not item.synchronous:
+            at_default = self._image.pending[slot] == item._default_value()
+            (self.unsent.add if at_default else self.unsent.discard)(slot)
+
     def rest(self, slot: int) -> None:
         """The actuator is being reset."""
         if slot in self.by_slot:
@@ -179,17 +189,12 @@ class Commands:
     def evaluate(self) -> None:
         """After `sample`: evaluate interlocks and expiries, and reset the actuators concerned in stop order.
         DriverError if a device did not accept its default; the reset is retried in every period."""
-        if not self.by_slot:
+        if not (self.by_slot or self.unsent):
             return
-        due = self._unsent() | self._interlocked()
+        due = self.unsent | self._interlocked()
         due |= self._expired(due)
         if due:
             self._image.reset_some([slot for slot in self._order if slot in due])
-
-    def _unsent(self) -> set[int]:
-        """Where the default was not taken. A synchronous actuator has it sent by the next `update`."""
-        resting = (command.slot for command in self._asynchronous if command.target == command.default)
-        return {slot for slot in resting if self._image.quality[slot] != Quality.GOOD}
 
     def _interlocked(self) -> set[int]:
         """What was free in the period before. All conditions are asked before anything is reset."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -15,7 +16,7 @@ from umo.cycle.forms import make_image
 from umo.cycle.image import Image
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.signals import StopFlag
-from umo.cycle.transfer import settling, wait_for
+from umo.cycle.transfer import PATIENCE, settling, wait_for
 from umo.drivers.contract import Driver
 from umo.errors import DeclarationError, DriverError, Failure, StopError
 from umo.objects import Compound
@@ -74,7 +75,7 @@ class connect(Generic[C]):
         self._restore: list[Callable[[], object]] = []
         self._opened: list[str] = []
         self._initialized: list[int] = []  # slots
-        self._started = False
+        self.started = False
 
     @property
     def image(self) -> Image:
@@ -98,7 +99,7 @@ class connect(Generic[C]):
         return self.root
 
     def _enter(self) -> None:
-        self._opened, self._initialized, self._restore, self._started = [], [], [], False
+        self._opened, self._initialized, self._restore, self.started = [], [], [], False
         given = self._wiring
         self.wired = given if isinstance(given, Wired) else resolve(self.root, given, self._options)
         custody = self.custody or Custody(self.wired.devices, type(self.root).__name__, acknowledge=self._acknowledge)
@@ -113,7 +114,7 @@ class connect(Generic[C]):
         except BaseException:
             self._give_back()
             if custody is not self.custody:
-                custody.finish()
+                custody.abandon()
             raise
         self._custody = custody
         self.reached = False
@@ -134,18 +135,33 @@ class connect(Generic[C]):
     def _start(self) -> None:
         transfer = self.image.transfer
         transfer.on_call = self.on_step
-        for name in self.wired.drivers:
-            self._opened.append(name)
-            transfer.open(name)
-        for slot in self._declared_order():
-            self._initialized.append(slot)
-            failure = self.image.initialize(slot)
-            if failure is not None:
-                raise DriverError("could not be initialised", [failure])
-        for name, limit in self.wired.watchdogs.items():
-            transfer.watchdog(name, limit)
+        with self._patient():
+            for name in self.wired.drivers:
+                self._opened.append(name)
+                transfer.open(name)
+            for slot in self._declared_order():
+                self._initialized.append(slot)
+                failure = self.image.initialize(slot)
+                if failure is not None:
+                    raise DriverError("could not be initialised", [failure])
+            for name, limit in self.wired.watchdogs.items():
+                transfer.watchdog(name, limit)
         self.machine.sample_all()
-        self._started = True
+        self.started = True
+
+    @contextmanager
+    def _patient(self) -> Iterator[None]:
+        """Longer timeouts of the hardware: a device that serves one connection at a time may need long to let go of
+        the last one, and nothing runs yet that would have to wait."""
+        drivers = [self.wired.drivers[name] for name in self.wired.hardware]
+        timeouts = [driver.timeout for driver in drivers]
+        for driver in drivers:
+            driver.timeout = max(driver.timeout, PATIENCE)
+        try:
+            yield
+        finally:
+            for driver, timeout in zip(drivers, timeouts, strict=True):
+                driver.timeout = timeout
 
     def _leave(self, cause: BaseException | None) -> None:
         """Reset everything, then release everything. Actuators that were not reached are raised at the end."""
@@ -167,7 +183,10 @@ class connect(Generic[C]):
                 raise stopping
             cause.add_note(f"also, while stopping its sequences: {cause_of(stopping)}")
         if failures:
-            raise DriverError("failures at the end of the run", failures) from cause
+            failed = DriverError("failures at the end of the run", failures)
+            if cause is None:
+                raise failed
+            cause.add_note(str(failed))
 
     def _give_back(self) -> None:
         """Calibrations, parameters and signal handlers as they were."""
@@ -183,8 +202,10 @@ class connect(Generic[C]):
         if unreached:
             what = "the connection was closed" if cause is None else cause_of(cause)
             self._custody.stopped(what, [failure.path for failure in unreached])
-        else:
+        elif self.started:
             self._custody.finish()
+        else:
+            self._custody.abandon()
 
     def _cancel_sequences(self) -> BaseException | None:
         """Cancel the sequences. Returns the error of their cleanup: the outputs must be reset in any case."""
@@ -220,7 +241,7 @@ class connect(Generic[C]):
         def ask(name: str) -> None:
             self.reports[name] = self.image.transfer.report(name)
 
-        return self._of_each(self._opened if self._started else (), ask, "no report")
+        return self._of_each(self._opened if self.started else (), ask, "no report")
 
     def _close(self) -> list[Failure]:
         return self._of_each(reversed(self._opened), self.image.transfer.close, "not closed")

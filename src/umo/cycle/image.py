@@ -18,7 +18,7 @@ from umo.cycle.clock import Clock
 from umo.cycle.transfer import Transfer
 from umo.drivers.contract import Direction
 from umo.errors import DriverError, Failure
-from umo.objects import Atomic, Binary, BinaryActuator, BinarySensor, DigitalActuator, DigitalSensor, Quality
+from umo.objects import Binary, BinaryActuator, BinarySensor, DigitalActuator, DigitalSensor, Quality
 from umo.objects.scaling import FloatArray, IntArray, to_value
 from umo.text import cause_of
 from umo.wiring.resolved import Wire, Wired
@@ -52,7 +52,10 @@ class Image(ABC):
         self.pending_raws_array = np.zeros(count, np.int64)
         self.pending_raws: Any = self.pending_raws_array.data
         self.scales = [(*wire.scale, *wire.bounds) for wire in self.wires]
-        self.base = [_base_quality(item) for item in self.items]
+        self.base = [
+            Quality.UNREFERENCED if isinstance(item, DigitalSensor) and item.incremental else Quality.GOOD
+            for item in self.items
+        ]
         self._exact = [
             item.direction is Direction.INPUT or wire.exact for item, wire in zip(self.items, self.wires, strict=True)
         ]
@@ -236,6 +239,7 @@ class Image(ABC):
             self.transfer.write(slot, self.pending_raws[slot])
         except Exception as error:
             self._fail_output(slot, cause_of(error), failures)
+            self.commands.failed(slot)
         else:
             self._accepted(slot)
         return failures
@@ -284,6 +288,7 @@ class Image(ABC):
     def _was_reset(self, slot: int, failure: Failure | None) -> None:
         if failure is not None:
             self._set_quality(slot, Quality.BAD)
+            self.commands.failed(slot)
         elif self.items[slot].direction is Direction.OUTPUT:
             self._accepted(slot)
 
@@ -338,6 +343,7 @@ class Image(ABC):
         self.times[slot] = self.clock.now
         if self.quality[slot]:
             self._set_quality(slot, Quality.GOOD)
+            self.commands.unsent.discard(slot)
 
     def _fail_input(self, slot: int, cause: str, failures: list[Failure]) -> None:
         item = cast(Sensor, self.items[slot])
@@ -388,11 +394,6 @@ def _group_order(wires: Sequence[Wire]) -> Any:
         return not wire.item.synchronous, wire.item.direction is Direction.OUTPUT, drivers[id(wire.driver)]
 
     return key
-
-
-def _base_quality(item: Atomic) -> Quality:
-    incremental = isinstance(item, DigitalSensor) and item.incremental
-    return Quality.UNREFERENCED if incremental else Quality.GOOD
 
 
 def _not_binary(raw: int) -> str:

@@ -55,5 +55,5 @@ def _reason(interlock: Interlock) -> str | None:
         if not isinstance(holds, bool | np.bool_):  # None, for want of a return, would never forbid
             raise TypeError(f"{holds!r} is not True or False")
         return interlock.reason if holds else None
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         return f"{interlock.reason} (its condition counts as true because it could not be evaluated: {cause_of(error)})"

@@ -34,7 +34,7 @@ class ConnectedMachine:
         self.frame = Frame(image)
         self.commands = Commands(root, image)
         self.stop_order = [image.slot_of[id(item)] for item in stop_sequence(root)]
-        self._slots: dict[int, _Slots] = {}
+        self._slots: dict[int, _PartSlots] = {}
         self._acts: dict[int, list[Callable[[], None]]] = {}
         self._started = 0
         self._open = False
@@ -42,7 +42,8 @@ class ConnectedMachine:
         self.clock.on_tick = self._tick
         image.connect(self.commands)
         self._compounds = [root, *(node for node in root.walk() if isinstance(node, Compound))]
-        self.sample_all = self._guarded_sample if self.commands.by_slot else image.sample
+        commanded = self.commands.by_slot or any(not item.synchronous for item in image.items)
+        self.sample_all = self._guarded_sample if commanded else image.sample
         root._connect(self, self._way_to_sample(), self._update)
         for compound in self._compounds[1:]:
             compound._connect(self, partial(self.sample, compound), partial(self.update, compound))
@@ -138,13 +139,13 @@ class ConnectedMachine:
         frame.number, frame.time, frame.missed = clock.number, clock.now, clock.missed
         show(frame, self.observers)
 
-    def _slots_of(self, part: Compound) -> _Slots:
+    def _slots_of(self, part: Compound) -> _PartSlots:
         if id(part) not in self._slots:
             slot_of = self.image.slot_of
             atoms = {slot_of[id(atom)]: atom for atom in part.atoms()}
             sensors = [slot for slot, atom in atoms.items() if atom.direction is Direction.INPUT]
             actuators = [slot for slot in self.stop_order if slot in atoms]
-            self._slots[id(part)] = _Slots(
+            self._slots[id(part)] = _PartSlots(
                 [slot for slot in sensors if atoms[slot].synchronous],
                 [slot for slot, atom in atoms.items() if atom.synchronous and atom.direction is Direction.OUTPUT],
                 [*actuators, *sensors],
@@ -159,7 +160,7 @@ class ConnectedMachine:
         return self._acts[id(part)]
 
 
-class _Slots(NamedTuple):
+class _PartSlots(NamedTuple):
     """The slots of a part."""
 
     inputs: list[int]

@@ -25,6 +25,9 @@ from umo.wiring.resolved import Wire, Wired
 SETTLE = 0.25
 """Minimum time in s for a device to carry out requests that are still pending."""
 LONGEST_SETTLE = 1.0
+PATIENCE = 3.0
+"""s that a driver may take for a call while nothing is controlled: when connecting, and for the guardian's resets. A
+device that serves one connection at a time may need long to let go of the one before."""
 SLICE = 0.05
 RECENT = 0.5
 """Time in s, plus twice its timeout, for which a driver that timed out is served last."""

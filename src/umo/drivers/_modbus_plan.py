@@ -61,6 +61,7 @@ class ModbusChannel(Channel):
     cells: int = 1
     low: int = 0
     high: int = -1
+    unit: int = 1
 
     # Plans are looked up by their channels in every period, and a string keeps its hash.
     def __hash__(self) -> int:
@@ -73,10 +74,10 @@ class ModbusChannel(Channel):
     @property
     def places(self) -> tuple[Hashable, ...]:
         """Its cells: `holding:0` and `holding:0:int32` overlap, whatever their texts."""
-        return tuple((self.table.cells, address) for address in range(self.address, self.end))
+        return tuple((self.unit, self.table.cells, address) for address in range(self.address, self.end))
 
 
-def parse(text: str, *, little: bool = False) -> ModbusChannel:
+def parse(text: str, *, little: bool = False, unit: int = 1) -> ModbusChannel:
     """The channel that the text names; `little`: the low word of 32 bits comes first."""
     match = _BIT.fullmatch(text) or _WORD.fullmatch(text)
     if match is None:
@@ -88,7 +89,7 @@ def parse(text: str, *, little: bool = False) -> ModbusChannel:
         raise ChannelError(text, FORMS)
     direction = Direction.BOTH if table.most_written else Direction.INPUT
     low, high = (0, -1) if cells == 1 else (0, 1) if little else (1, 0)
-    return ModbusChannel(text, direction, bits, signed, table, address, cells, low, high)
+    return ModbusChannel(text, direction, bits, signed, table, address, cells, low, high, unit)
 
 
 class Item(NamedTuple):

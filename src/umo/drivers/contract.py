@@ -40,8 +40,9 @@ class Channel:
 
     @property
     def places(self) -> tuple[Hashable, ...]:
-        """The places of the circuit that the channel uses. Two objects must not share a place. Default: the direction
-        and the fields of the derived class, so two texts for one output are found; without such fields the text."""
+        """The places of the circuit that the channel uses. Two objects must not share one. Default: the direction and
+        the fields of the derived class, so two texts for one output are found; without such fields the text. Drivers
+        of one class share the places of a device: with several units, the channel needs a field for the unit."""
         own = tuple(getattr(self, field.name) for field in fields(self)[len(fields(Channel)) :])
         return ((self.direction, own),) if own else (self.text,)
 

@@ -98,7 +98,7 @@ class Modbus(Driver[ModbusChannel]):
         self._writes: dict[tuple[ModbusChannel, ...], Requests] = {}
 
     def channel(self, text: str) -> ModbusChannel:
-        return parse(text, little=self._little)
+        return parse(text, little=self._little, unit=self._unit)
 
     def devices(self) -> Sequence[str]:
         """Its addresses; without the unit, as units behind a gateway share its one line. A name is looked up, for at

@@ -55,6 +55,7 @@ def published(
             observers.append(ring)
             yield ring
         finally:
+            connection.machine.finish_period()  # a period that raised is one of the frames
             if ring in observers:
                 observers.remove(ring)
             ring.close()

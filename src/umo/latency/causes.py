@@ -26,7 +26,7 @@ SOME_FAULTS = 8
 AFTER = "after"
 WAKE = "wake"
 
-Parts = dict[str, npt.NDArray[np.float64]]
+PhaseTimes = dict[str, npt.NDArray[np.float64]]
 
 
 class Cause(Enum):
@@ -75,10 +75,10 @@ def explain(frames: Frames, layout: Layout, row: int) -> Verdict:
     return Verdict(row, missed, cause, text, excess * 1e-9)
 
 
-def split(frames: Frames, layout: Layout) -> Parts:
+def split(frames: Frames, layout: Layout) -> PhaseTimes:
     """Where each period's time went, in ns: waking up, the phases, what came after `update`."""
     phases = frames["phases"].astype(float)
-    parts: Parts = {name: phases[:, i] for i, name in enumerate(layout.phases) if name != "timer"}
+    parts: PhaseTimes = {name: phases[:, i] for i, name in enumerate(layout.phases) if name != "timer"}
     known = frames["wake"] >= 0
     waiting = phases[:, layout.phases.index("timer")]
     parts = {WAKE: np.where(known, frames["wake"], np.where(frames["missed"] > 0, 0, waiting)).astype(float), **parts}

@@ -19,7 +19,7 @@ from typing import NoReturn
 
 from umo.cycle.signals import SIGNALS, signal_name
 from umo.cycle.stage import Stage
-from umo.process.control import Control, end
+from umo.process.control_process import Control, end
 from umo.process.job import Job, Plan
 from umo.process.life import Life, clock
 from umo.process.messages import MessageSocket
@@ -37,6 +37,8 @@ WHERE = signal.SIGUSR2
 """At this signal the control process writes down where its Python code stands."""
 STARTING_LIMIT = 30.0
 """Timeout in s of a step of connecting, in addition to two periods."""
+REPORTING_LIMIT = 5.0
+"""s that the control process may take for its report when the machine has been reset."""
 BURIAL = 5.0
 """Time in s that a killed process may take to end."""
 SPARES = 4
@@ -58,7 +60,7 @@ def main(file: int, job_file: int) -> int:
     except BaseException as error:
         outcome = Outcome(Failed.of(error))
         if custody is not None and (guardian is None or not guardian.forked):  # so nothing was driven
-            custody.finish()
+            custody.abandon()
     channel.send("ended", outcome=outcome.dump())
     return outcome.status
 
@@ -111,11 +113,11 @@ class Guardian:
 
     def _keep(self) -> Outcome:
         hung = self._watch()
-        if hung:
-            return self._step_in(self._what_hung(hung))
         outcome = Outcome.decode(self._life.reported()) if self._life.stage is Stage.ENDED else None
         if outcome is None:
-            return self._step_in("")
+            return self._step_in(self._what_hung(hung) if hung else "")
+        if hung:  # in code of the application's, when the machine had been reset
+            os.kill(self._pid, signal.SIGKILL)
         self._is_dead(BURIAL)
         return self._settle(outcome)
 
@@ -141,12 +143,10 @@ class Guardian:
             control = Control(self._plan, self._custody, self._life, self._channel, guardian, self._watcher.path)
             faulthandler.register(WHERE, file=self._traces, all_threads=False)
             outcome = control.run()
-            self._life.report(outcome.encode())
             self._channel.send("left", outcome=outcome.dump())  # stands if the guardian is killed before it has spoken
             if outcome.unsafe:  # the guardian is gone or stopped: it is for this process to say so
                 assert outcome.failure is not None
                 self._custody.stopped(outcome.failure.message, outcome.unreached)
-            self._life.enter(Stage.ENDED)
             if outcome.unsafe and not control.orphaned:
                 os.kill(guardian, signal.SIGKILL)
             end(outcome.status)
@@ -175,6 +175,8 @@ class Guardian:
     def _limit(self) -> float:
         if self._life.stage is Stage.STARTING:
             return STARTING_LIMIT + 2 * (self._plan.wired.period or 0.0)
+        if self._life.stage is Stage.ENDED:
+            return REPORTING_LIMIT
         return self._process.hang_timeout
 
     def _ask(self, number: int, frame: object) -> None:
@@ -230,8 +232,10 @@ class Guardian:
             unwritten = self._custody.stopped(what, outcome.unreached)
             if unwritten and outcome.failure:
                 outcome.failure.message += f"; {unwritten}"
-        else:
+        elif outcome.driven:
             self._custody.finish()
+        else:
+            self._custody.abandon()
         if outcome.failure is not None:
             self._watcher.keep(outcome.failure.message.partition("\n")[0])
         return outcome

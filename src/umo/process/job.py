@@ -14,6 +14,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from umo.cycle.run import Application
 from umo.errors import DeclarationError, UmoError
 from umo.objects import Compound
 from umo.process.station import Station, StationError, find
@@ -22,8 +23,6 @@ from umo.wiring import Wired, driver_options, resolve
 
 MAIN = "__umo_main__"
 """The user's own script, imported again in the new process under this name."""
-
-Sequence = Callable[[Compound], Coroutine[Any, Any, Any]]
 
 
 @dataclass
@@ -104,7 +103,7 @@ class Plan:
                 f"--{name}: neither the application of {self.name} nor a driver of its wiring has this option"
             )
         for_main = {name: value for name, value in given.items() if name in taken}
-        self.application: Sequence | None = None if main is None else partial(_call, main, for_main)
+        self.application: Application[Any] | None = None if main is None else partial(_call, main, for_main)
         return {name: value for name, value in given.items() if name in drivers}, sorted(given.keys() - taken - drivers)
 
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import traceback
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import umo
+import numpy as np
+
 from umo.errors import (
     DeclarationError,
     DeviceHeld,
@@ -63,7 +65,7 @@ class Failed:
     def of(cls, error: BaseException) -> Failed:
         try:
             lines = "".join(traceback.format_exception(error))
-        except Exception:  # of an exception that cannot be shown
+        except BaseException:  # of an exception that cannot be shown
             lines = type(error).__name__
         return cls(type(error).__name__, message_of(error), status_of(error), lines).cut(LONGEST)
 
@@ -82,11 +84,11 @@ class Parts:
     @classmethod
     def of(cls, machine: Compound, reports: Iterable[Mapping[str, Any]]) -> Parts:
         """Count the parts: by a plant's own report where there is one, else as the control code did."""
-        found = cls(getattr(machine, "placed", None), getattr(machine, "parts_total", None))
+        found = cls(_count(getattr(machine, "placed", None)), _count(getattr(machine, "parts_total", None)))
         for report in reports:
-            if isinstance(report.get("placed"), int):
-                found.truth = True
-                found.placed = report["placed"]
+            placed = _count(report.get("placed"))
+            if placed is not None:
+                found.truth, found.placed = True, placed
                 found.error_um, found.error_deg = (plain(report.get(name), 40) for name in ("error_um", "error_deg"))
         return found
 
@@ -98,6 +100,8 @@ class Outcome:
     failure: Failed | None = None
     stopped_by: int | None = None
     """The signal that requested the stop."""
+    driven: bool = False
+    """Whether the machine was connected whole: every object initialised."""
     unsafe: bool = False
     """True: the guardian had to reset the machine, or was lost. The next run must acknowledge this."""
     unreached: list[str] = field(default_factory=list)
@@ -152,16 +156,19 @@ class Outcome:
         return cls(failure=failure and Failed(**failure), parts=parts, **data)
 
 
+def _count(value: object) -> int | None:
+    """A machine's field of that name may be anything."""
+    return int(value) if isinstance(value, int | np.integer) else None
+
+
 def plain(result: Any, longest: int = LONGEST) -> Any:
     """The same if it is plain data of a moderate size; else its text, cut."""
-    try:
+    with suppress(BaseException):
         if len(json.dumps(result)) <= longest:
             return result
-    except Exception:
-        pass
     try:
         return repr(result)[:longest]
-    except Exception:
+    except BaseException:
         return f"<{type(result).__name__}, which cannot be shown>"
 
 
@@ -175,10 +182,13 @@ def message_of(failure: BaseException) -> str:
     """One or two lines; for an exception of the user's own code with the place in it."""
     if isinstance(failure, StopError) and failure.__cause__ is not None:
         return f"{message_of(failure.__cause__)}\n{failure}"
+    return "\n".join([_own_message(failure), *getattr(failure, "__notes__", [])])
+
+
+def _own_message(failure: BaseException) -> str:
     if isinstance(failure, UmoError):
-        notes = getattr(failure, "__notes__", [])
-        return "\n".join([text_of(failure), *notes])
-    own = tuple(str(Path(umo.__file__).parent / name) for name in ("cycle", "control", "cli", "process"))
+        return text_of(failure)
+    own = tuple(str(Path(__file__).parents[1] / name) for name in ("cycle", "control", "cli", "process"))
     frames = [frame for frame in traceback.extract_tb(failure.__traceback__) if not frame.filename.startswith(own)]
     where = f" at {frames[-1].filename}:{frames[-1].lineno}" if frames else ""
     return f"{type(failure).__name__}: {text_of(failure)}{where} (full traceback: --traceback)"

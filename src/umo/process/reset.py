@@ -19,7 +19,7 @@ from typing import Literal, NoReturn
 
 from umo.cycle.signals import signal_name
 from umo.cycle.stop_order import stop_sequence
-from umo.cycle.transfer import Transfer, settling, wait_for
+from umo.cycle.transfer import PATIENCE, Transfer, settling, wait_for
 from umo.errors import DeviceTimeout
 from umo.objects import Compound
 from umo.process.board import Board, Reached
@@ -31,9 +31,6 @@ GRACE = 1.0
 """Time in s that a call of a driver may take in addition to twice its timeout."""
 PAUSE = 0.2
 """s between two attempts."""
-PATIENCE = 3.0
-"""s to which the drivers' timeouts grow from attempt to attempt: a device that serves one connection at a time may
-need long to let go of the dead process's."""
 LOOK = 0.0005
 SPARES = 16
 """Descriptors that the child on standby keeps free for the drivers."""
@@ -197,7 +194,7 @@ class Resetter:
         return GRACE + 2 * max(map(self._timeout, self._timeouts), default=0.0)
 
     def _timeout(self, name: str) -> float:
-        """The timeout of a driver in this attempt, s."""
+        """The timeout of a driver in this attempt, s: it grows, up to PATIENCE."""
         timeout = self._timeouts[name]
         return max(timeout, min(timeout * 4.0**self._attempt, PATIENCE))
 

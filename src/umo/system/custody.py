@@ -28,6 +28,11 @@ class Custody:
         self._record.finish()
         self.hold.release()
 
+    def abandon(self) -> None:
+        """Nothing was driven: an earlier unsafe end stays to be acknowledged."""
+        self._record.abandon()
+        self.hold.release()
+
     def stopped(self, what: str, unreached: list[str]) -> str:
         """The devices stand stopped until somebody acknowledges it. What could not be written down, in words."""
         try:

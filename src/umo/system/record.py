@@ -61,6 +61,7 @@ class Ended:
     def __str__(self) -> str:
         when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(self.when))
         name = f"{self.station} ({self.wiring})" if self.wiring else self.station
+        name = f"{name} on {self.device}"
         by = f" by {self.user}" if self.user else ""
         if self.state == "running":
             return (
@@ -86,37 +87,50 @@ class Record:
         self._devices = sorted(set(devices))
         self._station, self._wiring = station, wiring
         self._seen: dict[str, list[str]] = {}
+        self._former: dict[str, Ended] = {}
+        """This user's records that this run takes the place of."""
 
     def begin(self, acknowledged: bool) -> None:
         """Record the start of a run. StandsStopped if the last run on a device ended unsafely and was not acknowledged.
         UmoError if the record cannot be written: an unsafe end could then not be distinguished from a safe one."""
-        before = [ended for device in self._devices for ended in standing(device)]
+        try:
+            before = [ended for device in self._devices for ended in standing(device)]
+        except OSError as error:
+            text = f"the records of earlier runs cannot be read: {error.filename}: {error.strerror or error}"
+            raise UmoError(text) from None
         if before and not acknowledged:
             told = "\n".join(dict.fromkeys(f"{ended}." for ended in before))
             raise StandsStopped(f"{told}\nInspect the machine, then start it with --acknowledge (acknowledge=True)")
-        begun = []
         try:
             for device in self._devices:
+                mine = _own(device)
                 others = [ended.id for ended in before if ended.device == device and not ended.mine and ended.id]
-                self._seen[device] = [*(mine.seen if (mine := _own(device)) else []), *others]
+                self._seen[device] = [*(mine.seen if mine else []), *others]
+                if mine:
+                    self._former[device] = mine
                 self._write(device, "running")
-                begun.append(device)
         except OSError as error:
-            known = {ended.device for ended in before}
-            self._remove(device for device in begun if device not in known)
+            self.abandon()
             raise UmoError(f"the start of the run could not be recorded: {error.strerror or error}") from None
 
     def finish(self) -> None:
         """The run ended safely."""
-        self._remove(self._devices)
-
-    def _remove(self, devices: Iterable[str]) -> None:
-        for device in devices:
+        for device in self._devices:
             with suppress(OSError):
                 if self._seen[device]:
                     self._write(device, "ended")
                 else:
                     (_folder() / _file(device)).unlink(missing_ok=True)
+
+    def abandon(self) -> None:
+        """The machine was not driven: what stood before stands again, acknowledged or not."""
+        for device in self._devices:
+            with suppress(OSError):
+                path = _folder() / _file(device)
+                if device in self._former:
+                    _replace(path, asdict(self._former[device]))
+                else:
+                    path.unlink(missing_ok=True)
 
     def stopped(self, what: str, unreached: list[str]) -> None:
         """The run ended unsafely: the devices stand stopped. OSError where that cannot be written."""

@@ -11,6 +11,7 @@ import math
 import operator
 import sys
 from collections.abc import Hashable, Mapping
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +26,7 @@ from umo.objects.scaling import raw_bounds, to_raw
 from umo.objects.units import seconds
 from umo.text import cause_of, reason_of
 from umo.wiring.resolved import Parameter, Process, Wire, Wired
-from umo.wiring.source import Source, read
+from umo.wiring.source import WiringSource, read
 
 if TYPE_CHECKING:
     from umo.wiring.entry import Entry
@@ -58,9 +59,11 @@ class _Resolver:
         self.options = options
         self.unused = set(options)
         self.items = {item.path: item for item in root.atoms()}
-        self.source: Source = read(_all_simulated(self.items) if wiring is None else wiring)
+        self.source: WiringSource = read(_all_simulated(self.items) if wiring is None else wiring)
         self.drivers: dict[str, Driver | None] = {}
-        self.taken: dict[tuple[str, Hashable], str] = {}
+        self.hardware: dict[str, tuple[str, ...]] = {}
+        """The devices of each driver that has any."""
+        self.taken: dict[tuple[type, str, Hashable], str] = {}
 
     def run(self) -> tuple[Wired, list[Fault]]:
         if not self.source.entries and self.source.faults and self.source.faults[0].key == "":
@@ -68,6 +71,8 @@ class _Resolver:
         timer = self.items.get("timer")
         period = self._period(timer)
         watchdogs = self._make_drivers(period)
+        drivers = {name: driver for name, driver in self.drivers.items() if driver is not None}
+        self.hardware = self._hardware(drivers)
         wires = [wire for path, item in self.items.items() if (wire := self._wire(path, item)) is not None]
         for wire in wires:  # after all channels were made, which then lie side by side in memory
             self._check_place(wire)
@@ -78,8 +83,7 @@ class _Resolver:
         parameters = [p for key, value in self.source.parameters.items() if (p := self._parameter(known, key, value))]
         for name in sorted(self.unused):
             self.source.fault("", f"no driver of this wiring has the option {name!r}")
-        drivers = {name: driver for name, driver in self.drivers.items() if driver is not None}
-        wired = Wired(drivers, wires, period, timer, parameters, watchdogs, self._hardware(drivers))
+        wired = Wired(drivers, wires, period, timer, parameters, watchdogs, self.hardware)
         self._check_time(wired)
         return dataclasses.replace(wired, process=self._process(wired)), self.source.faults
 
@@ -146,7 +150,7 @@ class _Resolver:
         for name, driver in drivers.items():
             try:
                 devices = tuple(map(str, driver.devices()))
-            except Exception as error:
+            except (Exception, SystemExit) as error:
                 self.source.fault(f"drivers.{name}", f"cannot name its devices: {cause_of(error)}")
                 continue
             if devices:
@@ -191,8 +195,9 @@ class _Resolver:
     def _check_place(self, wire: Wire) -> None:
         path, channel = wire.item.path, wire.channel
         driver = self.source.entries[path].driver
-        for place in channel.places:
-            other = self.taken.setdefault((driver, place), path)
+        circuits = self.hardware.get(driver, (driver,))  # two drivers of one device share its places
+        for place, circuit in product(channel.places, circuits):
+            other = self.taken.setdefault((type(wire.driver), circuit, place), path)
             if other != path:
                 text = f"channel {channel.text!r} of {driver} is already used by {other}"
                 self.source.fault(f'wire."{path}"', text)

@@ -22,7 +22,7 @@ thousand wrong."""
 
 
 @dataclass
-class Source:
+class WiringSource:
     """A wiring as written: entries by path, drivers' tables by name, parameters, and what was wrong."""
 
     file: str
@@ -42,9 +42,9 @@ class Source:
         return did_you_mean(name, known) if self.suggested <= SUGGESTIONS else ""
 
 
-def read(wiring: Path | str | Mapping[str, Any]) -> Source:
+def read(wiring: Path | str | Mapping[str, Any]) -> WiringSource:
     """The wiring of a TOML file, or of its contents as a mapping; nothing is raised, faults are collected."""
-    source = Source("wiring" if isinstance(wiring, Mapping) else str(wiring))
+    source = WiringSource("wiring" if isinstance(wiring, Mapping) else str(wiring))
     try:
         _fill(source, _named(wiring) if isinstance(wiring, Mapping) else _load(source, Path(wiring)))
     except RecursionError:
@@ -52,7 +52,7 @@ def read(wiring: Path | str | Mapping[str, Any]) -> Source:
     return source
 
 
-def _load(source: Source, path: Path) -> dict[str, Any]:
+def _load(source: WiringSource, path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -62,7 +62,7 @@ def _load(source: Source, path: Path) -> dict[str, Any]:
     return {}
 
 
-def _fill(source: Source, data: Mapping[str, Any]) -> None:
+def _fill(source: WiringSource, data: Mapping[str, Any]) -> None:
     for key in data:
         if key not in SECTIONS:
             source.fault(key, f"unknown section{source.near(key, SECTIONS)}; known: {', '.join(SECTIONS)}")
@@ -78,7 +78,7 @@ def _named(table: Mapping[Any, Any]) -> dict[str, Any]:
     return {str(key): _named(value) if isinstance(value, Mapping) else value for key, value in table.items()}
 
 
-def _table(source: Source, data: Mapping[str, Any], section: str) -> Mapping[str, Any]:
+def _table(source: WiringSource, data: Mapping[str, Any], section: str) -> Mapping[str, Any]:
     table = data.get(section, {})
     if isinstance(table, Mapping):
         return table
@@ -86,7 +86,7 @@ def _table(source: Source, data: Mapping[str, Any], section: str) -> Mapping[str
     return {}
 
 
-def _read_drivers(source: Source, tables: Mapping[str, Any]) -> None:
+def _read_drivers(source: WiringSource, tables: Mapping[str, Any]) -> None:
     """A table for each name; where the wiring is a mapping, a driver made beforehand may be its type or stand
     for the whole table (tests, see umo.testing)."""
     for name, table in tables.items():
@@ -101,7 +101,7 @@ def _read_drivers(source: Source, tables: Mapping[str, Any]) -> None:
             source.drivers[name] = dict(table)
 
 
-def _read_entry(source: Source, path: str, table: Any) -> None:
+def _read_entry(source: WiringSource, path: str, table: Any) -> None:
     from pydantic import ValidationError
 
     from umo.wiring.entry import Entry, faults_of

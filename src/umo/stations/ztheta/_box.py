@@ -8,7 +8,7 @@ from typing import Any, Generic, Protocol, TypeVar
 
 from umo.drivers.contract import Channel
 
-from ._modbus_server import DEVICE_FAILURE, ILLEGAL_ADDRESS, ILLEGAL_VALUE, Refused, answer
+from ._modbus_server import DEVICE_FAILURE, ILLEGAL_ADDRESS, ILLEGAL_VALUE, ExceptionAnswer, answer
 
 MOST_PERIODS = 20
 """Periods of physics in one go; requests are answered in between."""
@@ -201,13 +201,13 @@ class Box(Generic[C]):
         try:
             return self._cells[table, address]
         except KeyError:
-            raise Refused(ILLEGAL_ADDRESS) from None
+            raise ExceptionAnswer(ILLEGAL_ADDRESS) from None
 
     def _fitting(self, point: Point, value: int) -> int:
         channel = self._channels[point]
         raw = value - (1 << 16) if channel.signed and value >> 15 else value
         if not channel.lowest <= raw <= channel.highest:
-            raise Refused(ILLEGAL_VALUE)
+            raise ExceptionAnswer(ILLEGAL_VALUE)
         return raw
 
     def _set(self, point: Point, raw: int) -> None:

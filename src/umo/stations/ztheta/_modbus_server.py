@@ -19,7 +19,7 @@ _LONGEST = 254
 _ON, _OFF = 0xFF00, 0x0000
 
 
-class Refused(Exception):
+class ExceptionAnswer(Exception):
     """The request is answered by this exception."""
 
     def __init__(self, code: int) -> None:
@@ -28,7 +28,7 @@ class Refused(Exception):
 
 
 class Cells(Protocol):
-    """The four tables. Both methods raise Refused; a refused write has changed nothing."""
+    """The four tables. Both methods raise ExceptionAnswer; a refused write has changed nothing."""
 
     def read(self, table: str, address: int, count: int) -> list[int]: ...
 
@@ -40,7 +40,7 @@ def answer(request: bytes, cells: Cells) -> bytes:
     function, body = request[0], request[1:]
     try:
         return bytes([function & 0x7F]) + _answer(function, body, cells)
-    except Refused as refused:
+    except ExceptionAnswer as refused:
         return bytes([function | 0x80, refused.code])
 
 
@@ -51,14 +51,14 @@ def _answer(function: int, body: bytes, cells: Cells) -> bytes:
         return _write_one(function, body, cells)
     if function in (15, 16):
         return _write_many(function, body, cells)
-    raise Refused(ILLEGAL_FUNCTION)
+    raise ExceptionAnswer(ILLEGAL_FUNCTION)
 
 
 def _read(function: int, body: bytes, cells: Cells) -> bytes:
     table, most = _READS[function]
     address, count = _two_words(body, len(body))
     if not 1 <= count <= most:
-        raise Refused(ILLEGAL_VALUE)
+        raise ExceptionAnswer(ILLEGAL_VALUE)
     values = cells.read(table, address, count)
     packed = _pack_bits(values) if function < 3 else struct.pack(f">{count}H", *values)
     return bytes([len(packed)]) + packed
@@ -71,7 +71,7 @@ def _write_one(function: int, body: bytes, cells: Cells) -> bytes:
     elif value in (_ON, _OFF):
         cells.write("coil", address, [int(value == _ON)])
     else:
-        raise Refused(ILLEGAL_VALUE)
+        raise ExceptionAnswer(ILLEGAL_VALUE)
     return body
 
 
@@ -80,7 +80,7 @@ def _write_many(function: int, body: bytes, cells: Cells) -> bytes:
     packed = body[5:]
     table, most, size = ("coil", 1968, (count + 7) // 8) if function == 15 else ("holding", 123, 2 * count)
     if not 1 <= count <= most or body[4] != size or len(packed) != size:
-        raise Refused(ILLEGAL_VALUE)
+        raise ExceptionAnswer(ILLEGAL_VALUE)
     bitwise = function == 15
     values = _unpack_bits(packed, count) if bitwise else list(struct.unpack(f">{count}H", packed))
     cells.write(table, address, values)
@@ -89,7 +89,7 @@ def _write_many(function: int, body: bytes, cells: Cells) -> bytes:
 
 def _two_words(body: bytes, length: int) -> tuple[int, int]:
     if length != 4:
-        raise Refused(ILLEGAL_VALUE)
+        raise ExceptionAnswer(ILLEGAL_VALUE)
     return body[0] << 8 | body[1], body[2] << 8 | body[3]
 
 

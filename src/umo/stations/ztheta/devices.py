@@ -103,7 +103,7 @@ class Counterbalance:
         return min(1023, int(self.pressure / self.COUNT))
 
 
-class Gripper:
+class SuctionCup:
     """The vacuum in the suction cup. It holds a part only while all six points of the lip touch it."""
 
     SUCTION = 60_000.0

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from .courier import Courier, Pose
-from .devices import Counter, Counterbalance, Gripper, StepDrive
+from .devices import Counter, Counterbalance, StepDrive, SuctionCup
 
 mj: Any = mujoco  # its compiled half carries no types
 
@@ -50,7 +50,7 @@ class Physics:
         self._drops = "dropped-part" in faults
         self._dropped_at: float | None = None
         self.counterbalance = self._start(rng, park)
-        self.gripper = Gripper(leaky="leaky-cup" in faults)
+        self.gripper = SuctionCup(leaky="leaky-cup" in faults)
         self.courier = Courier(stops, self.pose, park=park, absent="no-courier" in faults)
         self.z_counter = Counter(
             resolution=Z_RESOLUTION, origin=Z_ORIGIN, index=Z_INDEX, preset=preset, bits=16, signed=False

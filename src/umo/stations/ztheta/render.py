@@ -17,7 +17,7 @@ from umo.errors import DriverError
 
 from .plant import Plant
 
-Picture = npt.NDArray[np.uint8]
+Pixels = npt.NDArray[np.uint8]
 MOST_GEOMS = 1000
 
 
@@ -52,7 +52,7 @@ class Camera:
         self._mj.mjr_setBuffer(self._mj.mjtFramebuffer.mjFB_OFFSCREEN, self._target)
         self._model, self._option = model, self._mj.MjvOption()
 
-    def picture(self) -> Picture:
+    def picture(self) -> Pixels:
         """The plant as it stands: height x width x RGB."""
         mj = self._mj
         mj.mjv_updateScene(self._model, self._data, self._option, None, self._view, mj.mjtCatBit.mjCAT_ALL, self._scene)
@@ -86,7 +86,7 @@ def _context(width: int, height: int) -> Any:
     return context
 
 
-def render(plant: Plant, width: int = 960, height: int = 720) -> Picture:
+def render(plant: Plant, width: int = 960, height: int = 720) -> Pixels:
     """One picture of an open plant, at most 1280 x 960: height x width x RGB."""
     with Camera(plant, width, height) as camera:
         return camera.picture()

@@ -22,7 +22,7 @@ from umo.objects import Compound, DigitalSensor
 from umo.process.job import Plan
 from umo.process.life import Life
 from umo.process.messages import MessageSocket
-from umo.process.outcome import Failed, Outcome, Parts
+from umo.process.outcome import Failed, Outcome, Parts, plain, status_of
 from umo.system import realtime
 from umo.system.custody import Custody
 from umo.text import text_of
@@ -44,6 +44,9 @@ class Control:
         self._guardian = guardian
         self._path = ring
         self._hang = plan.wired.process.hang_timeout
+        self._gap = min([self._hang, *plan.wired.watchdogs.values()])
+        """s without a period after which a circuit may have reset its outputs by itself, or this process counts as
+        hung."""
         self._alarm = ""
         self._order = stop_sequence(plan.machine)
         self._connection: connect[Any] | None = None
@@ -51,16 +54,38 @@ class Control:
     def run(self) -> Outcome:
         """Connect, drive, leave; whatever ends it is in the outcome."""
         outcome = Outcome()
+        error: BaseException | None = None
         realtime.die_with_parent(signal.SIGTERM)
         try:
             self._work(outcome)
-        except BaseException as error:
+        except BaseException as caught:
+            error = caught
+        self._judge(outcome, error)
+        result, outcome.result = outcome.result, None
+        self.report(outcome)  # what comes next calls code of the application's: texts of its errors, its results
+        outcome.result = plain(result)
+        if error is not None:
             outcome.failure = Failed.of(error)
-            if isinstance(error, StopError):
-                actuators = {item.path for item in self._order}
-                outcome.unreached = sorted({failure.path for failure in error.failures} & actuators)
         if self._connection is not None:
             outcome.parts = Parts.of(self._plan.machine, self._connection.reports.values())
+        self.report(outcome)
+        return outcome
+
+    def report(self, outcome: Outcome) -> None:
+        """The machine has ended so, whatever becomes of this process from here on."""
+        self._life.report(outcome.encode())
+        self._life.enter(Stage.ENDED)
+
+    def _judge(self, outcome: Outcome, error: BaseException | None) -> None:
+        """What is known of the end without a call of anybody's code."""
+        if error is not None:
+            outcome.failure = Failed(
+                type(error).__name__, f"{type(error).__name__} (its text was lost)", status_of(error)
+            )
+        outcome.driven = self._connection is not None and self._connection.started
+        if isinstance(error, StopError):
+            actuators = {item.path for item in self._order}
+            outcome.unreached = sorted({failure.path for failure in error.failures} & actuators)
         if not (self._connection is None or self._connection.reached or outcome.unreached):
             outcome.unreached = [item.path for item in self._order]  # leaving itself failed: nothing is known
         if self.orphaned or self._life.unwatched > self._unwatched_limit:
@@ -69,7 +94,6 @@ class Control:
         if self._alarm and outcome.failure is None:
             what = f"{self._alarm}; the control process stopped the machine"
             outcome.failure = Failed("Stopped", what, 1)
-        return outcome
 
     @property
     def orphaned(self) -> bool:
@@ -115,7 +139,7 @@ class Control:
         """Give a sign of life. Check whether this process was suspended, asked to stop, or lost its guardian."""
         life = self._life
         gap = life.beat()
-        if gap > self._hang:
+        if gap > self._gap:
             self._stop(f"no process ran for {gap:.1f} s: they were stopped, or the computer was suspended")
         elif life.asked:
             request_stop(life.asked)
