@@ -167,6 +167,17 @@ def test_the_largest_excess_and_its_counters_decide(changes: dict[str, int], cau
     assert text in verdict.text
 
 
+def test_a_second_miss_from_one_long_period_has_the_cause_of_the_first() -> None:
+    layout = Layout((), LAYOUT.phases, {"period": 0.001})
+    frames = frames_with(20, sample=3_100_000)
+    frames["missed"][21] = 1
+    verdict = explain(frames, layout, 21)
+    assert (verdict.cause, verdict.missed) == (Cause.DRIVER, 1)
+    assert verdict.text == "still late: driver io took 3.1 ms (sample)"
+    frames["phases"][20][2] = 2 * MS  # control: late by itself
+    assert explain(frames, layout, 21).cause is Cause.CONTROL
+
+
 def test_the_first_rows_have_no_past() -> None:
     frames = frames_with(1)
     assert missed_rows(frames) == [1]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import logging
 import os
 import pty
 import shutil
@@ -11,6 +13,8 @@ import sys
 from pathlib import Path
 
 import pytest
+
+from umo.system import streams
 
 pytestmark = [
     pytest.mark.slow,
@@ -156,3 +160,17 @@ def test_ctrl_c_before_there_is_a_machine_is_130_without_a_word(tank: Path) -> N
         objects.write_text(before)
     assert ended.returncode == 128 + signal.SIGINT
     assert ended.stderr.strip() == ""
+
+
+@pytest.mark.parametrize(("terminal", "begun"), [(True, "\r\x1b[2K"), (False, "")])
+def test_a_log_message_begins_on_a_line_of_its_own(monkeypatch: pytest.MonkeyPatch, terminal: bool, begun: str) -> None:
+    class Screen(io.StringIO):
+        def isatty(self) -> bool:
+            return terminal
+
+    monkeypatch.setattr(logging, "lastResort", None)
+    monkeypatch.setattr(sys, "stderr", screen := Screen())
+    streams.log_on_lines()
+    assert logging.lastResort is not None
+    logging.lastResort.handle(logging.makeLogRecord({"msg": "heater inhibited", "levelno": logging.WARNING}))
+    assert screen.getvalue() == f"{begun}heater inhibited\n"

@@ -376,9 +376,12 @@ def test_from_a_frame_back_over_its_journal_stands_what_the_whole_machine_sample
                     work[step]()
 
         do([step for step in before if step != "sample"])
-        count = ring.journal.count
+        count, stood = ring.journal.count, list(connection.image.raws)
         do(["sample"])
         sampled = list(connection.image.raws)
+        for each in m.relays:  # a default that was not accepted is sent again after the transfer of a sample
+            slot = connection.image.slot_of[id(each)]
+            sampled[slot] = stood[slot]
         do(after)
         with suppress(DriverError):
             m.update()

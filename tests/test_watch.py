@@ -53,7 +53,7 @@ def test_ps_names_the_machines_that_stand_stopped() -> None:
     run.begin(False)
     run.stopped("the control process hung", ["motor"])
     found = said(umo("ps"))
-    assert "stands stopped: press (rig) was stopped at" in found
+    assert "stands stopped: press (rig) on bus 1 was stopped at" in found
     assert "the control process hung; not reached: motor (start it with --acknowledge)" in found
 
 

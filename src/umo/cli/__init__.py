@@ -3,9 +3,10 @@
 
 def main() -> None:
     """Entry point; typer and what it needs are imported here, not with umo."""
-    from umo.system.streams import keep_open
+    from umo.system.streams import keep_open, log_on_lines
 
     keep_open()
+    log_on_lines()
     from umo.cli.app import app
 
     app()

@@ -28,7 +28,7 @@ from umo.process.reset import Resetter, summary
 from umo.process.watcher import Watcher
 from umo.system import realtime
 from umo.system.custody import Custody
-from umo.system.streams import keep_open
+from umo.system.streams import keep_open, log_on_lines
 from umo.text import cause_of
 
 LOOK = 0.02
@@ -48,6 +48,7 @@ SPARES = 4
 def main(file: int, job_file: int) -> int:
     """A guardian process from its job to its exit status."""
     keep_open()  # what is printed, here or in the control process, cannot end a run
+    log_on_lines()
     channel = MessageSocket(socket.socket(fileno=file))
     custody = guardian = None
     try:

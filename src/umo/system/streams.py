@@ -7,6 +7,7 @@ without an exception.
 from __future__ import annotations
 
 import io
+import logging
 import os
 import sys
 from contextlib import suppress
@@ -34,6 +35,14 @@ def keep_open() -> None:
         os.close(file)
     sys.stdout = _steady(1, sys.stdout)
     sys.stderr = _steady(2, sys.stderr)
+
+
+def log_on_lines() -> None:
+    """Log messages that no handler takes begin on a line of their own: the line of a run's progress may stand there."""
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setLevel(logging.WARNING)
+    handler.setFormatter(logging.Formatter("\r\x1b[2K%(message)s" if sys.stderr.isatty() else None))
+    logging.lastResort = handler
 
 
 def _steady(number: int, before: TextIO | None) -> TextIO:
