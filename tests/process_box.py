@@ -32,8 +32,8 @@ class Machine(umo.Compound):
     stop_order = ("valve", "motor")
 
 
-def machine() -> Machine:
-    return Machine(
+def machine(kind: type[Machine] = Machine) -> Machine:
+    return kind(
         timer=umo.DigitalSensor("sampling_period", minimum=0.0, maximum=99_999.9, resolution=1.0, synchronous=False),
         switch=umo.BinarySensor(umo.PassFail, one=umo.PassFail.FAIL),
         motor=umo.DigitalActuator("V", default=0.0, minimum=-10.0, maximum=10.0, resolution=0.01),
@@ -395,6 +395,63 @@ class Mute(Box):
 
     def report(self) -> dict[str, Any]:
         raise SystemExit("no report")
+
+
+def _leave() -> None:
+    raise asyncio.CancelledError
+
+
+FAULTS = {"raise": _fail, "hang": _hang, "crash": _kill, "leave": _leave}
+
+
+class Faulty(Box):
+    """`fault="open:raise close:hang reset.valve:leave"`: each time the call is made (for the valve), it does this."""
+
+    def __init__(self, *, fault: str, file: str) -> None:
+        super().__init__(file=file)
+        self._faults = dict(each.split(":") for each in fault.split())
+
+    def _fault(self, call: str) -> None:
+        if call in self._faults:
+            FAULTS[self._faults[call]]()
+
+    def open(self) -> None:
+        self._fault("open")
+
+    def close(self) -> None:
+        self._fault("close")
+
+    def initialize(self, channel: Channel, default: int | None) -> None:
+        self._fault(f"initialize.{channel.text}")
+        super().initialize(channel, default)
+
+    def reset(self, channel: Channel, default: int | None) -> None:
+        self._fault(f"reset.{channel.text}")
+        super().reset(channel, default)
+
+
+class Silent(Box):
+    """Many outputs, of which only one answers: the motor."""
+
+    def channel(self, text: str) -> Channel:
+        return Channel(text, Direction.OUTPUT, 1)
+
+    def _put(self, channel: Channel, raw: int | None) -> None:
+        if channel.text != "motor":
+            raise umo.DeviceTimeout("slot gone")
+        super()._put(channel, raw)
+
+
+class Unaccountable(Machine):
+    """What it has placed cannot be asked."""
+
+    @property
+    def parts_total(self) -> int:
+        raise KeyError("tray")
+
+
+def unaccountable() -> Machine:
+    return machine(Unaccountable)
 
 
 class HangsInReset(Box):

@@ -6,6 +6,7 @@ import errno
 import os
 import random
 import signal
+import stat
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -126,6 +127,12 @@ def test_a_box_before_the_first_frame_is_empty_and_says_so(tmp_path: Path) -> No
     result = CliRunner().invoke(app, ["why", "--file", str(tmp_path / "x.box")])
     assert result.exit_code == 2
     assert "no period is in" in result.stderr
+
+
+def test_others_may_look_past_the_black_boxes_for_records_but_not_into_them() -> None:
+    """Or the records of this user would be unknown to them, and every start of theirs refused."""
+    folder = blackbox.folder()
+    assert [stat.S_IMODE(path.stat().st_mode) for path in (folder.parent, folder)] == [0o755, 0o700]
 
 
 def test_a_disk_that_fills_up_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

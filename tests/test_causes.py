@@ -178,6 +178,16 @@ def test_a_second_miss_from_one_long_period_has_the_cause_of_the_first() -> None
     assert explain(frames, layout, 21).cause is Cause.CONTROL
 
 
+def test_periods_that_are_all_too_long_are_explained_one_by_one() -> None:
+    layout = Layout((), LAYOUT.phases, {"period": 0.001})
+    frames = frames_with(20)
+    frames["missed"][:] = 1
+    last = len(frames) - 1
+    verdict = explain(frames, layout, last)
+    assert (verdict.cause, verdict.row) == (Cause.UNKNOWN, last)
+    assert verdict.text == "still late: the periods before it are not in this file"
+
+
 def test_the_first_rows_have_no_past() -> None:
     frames = frames_with(1)
     assert missed_rows(frames) == [1]

@@ -91,21 +91,21 @@ def test_interlocks_that_fail(umo: Umo, tank: Path, command: list[str], failing:
 
 
 @failures
-def test_control_code_that_fails_in_virtual_time(umo: Umo, tank: Path, failing: str, words: str) -> None:
-    change(tank / "control.py", "self.regulator.control()", f"self.regulator.control(); {failing}")
+@pytest.mark.parametrize(
+    ("file", "before", "after"),
+    [
+        ("control.py", "self.regulator.control()", "self.regulator.control(); {}"),
+        ("application.py", "await ", "{}; await "),
+    ],
+)
+def test_code_of_the_station_that_fails_in_virtual_time(
+    umo: Umo, tank: Path, file: str, before: str, after: str, failing: str, words: str
+) -> None:
+    change(tank / file, before, after.format(failing))
     result = umo("run", "tank")
     assert result.exit_code == 1
     assert words in said(result)
-    assert "control.py:" in said(result)
-
-
-@failures
-def test_an_application_that_fails_in_virtual_time(umo: Umo, tank: Path, failing: str, words: str) -> None:
-    change(tank / "application.py", "await ", f"{failing}; await ")
-    result = umo("run", "tank")
-    assert result.exit_code == 1
-    assert words in said(result)
-    assert "application.py:" in said(result)
+    assert f"{file}:" in said(result)
 
 
 @pytest.mark.parametrize(("failing", "words"), [each for each in FAILURES.items() if each[1] not in BARE])

@@ -1050,3 +1050,18 @@ def test_all_guards_together_do_what_a_small_model_does(
                 assert m.ram.pending == model.target
     finally:
         forms.ARRAYS_FROM = before
+
+
+@pytest.mark.parametrize(("synchronous", "guarded"), [(True, False), (False, True)])
+def test_a_machine_without_guards_and_asynchronous_actuators_samples_without_a_detour(
+    synchronous: bool, guarded: bool
+) -> None:
+    """Its timer is an asynchronous sensor."""
+    connection = connect(Plain(timer=timer(), lamp=relay(synchronous=synchronous)), None)
+    with connection:
+        assert (connection.machine.sample_all != connection.image.sample) is guarded
+
+
+class Plain(Compound):
+    timer: DigitalSensor
+    lamp: BinaryActuator[OnOff]

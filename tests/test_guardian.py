@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 import process_box
-from machines import bench, wired
+import umo
+from machines import bench, relay, wired
 from process_box import Cells
 from test_hold import Board, on
 from test_process import Run, assert_safe, standing
@@ -31,6 +32,7 @@ from umo.process.life import LARGEST, Life
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome, Parts, plain
 from umo.process.reset import Resetter
+from umo.system import realtime
 from umo.system.custody import Custody
 from umo.testing import Scripted, periods
 from umo.wiring import resolve
@@ -86,6 +88,16 @@ def test_parts_of_a_machine_may_have_any_name(tmp_path: Path, cells: Cells) -> N
     wiring["wire"] |= {"placed": {"driver": "simulated"}, "parts_total": {"driver": "simulated"}}
     outcome = Run(wiring, machine="process_box:counted").outcome()
     assert (outcome.status, outcome.unsafe, outcome.parts.placed) == (0, False, None)
+
+
+def test_a_control_process_that_ends_before_it_has_reported_the_result_did_not_succeed(
+    tmp_path: Path, cells: Cells
+) -> None:
+    outcome = Run(process_box.wiring(tmp_path / "box"), machine="process_box:unaccountable").outcome()
+    assert (outcome.status, outcome.unsafe, outcome.unreached) == (1, False, [])
+    assert outcome.failure is not None
+    assert "ended before it had reported the result" in outcome.failure.message
+    assert_safe(cells)
 
 
 def test_a_count_of_numpy_is_a_count() -> None:
@@ -227,7 +239,7 @@ def test_a_gap_longer_than_the_hang_limit_ends_the_run(monkeypatch: pytest.Monke
     one = watched(gap=3.0)
     one._each_period(cast(Any, None))
     assert stopped == [None]
-    assert "no process ran for 3.0 s" in one._alarm
+    assert "no period ended for 3.0 s, limit" in one._alarm
     watched(gap=0.05)._each_period(cast(Any, None))
     assert len(stopped) == 1
     watched(unwatched=0.6)._each_period(cast(Any, None))
@@ -347,8 +359,7 @@ def test_a_period_longer_than_the_limit_for_a_step_of_starting_does_not_count_as
 
 def test_a_suspended_computer_is_not_taken_for_a_hanging_control_process(monkeypatch: pytest.MonkeyPatch) -> None:
     now, looks = [10**12], [0]
-    for module in (guardian, life_module):
-        monkeypatch.setattr(module, "clock", lambda: now[0])
+    monkeypatch.setattr(life_module, "clock", lambda: now[0])
     monkeypatch.setattr(life_module.time, "clock_gettime_ns", lambda clock: now[0])
     life = Life()
 
@@ -359,14 +370,31 @@ def test_a_suspended_computer_is_not_taken_for_a_hanging_control_process(monkeyp
 
     life.gone = look  # type: ignore[method-assign]
     life.enter(guardian.Stage.RUNNING)
+    assert watching(life)._watch() == ""
+
+
+@pytest.mark.parametrize(("late", "after"), [(0.0, 0.12), (0.08, 0.6)])
+def test_a_hang_is_noticed_also_by_a_guardian_whose_looks_come_late(
+    monkeypatch: pytest.MonkeyPatch, late: float, after: float
+) -> None:
+    """As in a container with a CPU quota that the hanging process uses up."""
+    now = [10**12]
+    monkeypatch.setattr(life_module, "clock", lambda: now[0])
+    monkeypatch.setattr(life_module.time, "clock_gettime_ns", lambda clock: now[0])
+    life = Life()
+    life.gone = lambda within: bool(now.__setitem__(0, now[0] + int((within + late) * 1e9)))  # type: ignore[method-assign]
+    life.enter(guardian.Stage.RUNNING)
+    assert watching(life)._watch() == "no sign of life for 100 ms while running"
+    assert (now[0] - 10**12) * 1e-9 == pytest.approx(after)
+
+
+def watching(life: Life) -> guardian.Guardian:
+    """A guardian of a control process that is only this."""
     watch = guardian.Guardian.__new__(guardian.Guardian)
     watch._life, watch._process = life, cast(Any, type("P", (), {"hang_timeout": 0.1}))
     watch._listen = lambda: None  # type: ignore[method-assign]
     watch._watcher = cast(Any, type("W", (), {"look": staticmethod(lambda: None)}))
-    assert watch._watch() == ""
-    looks[0] = 10
-    life.gone = lambda within: bool(now.__setitem__(0, now[0] + int(within * 1e9)))  # type: ignore[method-assign]
-    assert watch._watch() == "no sign of life for 100 ms while running"
+    return watch
 
 
 @pytest.mark.parametrize("number", [signal.SIGCHLD])
@@ -467,6 +495,103 @@ def test_a_write_that_failed_on_a_simulated_circuit_costs_no_waiting() -> None:
 # Resetting from outside -----------------------------------------------------------------------------------
 
 
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in {"GRACE": 0.1, "PATIENCE": 0.05, "PAUSE": 0.01, "BURIAL": 0.2}.items():
+        monkeypatch.setattr(reset, name, value)
+
+
+def resetter_of(tmp_path: Path, wiring: dict[str, Any], **more: Any) -> Resetter:
+    """Of a machine whose outputs are on."""
+    machine = process_box.machine()
+    for name in ("box", "bad"):
+        cells = Cells(tmp_path / name)
+        for i in range(len(process_box.OUTPUTS)):
+            cells.numbers[process_box.LEVELS + i] = 500
+    return Resetter(machine, resolve(machine, wiring), **more)
+
+
+@pytest.mark.parametrize(
+    ("fault", "cause"),
+    [
+        ("open:hang", "a call did not return within"),
+        ("open:crash", "the driver crashed (SIGKILL)"),
+        ("open:raise close:leave", "unplugged"),
+        ("open:leave", "CancelledError"),
+        ("initialize.valve:hang", "a call did not return within"),
+        ("reset.valve:crash", "the driver crashed"),
+    ],
+)
+@pytest.mark.usefixtures("impatient")
+def test_a_driver_that_fails_in_any_way_keeps_no_other_driver_from_being_reset(
+    tmp_path: Path, fault: str, cause: str
+) -> None:
+    wiring = process_box.wiring(tmp_path / "box", timeout="10 ms")
+    bad = {"type": "process_box:Faulty", "fault": fault, "file": str(tmp_path / "bad"), "timeout": "10 ms"}
+    wiring["drivers"]["bad"], wiring["wire"]["valve"] = bad, {"driver": "bad"}
+    left = resetter_of(tmp_path, wiring).reset(["valve", "motor"], 0.5)
+    assert Cells(tmp_path / "box").levels["motor"] == 0
+    assert list(left) == ["valve"]
+    assert cause in left["valve"]
+
+
+@pytest.mark.parametrize(
+    ("fault", "left"),
+    [("reset.valve:hang", ["valve"]), ("initialize.valve:crash", ["valve"]), ("close:hang", []), ("close:leave", [])],
+)
+@pytest.mark.usefixtures("impatient")
+def test_only_what_was_not_reached_is_reported(tmp_path: Path, fault: str, left: list[str]) -> None:
+    wiring = process_box.wiring(tmp_path / "box", type="process_box:Faulty", fault=fault, timeout="10 ms")
+    assert list(resetter_of(tmp_path, wiring).reset(["valve", "motor"], 0.5)) == left
+    assert Cells(tmp_path / "box").levels["motor"] == 0
+
+
+class Rack(umo.Compound):
+    outs: list[umo.BinaryActuator[umo.OnOff]]
+
+
+@pytest.mark.usefixtures("impatient")
+def test_what_stands_behind_many_that_do_not_answer_is_tried_as_well(tmp_path: Path) -> None:
+    machine = Rack(outs=[relay() for _ in range(4)])
+    box = {"type": "process_box:Silent", "file": str(tmp_path / "box"), "timeout": "10 ms"}
+    wire = {path: {"driver": "box", "channel": path} for path in ("outs.0", "outs.1", "outs.2")}
+    wire["outs.3"] = {"driver": "box", "channel": "motor"}
+    resetter = Resetter(machine, resolve(machine, {"drivers": {"box": box}, "wire": wire}))
+    Cells(tmp_path / "box").numbers[process_box.LEVELS] = 1
+    assert resetter.reset(resetter.paths, 0.05) == dict.fromkeys(resetter.paths[:3], "slot gone")
+    assert Cells(tmp_path / "box").levels["motor"] == 0
+
+
+def test_what_was_not_tried_is_said_to_be_so(tmp_path: Path) -> None:
+    resetter = resetter_of(tmp_path, process_box.wiring(tmp_path / "box"))
+    assert resetter._left([0]) == {resetter.paths[0]: "not tried: its driver did not answer in time"}
+
+
+@pytest.mark.usefixtures("impatient")
+def test_a_child_that_cannot_be_killed_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in a driver call that the kernel does not interrupt."""
+    wiring = process_box.wiring(tmp_path / "box", type="process_box:Faulty", fault="open:hang", timeout="10 ms")
+    kill, children = os.kill, []
+    monkeypatch.setattr(os, "kill", lambda pid, number: children.append(pid))
+    left = resetter_of(tmp_path, wiring).reset(["valve"], 0.0)
+    for pid in children:
+        kill(pid, signal.SIGKILL)
+        os.waitpid(pid, 0)
+    assert left == {"valve": "a call did not return within 0.12 s"}
+
+
+def test_a_reset_needs_no_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(os, "sched_setaffinity", refused)
+    monkeypatch.setattr(realtime, "use_fifo", lambda priority: None)
+    realtime.guard(80)
+    resetter = resetter_of(tmp_path, process_box.wiring(tmp_path / "box"), guard=refused)
+    assert resetter.reset(["valve", "motor"], 0.0) == {}
+    assert_safe(Cells(tmp_path / "box"))
+
+
 def test_a_silent_device_gets_more_time_from_attempt_to_attempt(tmp_path: Path) -> None:
     """Finding E.10: a device that frees its one connection late was kept busy by the reconnecting."""
     machine = process_box.machine()
@@ -480,8 +605,8 @@ def test_a_silent_device_gets_more_time_from_attempt_to_attempt(tmp_path: Path) 
 
 def test_a_board_keeps_what_was_reached_and_why_not() -> None:
     board = ResetBoard(["a", "b", "c"])
-    board.note(0, None)
-    board.note(1, "no route ü" * 100)
+    board.note(0, Reached.YES)
+    board.note(1, Reached.NO, "no route ü" * 100)
     assert [board.reached(i) for i in range(3)] == [Reached.YES, Reached.NO, Reached.UNTRIED]
     assert board.cause(1).startswith("no route ü")
     board.clear()

@@ -103,9 +103,12 @@ def test_a_record_cannot_send_commands_to_the_terminal_that_shows_it() -> None:
     run = Record([DEVICE], "\x1b[2Jpress", "")
     run.begin(False)
     run.stopped("\x1b]0;title\x07", ["\x1b[31mram"])
-    (ended,) = standing(DEVICE)
-    assert str(ended).isprintable()
-    assert "[2Jpress" in str(ended)
+    for state in ("stopped", "running", "odd"):
+        content = json.loads(own_file().read_text())
+        own_file().write_text(json.dumps(content | {"state": state, "device": "bus\x1b[2J"}))
+        (ended,) = standing(DEVICE)
+        assert str(ended).isprintable()
+        assert "bus?[2J" in str(ended)
 
 
 def test_a_start_that_can_be_written_down_for_one_of_two_devices_only_leaves_nothing(
@@ -124,6 +127,22 @@ def test_a_start_that_can_be_written_down_for_one_of_two_devices_only_leaves_not
     with pytest.raises(UmoError):
         Record(["bus 1", "bus 2"], "press", "").begin(False)
     assert standing("bus 1") == []
+
+
+def test_an_acknowledged_start_that_cannot_be_written_down_leaves_every_unsafe_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    before = Record(["bus 1", "bus 2"], "press", "")
+    before.begin(False)
+    before.stopped("killed", ["ram"])
+
+    def full(file: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(UmoError):
+        Record(["bus 1", "bus 2"], "press", "").begin(True)
+    assert [ended.state for device in ("bus 1", "bus 2") for ended in standing(device)] == ["stopped"] * 2
 
 
 def test_a_start_that_cannot_be_written_down_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

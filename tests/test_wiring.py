@@ -374,6 +374,14 @@ def test_a_bad_duration_of_a_driver(key, duration):
     assert [fault[0] for fault in card(**{key: duration})][:1] == [f"drivers.card.{key}"]
 
 
+def test_a_watchdog_must_be_longer_than_the_period():
+    box, clock = Scripted(), VirtualTimer()
+    wiring = wired(bench(), box, clock=clock, entries={"timer": {"period": "100 ms"}})
+    for watchdog, fault in {"100 ms": ["100 ms is not longer than the period, 100 ms"], "101 ms": []}.items():
+        wiring["drivers"]["box"] = {"type": box, "watchdog": watchdog}
+        assert [message for _, message in faults(bench(), wiring)] == fault
+
+
 def test_a_watchdog_where_the_circuit_has_none():
     assert card(watchdog="1 s") == [("drivers.card.watchdog", f"{CARD} has no watchdog of its own")]
 

@@ -135,10 +135,10 @@ class connect(Generic[C]):
     def _start(self) -> None:
         transfer = self.image.transfer
         transfer.on_call = self.on_step
+        for name in self.wired.drivers:
+            self._opened.append(name)
+            transfer.open(name)
         with self._patient():
-            for name in self.wired.drivers:
-                self._opened.append(name)
-                transfer.open(name)
             for slot in self._declared_order():
                 self._initialized.append(slot)
                 failure = self.image.initialize(slot)
@@ -152,7 +152,8 @@ class connect(Generic[C]):
     @contextmanager
     def _patient(self) -> Iterator[None]:
         """Longer timeouts of the hardware: a device that serves one connection at a time may need long to let go of
-        the last one, and nothing runs yet that would have to wait."""
+        the last one, and nothing runs yet that would have to wait. Not for `open`, where a driver may hand its timeout
+        to the circuit for the whole run."""
         drivers = [self.wired.drivers[name] for name in self.wired.hardware]
         timeouts = [driver.timeout for driver in drivers]
         for driver in drivers:

@@ -42,7 +42,8 @@ class ConnectedMachine:
         self.clock.on_tick = self._tick
         image.connect(self.commands)
         self._compounds = [root, *(node for node in root.walk() if isinstance(node, Compound))]
-        commanded = self.commands.by_slot or any(not item.synchronous for item in image.items)
+        asynchronous = (item for item in image.items if not item.synchronous)
+        commanded = self.commands.by_slot or any(item.direction is Direction.OUTPUT for item in asynchronous)
         self.sample_all = self._guarded_sample if commanded else image.sample
         root._connect(self, self._way_to_sample(), self._update)
         for compound in self._compounds[1:]:

@@ -68,7 +68,8 @@ class Driver(ABC, Generic[C]):
     """
 
     timeout: float = 1.0
-    """Timeout of one call in s; set from the wiring before `open`. Default: 10 periods."""
+    """Timeout of one call in s; set from the wiring before `open`. Default: 10 periods. It is longer while objects are
+    initialised and reset."""
     period: float = 0.0
     """Sampling period of the machine in s; 0: no timer. Set from the wiring before `open`."""
     realtime: bool = False

@@ -23,9 +23,10 @@ SUFFIX = ".box"
 
 
 def folder() -> Path:
-    """Where this user's black boxes lie; FramesError where they cannot."""
+    """Where this user's black boxes lie, for nobody else; FramesError where they cannot. All users may look into the
+    folder around it: it has records for them."""
     try:
-        return folders.checked(folders.own(folders.lasting()) / "blackbox")
+        return folders.checked(folders.own(folders.lasting(), 0o755) / "blackbox")
     except OSError as error:
         raise FramesError(f"no folder for black boxes: {error}") from None
 

@@ -62,20 +62,21 @@ def missed_rows(frames: Frames) -> list[int]:
 
 def explain(frames: Frames, layout: Layout, row: int) -> Verdict:
     """Why periods were missed at this row; UNKNOWN at the first two rows, whose past is not at hand."""
-    missed = int(frames["missed"][row])
-    if row < 2:
-        return Verdict(row, missed, Cause.UNKNOWN, "the periods before it are not in this file", 0.0)
     parts = split(frames, layout)
-    late = {name: float(times[row - 1] - np.median(times)) for name, times in parts.items()}
-    part = max(late, key=lambda name: late[name])
-    excess = late[part]
-    if frames["missed"][row - 1] and excess < float(layout.about.get("period", 0.0)) * 0.5e9:
-        before = explain(frames, layout, row - 1)  # one long period can miss two ticks
-        return Verdict(row, missed, before.cause, f"still late: {before.text}", before.excess)
-    end = row if part == AFTER else row - 1  # the counters are read when a frame is being written
-    counted = {name: int(frames[name][end] - frames[name][end - 1]) for name, *_ in USAGE}
-    cause, text = _judge(part, excess, float(parts[part][row - 1]), counted)
-    return Verdict(row, missed, cause, text, excess * 1e-9)
+    usual = {name: float(np.median(times)) for name, times in parts.items()}
+    first, excess, part = row, 0.0, ""
+    while first >= 2:
+        excess, part = max((float(times[first - 1]) - usual[name], name) for name, times in parts.items())
+        if not frames["missed"][first - 1] or excess >= 0.5e9 * float(layout.about.get("period", 0.0)):
+            break
+        first -= 1  # one long period can miss several ticks
+    cause, text = Cause.UNKNOWN, "the periods before it are not in this file"
+    if first >= 2:
+        end = first if part == AFTER else first - 1  # the counters are read when a frame is being written
+        counted = {name: int(frames[name][end] - frames[name][end - 1]) for name, *_ in USAGE}
+        cause, text = _judge(part, excess, float(parts[part][first - 1]), counted)
+    still = "still late: " if first < row else ""
+    return Verdict(row, int(frames["missed"][row]), cause, still + text, excess * 1e-9 if first >= 2 else 0.0)
 
 
 def split(frames: Frames, layout: Layout) -> PhaseTimes:

@@ -19,11 +19,13 @@ ENTRY = 1 + TEXT
 
 
 class Reached(IntEnum):
-    """The result of the last attempt for an actuator."""
+    """The result of an attempt for an actuator."""
 
     UNTRIED = 0
-    YES = 1
-    NO = 2
+    ONCE = 1
+    """Reset, but a request that was still under way may have undone it."""
+    YES = 2
+    NO = 3
 
 
 class Board:
@@ -39,8 +41,7 @@ class Board:
         """Before an attempt. Whether the old process is dead stays known."""
         for number in range(len(self.paths)):
             self._memory[HEADER + number * ENTRY] = Reached.UNTRIED
-        self._cells[AT] = -1
-        self.beat()
+        self.begin(-1)
 
     # The child -----------------------------------------------------------------------------------------
 
@@ -48,16 +49,15 @@ class Board:
         self._cells[BEAT] = clock()
 
     def begin(self, number: int) -> None:
-        """A call for this actuator begins."""
+        """A call for this actuator begins; -1: for none of them."""
         self._cells[AT] = number
         self.beat()
 
-    def note(self, number: int, cause: str | None) -> None:
-        """It was reached (None), or not."""
+    def note(self, number: int, reached: Reached, cause: str = "") -> None:
         at = HEADER + number * ENTRY
-        text = (cause or "").encode(errors="replace")[:TEXT]
+        text = cause.encode(errors="replace")[:TEXT]
         self._memory[at + 1 : at + ENTRY] = text.ljust(TEXT, b"\0")
-        self._memory[at] = Reached.YES if cause is None else Reached.NO
+        self._memory[at] = reached
 
     @property
     def dead(self) -> bool:

@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from umo.system import realtime
 from umo.system.custody import Custody
 from umo.text import text_of
 
+UNREPORTED = "the control process reset every actuator, but ended before it had reported the result"
 WATCHED_EVERY = 0.5
 """Minimum time in s without a sign of life before the guardian counts as lost: a busy computer delays it."""
 
@@ -62,17 +64,18 @@ class Control:
             error = caught
         self._judge(outcome, error)
         result, outcome.result = outcome.result, None
-        self.report(outcome)  # what comes next calls code of the application's: texts of its errors, its results
+        self.report(replace(outcome, failure=outcome.failure or Failed("Lost", UNREPORTED, 1)))
+        if self._connection is not None:
+            outcome.parts = Parts.of(self._plan.machine, self._connection.reports.values())
+        self.report(outcome)  # the status stands; texts of errors and results call code of the application's
         outcome.result = plain(result)
         if error is not None:
             outcome.failure = Failed.of(error)
-        if self._connection is not None:
-            outcome.parts = Parts.of(self._plan.machine, self._connection.reports.values())
         self.report(outcome)
         return outcome
 
     def report(self, outcome: Outcome) -> None:
-        """The machine has ended so, whatever becomes of this process from here on."""
+        """Report how the machine ended. It stands if this process is killed or hangs before the next report."""
         self._life.report(outcome.encode())
         self._life.enter(Stage.ENDED)
 
@@ -140,7 +143,10 @@ class Control:
         life = self._life
         gap = life.beat()
         if gap > self._gap:
-            self._stop(f"no process ran for {gap:.1f} s: they were stopped, or the computer was suspended")
+            self._stop(
+                f"no period ended for {gap:.1f} s, limit {self._gap:g} s: control code or a driver took too long, or "
+                "the processes or the computer were suspended"
+            )
         elif life.asked:
             request_stop(life.asked)
         elif life.unwatched > self._unwatched_limit:

@@ -1,7 +1,8 @@
 """The guardian: forks the control process, watches it, and resets the machine if it dies or hangs.
 
 It reserves everything that a reset needs at its start: a standby child, descriptors, shared memory. It resets the
-machine after any error, and whenever the control process has not reported a clean end.
+machine after any error of its own, and whenever the control process has not reported that every actuator is at its
+default.
 """
 
 from __future__ import annotations
@@ -21,10 +22,10 @@ from umo.cycle.signals import SIGNALS, signal_name
 from umo.cycle.stage import Stage
 from umo.process.control_process import Control, end
 from umo.process.job import Job, Plan
-from umo.process.life import Life, clock
+from umo.process.life import Life
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome
-from umo.process.reset import Resetter, summary
+from umo.process.reset import BURIAL, Resetter, summary
 from umo.process.watcher import Watcher
 from umo.system import realtime
 from umo.system.custody import Custody
@@ -33,14 +34,14 @@ from umo.text import cause_of
 
 LOOK = 0.02
 """s between two looks at the starter and at the frames; death is seen at once."""
+LOOKS = 3
+"""The minimum number of looks without a sign of life before the control process counts as hung."""
 WHERE = signal.SIGUSR2
 """At this signal the control process writes down where its Python code stands."""
 STARTING_LIMIT = 30.0
 """Timeout in s of a step of connecting, in addition to two periods."""
 REPORTING_LIMIT = 5.0
 """s that the control process may take for its report when the machine has been reset."""
-BURIAL = 5.0
-"""Time in s that a killed process may take to end."""
 SPARES = 4
 """Descriptors kept free for the end."""
 
@@ -148,8 +149,8 @@ class Guardian:
             if outcome.unsafe:  # the guardian is gone or stopped: it is for this process to say so
                 assert outcome.failure is not None
                 self._custody.stopped(outcome.failure.message, outcome.unreached)
-            if outcome.unsafe and not control.orphaned:
-                os.kill(guardian, signal.SIGKILL)
+                if not control.orphaned:
+                    os.kill(guardian, signal.SIGKILL)
             end(outcome.status)
         except BaseException:
             with suppress(BaseException):
@@ -159,17 +160,15 @@ class Guardian:
 
     def _watch(self) -> str:
         """Until the control process is gone (""), or hangs: then what is known of it."""
-        seen = resumed = clock()
+        beat = looks = 0
         while not self._life.gone(LOOK):
-            now = clock()
-            late, seen = (now - seen) * 1e-9 - LOOK, now
             self._life.watch()
             self._listen()
             self._watcher.look()
-            limit = self._limit()
-            if late > limit / 2:  # this computer stood still: the control process says so itself, if it still can
-                resumed = now
-            if min(self._life.silence, (now - resumed) * 1e-9) > limit:
+            looks = looks + 1 if beat == self._life.last_beat else 0
+            beat, limit = self._life.last_beat, self._limit()
+            # several looks: if the whole computer stood still, the control process gets time to report that itself
+            if self._life.silence > limit and looks >= max(LOOKS, limit / LOOK):
                 return f"no sign of life for {limit * 1e3:g} ms while {self._life.stage}"
         return ""
 

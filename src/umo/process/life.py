@@ -103,6 +103,11 @@ class Life:
             return Stage.RUNNING
 
     @property
+    def last_beat(self) -> int:
+        """Time of the last sign of life, in ns on `clock`."""
+        return int(self._cells[BEAT])
+
+    @property
     def silence(self) -> float:
         """Seconds since the last sign of life."""
         return (clock() - self._cells[BEAT]) * 1e-9

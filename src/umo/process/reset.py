@@ -13,6 +13,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from math import inf
 from time import monotonic, sleep
 from types import FrameType
 from typing import Literal, NoReturn
@@ -32,6 +33,8 @@ GRACE = 1.0
 PAUSE = 0.2
 """s between two attempts."""
 LOOK = 0.0005
+BURIAL = 5.0
+"""Time in s that a killed process may take to end."""
 SPARES = 16
 """Descriptors that the child on standby keeps free for the drivers."""
 IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -49,7 +52,13 @@ class Resetter:
         self.paths = [wire.item.path for wire in self._wires]
         self._board = Board(self.paths)
         self._attempt = 0
+        self._each = False
+        """Whether every actuator is tried, also after a timeout of its driver."""
+        self._known: dict[int, tuple[Reached, str]] = {}
+        """The result of the last attempt that came to an actuator, with the cause."""
+        self._why = "its driver did not answer in time"
         self._stuck: set[int] = set()
+        """Drivers (by id) that hung or crashed."""
         self._misses = [0] * len(self._wires)
         self._child = 0
         self._start = self._heard = -1
@@ -76,47 +85,70 @@ class Resetter:
         is_dead: Callable[[], bool] = lambda: True,
         said: Callable[[str], object] = lambda text: None,
     ) -> dict[str, str]:
-        """Bring these actuators to their defaults, trying for `lasting` s; what was not reached, with the cause.
+        """Bring these actuators to their defaults, trying for `lasting` s, and as long again for those that no attempt
+        came to; what was not reached, with the cause.
 
         `is_dead` says whether the old process is gone for certain: then everything is reset once more, and a last
         time when a request that was still under way has been carried out.
         """
         numbers = {path: number for number, path in enumerate(self.paths)}
-        left = {path: "" for path in paths if path in numbers}
+        wanted = [numbers[path] for path in paths if path in numbers]
         until = monotonic() + lasting
         told = False
-        while left:
-            self._run([numbers[path] for path in left], is_dead)
-            reached = {path for path in left if self._board.reached(numbers[path]) is Reached.YES}
-            left = {path: self._missed(numbers[path]) for path in left if path not in reached}
-            if not left or monotonic() >= until:
+        while due := [number for number in wanted if self._result(number)[0] is not Reached.YES]:
+            self._run(due, is_dead)
+            left = self._left(wanted)
+            if monotonic() >= until:
                 break
-            if not told:
+            if left and not told:
                 told = True
                 said(f"not reached yet, retrying for up to {lasting:g} s: {summary(left)}")
             self._pause(is_dead)
-        return left
+        if untried := [number for number in wanted if number not in self._known]:
+            self._try_each(untried, is_dead, monotonic() + lasting)
+        return self._left(wanted)
 
-    def _missed(self, number: int) -> str:
-        """Count it, and say why."""
-        if self._board.reached(number) is not Reached.NO:
-            return "not tried: its driver did not answer in time"
-        self._misses[number] += 1
-        return self._board.cause(number)
+    def _try_each(self, numbers: list[int], is_dead: Callable[[], bool], until: float) -> None:
+        """Those that no attempt came to, since others of their drivers had timed out. Each is tried once, with the
+        timeout of the wiring."""
+        self._each = True
+        self._run(numbers, is_dead, until)
+
+    def _left(self, wanted: Iterable[int]) -> dict[str, str]:
+        """What is not at its default, with the cause."""
+        results = {self.paths[number]: self._result(number) for number in wanted}
+        return {path: cause for path, (reached, cause) in results.items() if reached in (Reached.UNTRIED, Reached.NO)}
+
+    def _result(self, number: int) -> tuple[Reached, str]:
+        """Of the last attempt that came to it."""
+        return self._known.get(number, (Reached.UNTRIED, f"not tried: {self._why}"))
 
     # The guardian's side -------------------------------------------------------------------------------
 
-    def _run(self, numbers: list[int], is_dead: Callable[[], bool]) -> None:
-        """One attempt."""
-        # in stop order; what hung or failed before comes last, so that it does not keep the others from being tried
-        numbers.sort(key=lambda number: (id(self._wires[number].driver) in self._stuck, self._misses[number], number))
+    def _run(self, numbers: list[int], is_dead: Callable[[], bool], until: float = inf) -> None:
+        """One attempt: in one child, and in one more for each driver that hung or crashed before."""
         self._board.clear()
         limit = self._limit()
-        if not self._begin(numbers):
-            self._work_here(numbers, is_dead, limit)
-        else:
-            self._follow(is_dead, limit)
+        for group in self._groups(numbers):
+            self._board.begin(-1)
+            if self._begin(group):
+                self._follow(is_dead, limit, until)
+            else:
+                self._work_here(group, is_dead, limit)
         self._attempt += 1
+        for number in numbers:
+            reached = self._board.reached(number)
+            if reached is not Reached.UNTRIED:
+                self._known[number] = reached, self._board.cause(number)
+                self._misses[number] += reached is Reached.NO
+
+    def _groups(self, numbers: list[int]) -> list[list[int]]:
+        """In stop order; what failed before comes last, so that it does not keep the others from being tried."""
+        groups: dict[int, list[int]] = {0: []}
+        for number in sorted(numbers, key=lambda number: (self._misses[number], number)):
+            driver = id(self._wires[number].driver)
+            groups.setdefault(driver if driver in self._stuck else 0, []).append(number)
+        return [group for group in groups.values() if group]
 
     def _begin(self, numbers: list[int]) -> bool:
         """Let the child on standby work, or fork another; False where that cannot be."""
@@ -133,36 +165,37 @@ class Resetter:
             self._work_as_child(numbers)
         return True
 
-    def _follow(self, is_dead: Callable[[], bool], limit: float) -> None:
-        """Until the child ends; end it when one of its calls does not return."""
-        why = ""
+    def _follow(self, is_dead: Callable[[], bool], limit: float, until: float) -> None:
+        """Until the child ends; end it when one of its calls does not return, or at `until`."""
+        why, given_up = "", inf
         while True:
             try:
                 pid, status = os.waitpid(self._child, os.WNOHANG)
             except ChildProcessError:  # somebody else has waited for it
                 pid, status = self._child, 0
-            if pid:
+            if pid or monotonic() > given_up:  # it cannot be killed: blocked in a kernel call
                 break
             if is_dead():
                 self._board.declare_dead()
-            if not why and self._board.silence > limit:
-                why = f"a call did not return within {limit:g} s"
+            silent = self._board.silence > limit
+            if not why and (silent or monotonic() > until):
+                why = f"a call did not return within {limit:g} s" if silent else "no time was left"
+                given_up = monotonic() + BURIAL
                 os.kill(self._child, signal.SIGKILL)
             sleep(LOOK)
         self._child = 0
-        if os.WIFSIGNALED(status) and not why:
-            why = f"the driver crashed ({signal_name(os.WTERMSIG(status))})"
+        if status and not why:
+            crashed = os.WIFSIGNALED(status)
+            why = f"the driver crashed ({signal_name(os.WTERMSIG(status))})" if crashed else "the reset failed"
         if why:
             self._blame(why)
 
     def _blame(self, why: str) -> None:
         """The call that was under way did it; what comes after it was not tried."""
+        self._why = why
         if self._board.at >= 0:
             self._stuck.add(id(self._wires[self._board.at].driver))
-            self._board.note(self._board.at, why)
-        for number in range(len(self.paths)):
-            if self._board.reached(number) is Reached.UNTRIED:
-                self._board.note(number, why)
+            self._board.note(self._board.at, Reached.NO, why)
 
     def _work_here(self, numbers: list[int], is_dead: Callable[[], bool], limit: float) -> None:
         """No child can be had: in this process; a call that does not return is interrupted by an alarm."""
@@ -178,7 +211,7 @@ class Resetter:
         before = signal.signal(signal.SIGALRM, interrupt)
         try:
             self._bring_to_defaults(numbers, look)
-        except Exception as error:
+        except BaseException as error:
             self._blame(cause_of(error))
         finally:
             signal.setitimer(signal.ITIMER_REAL, 0)
@@ -196,7 +229,7 @@ class Resetter:
     def _timeout(self, name: str) -> float:
         """The timeout of a driver in this attempt, s: it grows, up to PATIENCE."""
         timeout = self._timeouts[name]
-        return max(timeout, min(timeout * 4.0**self._attempt, PATIENCE))
+        return timeout if self._each else max(timeout, min(timeout * 4.0**self._attempt, PATIENCE))
 
     # In the child --------------------------------------------------------------------------------------
 
@@ -219,7 +252,8 @@ class Resetter:
             realtime.die_with_parent(signal.SIGKILL)
             for number in IGNORED:
                 signal.signal(number, signal.SIG_IGN)
-            self._guard()
+            with suppress(Exception):
+                self._guard()
             self._bring_to_defaults(numbers, lambda: None)
             os._exit(0)
         except BaseException:
@@ -249,11 +283,12 @@ class Resetter:
         reached = self._pass(transfer, reached, "reset")
         if reached:
             wait_for(settling(self._wired), sleep, call)
-            reached = self._pass(transfer, reached, "reset", last=True)
+            reached = self._pass(transfer, reached, "reset", Reached.YES)
+        board.begin(-1)  # whatever happens from here on, they are at their defaults
         for number in reversed(reached):
             transfer.finalize(number)
         for name in reversed(opened):
-            with suppress(Exception):
+            with suppress(BaseException):
                 transfer.close(name)
 
     def _open(self, numbers: list[int], transfer: Transfer, names: dict[int, str]) -> list[str]:
@@ -267,25 +302,31 @@ class Resetter:
                 transfer.open(name)
             except BaseException as error:
                 for number in mine:
-                    self._board.note(number, cause_of(error))
-                with suppress(Exception):
+                    self._board.note(number, Reached.NO, cause_of(error))
+                with suppress(BaseException):
                     transfer.close(name)
                 continue
             opened.append(name)
         return opened
 
     def _pass(
-        self, transfer: Transfer, numbers: list[int], segment: Literal["initialize", "reset"], last: bool = False
+        self,
+        transfer: Transfer,
+        numbers: list[int],
+        segment: Literal["initialize", "reset"],
+        reached: Reached = Reached.ONCE,
     ) -> list[int]:
-        """One segment for each; those that were reached. What is reached counts with the last pass; what was not tried,
-        as its driver had timed out, stays so."""
-        reached = []
-        for number, failure in transfer.bring_to_default(numbers, segment, self._board.begin, patient=False):
-            if failure is None:
-                reached.append(number)
-            if last or failure is not None:
-                self._board.note(number, None if failure is None else failure.cause)
-        return reached
+        """One segment for each; those that were reached. This counts only if the old process is dead. What was not
+        tried, as its driver had timed out, stays so."""
+        done = []
+        for number, failure in transfer.bring_to_default(numbers, segment, self._board.begin, patient=self._each):
+            if failure is not None:
+                self._board.note(number, Reached.NO, failure.cause)
+                continue
+            done.append(number)
+            if self._board.dead:
+                self._board.note(number, reached)
+        return done
 
 
 def summary(left: dict[str, str]) -> str:

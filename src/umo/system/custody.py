@@ -29,7 +29,7 @@ class Custody:
         self.hold.release()
 
     def abandon(self) -> None:
-        """Nothing was driven: an earlier unsafe end stays to be acknowledged."""
+        """The machine was not connected: an earlier unsafe end stays to be acknowledged."""
         self._record.abandon()
         self.hold.release()
 

@@ -60,7 +60,7 @@ class Hold:
         note = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)  # its name is what others read in /proc/net/unix
         self._sockets.append(note)
         with suppress(OSError):
-            note.bind(f"\0{_note(device, os.getpid())}{time.time():.0f} {_plain(purpose)}".encode()[:LONGEST])
+            note.bind(f"\0{_note(device, os.getpid())}{time.time():.0f} {_ascii(purpose)}".encode()[:LONGEST])
 
 
 def is_held(device: str) -> bool:
@@ -120,7 +120,7 @@ def _digest(device: str) -> str:
     return hashlib.sha256(device.encode(errors="surrogateescape")).hexdigest()[:24]
 
 
-def _plain(text: str) -> str:
+def _ascii(text: str) -> str:
     return "".join(c if c.isprintable() and c.isascii() else "?" for c in text)
 
 

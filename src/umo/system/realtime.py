@@ -60,13 +60,14 @@ def prepare(priority: int = 80, cpu: int | None = None) -> list[Refusal]:
 
 def guard(priority: int, cpu: int | None = None) -> None:
     """For the guardian: one above the control process, so that an endless loop in that one cannot keep it away; and
-    not on its core, which is the one that `prepare` takes with the same arguments."""
+    not on its core, which is the one that `prepare` takes with the same arguments. As far as it is permitted."""
     if not sys.platform.startswith("linux"):
         return
     allowed = os.sched_getaffinity(0)
     core = choose_core(cpu, use_fifo(priority + 1) is None)
-    if len(allowed - {core}) > 0:
-        os.sched_setaffinity(0, allowed - {core})
+    if core in allowed and len(allowed) > 1:
+        with suppress(OSError):
+            os.sched_setaffinity(0, allowed - {core})
 
 
 def die_with_parent(number: int) -> None:

@@ -59,6 +59,9 @@ class Ended:
     mine: bool = True
 
     def __str__(self) -> str:
+        return printable(self._text())
+
+    def _text(self) -> str:
         when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(self.when))
         name = f"{self.station} ({self.wiring})" if self.wiring else self.station
         name = f"{name} on {self.device}"
@@ -70,13 +73,13 @@ class Ended:
                 "only watchdogs of the circuits can have reset its outputs"
             )
         if self.state != "stopped":
-            return f"how the last run on device {self.device}{by} ended is unknown: {self.what}"
+            return f"how the last run on {self.device}{by} ended is unknown: {self.what}"
         reached = f"not reached: {', '.join(self.unreached)}" if self.unreached else "every actuator was reset"
-        return plain(f"{name} was stopped{by} at {when}: {self.what}; {reached}")
+        return f"{name} was stopped{by} at {when}: {self.what}; {reached}"
 
 
-def plain(text: str) -> str:
-    """Without what a terminal would obey."""
+def printable(text: str) -> str:
+    """Without control characters: a terminal obeys them."""
     return "".join(c if c.isprintable() else "?" for c in text)
 
 
@@ -95,6 +98,8 @@ class Record:
         UmoError if the record cannot be written: an unsafe end could then not be distinguished from a safe one."""
         try:
             before = [ended for device in self._devices for ended in standing(device)]
+            for device in self._devices:
+                self._note(device, before)
         except OSError as error:
             text = f"the records of earlier runs cannot be read: {error.filename}: {error.strerror or error}"
             raise UmoError(text) from None
@@ -103,15 +108,18 @@ class Record:
             raise StandsStopped(f"{told}\nInspect the machine, then start it with --acknowledge (acknowledge=True)")
         try:
             for device in self._devices:
-                mine = _own(device)
-                others = [ended.id for ended in before if ended.device == device and not ended.mine and ended.id]
-                self._seen[device] = [*(mine.seen if mine else []), *others]
-                if mine:
-                    self._former[device] = mine
                 self._write(device, "running")
         except OSError as error:
             self.abandon()
             raise UmoError(f"the start of the run could not be recorded: {error.strerror or error}") from None
+
+    def _note(self, device: str, before: Iterable[Ended]) -> None:
+        """What stands on a device, and what is acknowledged by this run."""
+        mine = _own(device)
+        others = [ended.id for ended in before if ended.device == device and not ended.mine and ended.id]
+        self._seen[device] = [*(mine.seen if mine else []), *others]
+        if mine:
+            self._former[device] = mine
 
     def finish(self) -> None:
         """The run ended safely."""
@@ -167,7 +175,7 @@ def _all(pattern: str) -> Iterator[Ended]:
         except (FileNotFoundError, NotADirectoryError):
             continue
         except OSError as error:
-            yield _unknown(devices, status.st_uid, error.strerror or str(error))
+            yield _unknown("an unknown device", status.st_uid, error.strerror or str(error))
             continue
         for name in fnmatch.filter(names, pattern):
             ended = _read(devices / name, status.st_uid)
@@ -182,7 +190,7 @@ def _read(path: Path, owner: int) -> Ended | None:
     except FileNotFoundError:
         return None
     except OSError as error:
-        return _unknown(path, owner, error.strerror or str(error))
+        return _unknown(f"device {path.stem}", owner, error.strerror or str(error))
     with open(file, "rb") as opened:
         status = os.fstat(file)
         if status.st_uid != owner or not stat.S_ISREG(status.st_mode):
@@ -194,16 +202,16 @@ def _read(path: Path, owner: int) -> Ended | None:
                 raise TypeError("texts")
             time.localtime(ended.when)
         except (OSError, ValueError, TypeError, OverflowError, RecursionError):
-            return _unknown(path, owner, "its record cannot be read")
+            return _unknown(f"device {path.stem}", owner, "its record cannot be read")
     ended.mine = not hasattr(os, "getuid") or owner == os.getuid()
     ended.user = "" if ended.mine else f"user {owner}"
     return ended
 
 
-def _unknown(path: Path, owner: int, why: str) -> Ended:
+def _unknown(device: str, owner: int, why: str) -> Ended:
     mine = not hasattr(os, "getuid") or owner == os.getuid()
     user = "" if mine else f"user {owner}"
-    return Ended(path.stem, "", "", "unknown", 0.0, why, user=user, mine=mine)
+    return Ended(device, "", "", "unknown", 0.0, why, user=user, mine=mine)
 
 
 def _folder() -> Path:

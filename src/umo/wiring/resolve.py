@@ -103,6 +103,9 @@ class _Resolver:
             watchdog = self._duration(f"drivers.{name}.watchdog", table.get("watchdog"))
             if watchdog is not None and type(driver).watchdog is Driver.watchdog:
                 self.source.fault(f"drivers.{name}.watchdog", f"{table['type']} has no watchdog of its own")
+            elif watchdog is not None and watchdog <= (period or 0.0):
+                text = f"{watchdog * 1e3:g} ms is not longer than the period, {driver.period * 1e3:g} ms"
+                self.source.fault(f"drivers.{name}.watchdog", text)
             elif watchdog is not None:
                 watchdogs[name] = watchdog
         return watchdogs
