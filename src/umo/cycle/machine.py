@@ -67,9 +67,11 @@ class ConnectedMachine:
         if self.image.timer >= 0:
             return self.sample_all
 
+        look, sample_all = cast(WallClock, self.clock).look, self.sample_all
+
         def timeless() -> bool:
-            cast(WallClock, self.clock).look()
-            return self.sample_all()
+            look()
+            return sample_all()
 
         return timeless
 
