@@ -53,7 +53,8 @@ class ThetaAxis(Compound):
         return self._offset + self.stepping.count * self.step_angle
 
     def control(self) -> None:
-        position = self.profile.step(self.dt).position
+        # by one period, also after missed ones: a step takes two periods, so the motor could only catch up too fast
+        position = self.profile.step(self.period).position
         self.stepping.control((position - self._offset) / self.step_angle)
         if self._watched and abs((angle := value_of(self.encoder)) - self.commanded) > self.following_error:
             raise AxisError(
@@ -94,8 +95,10 @@ class ThetaAxis(Compound):
 
     async def _travel(self, angle: float, speed: float) -> None:
         limit = STEPS_PER_PERIOD * self.step_angle / self.period
-        await wait(self.profile.to(angle, velocity=min(speed, limit)))
-        await until(lambda: abs(self.commanded - angle) <= self.step_angle, timeout=1.0)
+        duration = self.profile.to(angle, velocity=min(speed, limit))
+        await until(
+            lambda: self.profile.done and abs(self.commanded - angle) <= self.step_angle, timeout=3 * duration + 1.0
+        )
         if self._watched and await self._count_lost_steps():
             await self._travel(angle, speed)
 
