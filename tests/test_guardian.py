@@ -301,13 +301,8 @@ def test_the_guardian_too_resets_a_second_time_when_what_was_under_way_is_over(
     assert_safe(cells)
 
 
+@pytest.mark.usefixtures("many_descriptors")
 def test_messages_pass_where_more_than_1024_descriptors_are_open() -> None:
-    resource = pytest.importorskip("resource")
-    before = resource.getrlimit(resource.RLIMIT_NOFILE)
-    if before[1] < 2048:
-        pytest.skip("this computer does not let a process open so many")
-    resource.setrlimit(resource.RLIMIT_NOFILE, (2048, before[1]))
-    taken = [os.open(os.devnull, os.O_RDONLY) for _ in range(1025)]
     here, there = MessageSocket.pair()
     other = MessageSocket(there)
     try:
@@ -319,9 +314,6 @@ def test_messages_pass_where_more_than_1024_descriptors_are_open() -> None:
     finally:
         other.close()
         here.close()
-        for file in taken:
-            os.close(file)
-        resource.setrlimit(resource.RLIMIT_NOFILE, before)
 
 
 def test_the_last_messages_of_a_peer_that_left_ours_unread_are_received() -> None:

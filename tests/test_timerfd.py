@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 
 import pytest
@@ -138,13 +137,8 @@ def test_the_real_timer_ticks_and_is_given_back():
 
 
 @linux
+@pytest.mark.usefixtures("many_descriptors")
 def test_a_timer_ticks_where_more_than_1024_descriptors_are_open():
-    resource = pytest.importorskip("resource")
-    before = resource.getrlimit(resource.RLIMIT_NOFILE)
-    if before[1] < 2048:
-        pytest.skip("this computer does not let a process open so many")
-    resource.setrlimit(resource.RLIMIT_NOFILE, (2048, before[1]))
-    taken = [os.open(os.devnull, os.O_RDONLY) for _ in range(1025)]
     ticker = Ticker(1e-4)
     try:
         ticker.start()
@@ -152,6 +146,3 @@ def test_a_timer_ticks_where_more_than_1024_descriptors_are_open():
         assert sum(max(ticker.wait(), 1) for _ in range(3)) >= 3
     finally:
         ticker.close()
-        for file in taken:
-            os.close(file)
-        resource.setrlimit(resource.RLIMIT_NOFILE, before)

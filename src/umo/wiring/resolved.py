@@ -94,7 +94,8 @@ class Process:
     """Time in s without a finished period after which the process counts as hanging. Default: 20 periods, at least
     0.1 s, and above the sum of the timeouts of one period."""
     reset_for: float = 10.0
-    """Time in s for which the guardian retries to reach a device that does not answer."""
+    """Time in s for which the guardian retries to reach a device that does not answer. Then it tries once, for as long
+    at most, what it has not tried."""
     priority: int = 80
     """Priority of the control process under SCHED_FIFO, 1 to 98. The guardian runs at one above."""
     cpu: int | None = None
