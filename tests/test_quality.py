@@ -12,12 +12,14 @@ from umo import (
     BinaryActuator,
     BinarySensor,
     Compound,
+    DeclarationError,
     DigitalActuator,
     DigitalSensor,
     DriverError,
     OnOff,
     PassFail,
     Quality,
+    RangeError,
     connect,
 )
 from umo.control import HOMING, state_of, value_of
@@ -121,6 +123,52 @@ def test_an_incremental_sensor_is_unreferenced_until_homing_says_so(box):
         m.one.referenced(False)
         assert m.one.quality is UNREF
         assert m.sample() is False
+
+
+@pytest.mark.parametrize("synchronous", [True, False])
+def test_a_reference_without_a_preset_of_the_circuit_moves_the_zero_of_the_sensor(box, synchronous):
+    """Finding C.3: the raw integer stays what it is; everything that shows the value agrees with the reference."""
+    machine = inputs(sensor(resolution=0.5, minimum=0.0, maximum=99.0, incremental=True, synchronous=synchronous))
+    declared = machine.one.zero_offset
+    connection = connect(machine, wired(machine, box))
+    with connection as m:
+        box.set("one", 1000)
+        period(m)
+        m.one.read()
+        assert m.one.quality is UNREF
+        m.one.referenced(at=20.0)
+        assert (m.one.raw, m.one.quality, connection.image.values[m.one._slot]) == (1000, GOOD, 20.0)
+        box.set("one", 1010)
+        period(m)
+        assert (m.one.read(), m.one.zero_offset, m.one.quality) == (25.0, -480.0, GOOD)
+        put(m.one, 99.5)
+        period(m)
+        assert (m.one.read(), m.one.quality) == (99.5, OUT_OF_RANGE)
+    assert machine.one.zero_offset == declared
+
+
+def test_a_reference_of_one_sensor_leaves_its_neighbours(box):
+    machine = inputs(sensor(incremental=True))
+    with connect(machine, wired(machine, box, entries={"two": {"inverted": True}})) as m:
+        box.set("two", 1)
+        period(m)
+        m.one.referenced(at=7.0)
+        period(m)
+        assert (m.one.read(), m.two.read()) == (7.0, PassFail.PASS)
+
+
+def test_what_was_not_read_cannot_be_referenced_to_a_value(box):
+    machine = inputs(sensor(incremental=True, synchronous=False))
+    with connect(machine, wired(machine, box)) as m:
+        with pytest.raises(BadInput, match="one is BAD"):
+            m.one.referenced(at=7.0)
+        m.one.read()
+        for wrong, error in ((math.nan, RangeError), ("7", RangeError)):
+            with pytest.raises(error):
+                m.one.referenced(at=wrong)
+        with pytest.raises(DeclarationError, match="takes no value"):
+            m.one.referenced(False, at=7.0)
+        assert m.one.quality is UNREF
 
 
 def test_every_connect_starts_unreferenced(box):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import functools
 import gc
 import sys
 import warnings
@@ -15,7 +16,7 @@ from hypothesis import strategies as st
 
 from machines import actuator, bench, wired
 from umo import Cancelled, Compound, DeclarationError, DigitalActuator, PassFail, TaskFailed, TimeExpired, connect
-from umo.control import next_period, together, until, wait
+from umo.control import next_period, timeout, together, until, wait
 from umo.cycle.clock import Clock
 from umo.cycle.sequences import Sequences
 from umo.testing import Scripted, VirtualTimer, periods, put
@@ -261,7 +262,9 @@ def test_until_expires_after_its_timeout(timeout, ends_in):
     with Cycle() as cycle:
         cycle.start(until(lambda: False, timeout))
         cycle.steps(ends_in - 1)
-        with pytest.raises(TimeExpired, match=r"the condition did not come true within 0\.?0?0?\d* s") as caught:
+        with pytest.raises(
+            TimeExpired, match=r"lambda: False, timeout.*test_sequences.py:\d+\) did not come true within 0\.?0?0?\d* s"
+        ) as caught:
             cycle.steps(1)
         assert isinstance(caught.value, TimeoutError)
 
@@ -290,7 +293,34 @@ def test_until_names_the_condition():
 
     with Cycle() as cycle:
         cycle.start(until(pressed, 0))
-        with pytest.raises(TimeExpired, match="pressed did not come true"):
+        with pytest.raises(TimeExpired, match=r"pressed \(.*test_sequences.py:\d+\) did not come true"):
+            cycle.steps(1)
+
+
+@pytest.mark.parametrize(
+    ("levels", "ends_in"),
+    [("1111", 3), ("011111", 4), ("1101111", 6), ("10111", 5)],
+)
+def test_until_waits_until_the_condition_has_stayed_true(levels, ends_in):
+    asked = iter(levels)
+    assert steps_until_done(until(lambda: next(asked) == "1", stays="2 ms")) == ends_in
+
+
+def test_missed_periods_count_in_what_stays():
+    assert steps_until_done(until(lambda: True, stays="4 ms"), missed=[0, 4]) == 2
+
+
+def test_a_condition_that_does_not_stay_true_is_named():
+    with Cycle() as cycle:
+        cycle.start(until(lambda: cycle.m.now % 0.002 < 0.0005, "20 ms", stays="3 ms"))
+        with pytest.raises(TimeExpired, match=r"did not stay true for 0.003 s within 0.02 s"):
+            cycle.steps(22)
+
+
+def test_a_condition_without_source_is_named_as_well():
+    with Cycle() as cycle:
+        cycle.start(until(functools.partial(bool, 0), 0))
+        with pytest.raises(TimeExpired, match=r"functools.partial.* did not come true"):
             cycle.steps(1)
 
 
@@ -301,6 +331,149 @@ def test_until_sees_the_sample_of_the_same_period():
         put(cycle.m.limit, PassFail.FAIL)
         cycle.steps(1)
         assert task.done
+
+
+# A block with a time limit ---------------------------------------------------------------------------
+
+
+async def limited(duration, sequence):
+    async with timeout(duration):
+        return await sequence
+
+
+@pytest.mark.parametrize(("takes", "ends"), [(1, True), (3, True), (4, False)])
+def test_a_block_that_takes_longer_than_its_limit_expires(takes, ends):
+    log = []
+    with Cycle() as cycle:
+        task = cycle.start(limited("3 ms", after(takes, "result", log)))
+        if ends:
+            cycle.steps(takes + 1)
+            assert (task.done, task.result) == (True, "result")
+        else:
+            cycle.steps(3)
+            with pytest.raises(TimeExpired, match=r"the block did not end within 0.003 s \(.*test_sequences.py:\d+\)"):
+                cycle.steps(1)
+            assert log == ["cancelled result", "left result"]
+
+
+def test_missed_periods_count_in_the_limit_of_a_block():
+    with Cycle(missed=[0, 5]) as cycle:
+        cycle.start(limited("5 ms", after(9, log=[])))
+        cycle.steps(1)
+        with pytest.raises(TimeExpired):
+            cycle.steps(1)
+
+
+def test_a_sequence_goes_on_after_a_block_that_expired():
+    async def retry():
+        try:
+            async with timeout("2 ms"):
+                await wait("1 s")
+        except TimeExpired:
+            await wait("2 ms")
+            return "second"
+
+    with Cycle() as cycle:
+        task = cycle.start(retry())
+        cycle.steps(5)
+        assert task.result == "second"
+
+
+def test_of_nested_blocks_the_one_whose_time_is_over_expires():
+    async def nested(outer, inner):
+        try:
+            async with timeout(outer):
+                try:
+                    async with timeout(inner):
+                        await wait("1 s")
+                except TimeExpired:
+                    await wait("2 ms")
+                    return "inner"
+        except TimeExpired:
+            return "outer"
+
+    for outer, inner, expected in (("9 ms", "2 ms", "inner"), ("2 ms", "9 ms", "outer"), ("3 ms", "2 ms", "outer")):
+        with Cycle() as cycle:
+            task = cycle.start(nested(outer, inner))
+            cycle.steps(10)
+            assert task.result == expected
+
+
+def test_a_block_in_one_of_several_sequences_limits_that_one():
+    async def first():
+        with contextlib.suppress(TimeExpired):
+            await limited("2 ms", wait("1 s"))
+        return 1
+
+    with Cycle() as cycle:
+        task = cycle.start(gather(first(), after(5, 2)))
+        cycle.steps(6)
+        assert task.result == (1, 2)
+
+
+def test_a_block_around_several_sequences_cancels_them_all():
+    log = []
+    with Cycle() as cycle:
+        cycle.start(limited("2 ms", gather(after(9, 1, log), after(9, 2, log))))
+        with pytest.raises(TimeExpired):
+            cycle.steps(3)
+    assert log == ["cancelled 2", "left 2", "cancelled 1", "left 1"]
+
+
+def test_a_stop_within_a_block_is_not_its_timeout():
+    log = []
+    with Cycle() as cycle:
+        cycle.start(limited("1 s", after(99, 1, log)))
+        cycle.steps(2)
+    assert log == ["cancelled 1", "left 1"]
+
+
+def test_a_block_outside_of_a_sequence_is_an_error():
+    async def block():
+        async with timeout("1 s"):
+            pass
+
+    with pytest.raises(TaskFailed, match="only in a sequence"):
+        block().send(None)
+
+
+# Waiting for a task ----------------------------------------------------------------------------------
+
+
+def test_a_sequence_may_wait_for_another_and_gets_its_result():
+    async def parent(m):
+        task = m.start(after(3, "child"))
+        return await task, await task
+
+    with Cycle() as cycle:
+        task = cycle.start(parent(cycle.m))
+        cycle.steps(6)
+        assert task.result == ("child", "child")
+
+
+def test_to_wait_for_a_cancelled_task_is_an_error():
+    async def parent(m):
+        task = m.start(after(30, log=[]))
+        await next_period()
+        task.cancel()
+        await task
+
+    with Cycle() as cycle:
+        cycle.start(parent(cycle.m))
+        with pytest.raises(TaskFailed, match="sequence after was cancelled"):
+            cycle.steps(3)
+
+
+def test_a_task_that_waits_for_itself_is_an_error():
+    own = []
+
+    async def snake():
+        await own[0]
+
+    with Cycle() as cycle:
+        own.append(cycle.start(snake()))
+        with pytest.raises(TaskFailed, match="snake awaited itself"):
+            cycle.steps(1)
 
 
 # together --------------------------------------------------------------------------------------------

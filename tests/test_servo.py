@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 
+from machines import timer, wired
 from umo import BadInput, Compound, DigitalActuator, DigitalSensor, Quality, connect
 from umo.control import HOMING, Servo
-from umo.testing import put
+from umo.testing import Scripted, periods, put
 
 
 class Axis(Compound):
@@ -16,11 +18,15 @@ class Axis(Compound):
     encoder: DigitalSensor
 
 
-def axis(*, incremental: bool = False) -> Axis:
-    return Axis(
-        motor=DigitalActuator("V", default=0.0, minimum=-10.0, maximum=10.0, resolution=1e-6, limits="clamp"),
-        encoder=DigitalSensor("mm", minimum=-1e3, maximum=1e3, resolution=1e-6, incremental=incremental),
-    )
+def parts(*, incremental: bool = False, **motor: Any) -> dict[str, Any]:
+    return {
+        "motor": DigitalActuator("V", default=0.0, minimum=-10.0, maximum=10.0, resolution=1e-6, **motor),
+        "encoder": DigitalSensor("mm", minimum=-1e3, maximum=1e3, resolution=1e-6, incremental=incremental),
+    }
+
+
+def axis(**changes: Any) -> Axis:
+    return Axis(**parts(**changes))
 
 
 def run(servo: Servo, m: Axis, setpoint: float, *, seconds: float, dt: float = 1e-3, load: float = 0.0) -> list[float]:
@@ -95,24 +101,42 @@ def test_the_integral_does_not_wind_up_while_the_actuator_is_at_its_limit() -> N
         assert back[-1] == pytest.approx(5.0, abs=0.01)
 
 
-def test_the_integral_is_led_back_to_what_the_hardware_accepted() -> None:
-    """`read` shows another value than was asked, as behind a slewed or narrowed output."""
-    with connect(axis()) as m:
-        m.sample()
+class Slow(Compound):
+    timer: DigitalSensor
+    motor: DigitalActuator
+    encoder: DigitalSensor
+
+
+def test_the_integral_does_not_wind_up_while_the_slew_rate_limits_the_output() -> None:
+    """Else it would be at the end of the range after 0.1 s, and the motor would go on to there."""
+    m = Slow(timer=timer(), **parts(slew_rate=5.0))
+    with connect(m, wired(m, Scripted())):
         servo = Servo(m.encoder, m.motor, gain=1.0, integral_time=0.01)
-        servo.control(4.0, dt=1e-3)
-        first = m.motor.pending
-        servo.control(4.0, dt=1e-3)  # no update in between: the hardware still has 0 V
-        assert m.motor.pending < first
+        for period in range(1, 200):
+            periods(m)
+            assert servo.control(10.0, dt=m.dt) is False
+            assert servo.integral <= 5e-3 * period + 1.0
+            m.update()
+        put(m.encoder, 10.0)
+        periods(m)
+        servo.control(10.0, dt=m.dt)
+        assert m.motor.pending < 1.1
+
+
+def test_the_output_stays_within_the_range_where_write_would_raise() -> None:
+    with connect(axis(limits="raise")) as m:
+        m.sample()
+        servo = Servo(m.encoder, m.motor, gain=1.0)
         assert servo.control(1000.0, dt=1e-3) is False
+        assert m.motor.pending == 10.0
 
 
-def test_begin_forgets_the_past() -> None:
+def test_reset_forgets_the_past() -> None:
     with connect(axis()) as m:
         servo = Servo(m.encoder, m.motor, gain=1.0, integral_time=0.01, derivative_time=0.01, filter_time=0.01)
         run(servo, m, 4.0, seconds=0.1)
         servo.control(100.0, dt=1e-3)  # asks for more than the actuator can
-        servo.begin()
+        servo.reset()
         assert servo.error == 0.0
         put(m.encoder, 4.0)
         m.sample()

@@ -532,6 +532,49 @@ def test_parameters_set_numbers_of_compounds_and_of_their_laws_while_connected()
     assert (m.z.speed, m.z.servo.kp, m.axes[0].servo.kp, m.limit) == (5.0, 1.0, 1.0, 1.0)
 
 
+class Regulated(Compound):
+    motor: DigitalActuator
+    gain: float = 2.0
+
+    def setup(self):
+        self.law = Gains(kp=self.gain)
+
+
+class Line(Compound):
+    zones: list[Regulated]
+    factor: float = 1.0
+
+    def setup(self):
+        self.gains = [self.factor * zone.law.kp for zone in self.zones]
+
+
+def test_a_parameter_reaches_a_law_that_setup_makes_of_it():
+    """Finding B.4: the field changed, and the law kept the gain of the declaration."""
+    m = Line(zones=[Regulated(motor=actuator()), Regulated(motor=actuator())])
+    wiring = simulated(m)
+    wiring["parameters"] = {"zones.1.gain": 9.0, "factor": 10.0}
+    with connect(m, wiring):
+        assert ([zone.law.kp for zone in m.zones], m.gains) == ([2.0, 9.0], [20.0, 90.0])
+    assert (m.zones[1].gain, m.gains) == (2.0, [20.0, 90.0])  # what the run has left may be looked at
+    with connect(m, simulated(m)):
+        assert ([zone.law.kp for zone in m.zones], m.gains) == ([2.0, 2.0], [2.0, 2.0])
+
+
+def test_a_parameter_of_a_law_outranks_the_field_that_setup_made_it_of():
+    m = Line(zones=[Regulated(motor=actuator())])
+    wiring = simulated(m)
+    wiring["parameters"] = {"zones.0.law.kp": 5.0, "zones.0.gain": 9.0}
+    with connect(m, wiring):
+        assert (m.zones[0].gain, m.zones[0].law.kp) == (9.0, 5.0)
+
+
+def test_without_parameters_of_fields_what_was_changed_after_the_declaration_stays():
+    m = Line(zones=[Regulated(motor=actuator())])
+    m.zones[0].law.kp = 7.0
+    with connect(m, simulated(m)):
+        assert m.zones[0].law.kp == 7.0
+
+
 def test_a_whole_number_stays_one():
     class Counting(Compound):
         motors: dict[int, Servo]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import os
 from collections.abc import Iterable
 from itertools import islice
 from pathlib import Path
@@ -10,6 +11,8 @@ from traceback import walk_tb
 
 MOST = 2000
 """Known names that are compared: more take too long for a message."""
+LIBRARY = os.path.dirname(os.__file__) + os.sep
+"""Where Python's own modules are."""
 OWN = tuple(str(Path(__file__).parent / name) for name in ("cli", "control", "cycle", "objects", "process", "wiring"))
 """Where umo's own code calls that of others: a driver's, a station's."""
 
@@ -37,10 +40,16 @@ def reason_of(error: BaseException) -> str:
 
 
 def place_of(error: BaseException) -> str:
-    """` at file:line` of what raised an exception: the last line that is not umo's own; empty if there is none."""
-    lines = [(frame.f_code.co_filename, line) for frame, line in walk_tb(error.__traceback__)]
+    """` at file:line` of what raised an exception, as `place_among` gives it."""
+    return place_among((frame.f_code.co_filename, line) for frame, line in walk_tb(error.__traceback__))
+
+
+def place_among(lines: Iterable[tuple[str, int]]) -> str:
+    """` at file:line` of the last of some lines that is not umo's own, nor of Python's library if there is another;
+    empty if there is none."""
     others = [(file, line) for file, line in lines if not file.startswith((*OWN, "<frozen "))]
-    return " at {}:{}".format(*others[-1]) if others else ""
+    users = [(file, line) for file, line in others if not file.startswith(LIBRARY) or "site-packages" in file]
+    return " at {}:{}".format(*(users or others)[-1]) if others else ""
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

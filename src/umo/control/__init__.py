@@ -1,16 +1,18 @@
-"""Control laws and sequences. Control laws take objects, not numbers. They raise BadInput if the quality of an
-input is not accepted."""
+"""Control laws and sequences. Control laws take objects, and raise BadInput if the quality of an input is not accepted.
+`PID` and `Profile` calculate with plain numbers."""
 
 from umo.control.claim import Claim
 from umo.control.inputs import HOMING, Accept, state_of, value_of
+from umo.control.pid import PID
 from umo.control.profile import Profile, Setpoint
 from umo.control.regulation import Hysteresis
 from umo.control.servo import Servo
 from umo.control.stepping import STEPS_PER_PERIOD, Stepping
-from umo.cycle.sequences import next_period, together, until, wait
+from umo.cycle.sequences import next_period, timeout, together, until, wait
 
 __all__ = [
     "HOMING",
+    "PID",
     "STEPS_PER_PERIOD",
     "Accept",
     "Claim",
@@ -21,6 +23,7 @@ __all__ = [
     "Stepping",
     "next_period",
     "state_of",
+    "timeout",
     "together",
     "until",
     "value_of",

@@ -39,11 +39,12 @@ class Profile:
         self.setpoint = Setpoint(position, velocity, 0.0)
         self._duration = 0.0
 
-    def to(self, target: float, *, velocity: float = inf) -> float:
+    def to(self, target: float, *, velocity: float = inf, duration: float = 0.0) -> float:
         """Plan a profile from the current setpoint to standstill at the target. Returns its duration in s.
 
-        `velocity` lowers the largest speed for this profile. RangeError if a number is not finite or a limit is
-        not positive.
+        `velocity` lowers the largest speed for this profile. `duration` is the least time in s that it takes: several
+        axes with the duration of the slowest arrive together (`synchronize`). RangeError if a number is not finite or a
+        limit is not positive.
         """
         ruckig = _ruckig()
         plan = ruckig.InputParameter(1)
@@ -54,6 +55,8 @@ class Profile:
         plan.max_velocity = [min(velocity, self.velocity)]
         plan.max_acceleration = [self.acceleration]
         plan.max_jerk = [self.jerk]
+        if duration:
+            plan.minimum_duration = duration
         try:
             result = self._planner.calculate(plan, self._trajectory)
         except ruckig.RuckigError as error:
@@ -77,6 +80,15 @@ class Profile:
             (position,), (velocity,), (acceleration,) = self._trajectory.at_time(elapsed)
             self.setpoint = Setpoint(position, velocity, acceleration)
         return self.setpoint
+
+
+def synchronize(*moves: tuple[Profile, float]) -> float:
+    """Plan profiles to their targets, `(profile, target)` each, that begin and end together: with the duration of the
+    slowest. Returns it in s."""
+    longest = max(profile.to(target) for profile, target in moves)
+    for profile, target in moves:
+        profile.to(target, duration=longest)
+    return longest
 
 
 def _ruckig() -> ModuleType:

@@ -1,49 +1,34 @@
-"""A servo: PID in the standard form, with what real axes need (Astrom and Murray, Feedback Systems, ch. 11)."""
+"""A servo: a PID from a sensor to an actuator, with feed-forward of the setpoint's motion."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from math import copysign, inf
+from dataclasses import KW_ONLY, dataclass
+from math import copysign
 
 from umo.control.inputs import Accept, value_of
+from umo.control.pid import PID
 from umo.objects import DigitalActuator, DigitalSensor
 
 
 @dataclass
-class Servo:
-    """u = gain (e + 1/integral_time int(e) dt - derivative_time dy/dt) + feed-forward, e = setpoint - y.
+class Servo(PID):
+    """A PID on objects: it reads the sensor and writes the actuator.
 
-    The derivative acts on the measured value, through a first-order filter. Anti-windup: the integral is held
-    while `write` returns False (the output was limited), and is corrected to the output that the actuator's
-    `read` shows as accepted. All times are in s. Gains do not depend on the sampling period, as long as it is
-    short compared with these times.
+        self.servo = Servo(self.encoder, self.motor, gain=0.02, integral_time=0.1)
+
+    The output is limited to the range of the actuator and to what its slew rate allows in the period. The integral is
+    held while the actuator is inhibited.
     """
 
     sensor: DigitalSensor
     actuator: DigitalActuator
-    gain: float
-    """Actuator units for one sensor unit."""
-    integral_time: float = inf
-    derivative_time: float = 0.0
-    filter_time: float = 0.0
-    """Time constant of the derivative's filter."""
+    _: KW_ONLY
     feed_forward: float = 0.0
     """Actuator units for one sensor unit per second of setpoint velocity."""
     inertia: float = 0.0
     """Actuator units for one sensor unit per second squared of setpoint acceleration."""
     friction: float = 0.0
     """Actuator units that overcome dry friction; given with the sign of the setpoint velocity."""
-    error: float = field(default=0.0, init=False)
-    """The last setpoint minus value, in sensor units."""
-    _integral: float = field(default=0.0, init=False)
-    _last: float | None = field(default=None, init=False)
-    _rate: float = field(default=0.0, init=False)
-    _asked: float | None = field(default=None, init=False)
-
-    def begin(self) -> None:
-        """Clear the state. Call it before the servo takes over an axis, and after its sensor was referenced."""
-        self._integral = self._rate = self.error = 0.0
-        self._last = self._asked = None
 
     def control(
         self,
@@ -54,35 +39,27 @@ class Servo:
         dt: float,
         accept: Accept = (),
     ) -> bool:
-        """One period of `dt` s: read, compute, write. False if the output was limited.
+        """One period of `dt` s: read, compute, write. False if the output was limited or the actuator is inhibited.
 
-        With `dt` = 0 (a machine without a timer) integral and derivative do not contribute.
-        Raises BadInput when the sensor's quality is not accepted.
+        Raises BadInput if the sensor's quality is not accepted.
         """
-        value = value_of(self.sensor, accept)
-        error = self.error = setpoint - value
-        if self._asked is not None and (refused := self.actuator.read() - self._asked):
-            self._integral += refused * min(1.0, dt / self.integral_time)  # back to what the actuator accepted
-        integral_step = self.gain * error * dt / self.integral_time
-        output = (
-            self.gain * (error - self.derivative_time * self._filtered_rate(value, dt))
-            + self._integral
-            + integral_step
-            + self.feed_forward * velocity
-            + self.inertia * acceleration
-        )
+        measurement = value_of(self.sensor, accept)
+        feed_forward = self.feed_forward * velocity + self.inertia * acceleration
         if velocity:
-            output += copysign(self.friction, velocity)
-        taken = self.actuator.write(output)
-        if taken or integral_step * output < 0:
-            self._integral += integral_step
-        self._asked = output
-        return taken
+            feed_forward += copysign(self.friction, velocity)
+        low, high = self._reach(dt)
+        integral = self.integral
+        output = self.step(setpoint, measurement, dt, feed_forward=feed_forward, low=low, high=high)
+        if self.actuator.write(output):
+            return not self.limited
+        self.integral = integral
+        return False
 
-    def _filtered_rate(self, value: float, dt: float) -> float:
-        last, self._last = self._last, value
-        if not dt:
-            return 0.0
-        rate = 0.0 if last is None else (value - last) / dt
-        self._rate += (rate - self._rate) * dt / (self.filter_time + dt)
-        return self._rate
+    def _reach(self, dt: float) -> tuple[float, float]:
+        """The lowest and highest output of this period."""
+        actuator = self.actuator
+        low, high = actuator.minimum, actuator.maximum
+        if actuator.slew_rate is None or not dt:
+            return low, high
+        now, step = actuator.read(), actuator.slew_rate * dt
+        return max(low, now - step), min(high, now + step)

@@ -107,8 +107,7 @@ class connect(Generic[C]):
         try:
             for wire in self.wired.wires:
                 self._restore.append(wire.apply().apply)  # one by one: the next may fail
-            for parameter in self.wired.parameters:
-                self._restore.append(parameter.apply().apply)
+            self._set_parameters()
             clock = WallClock() if self.wired.period is None else Clock(self.wired.period)
             self.machine = ConnectedMachine(self.root, make_image(self.wired, clock), self.stop)
         except BaseException:
@@ -131,6 +130,18 @@ class connect(Generic[C]):
             self._leave(error)
         finally:
             _ENTERED.discard(id(self.root))
+
+    def _set_parameters(self) -> None:
+        """Fields first: `setup` may make control laws of them; then the numbers of the laws."""
+        parameters = sorted(self.wired.parameters, key=lambda each: bool(each.law))
+        fields = [each for each in parameters if not each.law]
+        for parameter in fields:
+            self._restore.append(parameter.apply().apply)
+        if fields or self.root._parametrised:
+            self.root._parametrised = bool(fields)
+            self.root._set_up()
+        for parameter in parameters[len(fields) :]:
+            self._restore.append(parameter.apply().apply)
 
     def _start(self) -> None:
         transfer = self.image.transfer

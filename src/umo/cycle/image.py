@@ -17,8 +17,9 @@ from umo.cycle.block import Block
 from umo.cycle.clock import Clock
 from umo.cycle.transfer import Transfer
 from umo.drivers.contract import Direction
-from umo.errors import DriverError, Failure
+from umo.errors import BadInput, DriverError, Failure
 from umo.objects import Binary, BinaryActuator, BinarySensor, DigitalActuator, DigitalSensor, Quality
+from umo.objects.atomic import Digital
 from umo.objects.scaling import FloatArray, IntArray, to_value
 from umo.text import cause_of
 from umo.wiring.resolved import Wire, Wired
@@ -291,6 +292,20 @@ class Image(ABC):
             self.commands.failed(slot)
         elif self.items[slot].direction is Direction.OUTPUT:
             self._accepted(slot)
+
+    def set_reading(self, slot: int, value: float) -> None:
+        """From now on the zero offset of a digital sensor is such that its last reading is this value."""
+        item = cast(Digital, self.items[slot])
+        if self.quality[slot] == Quality.BAD:
+            raise BadInput(item.path, Quality.BAD)
+        resolution, _, low, high = self.scales[slot]
+        zero_offset = value - self.raws[slot] * resolution
+        item._calibrate(item.calibration._replace(zero_offset=zero_offset))
+        self.scales[slot] = resolution, zero_offset, low, high
+        self.values[slot] = to_value(self.raws[slot], resolution, zero_offset)
+        for block in self.inputs:
+            if block.start <= slot < block.stop:
+                self._prepare(block)
 
     def set_referenced(self, slot: int, referenced: bool) -> None:
         self.base[slot] = Quality.GOOD if referenced else Quality.UNREFERENCED

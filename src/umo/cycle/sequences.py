@@ -7,14 +7,16 @@ await is here, and the motions built on it; anything else is a TypeError.
 from __future__ import annotations
 
 import inspect
+import linecache
 import math
+import sys
 from collections.abc import Awaitable, Callable, Coroutine, Generator
-from types import coroutine
+from types import CoroutineType, coroutine
 from typing import Any, Protocol
 
 from umo.errors import Cancelled, TaskFailed, TimeExpired
 from umo.objects.units import seconds as in_seconds
-from umo.text import cause_of, place_of
+from umo.text import cause_of, place_among, place_of
 
 
 class Tick(Protocol):
@@ -31,6 +33,8 @@ Sequence = Coroutine[Any, Any, Any]
 
 _PERIOD = object()
 """The only object that a sequence may yield to the cycle; anything else, even None, is an error."""
+_ADVANCING: list[Task] = []
+"""The sequences that take a step just now, the innermost last."""
 
 
 @coroutine
@@ -44,39 +48,95 @@ async def wait(duration: str | float) -> None:
     await _pass(in_seconds(duration))
 
 
-async def until(condition: Callable[[], bool], timeout: str | float | None = None) -> None:
-    """Wait until the condition is true. It is evaluated at once, then once per period. TimeExpired after `timeout`
-    (s, or a text such as "20 ms"; default: no timeout)."""
-    if condition():
-        return
+async def until(condition: Callable[[], bool], timeout: str | float | None = None, *, stays: str | float = 0.0) -> None:
+    """Wait until the condition is true, and has been true in every period for the time `stays`. It is evaluated at
+    once, then once per period. TimeExpired after `timeout` (default: no timeout). Times are in s, or texts ("20 ms").
+    """
+    steady = in_seconds(stays)
     limit = math.inf if timeout is None else in_seconds(timeout)
-    if not await _pass(limit, condition):
-        name = getattr(condition, "__name__", "condition").replace("<lambda>", "the condition")
-        raise TimeExpired(f"{name} did not come true within {limit:g} s")
+    if not await _pass(limit, condition, steady):
+        what = f"did not stay true for {steady:g} s" if steady else "did not come true"
+        raise TimeExpired(f"{_described(condition)} {what} within {limit:g} s")
 
 
 @coroutine
-def _pass(limit: float, condition: Callable[[], bool] | None = None) -> Generator[object, Tick, bool]:
-    """Let periods pass until the condition is true (True) or the limit in s is over (False)."""
-    if limit <= 0:
-        return False
-    passed = whole_periods = 0.0
+def _pass(
+    limit: float, condition: Callable[[], bool] | None = None, stays: float = 0.0
+) -> Generator[object, Tick, bool]:
+    """Let periods pass until the condition has stayed true (True) or the limit in s is over (False)."""
+    passed, since = 0.0, math.inf  # whole periods: until now, and until the condition came true
+    last, required = (math.inf if time else 0.0 for time in (limit, stays))  # known with the first tick
     while True:
-        tick = yield _PERIOD
-        passed += tick.ticks
-        if condition is not None and condition():
-            return True
-        whole_periods = whole_periods or _whole_periods(limit, tick.period)  # known with the first tick
-        if passed >= whole_periods:
+        if condition is not None:
+            since = min(since, passed) if condition() else math.inf
+            if passed - since >= required:
+                return True
+        if passed >= last:
             return False
+        tick = yield _PERIOD
+        if not passed:
+            last, required = (_whole_periods(time, tick.period) for time in (limit, stays))
+        passed += tick.ticks
 
 
 def _whole_periods(limit: float, period: float) -> float:
-    if math.isinf(limit):
+    if math.isinf(limit) or not limit:
         return limit
     if not period:
         raise TaskFailed("a machine without a timer cannot wait for a time: it has no sampling period")
     return math.ceil(limit / period - 1e-9)
+
+
+def _described(condition: Callable[[], bool]) -> str:
+    """A condition, for a message: its name and place, of a lambda the line of the source."""
+    code = getattr(condition, "__code__", None)
+    if code is None:
+        return repr(condition)
+    source = linecache.getline(code.co_filename, code.co_firstlineno).strip()
+    name = code.co_name if code.co_name != "<lambda>" else f"the condition `{source}`" if source else "the condition"
+    return f"{name} ({code.co_filename}:{code.co_firstlineno})"
+
+
+class timeout:
+    """A time limit for a block of a sequence:
+
+        async with timeout("5 s"):
+            await axis.home()
+            await gripper.open()
+
+    TimeExpired if the block has not ended after the time in s (or a text). What it awaits is cancelled. A block that
+    ends in the period of its limit is in time. Missed periods count.
+    """
+
+    def __init__(self, duration: str | float) -> None:
+        self._limit = in_seconds(duration)
+        caller = sys._getframe(1)
+        self._place = f"{caller.f_code.co_filename}:{caller.f_lineno}"
+        self._task: Task | None = None
+        self._passed = 0.0
+        self._expired = False
+
+    async def __aenter__(self) -> timeout:
+        if not _ADVANCING:
+            raise TaskFailed("timeout() can be used only in a sequence that the cycle advances")
+        self._task = _ADVANCING[-1]
+        self._task.limits.append(self)
+        return self
+
+    async def __aexit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        assert self._task is not None
+        self._task.limits.remove(self)
+        if self._expired and isinstance(error, Cancelled):
+            raise TimeExpired(f"the block did not end within {self._limit:g} s ({self._place})") from None
+
+    def pass_(self, tick: Tick) -> None:
+        self._passed += tick.ticks
+
+    def expires(self, tick: Tick) -> bool:
+        """Whether the time is over, for the first time."""
+        over = not self._expired and self._passed >= _whole_periods(self._limit, tick.period)
+        self._expired = self._expired or over
+        return over
 
 
 class _Together:
@@ -112,9 +172,21 @@ class Task:
             raise TypeError(f"{sequence!r} is not a sequence; call an `async def` function")
         self._sequence = sequence
         self._begun = False
-        self._cancelling = False
+        self._cancelling = self._cancelled = False
         self.done = False
         self.result: Any = None
+        self.limits: list[timeout] = []
+        """Of the blocks that it is in, the outermost first."""
+
+    def __await__(self) -> Generator[object, Tick, Any]:
+        """Wait for its end in another sequence. Returns its result; TaskFailed if it was cancelled."""
+        if self in _ADVANCING:
+            raise TaskFailed(f"{self._name} awaited itself")
+        while not self.done:
+            yield _PERIOD
+        if self._cancelled:
+            raise TaskFailed(f"{self._name} was cancelled")
+        return self.result
 
     def advance(self, tick: Tick | None) -> bool:
         """One step; whether that was the last. The first needs no tick. What the sequence raises comes out here."""
@@ -123,21 +195,45 @@ class Task:
         if not self._begun:
             self._begin()
             tick = None
+        if tick is None or not self.limits:
+            self._step(self._sequence.send, tick)
+        else:
+            for each in self.limits:
+                each.pass_(tick)
+            self._step(self._sequence.send, tick)
+            while any(each.expires(tick) for each in self.limits):
+                self._step(self._sequence.throw, Cancelled())
+        if self._cancelling:
+            self.cancel()
+        return self.done
+
+    def _step(self, resume: Callable[[Any], object], what: object) -> None:
+        _ADVANCING.append(self)
         try:
-            awaited = self._sequence.send(tick)
+            awaited = resume(what)
         except StopIteration as end:
             self.done, self.result = True, end.value
-            return True
+            return
         except BaseException as error:
             self.done = True
             self._refuse_exit(error)
             raise
+        finally:
+            _ADVANCING.pop()
         if awaited is not _PERIOD:
-            wrong = TypeError(f"a sequence awaited {awaited!r}; a sequence can await only the functions of umo.control")
-            raise _with_notes(wrong, _cancel_all([self]))
-        if self._cancelling:
-            self.cancel()
-        return self.done
+            text = f"a sequence awaited {awaited!r}; a sequence can await only the functions of umo.control"
+            raise _with_notes(TypeError(f"{text}{self._place}"), _cancel_all([self]))
+
+    @property
+    def _place(self) -> str:
+        """Where it waits, in code that is not Python's own."""
+        frames: list[tuple[str, int]] = []
+        inner: Any = self._sequence
+        while isinstance(inner, CoroutineType):
+            if inner.cr_frame is not None:
+                frames.append((inner.cr_frame.f_code.co_filename, inner.cr_frame.f_lineno))
+            inner = inner.cr_await
+        return place_among(frames)
 
     def cancel(self) -> None:
         """Raise Cancelled inside the sequence. It may clean up but must not continue. A sequence that cancels
@@ -147,7 +243,7 @@ class Task:
         if getattr(self._sequence, "cr_running", False):
             self._cancelling = True
             return
-        self.done = True
+        self.done = self._cancelled = True
         try:
             self._sequence.throw(Cancelled())
             self._sequence.close()  # it awaited again: GeneratorExit ends it

@@ -50,6 +50,7 @@ class Compound(Node):
 
     _children: Mapping[str, Node] = MappingProxyType({})
     _fixed: frozenset[str] = frozenset()  # the fields that hold parts
+    _parametrised: bool = False  # `setup` last saw fields that a wiring had set
     _machine: Machine
     _sample: Callable[[], bool]
     _update: Callable[[], bool]
@@ -84,7 +85,15 @@ class Compound(Node):
         self.setup()
 
     def setup(self) -> None:
-        """Called at the end of construction. Override it to create the class's own attributes, such as control laws."""
+        """Called at the end of construction, and again on connect if a wiring sets fields of the machine
+        (`[parameters]`), the parts' before. Override it to create the class's own attributes, such as control laws."""
+
+    def _set_up(self) -> None:
+        """`setup` of the parts, then its own."""
+        for child in self._children.values():
+            if isinstance(child, Compound):
+                child._set_up()
+        self.setup()
 
     def __setattr__(self, name: str, value: object) -> None:
         if name in self._fixed:

@@ -83,10 +83,19 @@ class DigitalSensor(Digital):
         value: float = image.values[self._slot] if self._synchronous else image.read_now(self._slot)
         return value
 
-    def referenced(self, known: bool = True) -> None:
-        """Mark the value as referenced by homing. False: the reference is lost, the quality is UNREFERENCED again."""
+    def referenced(self, known: bool = True, *, at: float | None = None) -> None:
+        """Mark the value as referenced by homing. False: the reference is lost, the quality is UNREFERENCED again.
+
+        `at` is the true value in `units` of the last reading, for a counter that homing cannot preset: from now on
+        `zero_offset` is such that `read`, the range, frames and traces agree with it. It holds until the machine is
+        disconnected. BadInput if there is no reading.
+        """
         if not self._incremental:
             raise DeclarationError(f"{self.path} is not declared incremental")
+        if at is not None and not known:
+            raise DeclarationError(f"{self.path}: referenced(False) takes no value")
+        if at is not None:
+            self._image.set_reading(self._slot, self._number(at))
         self._image.set_referenced(self._slot, known)
 
 

@@ -331,7 +331,7 @@ class _Resolver:
             return lowest
         return value
 
-    def _parameter(self, known: dict[str, tuple[object, str]], key: str, value: Any) -> Parameter | None:
+    def _parameter(self, known: Known, key: str, value: Any) -> Parameter | None:
         """A number on a compound, or on a control law that hangs on it, by dotted attribute path."""
         if key not in known:
             self.source.fault(f"parameters.{key!r}", f"no such parameter{self.source.near(key, known)}")
@@ -339,9 +339,9 @@ class _Resolver:
         if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
             self.source.fault(f"parameters.{key!r}", f"must be a finite number, not {value!r}")
             return None
-        owner, name = known[key]
-        whole = isinstance(value, int) and isinstance(getattr(owner, name), int)
-        return Parameter(owner, name, value if whole else float(value))
+        owner, law, name, now = known[key]
+        whole = isinstance(value, int) and isinstance(now, int)
+        return Parameter(owner, law, name, value if whole else float(value))
 
 
 def longest_period(wired: Wired) -> float:
@@ -368,24 +368,28 @@ def _unfit(period: float, node: Node) -> str:
     return ""
 
 
-def _parameters(root: Compound) -> dict[str, tuple[object, str]]:
-    """Owner and name, by path, of every number a wiring may set: fields of compounds and of their control laws."""
-    found: dict[str, tuple[object, str]] = {}
+Known = dict[str, tuple[Compound, str, str, float]]
+"""By path: owner, control law (or empty), name and value of a number that a wiring may set."""
+
+
+def _parameters(root: Compound) -> Known:
+    """The fields of compounds and of their control laws."""
+    found: Known = {}
     for node in [root, *root.walk()]:
         if not isinstance(node, Compound):
             continue
         prefix = f"{node.path}." if node.path else ""
-        found |= _numbers(node, prefix)
+        found |= {f"{prefix}{name}": (node, "", name, value) for name, value in _numbers(node).items()}
         for name, law in vars(node).items():
             if not name.startswith("_") and dataclasses.is_dataclass(law) and not isinstance(law, Compound):
-                found |= _numbers(law, f"{prefix}{name}.")
+                found |= {f"{prefix}{name}.{key}": (node, name, key, value) for key, value in _numbers(law).items()}
     return found
 
 
-def _numbers(thing: Any, prefix: str) -> dict[str, tuple[object, str]]:
+def _numbers(thing: Any) -> dict[str, float]:
     values = ((field.name, getattr(thing, field.name, None)) for field in dataclasses.fields(thing) if field.init)
     return {
-        f"{prefix}{name}": (thing, name)
+        name: value
         for name, value in values
         if isinstance(value, int | float) and not isinstance(value, bool) and not name.startswith("_")
     }

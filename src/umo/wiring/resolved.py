@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from umo.drivers.contract import Channel, Driver
+from umo.objects import Compound
 from umo.objects.atomic import Atomic, Binary, Calibration, Digital
 from umo.objects.scaling import raw_bounds, to_raw
 
@@ -75,14 +76,17 @@ class Wire:
 class Parameter:
     """A number of the control code that the wiring sets (the paper's section 2.1: only gains need adjusting)."""
 
-    owner: object
+    owner: Compound
+    law: str
+    """The attribute of the owner that has the number, such as a control law; empty: it is a field of the owner."""
     name: str
     value: float
 
     def apply(self) -> Parameter:
         """Set it; returns the parameter that restores what it was."""
-        before = Parameter(self.owner, self.name, getattr(self.owner, self.name))
-        setattr(self.owner, self.name, self.value)
+        thing = getattr(self.owner, self.law) if self.law else self.owner
+        before = replace(self, value=getattr(thing, self.name))
+        setattr(thing, self.name, self.value)
         return before
 
 

@@ -86,7 +86,7 @@ class ZAxis(Compound):
 
     def _take_over(self, speed: float) -> None:
         """The servo takes the arm over at the speed that it has."""
-        self.servo.begin()
+        self.servo.reset()
         self.profile.hold(value_of(self.encoder, HOMING), speed)
         self.mode = Mode.SERVO
 

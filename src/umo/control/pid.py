@@ -1,0 +1,84 @@
+"""PID control on plain numbers (Astrom and Murray, Feedback Systems, ch. 11)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import inf
+
+
+@dataclass(kw_only=True)
+class PID:
+    """u = gain (e + 1/integral_time int(e) dt - derivative_time dy/dt) + feed-forward, e = setpoint - measurement.
+
+        level = PID(gain=0.3, integral_time=20.0)
+        output = level.step(300.0, measured, dt, low=0.0, high=10.0)
+
+    The derivative acts on the measurement, through a first-order filter. Anti-windup is conditional integration: while
+    the output is limited, the integral changes only towards the range (Astrom and Hagglund, Advanced PID Control,
+    2006, section 3.5). All times are in s. Gains do not depend on the sampling period, as long as it is short compared
+    with these times. Gains may be changed at any time.
+    """
+
+    gain: float
+    """Units of the output for one unit of the measurement. Negative if a larger output makes the measurement fall."""
+    integral_time: float = inf
+    """Default: no integral part."""
+    derivative_time: float = 0.0
+    filter_time: float = 0.0
+    """Time constant of the derivative's filter."""
+    error: float = field(default=0.0, init=False)
+    """The last setpoint minus measurement."""
+    integral: float = field(default=0.0, init=False)
+    """The integral part of the output."""
+    limited: bool = field(default=False, init=False)
+    """Whether the last output was limited."""
+    _last: float | None = field(default=None, init=False, repr=False)
+    _rate: float = field(default=0.0, init=False, repr=False)
+
+    def reset(self) -> None:
+        """Clear the state: the next `step` is the first."""
+        self.error = self.integral = self._rate = 0.0
+        self.limited, self._last = False, None
+
+    def take_over(self, output: float, setpoint: float, measurement: float, feed_forward: float = 0.0) -> None:
+        """Clear the state, and set the integral so that control goes on from this output without a step (bumpless
+        transfer)."""
+        self.reset()
+        self._last = measurement
+        self.integral = output - self.gain * (setpoint - measurement) - feed_forward
+
+    def step(
+        self,
+        setpoint: float,
+        measurement: float,
+        dt: float,
+        *,
+        feed_forward: float = 0.0,
+        low: float = -inf,
+        high: float = inf,
+    ) -> float:
+        """The output of one period of `dt` s, from `low` to `high`. With `dt` = 0 (a machine without a timer) integral
+        and derivative do not contribute."""
+        error = self.error = setpoint - measurement
+        growth = self.gain * error * dt / self.integral_time
+        rate = self._filtered_rate(measurement, dt)
+        output = self.gain * (error - self.derivative_time * rate) + self.integral + growth + feed_forward
+        if output > high:
+            self.limited = True
+            self.integral += min(growth, 0.0)
+            return high
+        if output < low:
+            self.limited = True
+            self.integral += max(growth, 0.0)
+            return low
+        self.limited = False
+        self.integral += growth
+        return output
+
+    def _filtered_rate(self, measurement: float, dt: float) -> float:
+        last, self._last = self._last, measurement
+        if not dt:
+            return 0.0
+        rate = 0.0 if last is None else (measurement - last) / dt
+        self._rate += (rate - self._rate) * dt / (self.filter_time + dt)
+        return self._rate
