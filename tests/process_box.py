@@ -27,7 +27,6 @@ class Machine(umo.Compound):
     switch: umo.BinarySensor[umo.PassFail]
     motor: umo.DigitalActuator
     valve: umo.BinaryActuator[umo.OnOff]
-    placed: int = 0
 
     stop_order = ("valve", "motor")
 
@@ -38,28 +37,6 @@ def machine(kind: type[Machine] = Machine) -> Machine:
         switch=umo.BinarySensor(umo.PassFail, one=umo.PassFail.FAIL),
         motor=umo.DigitalActuator("V", default=0.0, minimum=-10.0, maximum=10.0, resolution=0.01),
         valve=umo.BinaryActuator(umo.OnOff, one=umo.OnOff.ON, default=umo.OnOff.OFF),
-    )
-
-
-class Counted(umo.Compound):
-    """Its parts have the names of counts."""
-
-    timer: umo.DigitalSensor
-    switch: umo.BinarySensor[umo.PassFail]
-    motor: umo.DigitalActuator
-    valve: umo.BinaryActuator[umo.OnOff]
-    placed: umo.DigitalActuator
-    parts_total: umo.BinarySensor[umo.PassFail]
-
-
-def counted() -> Counted:
-    return Counted(
-        timer=umo.DigitalSensor("sampling_period", minimum=0.0, maximum=99_999.9, resolution=1.0, synchronous=False),
-        switch=umo.BinarySensor(umo.PassFail, one=umo.PassFail.FAIL),
-        motor=umo.DigitalActuator("V", default=0.0, minimum=-10.0, maximum=10.0, resolution=0.01),
-        valve=umo.BinaryActuator(umo.OnOff, one=umo.OnOff.ON, default=umo.OnOff.OFF),
-        placed=umo.DigitalActuator("V", default=0.0, minimum=-10.0, maximum=10.0, resolution=0.01),
-        parts_total=umo.BinarySensor(umo.PassFail, one=umo.PassFail.FAIL),
     )
 
 
@@ -387,7 +364,7 @@ class Reporting(Box):
     """Its report tells the level of the motor."""
 
     def report(self) -> dict[str, Any]:
-        return {"placed": self._called()[LEVELS]}
+        return {"motor": self._called()[LEVELS]}
 
 
 class Mute(Box):
@@ -440,18 +417,6 @@ class Silent(Box):
         if channel.text != "motor":
             raise umo.DeviceTimeout("slot gone")
         super()._put(channel, raw)
-
-
-class Unaccountable(Machine):
-    """What it has placed cannot be asked."""
-
-    @property
-    def parts_total(self) -> int:
-        raise KeyError("tray")
-
-
-def unaccountable() -> Machine:
-    return machine(Unaccountable)
 
 
 class HangsInReset(Box):

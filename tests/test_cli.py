@@ -34,22 +34,24 @@ def test_a_run_places_all_parts_and_leaves_trace_plot_and_summary(umo, tmp_path:
     pytest.importorskip("mujoco")
     result = umo("run", "ztheta", "--parts", "1", "--seed", "3", "--summary", "sum.json")
     assert result.exit_code == 0, said(result)
-    assert "1 of 1, by the plant's truth" in said(result)
+    assert "plant: parts placed │ 1" in said(result)
+    assert "progress │ 1 of 1, done" in said(result)
     assert "part 1 of 1: picking" in result.stderr
     summary = json.loads((tmp_path / "sum.json").read_text())
     assert set(summary) == {
-        "parts_placed",
-        "parts_total",
-        "placing_error_um",
-        "placing_error_deg",
+        "progress",
         "periods",
         "missed_periods",
         "period_us",
         "realtime_factor",
+        "reports",
+        "result",
     }
-    assert (summary["parts_placed"], summary["parts_total"], summary["missed_periods"]) == (1, 1, 0)
-    assert 0 < summary["placing_error_um"] < 200
-    assert 0 < summary["placing_error_deg"] < 1
+    assert (summary["progress"], summary["missed_periods"]) == ({"text": "done", "done": 1, "total": 1}, 0)
+    plant = summary["reports"]["plant"]
+    assert plant["parts_placed"] == 1
+    assert 0 < plant["placing_error_um"] < 200
+    assert 0 < plant["placing_error_deg"] < 1
     assert 0 < summary["period_us"]["median"] <= summary["period_us"]["p99"]
     (run,) = (tmp_path / "runs").iterdir()
     assert {"trace.csv", "plot.png", "summary.json"} <= {file.name for file in run.iterdir()}
@@ -81,7 +83,9 @@ def test_a_station_of_ones_own_runs_without_registration(umo, tank: Path) -> Non
 def test_an_option_that_nobody_takes_is_refused(umo, tank: Path) -> None:
     result = umo("run", "tank", "--parts", "2")
     assert result.exit_code == 2
-    assert "--parts: neither the application of tank nor a driver of its wiring has this option" in said(result)
+    assert "umo: tank has no option --parts (did you mean 'target'?); it has: --target, --level, --leak" in said(result)
+    assert "(did you mean 'level'?)" in said(umo("run", "tank", "--levle=2"))
+    assert "argument --level: invalid float value: 'high'" in said(umo("run", "tank", "--level", "high"))
 
 
 def test_an_exception_in_control_code_is_named_with_its_place_and_the_outputs_are_reset(umo, tank: Path) -> None:

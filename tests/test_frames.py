@@ -87,7 +87,7 @@ def test_the_header_alone_is_enough_to_read_a_frame() -> None:
         content = ring.path.read_bytes()
     header = struct.unpack_from("<8sIIQQQQQQ", content)
     magic, version, _, first, size, slots, journal, capacity, described = header
-    assert (magic, version) == (b"umoframe", 2)
+    assert (magic, version) == (b"umoframe", 3)
     text = json.loads(content[128 : 128 + described])
     fields = {field["name"]: field for field in text["fields"]}
     paths = [entry["path"] for entry in text["objects"]]
@@ -290,10 +290,10 @@ def test_how_late_the_timer_woke_is_unknown_when_ticks_were_missed() -> None:
 
 def test_what_the_machine_says_of_its_work_goes_along() -> None:
     with running() as (m, ring, _), Reader(ring.path) as reader:
-        m.task, m.placed, m.parts_total = "fräsen " + "x" * 80, 2, 3  # type: ignore[attr-defined]
+        m.progress("fräsen " + "x" * 80, done=2, total=3)
         periods(m)
         frame = reader.latest()
-        assert frame["task"].decode().startswith("fräsen xxx")
+        assert frame["progress"].decode().startswith("fräsen xxx")
         assert (frame["done"], frame["total"]) == (2, 3)
 
 
@@ -671,7 +671,7 @@ def test_a_ring_that_cannot_be_made_leaves_nothing_behind(calls: list[str], monk
 def test_a_ring_of_another_version_is_refused_with_a_sentence() -> None:
     with running() as (_, ring, _connection):
         ring._map[8] = 9
-        with pytest.raises(FramesError, match="frames of version 9, this umo reads version 2"):
+        with pytest.raises(FramesError, match="frames of version 9, this umo reads version 3"):
             Reader(ring.path)
 
 

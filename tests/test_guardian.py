@@ -10,7 +10,6 @@ import sys
 from pathlib import Path
 from typing import Any, cast
 
-import numpy as np
 import pytest
 
 import process_box
@@ -30,7 +29,7 @@ from umo.process.control_process import Control
 from umo.process.job import Job
 from umo.process.life import LARGEST, Life
 from umo.process.messages import MessageSocket
-from umo.process.outcome import Failed, Outcome, Parts, plain
+from umo.process.outcome import Failed, Outcome, plain
 from umo.process.reset import Resetter
 from umo.system import realtime
 from umo.system.custody import Custody
@@ -83,28 +82,12 @@ def test_a_report_that_never_ends_is_cut_off_and_the_end_stays_as_it_was(
     assert standing() == []
 
 
-def test_parts_of_a_machine_may_have_any_name(tmp_path: Path, cells: Cells) -> None:
-    wiring = process_box.wiring(tmp_path / "box")
-    wiring["wire"] |= {"placed": {"driver": "simulated"}, "parts_total": {"driver": "simulated"}}
-    outcome = Run(wiring, machine="process_box:counted").outcome()
-    assert (outcome.status, outcome.unsafe, outcome.parts.placed) == (0, False, None)
-
-
-def test_a_control_process_that_ends_before_it_has_reported_the_result_did_not_succeed(
-    tmp_path: Path, cells: Cells
-) -> None:
-    outcome = Run(process_box.wiring(tmp_path / "box"), machine="process_box:unaccountable").outcome()
-    assert (outcome.status, outcome.unsafe, outcome.unreached) == (1, False, [])
-    assert outcome.failure is not None
-    assert "ended before it had reported the result" in outcome.failure.message
-    assert_safe(cells)
-
-
-def test_a_count_of_numpy_is_a_count() -> None:
-    machine = process_box.machine()
-    again = Outcome.decode(Outcome(parts=Parts.of(machine, [{"placed": np.int64(2)}])).encode())
+def test_a_report_of_a_driver_that_is_too_long_is_cut(tmp_path: Path) -> None:
+    outcome = Outcome(reports={"box": {"all": list(range(100_000))}, "plant": {"parts": 3}})
+    again = Outcome.decode(outcome.encode())
     assert again is not None
-    assert again.parts.placed == 2
+    assert again.reports["plant"] == {"parts": 3}
+    assert again.reports["box"].startswith("{'all': [0, 1, 2")
 
 
 def test_an_exception_with_an_endless_message_is_reported_in_a_bounded_one(tmp_path: Path, cells: Cells) -> None:
@@ -445,7 +428,7 @@ def test_the_stop_order_is_the_one_that_the_machine_was_connected_with(tmp_path:
 def test_a_driver_reports_after_its_outputs_were_reset(tmp_path: Path, cells: Cells) -> None:
     outcome = Run(process_box.wiring(tmp_path / "box", type="process_box:Reporting")).outcome()
     assert outcome.status == 0
-    assert outcome.parts.placed == 0  # 500 before the reset
+    assert outcome.reports["box"] == {"motor": 0}  # 500 before the reset
 
 
 def test_a_report_that_fails_is_told_and_changes_nothing_else(tmp_path: Path, cells: Cells) -> None:

@@ -4,31 +4,31 @@ from __future__ import annotations
 
 import io
 
+import pytest
 from rich.console import Console
 
-from umo import Compound, DigitalSensor, Frame, connect
+from umo import Compound, DigitalSensor, RangeError, connect
 from umo.cli.progress import Shown
 
 
 class Machine(Compound):
     timer: DigitalSensor
 
-    def setup(self) -> None:
-        self.task = "homing"
-        self.placed, self.parts_total = 1, 2
+
+def machine() -> Machine:
+    return Machine(timer=DigitalSensor("sampling_period", minimum=0, maximum=9, resolution=1, synchronous=False))
 
 
 def shown(times: list[float], *, terminal: bool) -> str:
     file, now = io.StringIO(), [0.0]
-    m = Machine(timer=DigitalSensor("sampling_period", minimum=0, maximum=9, resolution=1, synchronous=False))
-    connection = connect(m)
-    with connection, Shown(m, Console(file=file, force_terminal=terminal, width=80), lambda: now[0]) as line:
+    connection = connect(machine())
+    with connection as m, Shown(Console(file=file, force_terminal=terminal, width=80), lambda: now[0]) as line:
+        m.progress("homing", done=1, total=2)
+        frame = connection.machine.frame
         for number, time in enumerate(times):
-            now[0] = time
-            frame = Frame(connection.image)
-            frame.time = time
+            now[0] = frame.time = time
             if number == 3:
-                m.task = "picking"
+                m.progress("picking\x1b[2J")
             line(frame)
     return file.getvalue()
 
@@ -42,5 +42,21 @@ def test_on_a_terminal_one_line_is_redrawn_ten_times_a_second() -> None:
     assert text.endswith("\r\x1b[2K")
 
 
-def test_elsewhere_a_line_is_written_for_every_new_task() -> None:
-    assert shown([1.0, 2.0, 3.0, 4.0], terminal=False) == "   1.000 s  homing\n   4.000 s  picking\n"
+def test_elsewhere_a_line_is_written_for_every_new_text() -> None:
+    assert shown([1.0, 2.0, 3.0, 4.0], terminal=False) == "   1.000 s  homing\n   4.000 s  picking?[2J\n"
+
+
+def test_numbers_that_are_not_given_stay() -> None:
+    connection = connect(machine())
+    with connection as m:
+        m.progress("homing", total=3)
+        m.progress("picking", done=1)
+        m.progress("placing")
+        assert connection.machine.frame.progress == ("placing", 1, 3)
+        assert connection.machine.frame.progress.share == 1 / 3
+
+
+@pytest.mark.parametrize(("name", "number"), [("done", -1), ("total", 1.5), ("done", True), ("total", "3")])
+def test_progress_counts_in_whole_numbers(name: str, number: object) -> None:
+    with connect(machine()) as m, pytest.raises(RangeError, match=f"progress: {name}="):
+        m.progress("homing", **{name: number})  # type: ignore[arg-type]

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from umo import BinaryActuator, Compound, DigitalSensor, OnOff, connect
+from umo.cycle.progress import Progress
 from umo.cycle.trace import Statistics, Trace
 from umo.testing import VirtualTimer, periods, put
 
@@ -100,10 +101,16 @@ def test_percentiles_are_of_the_last_periods_and_absent_before_the_first() -> No
 
 
 def test_labels_are_kept_when_they_change() -> None:
-    labels = iter(["a", "a", "b", "b"])
-    trace = Trace(note=lambda: next(labels))
-    recorded(trace, Statistics(), 4)
-    assert trace.notes == [(0.01, "a"), (0.03, "b")]
+    trace, m = Trace(), press()
+    connection = connect(m)
+    with connection:
+        connection.machine.observers.append(trace)
+        for text in ("", "a", "a", "b", "b"):
+            if text:
+                m.progress(text)
+            periods(m)
+    assert [text for _, text in trace.notes] == ["a", "b"]
+    assert [time for time, _ in trace.notes] == pytest.approx([0.002, 0.004])
 
 
 def test_an_observer_that_fails_is_disabled_and_the_run_goes_on(caplog: pytest.LogCaptureFixture) -> None:
@@ -122,7 +129,9 @@ def test_an_observer_that_fails_is_disabled_and_the_run_goes_on(caplog: pytest.L
 
 def test_a_trace_of_many_objects_is_bounded_in_bytes_and_grows_as_it_is_filled(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("umo.cycle.trace.MOST", most := 16_000_000)
-    frame: Any = SimpleNamespace(items=[None] * 10_000, time=0.0, missed=1, execution=0.0, values=np.zeros(10_000))
+    frame: Any = SimpleNamespace(
+        progress=Progress(), items=[None] * 10_000, time=0.0, missed=1, execution=0.0, values=np.zeros(10_000)
+    )
     trace = Trace()
     tracemalloc.start()
     try:

@@ -12,6 +12,7 @@ import pytest
 
 import umo
 from umo import BinaryActuator, Compound, DigitalActuator, TaskFailed, UpDown
+from umo.cycle.progress import Progress
 from umo.objects import Atomic
 from umo.stations.ztheta.application import main
 from umo.stations.ztheta.control import Manipulator
@@ -37,7 +38,7 @@ class Run:
         self.connection = umo.connect(self.machine, wired, parts=parts, **options)
         self.stop_at = stop_at
         self.error: TaskFailed | None = None
-        self.tasks: list[str] = []
+        self.progress = Progress()
 
         async def application(m: Manipulator) -> None:
             await main(m, parts=parts)
@@ -54,8 +55,7 @@ class Run:
             self.z_um = self.plant.z_um
 
     def observe(self, frame: umo.Frame) -> None:
-        if self.machine.task not in self.tasks:
-            self.tasks.append(self.machine.task)
+        self.progress = frame.progress
         if self.stop_at is not None and frame.number >= self.stop_at:
             self.connection.stop.request()
 
@@ -82,7 +82,7 @@ def test_all_parts_are_placed_wherever_everything_starts(seed: int) -> None:
     assert run.error is None
     report = run.plant.truth()
     assert report.placed == 3, report
-    assert run.machine.placed == 3
+    assert run.progress == ("done", 3, 3)
     run.assert_safe()
 
 
@@ -108,7 +108,7 @@ def test_a_longer_period_than_the_machine_allows_is_refused() -> None:
 @pytest.mark.parametrize("period", first(4, random.Random(1998).sample(range(1, 16_000), 10)))
 def test_stopped_at_any_period_the_arm_stays_where_it_is(period: int) -> None:
     run = Run(wiring(), parts=1, seed=period % 7, stop_at=period)
-    assert run.machine.placed == 0 or run.tasks[-1] == "done"
+    assert run.progress.done == 0 or run.progress.text == "done"
     run.assert_safe()
 
 
@@ -147,7 +147,7 @@ def test_an_encoder_that_dies_on_the_way_stops_the_axis() -> None:
     class Dying(Run):
         def observe(self, frame: umo.Frame) -> None:
             super().observe(frame)
-            if "placing" in self.machine.task:
+            if "placing" in frame.progress.text:
                 self.plant.physics.z_counter.dead = True
 
     run = Dying(wiring(), parts=1, seed=3)

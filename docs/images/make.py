@@ -23,7 +23,7 @@ def photograph() -> None:
     connection = umo.connect(m, find("ztheta").wirings["simulated"], seed=3)
 
     def observe(frame: umo.Frame) -> None:
-        if m.task == "part 2 of 3: turning" and m.theta.encoder.read() > -10.0:
+        if frame.progress.text == "part 2 of 3: turning" and m.theta.encoder.read() > -10.0:
             Image.fromarray(render(connection.driver("plant"), 960, 640)).save(HERE / "ztheta.png", optimize=True)
             connection.stop.request()
 

@@ -52,6 +52,11 @@ def place_among(lines: Iterable[tuple[str, int]]) -> str:
     return " at {}:{}".format(*(users or others)[-1]) if others else ""
 
 
+def printable(text: str) -> str:
+    """Without control characters: a terminal obeys them."""
+    return "".join(c if c.isprintable() else "?" for c in text)
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """The nearest of the known names, as text to append to a message; empty if none is similar."""
     near = difflib.get_close_matches(name[:200], list(islice(known, MOST)), n=1, cutoff=0.5)

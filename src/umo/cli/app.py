@@ -7,7 +7,7 @@ import os
 import signal
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -69,13 +69,20 @@ def _finite(value: float | None) -> float | None:
     return value
 
 
-@app.command(epilog="Examples: umo run ztheta --parts 2  |  umo run ztheta -w modbus  |  umo run . --realtime")
+@app.command(
+    epilog="Examples: umo run ztheta  |  umo run ztheta --parts 2 --turn 45  |  umo run ztheta -w modbus  |  "
+    "umo run ztheta --help",
+    context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
+    add_help_option=False,
+)
 def run(
-    station: StationName,
+    context: typer.Context,
+    station: Annotated[
+        str | None,
+        typer.Argument(metavar="STATION", help="Directory of a station, or the name of a shipped one (ztheta)."),
+    ] = None,
     wiring: WiringName = None,
     realtime: Annotated[bool, typer.Option("--realtime", help="Run in real time; default: virtual time.")] = False,
-    parts: Annotated[int | None, typer.Option(min=1, help="Number of parts to serve.")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Random seed of the plant's initial state.")] = None,
     summary: Annotated[
         Path | None, typer.Option(metavar="FILE.json", help="Write a summary of the run to this file.")
     ] = None,
@@ -83,20 +90,43 @@ def run(
     full_traceback: Annotated[
         bool, typer.Option("--traceback", help="Show the full traceback of an exception.")
     ] = False,
+    help_: Annotated[bool, typer.Option("--help", help="Show this message, and the options of the station.")] = False,
 ) -> None:
-    """Run a station; exit status 0 only if all parts were placed.
+    """Run a station. Exit status 0: its application has returned.
+
+    The options of the station are the parameters of its application and its drivers. They follow its name.
 
     In real time the loop runs in its own process. A guardian process resets the machine if the loop dies or hangs.
     Trace (CSV) and plot (PNG) go to runs/. Ctrl-C stops safely: every actuator goes to its default.
     """
-    from umo.process.job import Job
+    if help_:
+        typer.echo(context.get_help())
+        guarded(lambda: _show_options(station, wiring))
+    if station is None:
+        raise typer.BadParameter("give the directory of a station, or the name of a shipped one", param_hint="STATION")
 
-    from .run import run_station
+    def work() -> int:
+        from umo.process.job import Job
+        from umo.process.station import find
 
-    given: dict[str, Any] = {"realtime": realtime or None, "parts": parts, "seed": seed}
-    options = {name: value for name, value in given.items() if value is not None}
-    job = Job(station, wiring=wiring, options=options, acknowledge=acknowledge)
-    guarded(lambda: run_station(job, summary=summary, full_traceback=full_traceback))
+        from .options import parse
+        from .run import run_station
+
+        options = parse(find(station), wiring, context.args) | ({"realtime": True} if realtime else {})
+        job = Job(station, wiring=wiring, options=options, acknowledge=acknowledge)
+        return run_station(job, summary=summary, full_traceback=full_traceback)
+
+    guarded(work)
+
+
+def _show_options(station: str | None, wiring: str | None) -> None:
+    if station is not None:
+        from umo.process.station import find
+
+        from .console import out
+        from .options import help_panel
+
+        out.print(help_panel(find(station), wiring))
 
 
 @app.command(epilog="Examples: umo check ztheta  |  umo check ztheta -w modbus  |  umo check . -w wiring/bench.toml")

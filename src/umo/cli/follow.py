@@ -9,12 +9,13 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
+from umo.cycle.progress import Progress
 from umo.cycle.signals import SIGNALS
 from umo.frames import Reader
 from umo.objects import Atomic, Compound
 from umo.process import Started
 from umo.process.job import Job
-from umo.process.outcome import Outcome, Parts
+from umo.process.outcome import Outcome
 
 from .console import err
 
@@ -23,7 +24,7 @@ LOOK = 0.05
 
 
 class Seen:
-    """A frame read from a ring, as observers see the live one (`umo.Frame`); and what the machine says of itself."""
+    """A frame read from a ring, as observers see the live one (`umo.Frame`)."""
 
     def __init__(self, machine: Compound) -> None:
         self._machine = machine
@@ -31,8 +32,7 @@ class Seen:
         self.number = self.missed = 0
         self.time = self.execution = 0.0
         self.values: Any = ()
-        self.task = ""
-        self.placed = self.parts_total = 0
+        self.progress = Progress()
 
     def order(self, reader: Reader) -> None:
         """Take the objects in the order of this ring."""
@@ -43,8 +43,7 @@ class Seen:
         self.number, self.missed = int(row["number"]), int(row["missed"])
         self.time, self.execution = float(row["time"]), float(row["execution"]) * 1e-9
         self.values = row["values"]
-        self.task = row["task"].decode()
-        self.placed, self.parts_total = int(row["done"]), int(row["total"])
+        self.progress = Progress(row["progress"].decode(errors="replace"), int(row["done"]), int(row["total"]))
 
 
 def follow(job: Job, seen: Seen, observers: list[Callable[[Any], None]]) -> tuple[Outcome, float]:
@@ -73,7 +72,6 @@ def follow(job: Job, seen: Seen, observers: list[Callable[[Any], None]]) -> tupl
         elapsed = 0.0 if begun is None else time.perf_counter() - begun
     if outcome.unsafe:  # what the control process had no more time to say
         outcome.simulated = seen.time
-        outcome.parts = Parts(seen.placed, seen.parts_total or None)
     if lost:
         _say(f"{lost} periods came too fast to be noted in the trace")
     return outcome, elapsed

@@ -12,27 +12,22 @@ from collections.abc import Callable
 from rich.console import Console
 
 from umo.cycle import Frame
+from umo.text import printable
 
 INTERVAL = 0.1
 """Seconds of wall-clock time between two pictures."""
 BAR = 24
 
 
-def task_of(machine: object) -> str:
-    """The current task of the machine: its attribute `task`, if it has one."""
-    return str(getattr(machine, "task", ""))
-
-
 class Shown:
-    """An observer that keeps one line up to date on a terminal; elsewhere it writes a line for every new task."""
+    """An observer that keeps one line up to date on a terminal; elsewhere it writes a line for every new text."""
 
-    def __init__(self, machine: object, console: Console, clock: Callable[[], float] = time.monotonic) -> None:
-        self._machine = machine
+    def __init__(self, console: Console, clock: Callable[[], float] = time.monotonic) -> None:
         self._file = console.file
         self._terminal = console.is_terminal
         self._clock = clock
         self._next = 0.0
-        self._task = ""
+        self._text = ""
         self._width = max(20, console.width - 1)
 
     def __enter__(self) -> Shown:
@@ -47,16 +42,16 @@ class Shown:
             if (now := self._clock()) >= self._next:
                 self._next = now + INTERVAL
                 self._write(f"\r\x1b[2K{self._line(frame)[: self._width]}")
-        elif (task := task_of(self._machine)) and task != self._task:
-            self._task = task
-            self._write(f"{frame.time:8.3f} s  {task}\n")
+        elif (text := frame.progress.text) and text != self._text:
+            self._text = text
+            self._write(f"{frame.time:8.3f} s  {printable(text)}\n")
 
     def _line(self, frame: Frame) -> str:
-        total = getattr(self._machine, "parts_total", 0)
-        text = task_of(self._machine) or "running"
-        if not total:
+        progress = frame.progress
+        text = printable(progress.text) or "running"
+        if not progress.total:
             return f"{frame.time:8.1f} s  {text}"
-        filled = BAR * getattr(self._machine, "placed", 0) // total
+        filled = int(BAR * progress.share)
         return f"{frame.time:8.1f} s  {'━' * filled}{'╌' * (BAR - filled)}  {text}"
 
     def _write(self, text: str) -> None:

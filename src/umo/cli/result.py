@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from rich.table import Table
 
+from umo.cycle.progress import Progress
 from umo.cycle.trace import Statistics
 from umo.process.outcome import Outcome
+from umo.text import printable
+
+LONGEST = 100
+"""Characters of a value in the table."""
 
 
 @dataclass
@@ -19,6 +25,8 @@ class Result:
 
     statistics: Statistics
     outcome: Outcome = field(default_factory=Outcome)
+    progress: Progress = field(default_factory=Progress)
+    """As the machine said it last."""
     elapsed: float = 0.0
     """s of wall-clock time."""
 
@@ -27,12 +35,9 @@ class Result:
         return self.outcome.simulated / self.elapsed if self.elapsed and self.statistics.periods else None
 
     def summary(self) -> dict[str, Any]:
-        statistics, parts = self.statistics, self.outcome.parts
+        statistics = self.statistics
         return {
-            "parts_placed": parts.placed,
-            "parts_total": parts.total,
-            "placing_error_um": _rounded(parts.error_um, 3),
-            "placing_error_deg": _rounded(parts.error_deg, 6),
+            "progress": self.progress._asdict(),
             "periods": statistics.periods,
             "missed_periods": statistics.missed,
             "period_us": {
@@ -40,6 +45,8 @@ class Result:
                 "p99": _rounded(statistics.percentile(99), 2),
             },
             "realtime_factor": _rounded(self.realtime_factor, 3),
+            "reports": self.outcome.reports,
+            "result": self.outcome.result,
         }
 
     def save(self, path: Path) -> None:
@@ -47,20 +54,36 @@ class Result:
 
     def table(self, title: str) -> Table:
         table = Table(title=title, title_justify="left", show_header=False)
-        parts = self.outcome.parts
-        who = "by the plant's truth" if parts.truth else "as counted by the control code"
-        if parts.total is not None:
-            table.add_row("parts placed", f"{parts.placed} of {parts.total}, {who}")
-            table.add_row(
-                "worst placing error", f"{_shown(parts.error_um, '.1f')} um, {_shown(parts.error_deg, '.3f')} deg"
-            )
+        if self.progress.total:
+            table.add_row("progress", f"{self.progress.done} of {self.progress.total}, {self.progress.text}")
         statistics = self.statistics
         table.add_row("periods", f"{statistics.periods}, missed {statistics.missed}")
         median, p99 = (_shown(statistics.percentile(q), ".1f") for q in (50, 99))
         table.add_row("execution time of a period", f"median {median} us, p99 {p99} us")
         factor = _shown(self.realtime_factor, ".2f")
         table.add_row("time", f"{self.outcome.simulated:.2f} s in {self.elapsed:.2f} s, {factor} x real time")
+        for driver, report in self.outcome.reports.items():
+            for name, value in _rows("report", report):
+                table.add_row(f"{driver}: {name}", value)
+        for name, value in _rows("result", self.outcome.result):
+            table.add_row(name, value)
         return table
+
+
+def _rows(name: str, data: Any) -> Iterator[tuple[str, str]]:
+    """Plain data: a row for each entry of a dict, else one under this name."""
+    if isinstance(data, dict):
+        for key, value in data.items():
+            yield printable(str(key).replace("_", " ")), _text(value)
+    elif data is not None:
+        yield name, _text(data)
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return "-"
+    text = f"{value:.6g}" if isinstance(value, float) else printable(str(value))
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
 
 
 def _shown(value: float | None, form: str) -> str:

@@ -11,14 +11,14 @@ from umo.cycle import connect, drive
 from umo.cycle.signals import signal_name
 from umo.cycle.trace import Statistics, Trace
 from umo.process.job import Job, Plan
-from umo.process.outcome import Failed, Parts
+from umo.process.outcome import Failed, plain, plain_reports
 from umo.process.start import LINUX
 from umo.process.station import StationError
 from umo.text import cause_of
 
 from .console import err, out
 from .follow import Seen, follow
-from .progress import Shown, task_of
+from .progress import Shown
 from .result import Result
 
 RUNS = Path("runs")
@@ -37,18 +37,18 @@ def run_station(job: Job, *, summary: Path | None, full_traceback: bool = False)
         err.print("umo: --realtime has no effect on the timer of this wiring")
     result = Result(Statistics())
     seen = Seen(plan.machine)
-    said: Any = seen if plan.wired.realtime and LINUX else plan.machine
-    trace = Trace(note=lambda: task_of(said))
-    with Shown(said, err) as shown:
-        if said is seen:
+    trace = Trace()
+    with Shown(err) as shown:
+        if plan.wired.realtime and LINUX:
             result.outcome, result.elapsed = follow(job, seen, [result.statistics, trace, shown])
+            result.progress = seen.progress
         else:
             _drive(plan, result, [result.statistics, trace, shown])
     outcome = result.outcome
     if outcome.failure is not None and not result.statistics.periods:
         return _fail(outcome.failure, full_traceback)  # nothing ran: there is nothing to show
     written = summary is None or _write_summary(result, summary)
-    _leave_behind(plan.name, task_of(said), result, trace)
+    _leave_behind(plan.name, result, trace)
     name = f"{plan.name}, {plan.wiring_name}" if plan.wiring_name else plan.name
     out.print(result.table(f"umo run {name}"))
     if outcome.failure is not None:
@@ -74,16 +74,17 @@ def _drive(plan: Plan, result: Result, observers: list[Any]) -> None:
             connection.machine.observers += observers
             begun = time.perf_counter()
             try:
-                drive(machine, plan.application)
+                outcome.result = plain(drive(machine, plan.application))
             finally:
                 result.elapsed = time.perf_counter() - begun
                 outcome.simulated = machine.now
+                result.progress = connection.machine.frame.progress
                 outcome.stopped_by = connection.stop.signal
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # SystemExit too: the run did not come to its end
         outcome.failure = Failed.of(error)
-    outcome.parts = Parts.of(plan.machine, connection.reports.values())
+    outcome.reports = plain_reports(connection.reports)
 
 
 def _write_summary(result: Result, summary: Path) -> bool:
@@ -95,7 +96,7 @@ def _write_summary(result: Result, summary: Path) -> bool:
     return True
 
 
-def _leave_behind(name: str, task: str, result: Result, trace: Trace) -> None:
+def _leave_behind(name: str, result: Result, trace: Trace) -> None:
     """Write trace, plot and summary. A failure is printed and does not change the exit status."""
     failure = result.outcome.failure
     try:
@@ -107,7 +108,7 @@ def _leave_behind(name: str, task: str, result: Result, trace: Trace) -> None:
             (folder / "failure.txt").write_text(text, encoding="utf-8", errors="backslashreplace")
         from .plot import save_plot
 
-        save_plot(trace, folder / "plot.png", f"umo run {name}: {task or 'done'}")
+        save_plot(trace, folder / "plot.png", f"umo run {name}: {result.progress.text or 'done'}")
     except ImportError:
         err.print(f'umo: no plot: matplotlib is not installed (pip install "umo[plot]"); the trace is in {folder}')
     except Exception as error:  # a full disk; a name that the plot cannot show

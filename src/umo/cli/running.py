@@ -16,7 +16,7 @@ from umo.errors import FramesError, UmoError
 from umo.frames import Reader, rings
 from umo.system.hold import is_held
 from umo.system.record import Ended, all_standing
-from umo.text import cause_of, did_you_mean
+from umo.text import cause_of, did_you_mean, printable
 
 from .console import err, out
 
@@ -118,7 +118,7 @@ def _line(reader: Reader) -> dict[str, Any]:
         "pid": about["pid"],
         "since": about["started"],
         "state": reader.state.name.lower(),
-        "task": "" if frame is None else frame["task"].decode(errors="replace"),
+        "progress": "" if frame is None else printable(frame["progress"].decode(errors="replace")),
         "period_s": about["period"],
         "periods": reader.head,
         "missed": reader.missed,
@@ -126,7 +126,7 @@ def _line(reader: Reader) -> dict[str, Any]:
 
 
 def _table(found: list[dict[str, Any]]) -> Table:
-    table = Table("station", "pid", "since", "state", "period", "periods", "missed", "task", header_style="bold")
+    table = Table("station", "pid", "since", "state", "period", "periods", "missed", "progress", header_style="bold")
     for line in found:
         since = time.strftime("%H:%M:%S", time.localtime(line["since"]))
         name = f"{line['station']} ({line['wiring']})" if line["wiring"] else line["station"]
@@ -138,7 +138,7 @@ def _table(found: list[dict[str, Any]]) -> Table:
             f"{line['period_s'] * 1e3:g} ms",
             f"{line['periods']:,}",
             f"{line['missed']:,}",
-            line["task"],
+            line["progress"],
         )
     return table
 

@@ -17,7 +17,7 @@ from rich.text import Text
 from umo.errors import PathError
 from umo.frames import Reader, Stage
 from umo.objects import Quality
-from umo.text import did_you_mean
+from umo.text import did_you_mean, printable
 
 from .console import out
 from .running import attach_first
@@ -111,10 +111,10 @@ class Picture:
         reader, frame = self._reader, self._frame
         about = reader.about
         name = f"{about['station']} ({about['wiring']})" if about["wiring"] else about["station"]
-        task = frame["task"].decode(errors="replace")
+        progress = printable(frame["progress"].decode(errors="replace"))
         done = f", {frame['done']} of {frame['total']}" if frame["total"] else ""
         lost = f", {reader.lost:,} frames not seen" if reader.lost else ""
-        text = Text(f"{name}: {task}{done}\n", style="bold")
+        text = Text(f"{name}: {progress}{done}\n", style="bold")
         text.append(
             f"{frame['time']:.3f} s, period {about['period'] * 1e3:g} ms, missed {reader.missed:,}{lost}\n", "none"
         )

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from umo.cycle.image import Image
+from umo.cycle.progress import Progress
 from umo.objects import Atomic
 
 log = logging.getLogger("umo")
@@ -15,7 +16,7 @@ log = logging.getLogger("umo")
 class Frame:
     """The data of one period: a view of the live image, valid only during the call of the observer."""
 
-    __slots__ = ("began", "execution", "image", "missed", "number", "time")
+    __slots__ = ("began", "execution", "image", "missed", "number", "progress", "time")
 
     def __init__(self, image: Image) -> None:
         self.image = image
@@ -29,6 +30,8 @@ class Frame:
         """When the timer returned, in ns of CLOCK_MONOTONIC."""
         self.execution = 0.0
         """s of wall-clock time from the timer's return to the end of `update`."""
+        self.progress = Progress()
+        """What the machine said last of its work."""
 
     @property
     def items(self) -> list[Atomic]:

@@ -120,6 +120,9 @@ class ConnectedMachine:
     def acknowledge(self, part: Compound) -> bool:
         return self.commands.acknowledge(self._slots_of(part).all)
 
+    def progress(self, text: str, done: int | None, total: int | None) -> None:
+        self.frame.progress = self.frame.progress.then(text, done, total)
+
     def start(self, sequence: Coroutine[Any, Any, Any]) -> Task:
         return self.sequences.start(sequence)
 

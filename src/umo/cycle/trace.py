@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -45,25 +45,24 @@ class Trace:
 
     When the rows are full every second one is dropped and from then on only every second period kept, and so
     on: the whole run stays in view. There are as many rows as asked for, fewer where the objects are so many that
-    those would take more than `MOST` bytes. `note` may give a label for what the machine was doing.
+    those would take more than `MOST` bytes.
     """
 
-    def __init__(self, rows: int = ROWS, note: Callable[[], str] | None = None) -> None:
+    def __init__(self, rows: int = ROWS) -> None:
         self._capacity = rows
         self._rows: npt.NDArray[np.float64] | None = None
         self._used = 0
         self._seen = 0
-        self._note = note
         self.items: list[Atomic] = []
         self.stride = 1
         """Every how many periods a row was kept."""
         self.notes: list[tuple[float, str]] = []
-        """When each label began, in s."""
+        """The texts of the progress, each with the time in s at which it began."""
 
     def __call__(self, frame: Frame) -> None:
         rows = self._begin(frame) if self._rows is None else self._rows
-        if self._note is not None and (note := self._note()) != (self.notes[-1][1] if self.notes else None):
-            self.notes.append((frame.time, note))
+        if (text := frame.progress.text) != (self.notes[-1][1] if self.notes else ""):
+            self.notes.append((frame.time, text))
         self._seen += 1
         if self._used == len(rows):
             rows = self._grow(rows) if self._used < self._capacity else self._thin(rows)

@@ -28,7 +28,7 @@ from umo.errors import FramesError
 from umo.objects import Atomic, Binary, Digital, Quality
 
 MAGIC = b"umoframe"
-VERSION = 2
+VERSION = 3
 HEADER = struct.Struct("<8sIIQQQQQQ")
 """Magic, version, flags, offset of the first slot, bytes of a slot, slots, offset of the journal, its entries, bytes of
 the description."""
@@ -78,9 +78,9 @@ FIXED: list[Column] = [
     ("sampled", "<i8", 1, "entries before the sample of the whole machine; -1 there was none"),
     ("updated", "<i8", 1, "entries before the update of the whole machine; -1 there was none"),
     ("entries_checksum", "<u8", 1, ""),
-    ("done", "<i8", 1, "of `total`, what the machine says of its work"),
-    ("total", "<i8", 1, "0: it says nothing"),
-    ("task", f"S{NOTE}", 1, "UTF-8, what the machine says that it is doing"),
+    ("done", "<i8", 1, "of `total`: how much of its work the machine has done"),
+    ("total", "<i8", 1, "0: not known"),
+    ("progress", f"S{NOTE}", 1, "UTF-8: what the machine is doing"),
 ]
 
 

@@ -50,7 +50,6 @@ def published(
         layout = Layout(describe_objects(connection.image.items), tuple(phases.names), about)
         ring = Ring(connection.image, phases, layout, path or new_path(station))
         try:
-            ring.watch(connection.root)
             ring.state(Stage.RUNNING)
             observers.append(ring)
             yield ring

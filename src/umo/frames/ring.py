@@ -14,6 +14,7 @@ from umo.cycle.frame import Frame
 from umo.cycle.image import Image
 from umo.cycle.journal import Journal
 from umo.cycle.phases import UNKNOWN, Phases
+from umo.cycle.progress import Progress
 from umo.cycle.stage import Stage
 from umo.frames.file import make
 from umo.frames.layout import CHECKSUM, DESCRIPTION, ENTRY, HEAD, JOURNAL, MISSED, NOTE, STATE, USAGE, Layout, arrange
@@ -25,6 +26,7 @@ FEWEST_SLOTS = 16
 ENTRIES = 8192
 """Of the journal, at least two of the longest periods."""
 ENTRY_BYTES = ENTRY.itemsize
+MOST = (1 << 63) - 1
 ORDERED = platform.machine().lower() in ("x86_64", "amd64", "i686")
 """Stores become visible in program order: a sequence counter is enough."""
 
@@ -46,8 +48,7 @@ class Ring:
         self.checksum = checksum
         self.index = 0
         self.missed = 0
-        self._machine: Any = None
-        self._task: tuple[Any, bytes] = (None, b"")
+        self._progress: tuple[Any, tuple[bytes, int, int]] = (None, (b"", 0, 0))
         self._entries = 0
         self.slot_bytes = layout.dtype.itemsize
         self.slots = max(min(MOST_BYTES // self.slot_bytes, MOST_SLOTS), FEWEST_SLOTS)
@@ -70,10 +71,6 @@ class Ring:
         self._arrays = isinstance(self.image, ArrayImage)
         listed = 0 if self._arrays else self._count  # a list of values goes in with the numbers before it
         self._front = struct.Struct(f"<qdqqqq{len(USAGE)}q8q{NOTE}s{len(layout.phases)}q{listed}d")
-
-    def watch(self, machine: Any) -> None:
-        """Take `task`, `placed` and `parts_total` of this machine along, if it has them."""
-        self._machine = machine
 
     def state(self, state: Stage) -> None:
         self._live[STATE // 8] = state
@@ -99,7 +96,7 @@ class Ring:
         image, phases, journal, places = self.image, self.phases, self.journal, self._at
         execution = round(frame.execution * 1e9)
         phases.finish(execution)
-        task, done, total = self._note()
+        text, done, total = self._packed(frame.progress)
         first = self._entries
         checksum = self._keep(journal) if journal.count else 0
         self._front.pack_into(
@@ -108,7 +105,7 @@ class Ring:
             UNKNOWN if frame.missed else phases.wake, execution,
             *self.usage.read(),
             first, journal.count, journal.lost, journal.sampled, journal.updated, checksum,
-            done, total, task,
+            done, total, text,
             *phases.ns, *(() if self._arrays else image.values),
         )  # fmt: skip
         phases.clear()
@@ -136,15 +133,12 @@ class Ring:
         self._bytes[self._journal_at : self._journal_at + len(entries) - here] = entries[here:]
         return zlib.crc32(entries) if self.checksum else 0
 
-    def _note(self) -> tuple[bytes, int, int]:
-        machine = self._machine
-        if machine is None:
-            return b"", 0, 0
-        task = getattr(machine, "task", "")
-        if task is not self._task[0]:
-            self._task = task, _cut(str(task).encode())
-        done, total = getattr(machine, "placed", 0), getattr(machine, "parts_total", 0)
-        return self._task[1], done if type(done) is int else 0, total if type(total) is int else 0
+    def _packed(self, progress: Progress) -> tuple[bytes, int, int]:
+        """Its text cut to its place; once for each progress."""
+        if progress is not self._progress[0]:
+            packed = _cut(progress.text.encode(errors="replace")), min(progress.done, MOST), min(progress.total, MOST)
+            self._progress = progress, packed
+        return self._progress[1]
 
     def close(self) -> None:
         """End the ring: readers see the end and the last frames. The file is not removed."""

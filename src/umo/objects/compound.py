@@ -153,6 +153,14 @@ class Compound(Node):
         """Start a sequence. It runs from the next period on, beside the others. `control` raises its errors."""
         return self._machine.start(sequence)
 
+    def progress(self, text: str, done: int | None = None, total: int | None = None) -> None:
+        """Say what the machine is doing, and how much of its work is done: `m.progress("turning", done=1, total=3)`.
+
+        It is shown by `umo run`, `umo ps`, `umo watch` and the plot, and is in the frames (the first 64 bytes). Numbers
+        that are not given stay. RangeError unless they are whole and 0 or more.
+        """
+        self._machine.progress(text, done, total)
+
     @property
     def connected(self) -> bool:
         return not isinstance(self._machine, Unconnected)

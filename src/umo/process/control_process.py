@@ -9,7 +9,6 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +22,11 @@ from umo.objects import Compound, DigitalSensor
 from umo.process.job import Plan
 from umo.process.life import Life
 from umo.process.messages import MessageSocket
-from umo.process.outcome import Failed, Outcome, Parts, plain, status_of
+from umo.process.outcome import Failed, Outcome, plain, plain_reports, status_of
 from umo.system import realtime
 from umo.system.custody import Custody
 from umo.text import text_of
 
-UNREPORTED = "the control process reset every actuator, but ended before it had reported the result"
 WATCHED_EVERY = 0.5
 """Minimum time in s without a sign of life before the guardian counts as lost: a busy computer delays it."""
 
@@ -64,13 +62,12 @@ class Control:
             error = caught
         self._judge(outcome, error)
         result, outcome.result = outcome.result, None
-        self.report(replace(outcome, failure=outcome.failure or Failed("Lost", UNREPORTED, 1)))
-        if self._connection is not None:
-            outcome.parts = Parts.of(self._plan.machine, self._connection.reports.values())
         self.report(outcome)  # the status stands; texts of errors and results call code of the application's
         outcome.result = plain(result)
         if error is not None:
             outcome.failure = Failed.of(error)
+        if self._connection is not None:
+            outcome.reports = plain_reports(self._connection.reports)
         self.report(outcome)
         return outcome
 

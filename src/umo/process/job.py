@@ -97,7 +97,7 @@ class Plan:
         """Hand each option to whoever takes one of that name: the application's main, the drivers, or both."""
         given = self.job.options
         taken = set() if main is None else set(list(inspect.signature(main).parameters)[1:])
-        drivers = driver_options(self.wiring)
+        drivers = driver_options(self.wiring).keys()
         for name in given.keys() - taken - drivers - {"realtime"}:
             raise StationError(
                 f"--{name}: neither the application of {self.name} nor a driver of its wiring has this option"

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import json
 import traceback
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from umo.errors import (
     DeclarationError,
@@ -24,7 +22,6 @@ from umo.errors import (
     UmoError,
     WiringError,
 )
-from umo.objects import Compound
 from umo.process.station import StationError
 from umo.text import text_of
 
@@ -71,29 +68,6 @@ class Failed:
 
 
 @dataclass
-class Parts:
-    """What became of the parts. Lengths in um, angles in deg."""
-
-    placed: int | None = None
-    total: int | None = None
-    error_um: float | None = None
-    error_deg: float | None = None
-    truth: bool = False
-    """Whether the parts were counted by the plant itself, not by the control code."""
-
-    @classmethod
-    def of(cls, machine: Compound, reports: Iterable[Mapping[str, Any]]) -> Parts:
-        """Count the parts: by a plant's own report where there is one, else as the control code did."""
-        found = cls(_count(getattr(machine, "placed", None)), _count(getattr(machine, "parts_total", None)))
-        for report in reports:
-            placed = _count(report.get("placed"))
-            if placed is not None:
-                found.truth, found.placed = True, placed
-                found.error_um, found.error_deg = (plain(report.get(name), 40) for name in ("error_um", "error_deg"))
-        return found
-
-
-@dataclass
 class Outcome:
     """How a control process ended. `unreached`: the actuators that are not at their defaults, by path."""
 
@@ -105,7 +79,8 @@ class Outcome:
     unsafe: bool = False
     """True: the guardian had to reset the machine, or was lost. The next run must acknowledge this."""
     unreached: list[str] = field(default_factory=list)
-    parts: Parts = field(default_factory=Parts)
+    reports: dict[str, Any] = field(default_factory=dict)
+    """What the drivers reported of their circuits or plants, by the driver's name, as plain data."""
     simulated: float = 0.0
     """Seconds on the cycle's clock."""
     result: Any = None
@@ -120,7 +95,7 @@ class Outcome:
             return self.failure.status
         if self.stopped_by is not None:
             return 128 + self.stopped_by
-        return FAILED if self.parts.total and self.parts.placed != self.parts.total else 0
+        return 0
 
     def dump(self) -> dict[str, Any]:
         """As plain data, at most `LARGEST` bytes as JSON, whatever the application returned. Long texts are cut, and of
@@ -129,7 +104,7 @@ class Outcome:
             data = vars(self) | {
                 "failure": self.failure and asdict(self.failure.cut(longest)),
                 "unreached": self.unreached[:most],
-                "parts": asdict(self.parts),
+                "reports": plain_reports(self.reports, longest),
                 "result": plain(self.result, longest),
             }
             if len(json.dumps(data)) <= LARGEST:
@@ -152,13 +127,7 @@ class Outcome:
     def load(cls, data: dict[str, Any]) -> Outcome:
         data = dict(data)
         failure = data.pop("failure")
-        parts = Parts(**data.pop("parts"))
-        return cls(failure=failure and Failed(**failure), parts=parts, **data)
-
-
-def _count(value: object) -> int | None:
-    """A machine's field of that name may be anything."""
-    return int(value) if isinstance(value, int | np.integer) else None
+        return cls(failure=failure and Failed(**failure), **data)
 
 
 def plain(result: Any, longest: int = LONGEST) -> Any:
@@ -170,6 +139,11 @@ def plain(result: Any, longest: int = LONGEST) -> Any:
         return repr(result)[:longest]
     except BaseException:
         return f"<{type(result).__name__}, which cannot be shown>"
+
+
+def plain_reports(reports: Mapping[str, Any], longest: int = LONGEST) -> dict[str, Any]:
+    """The same for the report of each driver; together of a moderate size."""
+    return {name: plain(report, longest // len(reports)) for name, report in reports.items()}
 
 
 def status_of(failure: BaseException) -> int:

@@ -14,6 +14,7 @@ from time import monotonic
 from types import TracebackType
 from typing import Any
 
+from umo.cycle.progress import Progress
 from umo.cycle.signals import signal_name
 from umo.cycle.stage import Stage
 from umo.errors import DriverError, FramesError, TaskFailed
@@ -117,6 +118,15 @@ class Started:
         self.poll()
         frame = None if self.frames is None else self.frames.latest()
         return {} if self.frames is None or frame is None else self.frames.values(frame)
+
+    @property
+    def progress(self) -> Progress:
+        """What the machine said last of its work (`Compound.progress`)."""
+        self.poll()
+        frame = None if self.frames is None else self.frames.latest()
+        if frame is None:
+            return Progress()
+        return Progress(frame["progress"].decode(errors="replace"), int(frame["done"]), int(frame["total"]))
 
     @property
     def outcome(self) -> Outcome | None:

@@ -23,6 +23,7 @@ from typing import Any
 
 from umo.errors import StandsStopped, UmoError
 from umo.system import folders
+from umo.text import printable
 
 FOLDER = "devices"
 SUFFIX = ".json"
@@ -76,11 +77,6 @@ class Ended:
             return f"how the last run on {self.device}{by} ended is unknown: {self.what}"
         reached = f"not reached: {', '.join(self.unreached)}" if self.unreached else "every actuator was reset"
         return f"{name} was stopped{by} at {when}: {self.what}; {reached}"
-
-
-def printable(text: str) -> str:
-    """Without control characters: a terminal obeys them."""
-    return "".join(c if c.isprintable() else "?" for c in text)
 
 
 class Record:

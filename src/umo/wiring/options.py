@@ -12,17 +12,19 @@ from umo.errors import WiringError
 from umo.wiring.source import read
 
 
-def driver_options(wiring: Path | str | Mapping[str, Any] | None) -> set[str]:
-    """The names of all options of all drivers in use; what is wrong with the wiring is for `check` to say."""
+def driver_options(wiring: Path | str | Mapping[str, Any] | None) -> dict[str, tuple[str, inspect.Parameter]]:
+    """All options of all drivers in use by name: the driver's type and the parameter. What is wrong with the wiring is
+    for `check` to say."""
     if wiring is None:
-        return set()
+        return {}
     source = read(wiring)
     types = {name: table.get("type", name) for name, table in source.drivers.items()}
-    names = {types.get(entry.driver, entry.driver) for entry in source.entries.values()}
-    taken: set[str] = set()
-    for name in names | set(types.values()):
+    names = {types.get(entry.driver, entry.driver): None for entry in source.entries.values()}
+    taken: dict[str, tuple[str, inspect.Parameter]] = {}
+    for name in dict.fromkeys([*types.values(), *names]):
         try:
-            taken |= inspect.signature(registry.find(name)).parameters.keys()
-        except (WiringError, TypeError, ValueError):  # ValueError: a class without a signature
+            parameters = inspect.signature(registry.find(name), eval_str=True).parameters
+        except (WiringError, TypeError, ValueError, NameError):  # ValueError: a class without a signature
             continue
+        taken |= {key: (str(name), parameter) for key, parameter in parameters.items() if key not in taken}
     return taken

@@ -7,10 +7,10 @@ from umo.control import wait
 
 async def main(m: Tank, target: float = 300.0) -> None:
     """Fill to `target` mm, keep it there for a while, drain."""
-    m.task = "filling"
+    m.progress("filling")
     await m.fill(target)
-    m.task = "keeping the level"
+    m.progress("keeping the level")
     await wait("20 s")
-    m.task = "draining"
+    m.progress("draining")
     await m.empty(50.0)
-    m.task = "done"
+    m.progress("done")

@@ -17,7 +17,6 @@ class Tank(Compound):
     max_period = "200 ms"
 
     def setup(self) -> None:
-        self.task = "idle"
         self.regulator = Hysteresis(self.level, self.inlet, OpenClosed.OPEN, low=0.0, high=0.0)
 
     def control(self) -> None:

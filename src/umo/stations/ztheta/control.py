@@ -104,11 +104,6 @@ class Manipulator(Compound):
     stop_order = ("z.motor", "theta", "counterweight", "pressure_solenoid", "z", "gripper")
     max_period = "10 ms"
 
-    def setup(self) -> None:
-        self.task = "idle"
-        self.placed = 0
-        self.parts_total = 0
-
     async def home(self) -> None:
         """Carry the arm, then find both axes' references."""
         await self.counterweight.carry()

@@ -282,7 +282,7 @@ class Plant(Driver[PlantChannel]):
         """How many parts were placed, and the largest errors of those (um, deg)."""
         parts = self.truth().parts
         return {
-            "placed": sum(part.placed for part in parts),
-            "error_um": max((part.error_um for part in parts if part.error_um is not None), default=None),
-            "error_deg": max((part.error_deg for part in parts if part.error_deg is not None), default=None),
+            "parts_placed": sum(part.placed for part in parts),
+            "placing_error_um": max((part.error_um for part in parts if part.error_um is not None), default=None),
+            "placing_error_deg": max((part.error_deg for part in parts if part.error_deg is not None), default=None),
         }
