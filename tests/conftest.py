@@ -10,6 +10,7 @@ from hypothesis import HealthCheck, settings
 from typer.testing import CliRunner, Result
 
 from umo.cli.app import app
+from umo.system import packages
 
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # hundreds of processes import umo: it is compiled once
 settings.register_profile("umo", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -53,14 +54,14 @@ def own_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def umo(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., Result]:
-    """The command, run in an empty folder; a station's bare modules do not outlive the call."""
+    """The command, run in an empty folder; a station's modules do not outlive the call."""
     monkeypatch.chdir(tmp_path)
 
     def call(*words: str) -> Result:
         with monkeypatch.context() as patch:
             patch.setattr(sys, "path", list(sys.path))
-            for name in ("objects", "control", "application", "plant", "serve"):
-                patch.delitem(sys.modules, name, raising=False)
+            for name in [name for name in sys.modules if name.startswith(packages.PREFIX)]:
+                patch.delitem(sys.modules, name)
             return CliRunner().invoke(app, list(words))
 
     return call

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import os
 import socket
@@ -19,7 +18,7 @@ from umo.process.station import find
 from umo.stations import ztheta
 from umo.system.hold import Hold
 from umo.system.record import Record
-from umo.testing import Scripted, periods
+from umo.testing import Scripted, periods, station
 
 
 def said(result: Result) -> str:
@@ -339,7 +338,7 @@ def test_a_new_station_overwrites_nothing(umo, tank: Path) -> None:
 
 
 def test_get_of_a_station_that_runs_reads_its_frames_and_connects_to_nothing(umo, tank: Path) -> None:
-    machine = make(Path(tank))
+    machine = station(tank).machine()
     box = Scripted({"level": 300})
     wire: dict[str, Any] = {item.path: {"driver": "box"} for item in machine.atoms()}
     wire["timer"] = {"driver": "simulated", "period": 0.1}
@@ -353,18 +352,6 @@ def test_get_of_a_station_that_runs_reads_its_frames_and_connects_to_nothing(umo
         assert "inlet CLOSED GOOD" in said(result)
         assert f"from the frames of tank, which is running (pid {os.getpid()})" in said(result)
         assert len(box.calls) == calls
-
-
-def make(folder: Path) -> Any:
-    """The machine of a station, without leaving its modules behind."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(folder))
-        for name in ("objects", "control", "application", "plant"):
-            patch.delitem(sys.modules, name, raising=False)
-        machine = importlib.import_module("objects").machine()
-        for name in ("objects", "control", "application", "plant"):
-            sys.modules.pop(name, None)
-    return machine
 
 
 def test_holding_takes_the_time_of_the_wall_clock_whatever_the_timer_does(

@@ -73,7 +73,7 @@ NAMES = {
     "umo.frames": {"Layout", "Reader", "Ring", "Stage", "published", "rings"},
     "umo.process": {"RunFailed", "Started", "start"},
     "umo.latency": {"Answer", "Samples", "judge", "measure"},
-    "umo.testing": {"Call", "Scripted", "VirtualTimer", "periods", "put"},
+    "umo.testing": {"Call", "Scripted", "VirtualTimer", "periods", "put", "station"},
 }
 
 

@@ -141,3 +141,42 @@ def test_import_umo_leaves_what_it_does_not_need_for_later() -> None:
     code = f"import sys, umo, umo.control\nprint([name for name in {late!r} if name in sys.modules])"
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert ended.stdout.strip() == "[]"
+
+
+# Drivers in modules of the station ----------------------------------------------------------------------
+
+OWN = "from umo import Driver\nfrom .parts import NAME\n\nclass Box(Driver):\n    def channel(self, text): ...\n"
+
+
+def with_own_driver(folder: Path, kind: str) -> Path:
+    """The wiring of a station that has a driver of its own."""
+    for name, text in {"objects.py": "", "box.py": OWN, "parts.py": "NAME = 'own'\n"}.items():
+        folder.mkdir(exist_ok=True)
+        (folder / name).write_text(text)
+    (folder / "wiring").mkdir()
+    return written(folder / "wiring", f'[drivers.own]\ntype = "{kind}"\n')
+
+
+def test_a_driver_may_be_in_a_module_of_the_station_whatever_its_folder_is_called(tmp_path: Path) -> None:
+    for name in ("press", "2nd press", "also"):
+        file = with_own_driver(tmp_path / name, ".box:Box")
+        assert [fault.key for fault in check(bench(), file)] == []
+
+
+def test_two_stations_of_one_name_have_drivers_of_their_own(tmp_path: Path) -> None:
+    found = []
+    for place in ("a", "b"):
+        (tmp_path / place).mkdir()
+        file = with_own_driver(tmp_path / place / "press", ".box:Box")
+        found.append(type(resolve(bench(), file).drivers["own"]))
+    assert found[0] is not found[1]
+
+
+def test_a_module_of_the_station_is_named_with_a_dot(tmp_path: Path) -> None:
+    (fault,) = check(bench(), with_own_driver(tmp_path / "press", "box:Box"))
+    assert fault.message.endswith("No module named 'box'; for a module of the station write '.box:Box'")
+
+
+def test_a_wiring_outside_of_a_station_has_no_modules(tmp_path: Path) -> None:
+    faults = check(bench(), written(tmp_path, '[drivers.own]\ntype = ".box:Box"\n'))
+    assert "is not in a station" in faults[0].message

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 
-from cells import CONTROL, GUARDIAN, PERIODS, cells
-from objects import Machine
-
 from umo.control import until
+
+from .cells import CONTROL, GUARDIAN, PERIODS, cells
+from .objects import Machine
 
 
 async def main(m: Machine, periods: int = 0) -> None:

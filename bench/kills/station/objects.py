@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from cells import PERIODS, WRONG
-
 from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, OnOff, Quality, ZeroOne
+
+from .cells import PERIODS, WRONG
 
 
 class Machine(Compound):

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import pkgutil
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,10 +12,8 @@ from typing import Any
 
 from umo.errors import DeclarationError, UmoError
 from umo.objects import Compound
+from umo.system.packages import MARK, SHIPPED, package_of
 from umo.text import cause_of, did_you_mean, place_of
-
-SHIPPED = "umo.stations"
-"""The package of the stations that ship with umo."""
 
 
 class StationError(UmoError, LookupError):
@@ -26,27 +22,32 @@ class StationError(UmoError, LookupError):
 
 @dataclass(frozen=True)
 class Station:
-    """A place with `objects.py` (`machine()`), `application.py` (`main(m, ...)`) and `wiring/*.toml`."""
+    """A folder with `objects.py` (`machine()`), `application.py` (`main(m, ...)`) and `wiring/*.toml`.
+
+    It is imported as a package: its modules import one another by `from .control import ...`.
+    """
 
     name: str
     path: Path
-    package: str
-    """Its package, with a dot at the end; empty for a directory, whose modules are imported by their bare names."""
 
     def module(self, name: str) -> ModuleType | None:
         """One of its modules, None where there is none; StationError if it cannot be imported."""
-        if not (self.path / f"{name}.py").is_file():
+        file = self.path / f"{name}.py"
+        if not file.is_file():
             return None
         try:
-            module = importlib.import_module(self.package + name)
+            return importlib.import_module(f"{package_of(self.path)}.{name}")
         except (UmoError, KeyboardInterrupt):
             raise
         except BaseException as error:  # SystemExit too: a station that ends Python has not succeeded
-            text = f"{self.path / name}.py cannot be imported: {cause_of(error)}{place_of(error)}"
-            raise StationError(text) from error
-        if module.__file__ is None or Path(module.__file__).resolve() != (self.path / f"{name}.py").resolve():
-            raise StationError(f"{self.path / name}.py is hidden by another module {name!r}, {module.__file__}")
-        return module
+            hint = self._hint(error)
+            raise StationError(f"{file} cannot be imported: {cause_of(error)}{place_of(error)}{hint}") from error
+
+    def _hint(self, error: BaseException) -> str:
+        name = error.name if isinstance(error, ModuleNotFoundError) else None
+        if name is None or not (self.path / f"{name}.py").is_file():
+            return ""
+        return f"; a station is a package: write `from .{name} import ...`"
 
     def machine(self) -> Compound:
         """A new machine, declared and not connected."""
@@ -90,22 +91,16 @@ class Station:
 
 def shipped() -> dict[str, Path]:
     """The stations that ship with umo, by name."""
-    package = importlib.import_module(SHIPPED)  # by name: stations stand above this layer
-    folders = [Path(folder) for folder in package.__path__]
-    names = [module.name for module in pkgutil.iter_modules(package.__path__) if module.ispkg]
-    return {name: next(folder / name for folder in folders if (folder / name).is_dir()) for name in names}
+    return {file.parent.name: file.parent for file in sorted(SHIPPED.glob(f"*/{MARK}"))}
 
 
-def find(text: str) -> Station:
+def find(name: str | Path) -> Station:
     """The station of that name, or in that directory."""
-    path = Path(text)
-    if (path / "objects.py").is_file():
-        folder = str(path.resolve())
-        if folder not in sys.path:
-            sys.path.insert(0, folder)  # so that its modules and its drivers are found by their bare names
-        return Station(path.resolve().name, path.resolve(), "")
+    path, text = Path(name), str(name)
+    if (path / MARK).is_file():
+        return Station(path.resolve().name, path.resolve())
     if text in (known := shipped()):
-        return Station(text, known[text], f"{SHIPPED}.{text}.")
+        return Station(text, known[text])
     if path.is_dir():
-        raise StationError(f"{text} is not a station: it has no objects.py (`umo new DIR` makes one)")
+        raise StationError(f"{text} is not a station: it has no {MARK} (`umo new DIR` makes one)")
     raise StationError(f"no station {text!r}{did_you_mean(text, known)}: a directory, or one of: {', '.join(known)}")

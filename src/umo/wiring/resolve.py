@@ -24,6 +24,7 @@ from umo.objects import Atomic, BinaryActuator, Compound, Digital, DigitalActuat
 from umo.objects.atomic import Calibration
 from umo.objects.scaling import raw_bounds, to_raw
 from umo.objects.units import seconds
+from umo.system.packages import station_of
 from umo.text import cause_of, reason_of
 from umo.wiring.resolved import Parameter, Process, Wire, Wired
 from umo.wiring.source import WiringSource, read
@@ -127,7 +128,7 @@ class _Resolver:
             cls = registry.find(table["type"])
         except WiringError as error:
             if declared:
-                self.source.fault(f"drivers.{name}.type", str(error))
+                self.source.fault(f"drivers.{name}.type", f"{error}{self._own_module(table['type'])}")
             else:
                 names = [*self.source.drivers, *registry.known()]
                 message = f"no driver {name!r}{self.source.near(name, names)}; known: {', '.join(names)}"
@@ -146,6 +147,12 @@ class _Resolver:
         except (Exception, SystemExit) as error:  # of the driver's constructor
             self.source.fault(f"drivers.{name}", reason_of(error))
         return None
+
+    def _own_module(self, kind: str) -> str:
+        """A hint for a module that was meant to be the station's own."""
+        folder = station_of(Path(self.source.file))
+        own = folder is not None and (folder / f"{kind.partition(':')[0]}.py").is_file()
+        return f"; for a module of the station write {'.' + kind!r}" if own else ""
 
     def _hardware(self, drivers: dict[str, Driver[Any]]) -> dict[str, tuple[str, ...]]:
         """The devices that each driver takes."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from umo.drivers.contract import Driver
 from umo.errors import Fault
+from umo.system.packages import package_of, station_of
 from umo.text import did_you_mean
 
 if TYPE_CHECKING:
@@ -98,7 +99,18 @@ def _read_drivers(source: WiringSource, tables: Mapping[str, Any]) -> None:
             source.fault(f"drivers.{name}.type", "is missing: a driver's name, or module:Class")
             source.drivers[name] = {}  # its objects need not be reported as well
         else:
-            source.drivers[name] = dict(table)
+            source.drivers[name] = {**table, "type": _absolute(source, name, table["type"])}
+
+
+def _absolute(source: WiringSource, name: str, kind: str | Driver) -> str | Driver:
+    """`.plant:Plant` is a class in a module of the station that has this wiring."""
+    if isinstance(kind, Driver) or not kind.startswith("."):
+        return kind
+    folder = station_of(Path(source.file))
+    if folder is None:
+        source.fault(f"drivers.{name}.type", f"{kind!r} is in a module of a station; {source.file} is not in a station")
+        return kind
+    return package_of(folder) + kind
 
 
 def _read_entry(source: WiringSource, path: str, table: Any) -> None:

@@ -1,6 +1,6 @@
 """What the machine is for: one run of `umo run`."""
 
-from control import Tank
+from .control import Tank
 
 from umo.control import wait
 

@@ -1,6 +1,6 @@
 """The machine: which actuators and sensors there are, in which units and ranges (the integrator's file)."""
 
-from control import Tank
+from .control import Tank
 
 from umo import BinaryActuator, BinarySensor, DigitalSensor, OpenClosed, PassFail
 

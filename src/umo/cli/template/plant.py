@@ -1,6 +1,6 @@
 """The tank's hardware, simulated, behind the five driver functions (the electrical developer's file).
 
-For the real circuit only the wiring changes: `type = "modbus"` instead of `type = "plant:Plant"`.
+For the real circuit only the wiring changes: `type = "modbus"` instead of `type = ".plant:Plant"`.
 """
 
 from umo import Channel, Direction, Driver

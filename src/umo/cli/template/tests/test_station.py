@@ -1,20 +1,15 @@
 """The station's own tests: `pytest` in its folder. No test sleeps: time is a wired device."""
 
-import sys
 from pathlib import Path
 
 import pytest
 
-FOLDER = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(FOLDER))
-
-from application import main
-from objects import machine
-
 from umo import OpenClosed, PassFail, TaskFailed, check, connect, drive, run
-from umo.testing import periods, put
+from umo.testing import periods, put, station
 
-SIMULATED = FOLDER / "wiring" / "simulated.toml"
+TANK = station(Path(__file__).parents[1])
+SIMULATED = TANK.wirings["simulated"]
+machine, main = TANK.machine, TANK.main
 
 
 def test_the_wiring_fits_the_machine() -> None:

@@ -1,0 +1,49 @@
+"""Folders imported as packages: the modules of a station import one another by relative imports."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import sys
+from importlib.machinery import ModuleSpec
+from pathlib import Path
+
+SHIPPED = Path(__file__).resolve().parents[1] / "stations"
+PREFIX = "umo_station_"
+MARK = "objects.py"
+"""The file that every station's folder has."""
+
+
+def package_of(folder: Path) -> str:
+    """The name under which a folder is imported as a package, wherever it lies and whatever it is called."""
+    folder = folder.resolve()
+    if folder.parent == SHIPPED:
+        return f"umo.stations.{folder.name}"
+    base = PREFIX + re.sub(r"\W", "_", folder.name)
+    name, number = base, 1
+    while name in sys.modules and sys.modules[name].__path__[:1] != [str(folder)]:
+        number += 1
+        name = f"{base}_{number}"
+    if name not in sys.modules:
+        _make(name, folder)
+    return name
+
+
+def station_of(file: Path) -> Path | None:
+    """The folder of the station that a file belongs to: its folder, or the one above."""
+    parents = file.resolve().parents
+    return next((folder for folder in parents[:2] if (folder / MARK).is_file()), None)
+
+
+def _make(name: str, folder: Path) -> None:
+    file = folder / "__init__.py"
+    places = [str(folder)]
+    if file.is_file():
+        spec = importlib.util.spec_from_file_location(name, file, submodule_search_locations=places)
+    else:
+        spec = ModuleSpec(name, None, is_package=True)
+        spec.submodule_search_locations = places
+    assert spec is not None
+    sys.modules[name] = module = importlib.util.module_from_spec(spec)
+    if spec.loader is not None:
+        spec.loader.exec_module(module)
