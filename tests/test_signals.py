@@ -1,179 +1,121 @@
-"""SIGINT and SIGTERM set a flag that is read between periods (design.md section 3, rule 9)."""
+"""Signals: numbers of the control code beside the objects, in frames, trace and on the screen."""
 
 from __future__ import annotations
 
-import os
-import signal
-import threading
+import csv
+import math
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from machines import bench, wired
-from umo import OnOff, connect, run
-from umo.testing import Scripted, VirtualTimer, periods
+from machines import actuator, sensor, timer, wired
+from umo import Compound, DeclarationError, DigitalActuator, DigitalSensor, connect, published
+from umo.cli.watch import Picture
+from umo.control import PID, Servo
+from umo.cycle.signals import signals_of
+from umo.cycle.trace import Trace
+from umo.frames import Reader
+from umo.testing import Scripted, periods, put
 
-SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
-
-
-@pytest.fixture(autouse=True)
-def uncaught():
-    """Handlers that note what umo did not catch, instead of ending the tests; they must be there again at the end."""
-    seen: list[int] = []
-
-    def note(number: int, frame: Any) -> None:
-        seen.append(number)
-
-    before = {number: signal.signal(number, note) for number in SIGNALS}
-    yield seen
-    after = [signal.getsignal(number) for number in SIGNALS]
-    for number, handler in before.items():
-        signal.signal(number, handler)
-    assert after == [note] * len(SIGNALS)
-    assert seen == []
+pytestmark = pytest.mark.usefixtures("both_forms")
 
 
-def cut(number: int) -> None:
-    try:
-        os.kill(os.getpid(), number)
-    except KeyboardInterrupt:
-        raise AssertionError("a signal raised") from None
+class Axis(Compound):
+    motor: DigitalActuator
+    encoder: DigitalSensor
+
+    signals = {"load": "N", "share": ""}
+
+    def setup(self) -> None:
+        self.servo = Servo(self.encoder, self.motor, gain=0.1)
+        self.inner = PID(gain=1.0)
+        self.load: Any = 1.5
+        self._hidden = PID(gain=1.0)
+
+    @property
+    def share(self) -> float:
+        return 1.0 / (self.load - 2.0)
+
+    def control(self) -> None:
+        self.servo.control(20.0, dt=self.dt)
 
 
-@pytest.mark.parametrize("number", SIGNALS)
-def test_a_signal_ends_the_loop_after_its_period_and_the_actuators_go_to_their_defaults(number):
-    machine, box = bench(), Scripted()
-    clock = VirtualTimer(on_period=lambda n: cut(number) if n == 3 else None)
-    connection = connect(machine, wired(machine, box, clock=clock))
-    with connection as m:
-        while m.running:
-            m.valve.write(OnOff.ON)
-            periods(m, 1)
-        assert connection.stop.signal == number
-    assert clock.reads == 3
-    assert len(box.segments("write_many")) == 3  # the third period ran to its end
-    assert box.get("valve") == 0
+class Press(Compound):
+    timer: DigitalSensor
+    axes: list[Axis]
 
 
-@pytest.mark.parametrize("segment", ["read_many", "write_many"])
-def test_a_signal_never_raises_inside_a_driver_call(segment):
-    finished: list[Any] = []
-
-    class Interrupted(Scripted):
-        def _call(self, name, channels=(), raws=()):
-            replaced = super()._call(name, channels, raws)
-            if name == segment and len(self.calls) > 8:
-                cut(signal.SIGINT)
-                finished.append(name)  # not reached if the signal raised
-            return replaced
-
-    machine = bench()
-    assert run(machine, wired(machine, Interrupted())) is None
-    assert finished
+def press() -> Press:
+    return Press(timer=timer(), axes=[Axis(motor=actuator(), encoder=sensor())])
 
 
-def test_a_second_signal_does_not_interrupt_the_resetting():
-    machine, box = bench(), Scripted()
-    box.at(0, lambda call: None)
-    clock = VirtualTimer(on_period=lambda n: cut(signal.SIGINT))
-
-    class Late(Scripted):
-        def reset(self, channel, default):
-            cut(signal.SIGINT)
-            cut(signal.SIGTERM)
-            super().reset(channel, default)
-
-        def finalize(self, channel):
-            cut(signal.SIGINT)
-            super().finalize(channel)
-
-    late = Late()
-    with connect(machine, wired(machine, late, clock=clock)) as m:
-        m.valve.write(OnOff.ON)
-        m.motor.write(5.0)
-        periods(m, 1)
-        assert not m.running
-    assert [call.channels[0] for call in late.segments("reset")] == ["motor", "valve"]
-    assert len(late.segments("finalize")) == 4
-    assert (late.get("motor"), late.get("valve")) == (0, 0)
+PATHS = ["load", "share", "servo.setpoint", "servo.error", "inner.setpoint", "inner.error"]
+UNITS = ["N", "", "mm", "mm", "", ""]
 
 
-def test_a_signal_while_connecting_ends_the_loop_before_its_first_period():
-    machine, box = bench(), Scripted()
-    box.at(2, lambda call: cut(signal.SIGTERM))
-    assert run(machine, wired(machine, box)) is None
-    assert [call.segment for call in box.calls if call.segment == "write_many"] == []
-    assert len(box.segments("initialize")) == len(box.segments("finalize")) == 4
+def test_a_machine_has_the_signals_of_its_compounds_and_of_their_laws() -> None:
+    found = signals_of(press())
+    assert [signal.path for signal in found] == [f"axes.0.{path}" for path in PATHS]
+    assert [signal.unit for signal in found] == UNITS
 
 
-@pytest.mark.parametrize("fails", [False, True])
-def test_the_handlers_from_before_come_back(fails, uncaught):
-    machine, box = bench(), Scripted()
-    if fails:
-        box.at(2, OSError("cut"))
-        with pytest.raises(OSError):
-            connect(machine, wired(machine, box)).__enter__()
-    else:
-        with connect(machine, wired(machine, box)):
-            cut(signal.SIGTERM)
-            assert uncaught == []
-    cut(signal.SIGTERM)
-    assert uncaught == [signal.SIGTERM]
-    uncaught.clear()
+def test_frames_and_trace_hold_the_signals_of_each_period(tmp_path: Path) -> None:
+    m, trace = press(), Trace()
+    connection = connect(m, wired(m, Scripted()))
+    with connection, published(connection, "press") as ring, Reader(ring.path) as reader:
+        connection.machine.observers.append(trace)
+        put(m.axes[0].encoder, 5.0)
+        periods(m)
+        assert reader.signals == [f"axes.0.{path}" for path in PATHS]
+        frame = reader.latest()
+        assert frame is not None
+        values = dict(zip(PATHS, frame["signals"].tolist(), strict=True))
+        assert (values["load"], values["share"]) == (1.5, -2.0)
+        assert (values["servo.setpoint"], values["servo.error"]) == (20.0, 15.0)
+        assert math.isnan(values["inner.setpoint"])
+        m.axes[0].load = 2.0  # its share cannot be computed now
+        periods(m)
+        frame = reader.latest()
+        assert frame is not None
+        assert frame["signals"][0] == 2.0
+        assert math.isnan(frame["signals"][1])
+        assert frame["number"] == 2
+        assert reader.values(frame).keys() == {"timer", "axes.0.motor", "axes.0.encoder"}
+    trace.save(tmp_path / "trace.csv")
+    with (tmp_path / "trace.csv").open() as file:
+        header, first, _ = list(csv.reader(file))
+    row = dict(zip(header, first, strict=True))
+    assert row["axes.0.servo.error[mm]"] == "15"
+    assert row["axes.0.load[N]"] == "1.5"
+    assert trace.column(trace.signals[0]).tolist() == [1.5, 2.0]
 
 
-def test_a_wrong_wiring_leaves_the_handlers_alone():
-    with pytest.raises(ValueError):
-        connect(bench(), {"wire": {}}).__enter__()
+def test_the_screen_shows_the_signals_below_the_objects() -> None:
+    m = press()
+    connection = connect(m, wired(m, Scripted()))
+    with connection, published(connection, "press") as ring, Reader(ring.path) as reader:
+        put(m.axes[0].encoder, 5.0)
+        picture = Picture(reader, list(range(len(reader.paths) + len(reader.signals))))
+        periods(m, 3)
+        picture.take()
+        table = picture._table()
+        shown = dict(zip(table.columns[0]._cells, map(str, table.columns[1]._cells), strict=True))
+        assert shown["axes.0.servo.error"] == "15 mm"
+        assert shown["axes.0.inner.setpoint"] == "-"
+        assert shown["axes.0.encoder"] == "5 mm"
 
 
-def test_one_signal_stops_every_machine_of_the_process():
-    one, other = bench(), bench()
-    with connect(one) as a:
-        with connect(other) as b:
-            cut(signal.SIGINT)
-            assert (a.running, b.running) == (False, False)
-        assert a.running is False
-        cut(signal.SIGINT)  # still caught
+@pytest.mark.parametrize(
+    ("declared", "message"),
+    [({"weight": "N"}, "signal axes.0.weight: Odd has no attribute 'weight'"), ({"load": "furlong/x"}, "not a unit")],
+)
+def test_a_signal_that_is_not_there_or_has_no_unit_is_refused_on_connect(
+    declared: dict[str, str], message: str
+) -> None:
+    class Odd(Axis):
+        signals = declared
 
-
-def test_machines_may_be_left_in_any_order_and_the_last_one_gives_the_handlers_back():
-    first, second = connect(bench()), connect(bench())
-    first.__enter__()
-    m = second.__enter__()
-    first.__exit__(None, None, None)
-    cut(signal.SIGTERM)
-    assert m.running is False
-    second.__exit__(None, None, None)
-
-
-def test_a_machine_in_a_thread_neither_takes_the_handlers_nor_keeps_them():
-    entered, leave = threading.Event(), threading.Event()
-    running: list[bool] = []
-
-    def work():
-        with connect(bench()) as m:
-            entered.set()
-            leave.wait(10)
-            running.append(m.running)
-
-    thread = threading.Thread(target=work)
-    before = [signal.getsignal(number) for number in SIGNALS]
-    thread.start()
-    entered.wait(10)
-    assert [signal.getsignal(number) for number in SIGNALS] == before
-    with connect(bench()):
-        cut(signal.SIGINT)  # stops both
-    assert [signal.getsignal(number) for number in SIGNALS] == before
-    leave.set()
-    thread.join()
-    assert running == [False]
-
-
-def test_a_stop_can_be_requested_without_a_signal():
-    connection = connect(bench())
-    with connection as m:
-        assert m.running is True
-        connection.stop.request()
-        assert m.running is False
-        assert connection.stop.signal is None
+    m = Press(timer=timer(), axes=[Odd(motor=actuator(), encoder=sensor())])
+    with pytest.raises(DeclarationError, match=message), connect(m, wired(m, Scripted())):
+        pass

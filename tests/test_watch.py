@@ -78,7 +78,7 @@ def test_watch_takes_objects_and_compounds() -> None:
     with running():
         result = umo("watch", "press", "moter")
         assert result.exit_code == 2
-        assert "no object 'moter'" in said(result)
+        assert "no object or signal 'moter'" in said(result)
 
 
 def test_watch_takes_paths_alone_where_one_station_runs() -> None:

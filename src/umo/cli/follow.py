@@ -10,7 +10,8 @@ from types import FrameType
 from typing import Any
 
 from umo.cycle.progress import Progress
-from umo.cycle.signals import SIGNALS
+from umo.cycle.signals import Signal
+from umo.cycle.stopping import SIGNALS
 from umo.frames import Reader
 from umo.objects import Atomic, Compound
 from umo.process import Started
@@ -33,16 +34,21 @@ class Seen:
         self.time = self.execution = 0.0
         self.values: Any = ()
         self.progress = Progress()
+        self.signals: list[Signal] = []
+        self.signal_values: Any = ()
 
     def order(self, reader: Reader) -> None:
         """Take the objects in the order of this ring."""
         known = {item.path: item for item in self._machine.atoms()}
         self.items = [known[path] for path in reader.paths]
+        self.signals = [
+            Signal(each["path"], each["unit"], None, each["path"].rpartition(".")[2]) for each in reader.layout.signals
+        ]
 
     def take(self, row: Any) -> None:
         self.number, self.missed = int(row["number"]), int(row["missed"])
         self.time, self.execution = float(row["time"]), float(row["execution"]) * 1e-9
-        self.values = row["values"]
+        self.values, self.signal_values = row["values"], row["signals"]
         self.progress = Progress(row["progress"].decode(errors="replace"), int(row["done"]), int(row["total"]))
 
 

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from umo.cycle.signals import Signal
 from umo.cycle.trace import Trace
-from umo.objects import Atomic, Binary, Digital
+from umo.objects import Atomic, Binary, DigitalSensor
+from umo.objects.atomic import Digital
 
+BESIDE_SENSORS = ("setpoint", "low", "high")
+"""Signals that are compared with what a sensor reads."""
 POINTS = 4000
 """Columns of the picture hardly exceed a thousand; more points only cost time."""
 
@@ -22,7 +27,7 @@ def save_plot(trace: Trace, path: Path, title: str) -> None:
     if not len(trace.rows):
         return
     items = [item for item in trace.items if item.path != "timer"]
-    panels = _by_unit([item for item in items if isinstance(item, Digital)])
+    panels = _by_unit([item for item in items if isinstance(item, Digital)], trace.signals)
     binaries = [item for item in items if isinstance(item, Binary)]
     heights = [2.0] * len(panels) + [0.3 * len(binaries) + 0.5] * bool(binaries)
     figure = Figure(figsize=(16, 10), dpi=100, layout="constrained")
@@ -32,9 +37,10 @@ def save_plot(trace: Trace, path: Path, title: str) -> None:
     step = max(1, len(trace.rows) // POINTS)
     for axis, (label, group) in zip(axes, panels.items(), strict=False):
         for item in group:
-            axis.plot(trace.rows[::step, 0], trace.column(item)[::step], linewidth=1.0, label=item.path)
+            dashed = "--" if isinstance(item, Signal) and label.endswith("sensors") else "-"
+            axis.plot(trace.rows[::step, 0], trace.column(item)[::step], dashed, linewidth=1.0, label=item.path)
         axis.set_ylabel(label)
-        axis.legend(loc="upper right", fontsize=8)
+        _legend(axis)
         axis.grid(alpha=0.3)
         axis.margins(x=0)
     if binaries:
@@ -45,11 +51,16 @@ def save_plot(trace: Trace, path: Path, title: str) -> None:
     figure.savefig(path)
 
 
-def _by_unit(items: list[Digital]) -> dict[str, list[Digital]]:
-    """Actuators and sensors of one unit in panels of their own."""
-    panels: dict[str, list[Digital]] = {}
+def _by_unit(items: list[Digital], signals: Sequence[Signal]) -> dict[str, list[Digital | Signal]]:
+    """Actuators, sensors and signals of one unit in panels of their own; setpoints with the sensors."""
+    panels: dict[str, list[Digital | Signal]] = {}
     for item in items:
-        panels.setdefault(f"{item.units}\n{type(item).__name__.removeprefix('Digital').lower()}s", []).append(item)
+        kind = "sensors" if isinstance(item, DigitalSensor) else "actuators"
+        panels.setdefault(f"{item.units}\n{kind}", []).append(item)
+    for signal in signals:
+        with_sensors = f"{signal.unit}\nsensors"
+        beside = signal.name in BESIDE_SENSORS and with_sensors in panels
+        panels.setdefault(with_sensors if beside else f"{signal.unit}\nsignals", []).append(signal)
     return panels
 
 
@@ -98,4 +109,9 @@ def _missed(axes: Any, trace: Trace) -> None:
         axes[0].plot(
             late, np.full(len(late), 0.02), "r|", transform=axes[0].get_xaxis_transform(), label="missed periods"
         )
-        axes[0].legend(loc="upper right", fontsize=8)
+        _legend(axes[0])
+
+
+def _legend(axis: Any) -> None:
+    """Beside the panel, where it covers nothing."""
+    axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8, borderaxespad=0.2)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from umo.cycle import connect, drive
-from umo.cycle.signals import signal_name
+from umo.cycle.stopping import signal_name
 from umo.cycle.trace import Statistics, Trace
 from umo.process.job import Job, Plan
 from umo.process.outcome import Failed, plain, plain_reports

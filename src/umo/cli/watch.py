@@ -58,15 +58,15 @@ def watch(words: list[str], once: bool, seconds: float | None) -> None:
 
 
 def _chosen(reader: Reader, paths: list[str]) -> list[int]:
-    """The rows of the objects named, or of all those below a compound named; all without names."""
-    known = reader.paths
+    """The rows of the objects and signals named, or of all those below a compound or law named; all without names."""
+    known = reader.paths + reader.signals
     if not paths:
         return list(range(len(known)))
     rows: list[int] = []
     for path in paths:
         below = [i for i, name in enumerate(known) if name == path or name.startswith(f"{path}.")]
         if not below:
-            raise PathError(f"no object {path!r}{did_you_mean(path, known)} in {reader.about['station']}")
+            raise PathError(f"no object or signal {path!r}{did_you_mean(path, known)} in {reader.about['station']}")
         rows += below
     return list(dict.fromkeys(rows))
 
@@ -77,6 +77,7 @@ class Picture:
     def __init__(self, reader: Reader, rows: list[int]) -> None:
         self._reader = reader
         self._rows = rows
+        self._entries = [*reader.layout.objects, *reader.layout.signals]
         reader.next = max(reader.next, reader.head - reader.slots // 2)
         self._frame: Any = reader.latest()
         self._traces: dict[int, deque[tuple[float, float]]] = {row: deque(maxlen=TRACE) for row in rows}
@@ -92,10 +93,13 @@ class Picture:
         self._times.append(frames[["wake", "execution"]].copy())
         bins = (frames["time"] * (TRACE / SPAN)).astype(int)
         for number in np.unique(bins):
-            values = frames["values"][bins == number]
+            values = _values(frames[bins == number])
             self._bin, known = number, self._bin
             for row in self._rows:
-                low, high = float(values[:, row].min()), float(values[:, row].max())
+                seen = values[:, row][np.isfinite(values[:, row])]
+                if not len(seen):
+                    continue
+                low, high = float(seen.min()), float(seen.max())
                 trace = self._traces[row]
                 if number == known and trace:
                     before = trace.pop()
@@ -135,29 +139,35 @@ class Picture:
 
     def _table(self) -> Table:
         table = Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="bold")
-        table.add_column("object", no_wrap=True, min_width=max(map(len, self._reader.paths)))
+        table.add_column("object or signal", no_wrap=True, min_width=max(len(entry["path"]) for entry in self._entries))
         table.add_column("value", no_wrap=True, justify="right")
         table.add_column("raw", no_wrap=True, justify="right", min_width=7)
         table.add_column(f"last {SPAN:g} s", no_wrap=True)
         table.add_column("least to most", no_wrap=True)
+        values, objects = _values(self._frame[np.newaxis])[0], len(self._reader.layout.objects)
         for row in self._rows:
-            entry = self._reader.layout.objects[row]
-            quality = Quality(int(self._frame["quality"][row]))
-            value = Text(_value(entry, float(self._frame["values"][row])))
+            entry, trace = self._entries[row], list(self._traces[row])
+            value = Text(_value(entry, float(values[row])))
+            quality = Quality(int(self._frame["quality"][row])) if row < objects else Quality.GOOD
             if quality is not Quality.GOOD:
                 value.append(f" {quality}", "red" if quality is Quality.BAD else "yellow")
-            trace = list(self._traces[row])
-            table.add_row(
-                entry["path"], value, str(self._frame["raws"][row]), _spark(entry, trace), _range(entry, trace)
-            )
+            raw = str(self._frame["raws"][row]) if row < objects else ""
+            table.add_row(entry["path"], value, raw, _spark(entry, trace), _range(entry, trace))
         return table
+
+
+def _values(frames: Any) -> Any:
+    """Of the objects, then of the signals: a row for each frame."""
+    return np.hstack([frames["values"], frames["signals"]])
 
 
 def _value(entry: dict[str, Any], value: float) -> str:
     if "one" in entry:
         return str(entry["one"] if value else entry["zero"])
+    if np.isnan(value):
+        return "-"
     unit = "" if entry["unit"] == "sampling_period" else f" {entry['unit']}"
-    return f"{value:.1f}{unit}" if abs(value) >= 1000 else f"{value:.4g}{unit}"
+    return (f"{value:.1f}{unit}" if abs(value) >= 1000 else f"{value:.4g}{unit}").rstrip()
 
 
 def _spark(entry: dict[str, Any], trace: list[tuple[float, float]]) -> str:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import inf
+from math import inf, nan
 
 
 @dataclass(kw_only=True)
@@ -26,6 +27,8 @@ class PID:
     derivative_time: float = 0.0
     filter_time: float = 0.0
     """Time constant of the derivative's filter."""
+    setpoint: float = field(default=nan, init=False)
+    """The last one; NaN before the first."""
     error: float = field(default=0.0, init=False)
     """The last setpoint minus measurement."""
     integral: float = field(default=0.0, init=False)
@@ -38,7 +41,12 @@ class PID:
     def reset(self) -> None:
         """Clear the state: the next `step` is the first."""
         self.error = self.integral = self._rate = 0.0
+        self.setpoint = nan
         self.limited, self._last = False, None
+
+    @property
+    def signals(self) -> Mapping[str, str]:
+        return {"setpoint": "", "error": ""}
 
     def take_over(self, output: float, setpoint: float, measurement: float, feed_forward: float = 0.0) -> None:
         """Clear the state, and set the integral so that control goes on from this output without a step (bumpless
@@ -59,6 +67,7 @@ class PID:
     ) -> float:
         """The output of one period of `dt` s, from `low` to `high`. With `dt` = 0 (a machine without a timer) integral
         and derivative do not contribute."""
+        self.setpoint = setpoint
         error = self.error = setpoint - measurement
         growth = self.gain * error * dt / self.integral_time
         rate = self._filtered_rate(measurement, dt)

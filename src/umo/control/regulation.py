@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
@@ -21,6 +22,10 @@ class Hysteresis(Generic[S]):
     """The state of the actuator that makes the sensor's value rise."""
     low: float
     high: float
+
+    @property
+    def signals(self) -> Mapping[str, str]:
+        return {"low": self.sensor.units, "high": self.sensor.units}
 
     def control(self, accept: Accept = ()) -> S:
         """One period: read, compare, write. Returns the state written. Raises BadInput like every control law."""

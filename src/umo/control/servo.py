@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
 from math import copysign
 
@@ -29,6 +30,10 @@ class Servo(PID):
     """Actuator units for one sensor unit per second squared of setpoint acceleration."""
     friction: float = 0.0
     """Actuator units that overcome dry friction; given with the sign of the setpoint velocity."""
+
+    @property
+    def signals(self) -> Mapping[str, str]:
+        return {"setpoint": self.sensor.units, "error": self.sensor.units}
 
     def control(
         self,

@@ -15,7 +15,7 @@ from umo.cycle.clock import Clock, WallClock
 from umo.cycle.forms import make_image
 from umo.cycle.image import Image
 from umo.cycle.machine import ConnectedMachine
-from umo.cycle.signals import StopFlag
+from umo.cycle.stopping import StopFlag
 from umo.cycle.transfer import PATIENCE, settling, wait_for
 from umo.drivers.contract import Driver
 from umo.errors import DeclarationError, DriverError, Failure, StopError

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from umo.cycle.image import Image
 from umo.cycle.progress import Progress
+from umo.cycle.signals import Signal
 from umo.objects import Atomic
 
 log = logging.getLogger("umo")
@@ -16,10 +17,14 @@ log = logging.getLogger("umo")
 class Frame:
     """The data of one period: a view of the live image, valid only during the call of the observer."""
 
-    __slots__ = ("began", "execution", "image", "missed", "number", "progress", "time")
+    __slots__ = ("began", "execution", "image", "missed", "number", "progress", "signal_values", "signals", "time")
 
-    def __init__(self, image: Image) -> None:
+    def __init__(self, image: Image, signals: Sequence[Signal] = ()) -> None:
         self.image = image
+        self.signals = signals
+        """Numbers of the control code that are shown beside the objects."""
+        self.signal_values: list[float] = []
+        """The value of each signal."""
         self.number = 0
         """Ticks since connecting."""
         self.time = 0.0

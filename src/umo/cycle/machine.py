@@ -13,8 +13,9 @@ from umo.cycle.commands import Commands, Event
 from umo.cycle.frame import Frame, Observer, show
 from umo.cycle.image import Image
 from umo.cycle.sequences import Sequences, Task
-from umo.cycle.signals import StopFlag
+from umo.cycle.signals import signals_of
 from umo.cycle.stop_order import stop_sequence
+from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
 from umo.errors import DriverError
 from umo.objects import Compound, Node
@@ -31,7 +32,7 @@ class ConnectedMachine:
         self.sequences = Sequences()
         self.observers: list[Observer] = []
         """Called after every period with its frame."""
-        self.frame = Frame(image)
+        self.frame = Frame(image, signals_of(root))
         self.commands = Commands(root, image)
         self.stop_order = [image.slot_of[id(item)] for item in stop_sequence(root)]
         self._slots: dict[int, _PartSlots] = {}
@@ -143,6 +144,7 @@ class ConnectedMachine:
         frame.began = self._started
         frame.execution = (monotonic_ns() - self._started) * 1e-9
         frame.number, frame.time, frame.missed = clock.number, clock.now, clock.missed
+        frame.signal_values = [signal.read() for signal in frame.signals]
         show(frame, self.observers)
 
     def _slots_of(self, part: Compound) -> _PartSlots:

@@ -1,69 +1,54 @@
-"""SIGINT, SIGTERM and SIGHUP set a flag that is read between periods; they never raise inside a driver call."""
+"""Signals: numbers of the control code that are shown beside the objects, such as setpoint and error of a law."""
 
 from __future__ import annotations
 
-import signal
-import threading
-from types import FrameType
-from typing import Any
+from collections.abc import Iterator, Mapping
+from math import nan
+from typing import Any, NamedTuple
 
-SIGNALS = [signal.SIGINT, signal.SIGTERM]
-if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # ignored: under nohup
-    SIGNALS.append(signal.SIGHUP)  # the terminal was closed
-
-
-def signal_name(number: int) -> str:
-    """Such as SIGTERM."""
-    try:
-        return signal.Signals(number).name
-    except ValueError:  # the real-time signals have numbers alone
-        return f"signal {number}"
+from umo.errors import DeclarationError
+from umo.objects import Compound
+from umo.objects.units import check_unit
 
 
-_flags: dict[StopFlag, bool] = {}  # every connected machine's, and whether it was connected in the main thread
-_before: dict[int, Any] = {}  # the handlers from before the first of those
+class Signal(NamedTuple):
+    """One number: an attribute of a compound or of a law that is an attribute of a compound."""
+
+    path: str
+    """Such as `z.servo.error`."""
+    unit: str
+    owner: Any
+    name: str
+
+    def read(self) -> float:
+        """Its value now; NaN if it has none, or if reading it fails."""
+        try:
+            return float(getattr(self.owner, self.name))
+        except Exception:  # of a property of the user's: what is shown must not disturb what is controlled
+            return nan
 
 
-class StopFlag:
-    """`requested` becomes true at the first signal; further ones change nothing, so resetting is not interrupted.
-
-    One signal stops every machine of the process. Python handles signals in the main thread alone: while no
-    machine was connected there, the flags are only set by `request`.
-    """
-
-    def __init__(self) -> None:
-        self.requested = False
-        self.signal: int | None = None
-
-    def install(self) -> None:
-        """Start listening."""
-        self.requested, self.signal = False, None
-        _flags[self] = _in_main_thread()
-        if _flags[self] and not _before:
-            _before.update({number: signal.signal(number, _caught) for number in SIGNALS})
-
-    def restore(self) -> None:
-        """Stop listening. The last machine that disconnects restores the signal handlers."""
-        _flags.pop(self, None)
-        if _in_main_thread() and not any(_flags.values()):
-            while _before:
-                number, handler = _before.popitem()
-                signal.signal(number, signal.SIG_DFL if handler is None else handler)
-
-    def request(self, number: int | None = None) -> None:
-        self.signal = self.signal or number
-        self.requested = True
+def signals_of(root: Compound) -> tuple[Signal, ...]:
+    """What the compounds and their laws declare in `signals`: units by the name of the attribute. DeclarationError for
+    an attribute that is missing or a unit that is not one."""
+    return tuple(_all(root))
 
 
-def request_stop(number: int | None = None) -> None:
-    """Ask every connected machine of this process to stop, as a signal does."""
-    for flag in tuple(_flags):
-        flag.request(number)
+def _all(root: Compound) -> Iterator[Signal]:
+    for node in [root, *root.walk()]:
+        if isinstance(node, Compound):
+            yield from _of(node, node.path)
+            for name, law in vars(node).items():
+                if not name.startswith("_") and not isinstance(law, Compound):
+                    yield from _of(law, f"{node.path}.{name}".lstrip("."))
 
 
-def _caught(number: int, frame: FrameType | None) -> None:
-    request_stop(number)
-
-
-def _in_main_thread() -> bool:
-    return threading.current_thread() is threading.main_thread()
+def _of(owner: Any, path: str) -> Iterator[Signal]:
+    declared = getattr(owner, "signals", None)
+    if not isinstance(declared, Mapping):
+        return
+    for name, unit in declared.items():
+        full = f"{path}.{name}".lstrip(".")
+        if not hasattr(owner, name):
+            raise DeclarationError(f"signal {full}: {type(owner).__name__} has no attribute {name!r}")
+        yield Signal(full, check_unit(unit), owner, name)

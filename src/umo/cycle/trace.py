@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from umo.cycle.frame import Frame
+from umo.cycle.signals import Signal
 from umo.objects import Atomic, Binary, Digital
 
 ROWS = 100_000
@@ -41,7 +42,7 @@ class Statistics:
 
 
 class Trace:
-    """A row a period: time in s, missed, execution time in us, then each object's value.
+    """A row a period: time in s, missed, execution time in us, then the values of the objects and of the signals.
 
     When the rows are full every second one is dropped and from then on only every second period kept, and so
     on: the whole run stays in view. There are as many rows as asked for, fewer where the objects are so many that
@@ -54,6 +55,7 @@ class Trace:
         self._used = 0
         self._seen = 0
         self.items: list[Atomic] = []
+        self.signals: Sequence[Signal] = ()
         self.stride = 1
         """Every how many periods a row was kept."""
         self.notes: list[tuple[float, str]] = []
@@ -71,12 +73,13 @@ class Trace:
             return
         row = rows[self._used]
         row[0], row[1], row[2] = frame.time, frame.missed, frame.execution * 1e6
-        row[3:] = frame.values
+        row[3 : 3 + len(self.items)] = frame.values
+        row[3 + len(self.items) :] = frame.signal_values
         self._used += 1
 
     def _begin(self, frame: Frame) -> npt.NDArray[np.float64]:
-        self.items = list(frame.items)
-        columns = 3 + len(self.items)
+        self.items, self.signals = list(frame.items), frame.signals
+        columns = 3 + len(self.items) + len(self.signals)
         most = MOST * 2 // 3 // (columns * 8)  # all rows and half as many again, which is the copy
         self._capacity = max(2, min(self._capacity, most))
         self._rows = np.empty((max(1, self._capacity >> HALVINGS), columns))
@@ -102,16 +105,19 @@ class Trace:
 
     @property
     def rows(self) -> npt.NDArray[np.float64]:
-        """The rows kept, of shape (n, 3 + objects)."""
+        """The rows kept, of shape (n, 3 + objects + signals)."""
         return np.empty((0, 3)) if self._rows is None else self._rows[: self._used]
 
     @property
     def columns(self) -> list[str]:
-        """`time_s`, `missed`, `execution_us`, then a path with its unit, or for a binary object with its 1 state."""
-        return ["time_s", "missed", "execution_us", *map(_column, self.items)]
+        """`time_s`, `missed`, `execution_us`, then a path with its unit, or for a binary object with its 1 state; then
+        the signals likewise."""
+        signals = [f"{signal.path}[{signal.unit}]" for signal in self.signals]
+        return ["time_s", "missed", "execution_us", *map(_column, self.items), *signals]
 
-    def column(self, item: Atomic) -> npt.NDArray[np.float64]:
-        return self.rows[:, 3 + self.items.index(item)]
+    def column(self, shown: Atomic | Signal) -> npt.NDArray[np.float64]:
+        place = len(self.items) + self.signals.index(shown) if isinstance(shown, Signal) else self.items.index(shown)
+        return self.rows[:, 3 + place]
 
     def save(self, path: Path) -> None:
         """As CSV; OSError when the disk is full."""

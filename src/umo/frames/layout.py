@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from umo.cycle.journal import Kind
+from umo.cycle.signals import Signal
 from umo.errors import FramesError
 from umo.objects import Atomic, Binary, Digital, Quality
 
@@ -92,6 +93,8 @@ class Layout:
     phases: tuple[str, ...]
     about: dict[str, Any]
     """Whose frames these are: station, wiring, pid, when it started, the period in s."""
+    signals: tuple[dict[str, Any], ...] = ()
+    """Path and unit of each."""
 
     @property
     def columns(self) -> list[Column]:
@@ -99,6 +102,7 @@ class Layout:
         return [
             *FIXED,
             ("phases", "<i8", len(self.phases), "ns"),
+            ("signals", "<f8", len(self.signals), "each signal's own; NaN: it has no value"),
             ("values", "<f8", count, "each object's own; a binary object's electrical 1 is 1.0"),
             ("raws", "<i8", count, ""),
             ("quality", "<u1", count, ", ".join(f"{int(quality)} {quality}" for quality in Quality)),
@@ -127,14 +131,15 @@ class Layout:
             {"name": name, "type": kind, "offset": dtype.fields[name][1], "count": count, "unit": unit}  # type: ignore[index]
             for name, kind, count, unit in self.columns
         ]
-        text = {"about": self.about, "objects": self.objects, "phases": self.phases, "fields": fields}
+        shown = {"objects": self.objects, "signals": self.signals}
+        text = {"about": self.about, **shown, "phases": self.phases, "fields": fields}
         return json.dumps(text | {"journal": _describe_journal()}).encode()
 
     @classmethod
     def parse(cls, description: bytes) -> Layout:
         try:
             text = json.loads(description)
-            layout = cls(tuple(text["objects"]), tuple(text["phases"]), dict(text["about"]))
+            layout = cls(tuple(text["objects"]), tuple(text["phases"]), dict(text["about"]), tuple(text["signals"]))
             fits = [field["name"] for field in text["fields"]] == [column[0] for column in layout.columns]
         except (ValueError, KeyError, TypeError) as error:
             raise FramesError(f"the description of the frames cannot be read: {error}") from None
@@ -177,6 +182,11 @@ def _describe_journal() -> dict[str, Any]:
 def describe_objects(items: Sequence[Atomic]) -> tuple[dict[str, Any], ...]:
     """Path, kind and meaning of each object, in the order of the frame's slots."""
     return tuple(_describe(item) for item in items)
+
+
+def describe_signals(signals: Sequence[Signal]) -> tuple[dict[str, Any], ...]:
+    """Path and unit of each signal, in the order of the frame's."""
+    return tuple({"path": signal.path, "unit": signal.unit} for signal in signals)
 
 
 def _describe(item: Atomic) -> dict[str, Any]:

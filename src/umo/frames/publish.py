@@ -14,7 +14,7 @@ from umo.cycle.phases import Phases
 from umo.cycle.stage import Stage
 from umo.errors import FramesError
 from umo.frames.folder import new_path
-from umo.frames.layout import Layout, describe_objects
+from umo.frames.layout import Layout, describe_objects, describe_signals
 from umo.frames.ring import Ring
 
 
@@ -47,7 +47,8 @@ def published(
     observers = connection.machine.observers
     phases = Phases(connection.image, connection.wired.drivers)
     try:
-        layout = Layout(describe_objects(connection.image.items), tuple(phases.names), about)
+        signals = describe_signals(connection.machine.frame.signals)
+        layout = Layout(describe_objects(connection.image.items), tuple(phases.names), about, signals)
         ring = Ring(connection.image, phases, layout, path or new_path(station))
         try:
             ring.state(Stage.RUNNING)

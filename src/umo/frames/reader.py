@@ -100,6 +100,11 @@ class Reader:
         return list(self._index)
 
     @property
+    def signals(self) -> list[str]:
+        """The signals' paths, in the order of a frame's `signals`."""
+        return [str(entry["path"]) for entry in self.layout.signals]
+
+    @property
     def head(self) -> int:
         """Frames finished so far."""
         return int(self._live[HEAD // 8])

@@ -69,8 +69,8 @@ class Ring:
         self._at = {name: fields[name][1] for name in fields}
         self._count = len(layout.objects)
         self._arrays = isinstance(self.image, ArrayImage)
-        listed = 0 if self._arrays else self._count  # a list of values goes in with the numbers before it
-        self._front = struct.Struct(f"<qdqqqq{len(USAGE)}q8q{NOTE}s{len(layout.phases)}q{listed}d")
+        floats = len(layout.signals) + (0 if self._arrays else self._count)  # a list of values goes in with these
+        self._front = struct.Struct(f"<qdqqqq{len(USAGE)}q8q{NOTE}s{len(layout.phases)}q{floats}d")
 
     def state(self, state: Stage) -> None:
         self._live[STATE // 8] = state
@@ -106,7 +106,7 @@ class Ring:
             *self.usage.read(),
             first, journal.count, journal.lost, journal.sampled, journal.updated, checksum,
             done, total, text,
-            *phases.ns, *(() if self._arrays else image.values),
+            *phases.ns, *frame.signal_values, *(() if self._arrays else image.values),
         )  # fmt: skip
         phases.clear()
         journal.clear()

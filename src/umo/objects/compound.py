@@ -45,6 +45,9 @@ class Compound(Node):
     stop_order: ClassVar[tuple[str, ...]] = ()
     """Paths below this object in the order in which they are reset to their defaults. Default: as declared; paths that
     are not named follow in this order. A part uses its own `stop_order`, unless a parent names the part's objects."""
+    signals: ClassVar[Mapping[str, str]] = MappingProxyType({})
+    """Attributes that are shown beside the objects in frames, trace, plot and `umo watch`: units by name, such as
+    `signals = {"load": "N"}`. The signals of the control laws are shown without being named here."""
     max_period: ClassVar[str | float | None] = None
     """The longest sampling period for which `control` is designed, in s or as "2 ms". Default: not limited."""
 

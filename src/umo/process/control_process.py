@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from umo.cycle import Frame, connect, drive
-from umo.cycle.signals import request_stop
 from umo.cycle.stage import Stage
 from umo.cycle.stop_order import stop_sequence
+from umo.cycle.stopping import request_stop
 from umo.errors import FramesError, StopError
 from umo.frames import Ring, published
 from umo.objects import Compound, DigitalSensor

@@ -18,8 +18,8 @@ from pathlib import Path
 from time import monotonic, sleep
 from typing import NoReturn
 
-from umo.cycle.signals import SIGNALS, signal_name
 from umo.cycle.stage import Stage
+from umo.cycle.stopping import SIGNALS, signal_name
 from umo.process.control_process import Control, end
 from umo.process.job import Job, Plan
 from umo.process.life import Life

@@ -18,8 +18,8 @@ from time import monotonic, sleep
 from types import FrameType
 from typing import Literal, NoReturn
 
-from umo.cycle.signals import signal_name
 from umo.cycle.stop_order import stop_sequence
+from umo.cycle.stopping import signal_name
 from umo.cycle.transfer import PATIENCE, Transfer, settling, wait_for
 from umo.errors import DeviceTimeout
 from umo.objects import Compound

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from umo.cycle.signals import request_stop
+from umo.cycle.stopping import request_stop
 from umo.drivers.contract import Channel, Direction, Driver
 
 
