@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from umo.control import PID
+from umo.control import PID, VectorPID
 
 LIMITS = {"low": 0.0, "high": 10.0}
 
@@ -123,6 +124,38 @@ def test_reset_forgets_the_past() -> None:
 def test_in_no_time_integral_and_derivative_do_not_contribute() -> None:
     law = PID(gain=2.0, integral_time=0.1, derivative_time=1.0)
     assert [law.step(2.0, measured, 0.0) for measured in (0.0, 1.0)] == [4.0, 2.0]
+
+
+NUMBERS = st.floats(-100, 100).map(lambda number: round(number, 3))
+
+
+@given(
+    st.lists(st.tuples(NUMBERS, NUMBERS, st.sampled_from([0.0, 0.01, 0.1])), min_size=1, max_size=20),
+    st.lists(
+        st.tuples(st.floats(-2, 2), st.sampled_from([0.5, 3.0, math.inf]), st.sampled_from([0.0, 0.2])),
+        min_size=1,
+        max_size=4,
+    ),
+)
+def test_many_at_once_do_what_each_does_alone(
+    steps: list[tuple[float, float, float]], laws: list[tuple[float, float, float]]
+) -> None:
+    gain, integral_time, derivative_time = (np.array(column) for column in zip(*laws, strict=True))
+    many = VectorPID(gain=gain, integral_time=integral_time, derivative_time=derivative_time, filter_time=0.05)
+    each = [PID(gain=k, integral_time=ti, derivative_time=td, filter_time=0.05) for k, ti, td in laws]
+    offsets = np.arange(len(laws)) * 7.0
+    for setpoint, measured, dt in steps:
+        together = many.step(setpoint, measured + offsets, dt, feed_forward=0.5, low=-20.0, high=10.0)
+        alone = [
+            law.step(setpoint, measured + offset, dt, feed_forward=0.5, low=-20.0, high=10.0)
+            for law, offset in zip(each, offsets.tolist(), strict=True)
+        ]
+        assert together.tolist() == pytest.approx(alone, abs=1e-9)
+        assert np.broadcast_to(many.integral, len(laws)).tolist() == pytest.approx(
+            [law.integral for law in each], abs=1e-9
+        )
+    many.reset()
+    assert many.step(1.0, np.ones(len(laws)), 0.1).tolist() == [0.0] * len(laws)
 
 
 def test_a_cascade_of_position_over_velocity_stands_still_at_its_goal() -> None:

@@ -3,13 +3,27 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 
-from machines import timer, wired
-from umo import BadInput, Compound, DigitalActuator, DigitalSensor, Quality, connect
-from umo.control import HOMING, Servo
+from machines import switch, timer, wired
+from umo import (
+    BadInput,
+    BinarySensor,
+    Compound,
+    DeclarationError,
+    DigitalActuator,
+    DigitalSensor,
+    Interlock,
+    PassFail,
+    Quality,
+    Vector,
+    connect,
+)
+from umo.control import HOMING, Servo, VectorServo
 from umo.testing import Scripted, periods, put
 
 
@@ -191,3 +205,101 @@ def test_a_bad_input_is_refused_unless_the_call_accepts_it() -> None:
             servo.control(1.0, dt=1e-3)
         assert caught.value.quality is Quality.OUT_OF_RANGE
         assert math.isfinite(m.motor.pending)
+
+
+# Many at once -------------------------------------------------------------------------------------------
+
+
+class Zone(Compound):
+    heater: DigitalActuator
+    temperature: DigitalSensor
+
+
+class Tunnel(Compound):
+    timer: DigitalSensor
+    door: BinarySensor[PassFail]
+    zones: list[Zone]
+
+    def interlocks(self) -> Iterator[Interlock]:
+        yield Interlock(lambda: self.door.read() is PassFail.FAIL, [self.zones[1].heater], "the door is open")
+
+
+def tunnel(count: int = 3, **heater: Any) -> Tunnel:
+    return Tunnel(
+        timer=timer(),
+        door=switch(),
+        zones=[
+            Zone(
+                heater=DigitalActuator("percent", default=0, minimum=0, maximum=100, resolution=0.1, **heater),
+                temperature=DigitalSensor("degC", minimum=0, maximum=1200, resolution=0.1),
+            )
+            for _ in range(count)
+        ],
+    )
+
+
+def heating(m: Tunnel, **gains: Any) -> VectorServo:
+    return VectorServo(Vector(z.temperature for z in m.zones), Vector(z.heater for z in m.zones), **gains)
+
+
+def heaters(m: Tunnel) -> list[float]:
+    return [zone.heater.pending for zone in m.zones]
+
+
+def test_many_servos_control_each_its_own_zone_within_its_range() -> None:
+    m = tunnel()
+    law = heating(m, gain=1.0, integral_time=10.0)
+    with connect(m, wired(m, Scripted())):
+        for zone, temperature in zip(m.zones, (0.0, 990.0, 1100.0), strict=True):
+            put(zone.temperature, temperature)
+        periods(m)
+        assert law.control(np.array([1000.0, 1000.0, 1000.0]), dt=m.dt) is False
+        assert heaters(m) == pytest.approx([100.0, 10.001, 0.0])
+        assert law.limited.tolist() == [True, False, True]
+        assert law.control(np.array([50.0, 995.0, 1150.0]), dt=m.dt) is True
+        assert heaters(m) == pytest.approx([50.005, 5.0015, 50.005])
+
+
+def test_the_integral_of_an_inhibited_zone_is_held_and_the_others_go_on() -> None:
+    m = tunnel()
+    law = heating(m, gain=0.01, integral_time=1.0)
+    with connect(m, wired(m, Scripted())):
+        put(m.door, PassFail.FAIL)
+        for _ in range(5):
+            periods(m)
+            assert law.control(500.0, dt=m.dt) is False
+        assert heaters(m)[1] == 0.0
+        assert law.integral.tolist() == pytest.approx([0.025, 0.0, 0.025])
+        put(m.door, PassFail.PASS)
+        periods(m)
+        assert law.control(500.0, dt=m.dt) is True
+        assert heaters(m)[1] == pytest.approx(5.005)
+
+
+def test_many_servos_step_no_further_than_their_slew_rates_allow() -> None:
+    m = tunnel(slew_rate=100.0)
+    law = heating(m, gain=1.0, integral_time=0.01)
+    with connect(m, wired(m, Scripted())):
+        for expected in (0.1, 0.2, 0.3):
+            periods(m)
+            assert law.control(1000.0, dt=m.dt) is False
+            assert heaters(m) == pytest.approx([expected] * 3)
+            m.update()
+        assert law.integral.tolist() == [0.0] * 3
+
+
+def test_many_servos_refuse_what_one_would_refuse_and_write_nothing() -> None:
+    m = tunnel()
+    law = heating(m, gain=1.0)
+    with connect(m, wired(m, Scripted())):
+        put(m.zones[2].temperature, 1300.0)
+        periods(m)
+        with pytest.raises(BadInput, match=r"zones.2.temperature is OUT_OF_RANGE"):
+            law.control(1000.0, dt=m.dt)
+        assert heaters(m) == [0.0] * 3
+
+
+def test_as_many_sensors_as_actuators() -> None:
+    m = tunnel()
+    with pytest.raises(DeclarationError, match="3 sensors for 1 actuators"):
+        VectorServo(Vector(z.temperature for z in m.zones), Vector([m.zones[0].heater]), gain=1.0)

@@ -3,10 +3,10 @@
 
 from umo.control.claim import Claim
 from umo.control.inputs import HOMING, Accept, state_of, value_of
-from umo.control.pid import PID
-from umo.control.profile import Profile, Setpoint
+from umo.control.pid import PID, VectorPID
+from umo.control.profile import Profile, Setpoint, synchronize
 from umo.control.regulation import Hysteresis
-from umo.control.servo import Servo
+from umo.control.servo import Servo, VectorServo
 from umo.control.stepping import STEPS_PER_PERIOD, Stepping
 from umo.cycle.sequences import next_period, timeout, together, until, wait
 
@@ -21,8 +21,11 @@ __all__ = [
     "Servo",
     "Setpoint",
     "Stepping",
+    "VectorPID",
+    "VectorServo",
     "next_period",
     "state_of",
+    "synchronize",
     "timeout",
     "together",
     "until",

@@ -1,10 +1,18 @@
-"""PID control on plain numbers (Astrom and Murray, Feedback Systems, ch. 11)."""
+"""PID control on plain numbers and arrays (Astrom and Murray, Feedback Systems, ch. 11)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import inf, nan
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from umo.objects.scaling import FloatArray
+
+BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
 
 @dataclass(kw_only=True)
@@ -90,4 +98,65 @@ class PID:
             return 0.0
         rate = 0.0 if last is None else (measurement - last) / dt
         self._rate += (rate - self._rate) * dt / (self.filter_time + dt)
+        return self._rate
+
+
+@dataclass(kw_only=True, eq=False)
+class VectorPID:
+    """Many PIDs at once, on arrays: the same law as `PID`, element by element. Gains and times are numbers for all, or
+    arrays of shape (n,). `measurement`, and with it the output, is an array of shape (n,)."""
+
+    gain: float | FloatArray
+    integral_time: float | FloatArray = inf
+    derivative_time: float | FloatArray = 0.0
+    filter_time: float | FloatArray = 0.0
+    error: FloatArray = field(default_factory=lambda: np.zeros(1), init=False)
+    """The last setpoints minus measurements."""
+    integral: FloatArray = field(default_factory=lambda: np.zeros(1), init=False)
+    limited: BoolArray = field(default_factory=lambda: np.zeros(1, np.bool_), init=False)
+    """Which of the last outputs were limited."""
+    _last: FloatArray | None = field(default=None, init=False, repr=False)
+    _rate: FloatArray = field(default_factory=lambda: np.zeros(1), init=False, repr=False)
+
+    def reset(self) -> None:
+        """Clear the state: the next `step` is the first."""
+        self.error, self.integral, self._rate = np.zeros((3, 1))
+        self.limited, self._last = np.zeros(1, np.bool_), None
+
+    def step(
+        self,
+        setpoint: float | FloatArray,
+        measurement: FloatArray,
+        dt: float,
+        *,
+        feed_forward: float | FloatArray = 0.0,
+        low: float | FloatArray = -inf,
+        high: float | FloatArray = inf,
+    ) -> FloatArray:
+        """The outputs of one period of `dt` s, each from `low` to `high`."""
+        error = self.error = setpoint - measurement
+        proportional = self.gain * error
+        growth = proportional * (dt / self.integral_time)
+        wanted = proportional + self.integral
+        wanted += growth
+        wanted += feed_forward
+        if self._has_derivative:
+            wanted -= self.gain * self.derivative_time * self._filtered_rate(measurement, dt)
+        output: FloatArray = np.minimum(np.maximum(wanted, low), high)
+        self.limited = output != wanted
+        if self.limited.any():  # what would lead further out is left out
+            growth[self.limited & ((wanted - output) * growth > 0)] = 0.0
+        self.integral = self.integral + growth
+        return output
+
+    @property
+    def _has_derivative(self) -> bool:
+        return bool(self.derivative_time if isinstance(self.derivative_time, float) else np.any(self.derivative_time))
+
+    def _filtered_rate(self, measurement: FloatArray, dt: float) -> FloatArray:
+        last, self._last = self._last, measurement
+        if not dt:
+            return np.zeros(1)
+        rate = np.zeros(1) if last is None else (measurement - last) / dt
+        self._rate = self._rate + (rate - self._rate) * (dt / (self.filter_time + dt))
         return self._rate

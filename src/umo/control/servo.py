@@ -1,4 +1,4 @@
-"""A servo: a PID from a sensor to an actuator, with feed-forward of the setpoint's motion."""
+"""Servos: PIDs from sensors to actuators, with feed-forward of the setpoint's motion."""
 
 from __future__ import annotations
 
@@ -6,9 +6,13 @@ from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
 from math import copysign
 
+import numpy as np
+
 from umo.control.inputs import Accept, value_of
-from umo.control.pid import PID
-from umo.objects import DigitalActuator, DigitalSensor
+from umo.control.pid import PID, VectorPID
+from umo.errors import DeclarationError
+from umo.objects import DigitalActuator, DigitalSensor, Vector
+from umo.objects.scaling import FloatArray
 
 
 @dataclass
@@ -68,3 +72,47 @@ class Servo(PID):
             return low, high
         now, step = actuator.read(), actuator.slew_rate * dt
         return max(low, now - step), min(high, now + step)
+
+
+@dataclass(eq=False)
+class VectorServo(VectorPID):
+    """A PID for each of many sensors, to as many actuators, in one calculation:
+
+        self.heating = VectorServo(Vector(z.temperature for z in zones), Vector(z.heater for z in zones), gain=0.02)
+
+    The outputs are limited to the ranges of the actuators and to what their slew rates allow in the period. The
+    integrals of inhibited actuators are held.
+    """
+
+    sensors: Vector[DigitalSensor]
+    actuators: Vector[DigitalActuator]
+
+    def __post_init__(self) -> None:
+        if len(self.sensors) != len(self.actuators):
+            raise DeclarationError(f"{len(self.sensors)} sensors for {len(self.actuators)} actuators")
+
+    def control(self, setpoint: float | FloatArray, *, dt: float, accept: Accept = ()) -> bool:
+        """One period of `dt` s: read, compute, write. False if an output was limited or an actuator is inhibited.
+
+        `setpoint` is an array of shape (n,) or one number for all. Raises BadInput if the quality of one of the sensors
+        is not accepted; then nothing is written.
+        """
+        measurement = value_of(self.sensors, accept)
+        low, high = self._reach(dt)
+        integral = self.integral
+        output = self.step(setpoint, measurement, dt, low=low, high=high)
+        if self.actuators.write(output):
+            return not self.limited.any()
+        self.integral = np.where(self.actuators.pending == output, self.integral, integral)
+        return False
+
+    def _reach(self, dt: float) -> tuple[FloatArray, FloatArray]:
+        """The lowest and highest outputs of this period."""
+        limits = self.actuators._located().limits
+        assert limits is not None
+        low, high = limits.minimum, limits.maximum
+        if not dt or limits.slew_rate is None:
+            return low, high
+        rate = limits.slew_rate
+        now = self.actuators.read()
+        return np.maximum(low, now - rate * dt), np.minimum(high, now + rate * dt)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
+from math import inf
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
 import numpy as np
@@ -69,6 +70,13 @@ class Vector(Generic[A]):
         slots = self._located()
         qualities: QualityArray = np.array(slots.image.quality, np.uint8)[slots.slots]
         return qualities
+
+    @property
+    def pending(self) -> FloatArray:
+        """Actuators: the values last written, sent by the next `update`; a new array of shape (n,)."""
+        slots = self._located()
+        values: FloatArray = np.array(slots.image.pending)[slots.slots]
+        return values
 
     def write(self, values: FloatArray | Sequence[float] | float | TwoState | Sequence[TwoState]) -> bool:
         """Set new values: an array of shape (n,) or one value for all. If it raises RangeError, no value is changed.
@@ -157,6 +165,9 @@ class _Limits:
     def __init__(self, objects: Sequence[Digital]) -> None:
         self.minimum = np.array([item.minimum for item in objects])
         self.maximum = np.array([item.maximum for item in objects])
+        rates = [item.slew_rate if isinstance(item, DigitalActuator) else None for item in objects]
+        self.slew_rate = None if not any(rates) else np.array([rate or inf for rate in rates])
+        """Of actuators; None if none of them is limited."""
         self.clamps = np.array([isinstance(item, DigitalActuator) and item.limits == "clamp" for item in objects])
 
     def check(self, objects: Sequence[Atomic], values: Any) -> tuple[FloatArray, bool]:
