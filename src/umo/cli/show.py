@@ -14,6 +14,7 @@ from umo.objects import Atomic, Compound, Digital, DigitalActuator, Node
 from umo.objects.interlock import interlocks_of
 from umo.process.station import Station, StationError
 from umo.wiring import check, resolve
+from umo.wiring.patterns import expand
 from umo.wiring.source import WiringSource, read
 
 from .console import err, out
@@ -49,6 +50,7 @@ def show_tree(station: Station, wiring: str | None) -> int:
     source = WiringSource("") if file is None else read(file)
     name = "everything simulated" if file is None else file.stem
     tree = Tree(_label((type(machine).__name__, "bold"), (name, "dim")))
+    expand(source, [item.path for item in machine.atoms()])
     _branch(tree, machine, source)
     out.print(tree)
     return 2 if _reported(check(machine, file)) else 0

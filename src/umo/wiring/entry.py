@@ -10,7 +10,7 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictStr, ValidationError, create_model
+from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictInt, StrictStr, ValidationError, create_model
 
 from umo.text import did_you_mean
 
@@ -31,6 +31,10 @@ class Entry(BaseModel):
     zero_offset: Number | None = None
     minimum: Number | None = None
     maximum: Number | None = None
+    start: StrictInt | None = None
+    """Patterns (`umo.wiring.patterns`): `{}` of the channel is (start + n) * stride + offset."""
+    stride: StrictInt | None = None
+    offset: StrictInt | None = None
     period: Any = None
     """The timer: the sampling period, s or a text such as "1 ms"."""
 

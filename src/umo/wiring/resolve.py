@@ -26,6 +26,7 @@ from umo.objects.scaling import raw_bounds, to_raw
 from umo.objects.units import seconds
 from umo.system.packages import station_of
 from umo.text import cause_of, reason_of
+from umo.wiring.patterns import collapsed, expand, expand_parameters
 from umo.wiring.resolved import Parameter, Process, Wire, Wired
 from umo.wiring.source import WiringSource, read
 
@@ -69,6 +70,7 @@ class _Resolver:
     def run(self) -> tuple[Wired, list[Fault]]:
         if not self.source.entries and self.source.faults and self.source.faults[0].key == "":
             return Wired({}, []), self.source.faults  # there was nothing to read
+        origin = expand(self.source, self.items)
         timer = self.items.get("timer")
         period = self._period(timer)
         watchdogs = self._make_drivers(period)
@@ -81,12 +83,13 @@ class _Resolver:
             self.source.fault(f'wire."{path}"', f"the machine has no such object{self.source.near(path, self.items)}")
         self._check_periods(period)
         known = _parameters(self.root) if self.source.parameters else {}
-        parameters = [p for key, value in self.source.parameters.items() if (p := self._parameter(known, key, value))]
+        given = expand_parameters(self.source, known)
+        parameters = [p for key, value in given.items() if (p := self._parameter(known, key, value))]
         for name in sorted(self.unused):
             self.source.fault("", f"no driver of this wiring has the option {name!r}")
         wired = Wired(drivers, wires, period, timer, parameters, watchdogs, self.hardware)
         self._check_time(wired)
-        return dataclasses.replace(wired, process=self._process(wired)), self.source.faults
+        return dataclasses.replace(wired, process=self._process(wired)), collapsed(self.source.faults, origin)
 
     # Drivers -------------------------------------------------------------------------------------------
 

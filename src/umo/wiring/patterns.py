@@ -1,0 +1,120 @@
+"""Patterns in a wiring: one line for many like objects.
+
+    "zones.*.heater" = { driver = "box", channel = "holding:{}", start = 1, stride = 4, offset = 100 }
+    "zones.*.gain" = 2.0
+
+A `*` stands for one part of a path: an index of a list, a key of a dict, a name. In the channel `{}` is
+`(start + n) * stride + offset`, where n counts the objects that match from 0 in declared order; default: n. An entry
+for a single path outranks a pattern, and keeps its number.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from umo.errors import Fault
+from umo.wiring.source import WiringSource
+
+if TYPE_CHECKING:
+    from umo.wiring.entry import Entry
+
+ANY = "*"
+NUMBER = "{}"
+NUMBERING = ("start", "stride", "offset")
+V = TypeVar("V")
+
+
+def is_pattern(path: str) -> bool:
+    return ANY in path.split(".")
+
+
+def matches(pattern: str, path: str) -> bool:
+    parts, names = pattern.split("."), path.split(".")
+    return len(parts) == len(names) and all(part in (ANY, name) for part, name in zip(parts, names, strict=True))
+
+
+def expand(source: WiringSource, paths: Iterable[str]) -> dict[str, str]:
+    """Replace every pattern among the entries by an entry for each object that matches; the pattern by path."""
+    paths = list(paths)
+    patterns = {path: source.entries.pop(path) for path in list(source.entries) if is_pattern(path)}
+    singles = set(source.entries)
+    for path, entry in source.entries.items():
+        _check_numbering(source, path, entry, single=True)
+    origin: dict[str, str] = {}
+    for pattern, entry in patterns.items():
+        _check_numbering(source, pattern, entry, single=False)
+        found = [path for path in paths if matches(pattern, path)]
+        if not found:
+            near = source.near(pattern, dict.fromkeys(map(_generalised, paths)))
+            source.fault(f'wire."{pattern}"', f"no object of the machine matches{near}")
+        for number, path in enumerate(found):
+            if path in origin:
+                source.fault(f'wire."{pattern}"', f"{path} is wired by {origin[path]!r} as well")
+            elif path not in singles:
+                origin[path] = pattern
+                source.entries[path] = _numbered(entry, number)
+    return origin
+
+
+def expand_parameters(source: WiringSource, known: Mapping[str, Any]) -> dict[str, Any]:
+    """The parameters with every pattern replaced by the names that match; a single name outranks a pattern."""
+    singles = {name: value for name, value in source.parameters.items() if not is_pattern(name)}
+    found: dict[str, Any] = {}
+    origin: dict[str, str] = {}
+    for pattern, value in source.parameters.items():
+        if pattern in singles:
+            continue
+        names = [name for name in known if matches(pattern, name)]
+        if not names:
+            near = source.near(pattern, dict.fromkeys(map(_generalised, known)))
+            source.fault(f"parameters.{pattern!r}", f"no such parameter{near}")
+        for name in names:
+            if name in origin:
+                source.fault(f"parameters.{pattern!r}", f"{name} is set by {origin[name]!r} as well")
+            origin[name], found[name] = pattern, value
+    return found | singles
+
+
+def collapsed(faults: Iterable[Fault], origin: Mapping[str, str]) -> list[Fault]:
+    """Faults of entries that a pattern has made, under the key of the pattern: one for all that say the same."""
+    grouped: dict[tuple[str, str], list[Fault]] = {}
+    for fault in faults:
+        path, rest = _path_of(fault.key)
+        if path in origin:
+            fault = Fault(fault.file, f'wire."{origin[path]}"{rest}', f"{path}: {fault.message}")
+        alike = re.sub(r"\d+", "0", fault.message) if path in origin else f"{fault.message} {len(grouped)}"
+        grouped.setdefault((fault.key, alike), []).append(fault)
+    return [_with_count(group[0], len(group) - 1) for group in grouped.values()]
+
+
+def _check_numbering(source: WiringSource, path: str, entry: Entry, single: bool) -> None:
+    given = [name for name in NUMBERING if getattr(entry, name) is not None]
+    if given and single:
+        source.fault(f'wire."{path}".{given[0]}', f"is for patterns such as {_generalised(path)!r}")
+    elif given and NUMBER not in (entry.channel or ""):
+        source.fault(f'wire."{path}".{given[0]}', f"numbers the channel, which has no {NUMBER}")
+
+
+def _numbered(entry: Entry, number: int) -> Entry:
+    if entry.channel is None:
+        return entry
+    stride = 1 if entry.stride is None else entry.stride
+    place = ((entry.start or 0) + number) * stride + (entry.offset or 0)
+    return entry.model_copy(update={"channel": entry.channel.replace(NUMBER, str(place))})
+
+
+def _generalised(path: str) -> str:
+    """A path with `*` for its indexes."""
+    return ".".join(ANY if part.isdigit() else part for part in path.split("."))
+
+
+def _path_of(key: str) -> tuple[str, str]:
+    """The path and the rest of a key such as `wire."z.motor".channel`."""
+    found = re.fullmatch(r'wire\."(.*)"(.*)', key)
+    return (found[1], found[2]) if found else ("", "")
+
+
+def _with_count(fault: Fault, more: int) -> Fault:
+    return fault if not more else Fault(fault.file, fault.key, f"{fault.message} (and {more} more)")
