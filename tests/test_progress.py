@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from umo import Compound, DigitalSensor, RangeError, connect
-from umo.cli.progress import Shown
+from umo.cli.progress_line import Shown
 
 
 class Machine(Compound):

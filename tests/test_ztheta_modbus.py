@@ -137,7 +137,7 @@ def test_the_unchanged_control_code_places_a_part_over_the_wire(tmp_path: Path) 
         ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False)
         assert ended.returncode == 0, ended.stderr
         summary = json.loads((tmp_path / "sum.json").read_text())
-        assert (summary["progress"], summary["reports"]) == ({"text": "done", "done": 1, "total": 1}, {"dac": {}})
+        assert (summary["progress"], summary["reports"]) == ({"text": "done", "done": 1, "total": 1}, {})
         assert served.levels() == DEFAULTS
         truth = served.end()
         assert truth["placed"] == 1, truth

@@ -109,8 +109,8 @@ def run(
         from umo.process.job import Job
         from umo.process.station import find
 
-        from .options import parse
         from .run import run_station
+        from .station_options import parse
 
         options = parse(find(station), wiring, context.args) | ({"realtime": True} if realtime else {})
         job = Job(station, wiring=wiring, options=options, acknowledge=acknowledge)
@@ -124,7 +124,7 @@ def _show_options(station: str | None, wiring: str | None) -> None:
         from umo.process.station import find
 
         from .console import out
-        from .options import help_panel
+        from .station_options import help_panel
 
         out.print(help_panel(find(station), wiring))
 

@@ -18,7 +18,7 @@ from umo.text import cause_of
 
 from .console import err, out
 from .follow import Seen, follow
-from .progress import Shown
+from .progress_line import Shown
 from .result import Result
 
 RUNS = Path("runs")

@@ -142,8 +142,8 @@ def plain(result: Any, longest: int = LONGEST) -> Any:
 
 
 def plain_reports(reports: Mapping[str, Any], longest: int = LONGEST) -> dict[str, Any]:
-    """The same for the report of each driver; together of a moderate size."""
-    return {name: plain(report, longest // len(reports)) for name, report in reports.items()}
+    """The same for the report of each driver that has one; together of a moderate size."""
+    return {name: plain(report, longest // len(reports)) for name, report in reports.items() if report}
 
 
 def status_of(failure: BaseException) -> int:

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import pytest
 from rich.console import Console
 
-from umo.cli.options import Option, help_panel, options_of, parse
+from umo.cli.station_options import Option, help_panel, options_of, parse
 from umo.process.station import Station, StationError
 
 
@@ -29,7 +29,7 @@ class Bare(Station):
 
 
 def station(main: Any) -> Station:
-    made = Bare("press", Path(), "")
+    made = Bare("press", Path())
     object.__setattr__(made, "main", main)
     return made
 
@@ -97,7 +97,7 @@ def test_an_option_of_application_and_driver_is_one() -> None:
         def wiring(self, name: str | None) -> Any:
             return {"drivers": {"plant": {"type": "ztheta"}}, "wire": {"timer": {"driver": "plant", "channel": "tick"}}}
 
-    made = Drives("press", Path(), "")
+    made = Drives("press", Path())
     object.__setattr__(made, "main", main)
     options = options_of(made, None)
     assert [(each.name, each.taker) for each in options][:3] == [
