@@ -130,7 +130,14 @@ def test_an_observer_that_fails_is_disabled_and_the_run_goes_on(caplog: pytest.L
 def test_a_trace_of_many_objects_is_bounded_in_bytes_and_grows_as_it_is_filled(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("umo.cycle.trace.MOST", most := 16_000_000)
     frame: Any = SimpleNamespace(
-        progress=Progress(), items=[None] * 10_000, time=0.0, missed=1, execution=0.0, values=np.zeros(10_000)
+        progress=Progress(),
+        signals=(),
+        signal_values=[],
+        items=[None] * 10_000,
+        time=0.0,
+        missed=1,
+        execution=0.0,
+        values=np.zeros(10_000),
     )
     trace = Trace()
     tracemalloc.start()
