@@ -67,6 +67,7 @@ def _all(console: Console, rounds: int, options: argparse.Namespace) -> int:
             *figures.seconds_to_connect(),
             figures.seconds_to_import(),
             figures.control_period(),
+            figures.axis_period(),
             figures.station_ratio(),
         )
     with console.status(f"{rounds} rounds of every case in turns"):

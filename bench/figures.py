@@ -17,7 +17,8 @@ import umo
 from bench.driver import Fill
 from bench.machine import Umo, machine, wiring
 from bench.mix import layout
-from umo import connect
+from umo import Compound, DigitalActuator, DigitalSensor, connect
+from umo.control import ServoAxis
 from umo.stations.ztheta import objects as ztheta
 from umo.stations.ztheta.application import main
 
@@ -94,6 +95,46 @@ def _control_median() -> float:
             times.append(perf_counter_ns() - start)
             m.update()
     return median(times) * 1e-3
+
+
+class Slide(Compound):
+    """One servo axis."""
+
+    axis: ServoAxis
+    timer: DigitalSensor
+
+
+def slide() -> Slide:
+    axis = ServoAxis(
+        motor=DigitalActuator("V", default=0.0, minimum=-10.0, maximum=10.0, resolution=0.01, limits="clamp"),
+        encoder=DigitalSensor("mm", minimum=-1e6, maximum=1e6, resolution=0.01),
+        **{"gain": 1.0, "integral_time": 0.1, "derivative_time": 1e-3, "friction": 0.1, "feed_forward": 0.02},
+        **{"velocity": 100.0, "acceleration": 1e3, "jerk": 1e4, "window": 0.1, "following_error": 1e6},
+    )
+    timer = DigitalSensor("sampling_period", minimum=0.0, maximum=1e9, resolution=1.0, synchronous=False)
+    return Slide(axis=axis, timer=timer)
+
+
+def axis_period(periods: int = 20_000) -> tuple[float, float]:
+    """`control` of one servo axis in motion, in virtual time, us: profile, PID, limits, following error. The time that
+    half of the periods stay below, of the best and of the median of some thousands."""
+    medians = []
+    with connect(slide()) as m:
+        m.timer.read()
+        m.sample()
+        m.axis.enable()
+        for start in range(0, periods, 1000):
+            m.axis.profile.to(1e3 if start % 2000 else -1e3)
+            times = []
+            for _ in range(1000):
+                m.timer.read()
+                m.sample()
+                before = perf_counter_ns()
+                m.axis.control()
+                times.append(perf_counter_ns() - before)
+                m.update()
+            medians.append(median(times) * 1e-3)
+    return min(medians), median(medians)
 
 
 def station_ratio() -> float | str:

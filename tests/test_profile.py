@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -87,3 +89,39 @@ def test_a_target_that_is_not_finite_is_refused(target: float) -> None:
 def test_a_limit_that_is_not_positive_is_refused() -> None:
     with pytest.raises(RangeError):
         Profile(velocity=0.0, acceleration=1.0, jerk=1.0).to(1.0)
+
+
+def test_a_velocity_is_reached_and_kept_within_the_limits() -> None:
+    profile = limits()
+    duration = profile.at(50.0)
+    speeds = [profile.step(1e-3).velocity for _ in range(round(duration * 1e3) + 1)]
+    assert max(b - a for a, b in pairwise(speeds)) <= 1_000.0 * 1e-3 + 1e-9
+    assert profile.done
+    before = profile.setpoint.position
+    assert profile.step(2.0) == pytest.approx((before + 100.0, 50.0, 0.0))
+    assert profile.at(1e6) > 0
+    assert profile.step(10.0).velocity == 100.0
+
+
+def test_a_halt_comes_to_standstill_and_a_new_target_is_reached_from_there() -> None:
+    profile = limits()
+    profile.at(-80.0)
+    profile.step(1.0)
+    profile.at(0.0)
+    stood = profile.step(1.0).position
+    assert profile.step(1.0) == pytest.approx((stood, 0.0, 0.0))
+    profile.to(5.0)
+    assert profile.step(10.0).position == pytest.approx(5.0)
+
+
+@given(distance=positions, dt=st.sampled_from([1e-3, 1e-2]))
+def test_a_shift_of_the_origin_moves_the_rest_of_the_motion(distance: float, dt: float) -> None:
+    one, other = limits(), limits()
+    for profile in (one, other):
+        profile.to(100.0)
+        profile.step(0.3)
+    other.shift(distance)
+    while not one.done:
+        here, there = one.step(dt), other.step(dt)
+        assert there.position == pytest.approx(here.position + distance, abs=1e-9)
+        assert there[1:] == here[1:]

@@ -24,6 +24,8 @@ OBJECTS = {
     "Vector",
 } | STATES
 ERRORS = {
+    "AxisError",
+    "HomingError",
     "DeviceHeld",
     "BadInput",
     "Busy",

@@ -11,12 +11,12 @@ from typing import Any
 import pytest
 
 import umo
-from umo import BinaryActuator, Compound, DigitalActuator, TaskFailed, UpDown
+from umo import AxisError, BinaryActuator, Compound, DigitalActuator, HomingError, TaskFailed, UpDown
 from umo.cycle.progress import Progress
 from umo.objects import Atomic
 from umo.stations.ztheta.application import main
 from umo.stations.ztheta.control import Manipulator
-from umo.stations.ztheta.errors import AxisError, GripError, HomingError
+from umo.stations.ztheta.errors import GripError
 from umo.stations.ztheta.objects import machine
 from umo.testing import put
 
@@ -117,8 +117,8 @@ FAILURES = {
     "no-courier": (GripError, "no part was gripped in 2 tries"),
     "leaky-cup": (GripError, "no part was gripped in 2 tries"),
     "dropped-part": (GripError, "the part was lost"),
-    "stalled-theta": (HomingError, "theta does not turn"),
-    "dead-theta-encoder": (HomingError, "theta does not turn, or its encoder is dead"),
+    "stalled-theta": (HomingError, "theta does not move"),
+    "dead-theta-encoder": (HomingError, "theta does not move, or its encoder is dead"),
     "dead-z-encoder": (HomingError, "z does not move, or its encoder is dead"),
 }
 

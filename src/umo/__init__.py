@@ -8,6 +8,7 @@ real-time control software development" (1998).
 from umo.cycle import Frame, connect, drive, run
 from umo.drivers import Channel, Direction, Driver
 from umo.errors import (
+    AxisError,
     BadInput,
     Busy,
     Cancelled,
@@ -20,6 +21,7 @@ from umo.errors import (
     Failure,
     Fault,
     FramesError,
+    HomingError,
     Interlocked,
     NotConnected,
     PathError,
@@ -59,6 +61,7 @@ from umo.process import RunFailed, Started, start
 from umo.wiring import check
 
 __all__ = [
+    "AxisError",
     "BadInput",
     "BinaryActuator",
     "BinarySensor",
@@ -84,6 +87,7 @@ __all__ = [
     "FramesError",
     "FrontBack",
     "HighLow",
+    "HomingError",
     "Interlock",
     "Interlocked",
     "LeftRight",

@@ -17,6 +17,8 @@ UmoError
 |-- Busy (RuntimeError)              a motion was started on an axis in motion
 |-- TimeExpired (TimeoutError)       a condition was not true within its timeout
 |-- TaskFailed (RuntimeError)        the machine could not do its work: base of a station's own errors
+|   |-- AxisError                    an axis does not follow its setpoint, or does not arrive
+|   `-- HomingError                  an axis did not find its reference
 |-- FramesError (RuntimeError)       frames cannot be published or read
 |-- DeviceHeld (RuntimeError)        another process, or another machine of this one, holds a device
 `-- StandsStopped (RuntimeError)     the last run on a device ended unsafely and was not acknowledged
@@ -175,6 +177,14 @@ class TimeExpired(UmoError, TimeoutError):
 
 class TaskFailed(UmoError, RuntimeError):
     """The machine could not carry out its task. Base class for the errors of a station."""
+
+
+class AxisError(TaskFailed):
+    """An axis does not follow its setpoint, or does not arrive: a stalled or over-driven motor, a dead encoder."""
+
+
+class HomingError(TaskFailed):
+    """An axis did not find its reference."""
 
 
 class DeviceHeld(UmoError, RuntimeError):

@@ -1,12 +1,16 @@
 """Control laws and sequences. Control laws take objects, and raise BadInput if the quality of an input is not accepted.
 `PID` and `Profile` calculate with plain numbers."""
 
+from umo.control.axis import Axis, Homing, Met, move_together
 from umo.control.claim import Claim
+from umo.control.homing import EndStop, HomeSwitch, IndexPulse
 from umo.control.inputs import HOMING, Accept, state_of, value_of
 from umo.control.pid import PID, VectorPID
 from umo.control.profile import Profile, Setpoint, synchronize
 from umo.control.regulation import Hysteresis
 from umo.control.servo import Servo, VectorServo
+from umo.control.servo_axis import ServoAxis
+from umo.control.stepper_axis import StepperAxis
 from umo.control.stepping import STEPS_PER_PERIOD, Stepping
 from umo.cycle.sequences import next_period, timeout, together, until, wait
 
@@ -15,14 +19,23 @@ __all__ = [
     "PID",
     "STEPS_PER_PERIOD",
     "Accept",
+    "Axis",
     "Claim",
+    "EndStop",
+    "HomeSwitch",
+    "Homing",
     "Hysteresis",
+    "IndexPulse",
+    "Met",
     "Profile",
     "Servo",
+    "ServoAxis",
     "Setpoint",
+    "StepperAxis",
     "Stepping",
     "VectorPID",
     "VectorServo",
+    "move_together",
     "next_period",
     "state_of",
     "synchronize",

@@ -16,10 +16,14 @@ class Claim:
         self._owner = owner
         self.holder: str | None = None
 
+    def busy(self, what: str) -> Busy:
+        """The error for a motion that cannot be started now."""
+        return Busy(f"{self._owner.path} is busy with {self.holder}; {what} was not started")
+
     @contextmanager
     def of(self, what: str) -> Iterator[None]:
         if self.holder is not None:
-            raise Busy(f"{self._owner.path} is busy with {self.holder}; {what} was not started")
+            raise self.busy(what)
         self.holder = what
         try:
             yield

@@ -63,6 +63,11 @@ class PID:
         self._last = measurement
         self.integral = output - self.gain * (setpoint - measurement) - feed_forward
 
+    def shift(self, distance: float) -> None:
+        """The origin of the measurement has moved by this distance: the derivative does not see it."""
+        if self._last is not None:
+            self._last += distance
+
     def step(
         self,
         setpoint: float,

@@ -33,11 +33,19 @@ class Profile:
     _trajectory: Any = field(default_factory=lambda: _ruckig().Trajectory(1), init=False, repr=False)
     _elapsed: float = field(default=0.0, init=False)
     _duration: float = field(default=0.0, init=False)
+    _origin: float = field(default=0.0, init=False)
+    _final: float = field(default=0.0, init=False)
 
     def hold(self, position: float, velocity: float = 0.0) -> None:
-        """Set the start position and velocity of the next profile."""
+        """Set the position and velocity from which the profile goes on."""
         self.setpoint = Setpoint(position, velocity, 0.0)
         self._duration = 0.0
+
+    def shift(self, distance: float) -> None:
+        """The origin of the positions has moved: the setpoint changes by this distance, the motion goes on."""
+        position, velocity, acceleration = self.setpoint
+        self.setpoint = Setpoint(position + distance, velocity, acceleration)
+        self._origin += distance
 
     def to(self, target: float, *, velocity: float = inf, duration: float = 0.0) -> float:
         """Plan a profile from the current setpoint to standstill at the target. Returns its duration in s.
@@ -46,39 +54,67 @@ class Profile:
         axes with the duration of the slowest arrive together (`synchronize`). RangeError if a number is not finite or a
         limit is not positive.
         """
-        ruckig = _ruckig()
-        plan = ruckig.InputParameter(1)
+        plan = self._plan()
+        plan.target_position = [target]
+        plan.max_velocity = [min(velocity, self.velocity)]
+        if duration:
+            plan.minimum_duration = duration
+        return self._calculate(plan, f"to {target!r}")
+
+    def at(self, velocity: float) -> float:
+        """Plan a profile from the current setpoint to a constant velocity, at most the largest speed; 0: to standstill.
+        The setpoint moves on at this velocity. Returns the duration in s until it is reached."""
+        plan = self._plan()
+        plan.control_interface = _ruckig().ControlInterface.Velocity
+        plan.target_velocity = [min(max(velocity, -self.velocity), self.velocity)]
+        return self._calculate(plan, f"at {velocity!r} per s")
+
+    def _plan(self) -> Any:
+        plan = _ruckig().InputParameter(1)
         plan.current_position = [self.setpoint.position]
         plan.current_velocity = [self.setpoint.velocity]
         plan.current_acceleration = [self.setpoint.acceleration]
-        plan.target_position = [target]
-        plan.max_velocity = [min(velocity, self.velocity)]
+        plan.max_velocity = [self.velocity]
         plan.max_acceleration = [self.acceleration]
         plan.max_jerk = [self.jerk]
-        if duration:
-            plan.minimum_duration = duration
+        return plan
+
+    def _calculate(self, plan: Any, what: str) -> float:
+        ruckig = _ruckig()
         try:
             result = self._planner.calculate(plan, self._trajectory)
         except ruckig.RuckigError as error:
-            raise RangeError(f"no profile to {target!r}: {str(error).strip()}") from None
+            raise RangeError(f"no profile {what}: {str(error).strip()}") from None
         if result not in (ruckig.Result.Working, ruckig.Result.Finished):
-            raise RangeError(f"no profile to {target!r} within the limits of {self!r}: {result.name}")
-        self._elapsed = 0.0
+            raise RangeError(f"no profile {what} within the limits of {self!r}: {result.name}")
+        self._elapsed = self._origin = 0.0
+        self._final = plan.target_velocity[0]
         self._duration = float(self._trajectory.duration)
         return self._duration
 
     @property
     def done(self) -> bool:
+        """Whether the target, or the velocity, is reached."""
         return self._elapsed >= self._duration
 
     def step(self, dt: float) -> Setpoint:
-        """Advance the profile by `dt` s and return the setpoint. After the end it is the target."""
+        """Advance the profile by `dt` s and return the setpoint. After the end it stands at the target, or moves on at
+        the velocity."""
         if self._duration:
             self._elapsed = elapsed = self._elapsed + dt
             if elapsed >= self._duration:
-                elapsed, self._duration = self._duration, 0.0
+                return self._end(elapsed - self._duration)
             (position,), (velocity,), (acceleration,) = self._trajectory.at_time(elapsed)
-            self.setpoint = Setpoint(position, velocity, acceleration)
+            self.setpoint = Setpoint(position + self._origin, velocity, acceleration)
+        elif moving := self.setpoint.velocity:
+            self.setpoint = Setpoint(self.setpoint.position + moving * dt, moving, 0.0)
+        return self.setpoint
+
+    def _end(self, beyond: float) -> Setpoint:
+        """The setpoint at a time in s beyond the end of the trajectory."""
+        (position,), *_ = self._trajectory.at_time(self._duration)
+        self._duration = 0.0
+        self.setpoint = Setpoint(position + self._origin + self._final * beyond, self._final, 0.0)
         return self.setpoint
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
-from math import copysign
+from math import copysign, inf
 
 import numpy as np
 
@@ -34,6 +34,8 @@ class Servo(PID):
     """Actuator units for one sensor unit per second squared of setpoint acceleration."""
     friction: float = 0.0
     """Actuator units that overcome dry friction; given with the sign of the setpoint velocity."""
+    limit: float = inf
+    """Largest magnitude of the output. Default: the range of the actuator."""
 
     @property
     def signals(self) -> Mapping[str, str]:
@@ -68,6 +70,8 @@ class Servo(PID):
         """The lowest and highest output of this period."""
         actuator = self.actuator
         low, high = actuator.minimum, actuator.maximum
+        if self.limit < high or -self.limit > low:
+            low, high = max(low, -self.limit), min(high, self.limit)
         if actuator.slew_rate is None or not dt:
             return low, high
         now, step = actuator.read(), actuator.slew_rate * dt

@@ -22,9 +22,12 @@ class Stepping:
     direction: BinaryActuator[Rotation]
     count: int = field(default=0, init=False)
     """Sum of the steps sent, CW positive."""
+    refused: bool = field(default=False, init=False)
+    """Whether an interlock inhibits the step output: this period's step was not made."""
 
     def control(self, position: float) -> bool:
         """One period towards `position` in steps; True once it is within half a step and the output is DOWN."""
+        self.refused = False
         if self.step.read() is UpDown.UP:
             self.step.write(UpDown.DOWN)
             return False
@@ -35,6 +38,7 @@ class Stepping:
         if self.direction.read() is not wanted:
             self.direction.write(wanted)
             return False
-        if self.step.write(UpDown.UP):
+        self.refused = not self.step.write(UpDown.UP)
+        if not self.refused:
             self.count += 1 if due > 0 else -1
         return False

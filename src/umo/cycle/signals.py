@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from inspect import getattr_static
 from math import nan
 from typing import Any, NamedTuple
 
 from umo.errors import DeclarationError
 from umo.objects import Compound
 from umo.objects.units import check_unit
+
+_MISSING = object()
 
 
 class Signal(NamedTuple):
@@ -49,6 +52,6 @@ def _of(owner: Any, path: str) -> Iterator[Signal]:
         return
     for name, unit in declared.items():
         full = f"{path}.{name}".lstrip(".")
-        if not hasattr(owner, name):
+        if getattr_static(owner, name, _MISSING) is _MISSING:  # a property may need the machine connected
             raise DeclarationError(f"signal {full}: {type(owner).__name__} has no attribute {name!r}")
         yield Signal(full, check_unit(unit), owner, name)

@@ -1,6 +1,6 @@
 """The compound objects of the z-theta manipulator and how they act (the paper's Listing 6 and section 5.4).
 
-Each control function is a member of the object that it belongs to; the axes have files of their own.
+Each control function is a member of the object that it belongs to; the axes are in `axes.py`.
 """
 
 from __future__ import annotations
@@ -8,9 +8,8 @@ from __future__ import annotations
 from umo import BinaryActuator, BinarySensor, Compound, DigitalSensor, OnOff, PassFail, TimeExpired
 from umo.control import Hysteresis, state_of, together, until, value_of, wait
 
-from .errors import GripError, HomingError
-from .thetaaxis import StepOutput, ThetaAxis
-from .zaxis import ZAxis
+from .axes import StepOutput, ThetaAxis, ZAxis
+from .errors import CounterweightError, GripError
 
 __all__ = ["Counterweight", "Gripper", "Manipulator", "StepOutput", "ThetaAxis", "ZAxis"]
 
@@ -32,7 +31,7 @@ class Counterweight(Compound):
         try:
             await until(lambda: value_of(self.pressure) >= self.regulator.low, timeout=5.0)
         except TimeExpired:
-            raise HomingError(f"the counterweight stays at {self.pressure.read():.0f} counts") from None
+            raise CounterweightError(f"the counterweight stays at {self.pressure.read():.0f} counts") from None
 
 
 class Gripper(Compound):

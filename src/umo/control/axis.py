@@ -1,0 +1,280 @@
+"""Axes of motion: what a servo axis and a stepper axis have in common."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from enum import Enum
+from math import copysign, inf
+from typing import Protocol
+
+from umo.control.claim import Claim
+from umo.control.inputs import HOMING, Accept, value_of
+from umo.control.profile import Profile
+from umo.cycle.sequences import next_period, together
+from umo.errors import AxisError, DeclarationError, RangeError
+from umo.objects import Compound, DigitalSensor, Quality
+
+REFERENCED = Quality.OUT_OF_RANGE
+"""Accepted of a referenced encoder: at an end of its range an axis may stand a little outside. The setpoint is within
+the range, and the axis within `following_error` of it."""
+CREEP = 1 / 20
+"""Part of the stall distance: an axis that gains less stands still."""
+
+
+class Met(Enum):
+    """What ended a search."""
+
+    CONDITION = "condition"
+    JUMP = "jump"
+    """The reading changed more than the axis can move: the counter was loaded, or wrapped."""
+    STOP = "stop"
+    """The axis stands still although it is driven."""
+    REACH = "reach"
+    """Nothing was met within the distance."""
+
+
+class Homing(Protocol):
+    """Finds the reference of an axis."""
+
+    async def find(self, axis: Axis) -> None:
+        """Search for the reference, call `axis.reference()`, and come to standstill within the range. HomingError if
+        it was not found. The speed of the search is `axis.search_speed`."""
+
+
+class Axis(Compound):
+    """One axis of motion, with its position sensor. Use `ServoAxis` or `StepperAxis`.
+
+    Positions are in the units of the encoder, speeds in units per s. The range of `move_to` and `jog` is the declared
+    range of the encoder. While an interlock inhibits the axis, a motion waits; afterwards it goes on to its target from
+    where the axis then stands. A motion that is cancelled decelerates to standstill.
+    """
+
+    encoder: DigitalSensor
+    velocity: float
+    """Largest speed, units per s."""
+    acceleration: float
+    """Largest acceleration, units per s squared."""
+    jerk: float
+    """Largest jerk, units per s cubed."""
+    window: float
+    """A motion ends when the encoder is within this distance of the target."""
+    following_error: float
+    """Largest distance between setpoint and encoder. Beyond it AxisError is raised."""
+    settling_time: float = 1.0
+    """Largest time in s from the end of the profile until the encoder is within `window`."""
+    search_speed: float = inf
+    """Speed of homing, units per s. Default: the largest."""
+    stall: float = inf
+    """During homing the axis stands at an end stop when it has been driven so far without moving. Default: never."""
+    homing: Homing | None = None
+    """How the reference is found: `IndexPulse`, `HomeSwitch`, `EndStop`, or one of your own."""
+
+    enabled = False
+    """Whether the axis follows its setpoint. The first motion enables it."""
+    searching = False
+    """Whether the axis is being homed: its reading may jump, and is not compared with the setpoint."""
+    _interrupted = False
+
+    def setup(self) -> None:
+        self.profile = Profile(velocity=self.velocity, acceleration=self.acceleration, jerk=self.jerk)
+        self._accept: Accept = REFERENCED
+        """The qualities of the encoder that are accepted besides GOOD and STALE."""
+        self._again: Callable[[], object] = self._stand
+
+    # Motions -------------------------------------------------------------------------------------------
+
+    async def home(self) -> None:
+        """Find the reference. Ends at standstill, with the encoder referenced. HomingError if it is not found."""
+        if self.homing is None:
+            raise DeclarationError(f"{self.path} does not declare how it is homed (`homing`)")
+        with self.claim.of("home"):
+            self.encoder.referenced(False)
+            self.searching, self._accept = True, HOMING
+            try:
+                await self._settle()
+                self.enable()
+                await self.homing.find(self)
+            except BaseException:
+                self.disable()
+                raise
+            finally:
+                self.searching, self._accept = False, REFERENCED
+            await self._settle()
+
+    async def move_to(self, position: float, *, speed: float = inf, duration: float = 0.0) -> None:
+        """To a position, at most at this speed, in at least `duration` s, jerk-limited. Ends when the encoder has
+        arrived.
+
+        RangeError if the position is outside the encoder's range, BadInput if the encoder is not referenced, AxisError
+        if the axis does not arrive, Busy during another motion.
+        """
+        if not self.encoder.minimum <= position <= self.encoder.maximum:
+            low, high = self.encoder.minimum, self.encoder.maximum
+            raise RangeError(f"{self.path}: {position:g} {self.encoder.units} is outside {low:g} to {high:g}")
+        with self.claim.of("move_to"):
+            self._accept = REFERENCED
+            self.enable()
+            await self.travel(position, speed=speed, duration=duration)
+
+    def jog(self, velocity: float) -> None:
+        """Move at this velocity (units per s) until the next call; 0: decelerate to standstill. A referenced axis stops
+        at the end of its range. Busy during another motion."""
+        if self.claim.holder not in (None, "jog"):
+            raise self.claim.busy("jog")
+        self._accept = HOMING if self.encoder.quality is Quality.UNREFERENCED else REFERENCED
+        self.enable()
+        self.claim.holder = "jog" if velocity else None
+        self._go(lambda: self._jog(velocity))
+
+    def _jog(self, velocity: float) -> None:
+        end = self.encoder.maximum if velocity > 0 else self.encoder.minimum
+        if self.encoder.quality is Quality.UNREFERENCED:
+            self.profile.at(copysign(self._speed(abs(velocity)), velocity))
+        elif velocity * (end - self.setpoint) > 0:
+            self.profile.to(end, velocity=self._speed(abs(velocity)))
+        else:
+            self.profile.at(0.0)
+
+    def time_to(self, position: float) -> float:
+        """How long a motion from standstill to a position takes, in s, at the largest speed."""
+        ahead = Profile(velocity=self._speed(inf), acceleration=self.acceleration, jerk=self.jerk)
+        ahead.hold(self.setpoint if self.enabled else value_of(self.encoder, self._accept))
+        return ahead.to(position)
+
+    def enable(self) -> None:
+        """Follow the setpoint, from where the axis stands. BadInput if the encoder's quality is not accepted."""
+        if not self.enabled:
+            self._stand()
+            self.enabled = True
+
+    def disable(self) -> None:
+        """Stop following: the actuators go to their defaults."""
+        self.enabled = False
+
+    # For homing ----------------------------------------------------------------------------------------
+
+    @property
+    def reading(self) -> float:
+        """The encoder's value, also if it is not referenced."""
+        return value_of(self.encoder, HOMING)
+
+    async def search(
+        self,
+        velocity: float,
+        until: Callable[[], bool] | None = None,
+        *,
+        jump: float = inf,
+        reach: float = inf,
+    ) -> Met:
+        """Move at a velocity until the condition is true, the reading jumps by more than `jump` in a period, the axis
+        stands still, or it was driven for the distance `reach`. Then the motion goes on, except at a standstill."""
+        self._go(lambda: self.profile.at(copysign(self._speed(abs(velocity)), velocity)))
+        sign = copysign(1.0, velocity)
+        driven = idle = 0.0
+        last = best = self.reading
+        while until is None or not until():
+            await next_period()
+            reading = self.reading
+            distance = self._speed(abs(velocity)) * self.dt
+            if self._interrupted:
+                last = reading
+                continue
+            if abs(reading - last) > jump:
+                self._shift(reading - last)
+                return Met.JUMP
+            driven, idle, last = driven + distance, idle + distance, reading
+            if sign * (reading - best) > CREEP * self.stall:
+                best, idle = reading, 0.0
+            if idle > self.stall:
+                self._stand()
+                return Met.STOP
+            if driven > reach:
+                return Met.REACH
+        return Met.CONDITION
+
+    def reference(self, at: float | None = None) -> None:
+        """The encoder is referenced; with `at`, its last reading is this position."""
+        before = self.reading
+        self.encoder.referenced(at=at)
+        self._shift(self.reading - before)
+
+    async def travel(self, position: float, *, speed: float = inf, duration: float = 0.0) -> None:
+        """To a position, also beyond the range; ends when the encoder has arrived. AxisError if it does not."""
+        try:
+            self._go(lambda: self.profile.to(position, velocity=self._speed(speed), duration=duration))
+            late = 0.0
+            while not self._arrived(position):
+                await next_period()
+                if self._interrupted or not self.profile.done:
+                    late = 0.0
+                elif (late := late + self.dt) > self.settling_time:
+                    self._correct(position)
+                    late = 0.0
+        except BaseException:
+            self._go(lambda: self.profile.at(0.0))
+            raise
+
+    # What the two kinds do in their own way ------------------------------------------------------------
+
+    @property
+    @abstractmethod
+    def error(self) -> float:
+        """Setpoint minus reading, as of the last period."""
+
+    @property
+    def setpoint(self) -> float:
+        """The position that the axis follows."""
+        return self.profile.setpoint.position
+
+    @abstractmethod
+    def _stand(self) -> None:
+        """The setpoint is where the axis stands."""
+
+    def _shift(self, distance: float) -> None:
+        """The reading has changed by this distance, and the axis has not moved."""
+        self.profile.shift(distance)
+
+    def _speed(self, wanted: float) -> float:
+        """The speed that the axis can have."""
+        return min(wanted, self.velocity)
+
+    async def _settle(self) -> None:
+        """Come to rest: before and after homing."""
+
+    def _arrived(self, position: float) -> bool:
+        return self.profile.done and abs(self.error) < self.window and not self._interrupted
+
+    def _correct(self, position: float) -> None:
+        """The profile has ended, and the axis has not arrived in `settling_time`."""
+        away = f"{self.reading:g} {self.encoder.units}"
+        raise AxisError(f"{self.path} did not arrive at {position:g}: it stands at {away}")
+
+    def _disconnect(self) -> None:
+        """The next connection begins with an axis that is not enabled."""
+        super()._disconnect()
+        self.claim = Claim(self)
+        self.enabled = self.searching = self._interrupted = False
+
+    # Inside --------------------------------------------------------------------------------------------
+
+    def _go(self, plan: Callable[[], object]) -> None:
+        """Plan a motion, now and again after an interruption."""
+        self._again = plan
+        plan()
+
+    def _interrupt(self) -> None:
+        """An interlock inhibits the axis: the setpoint stays where the axis is."""
+        self._interrupted = True
+        self._stand()
+
+    def _go_on(self) -> None:
+        self._interrupted = False
+        self._stand()
+        self._again()
+
+
+async def move_together(*moves: tuple[Axis, float]) -> None:
+    """Move several axes, `(axis, position)` each, so that they start and arrive together."""
+    duration = max(axis.time_to(position) for axis, position in moves)
+    await together(*(axis.move_to(position, duration=duration) for axis, position in moves))

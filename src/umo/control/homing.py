@@ -1,0 +1,117 @@
+"""How an axis finds its reference: homing on an index pulse, a home switch or an end stop (compare CiA 402)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+from typing import Any
+
+from umo.control.axis import CREEP, Axis, Met
+from umo.control.inputs import state_of
+from umo.errors import HomingError
+from umo.objects import BinaryActuator, BinarySensor, TwoState
+
+
+@dataclass(kw_only=True)
+class IndexPulse:
+    """The circuit loads its counter at the encoder's index pulse, while it is enabled to.
+
+    The axis moves in `direction` until the reading jumps to `index`. If it meets the end stop first, it began beyond
+    the index, or the count was right already, from a run before: then it moves back across the index.
+    """
+
+    enable: BinaryActuator[Any]
+    """Lets the index pulse load the counter. It does so while the actuator is not at its default."""
+    index: float
+    """Position of the index pulse."""
+    stop: float
+    """Position of the end stop in this direction."""
+    jump: float
+    """The axis cannot move so far in a period: the counter was loaded, or wrapped."""
+    tolerance: float
+    """A position that is read is right within this distance."""
+    clearance: float
+    """Homing ends at this distance before the index."""
+    direction: int = 1
+    """+1: to larger readings. -1: to smaller ones."""
+
+    async def find(self, axis: Axis) -> None:
+        enable = self.enable
+        enable.write(enable.one if enable.default is enable.zero else enable.zero)
+        try:
+            if not await self._search(axis, self.direction):
+                await self._search_back(axis)
+        finally:
+            enable.write(enable.default)
+        await axis.travel(self.index - self.direction * self.clearance, speed=axis.search_speed)
+        axis.reference()
+
+    async def _search(self, axis: Axis, direction: int, reach: float = inf) -> bool:
+        """Whether the index pulse was met. The counter may wrap on the way."""
+        while True:
+            met = await axis.search(direction * axis.search_speed, jump=self.jump, reach=reach)
+            if met is not Met.JUMP:
+                return False
+            if abs(axis.reading - self.index) <= self.tolerance:
+                return True
+
+    async def _search_back(self, axis: Axis) -> None:
+        units, at_stop = axis.encoder.units, axis.reading
+        if await self._search(axis, -self.direction, 1.5 * abs(self.stop - self.index)):
+            return
+        here = axis.reading
+        if abs(at_stop - self.stop) <= self.tolerance and self.direction * (self.index - here) > 0:
+            return
+        if abs(here - at_stop) <= CREEP * axis.stall:
+            raise HomingError(f"{axis.path} does not move, or its encoder is dead: the count stood still both ways")
+        raise HomingError(
+            f"{axis.path} found no index pulse: the encoder read {at_stop:g} {units} at the stop, then {here:g} {units}"
+        )
+
+
+@dataclass(kw_only=True)
+class HomeSwitch:
+    """A switch is active at one end of the axis. The reference is its edge, met slowly when the axis leaves it."""
+
+    switch: BinarySensor[Any]
+    active: TwoState
+    position: float
+    """Position of the edge."""
+    creep_speed: float
+    """Speed at which the switch is left, units per s."""
+    direction: int = -1
+    """Where the switch is active: -1 at the smaller readings, +1 at the larger ones."""
+    clearance: float = 0.0
+    """Homing ends at this distance from the edge."""
+
+    async def find(self, axis: Axis) -> None:
+        toward = self.direction * axis.search_speed
+        if not self._is_active() and await axis.search(toward, self._is_active) is not Met.CONDITION:
+            raise HomingError(f"{axis.path} met its end stop, but {self.switch.path} did not become {self.active}")
+        if await axis.search(-self.direction * self.creep_speed, lambda: not self._is_active()) is not Met.CONDITION:
+            raise HomingError(f"{axis.path} stands still, and {self.switch.path} stays {self.active}")
+        axis.reference(at=self.position)
+        await axis.travel(self.position - self.direction * self.clearance, speed=axis.search_speed)
+
+    def _is_active(self) -> bool:
+        return state_of(self.switch) is self.active
+
+
+@dataclass(kw_only=True)
+class EndStop:
+    """A mechanical end stop is the reference. `stall` of the axis says when it stands there; `search_output` of a servo
+    axis limits the force."""
+
+    position: float
+    """Position of the end stop."""
+    direction: int = -1
+    """Where the end stop is: -1 at the smaller readings, +1 at the larger ones."""
+    clearance: float = 0.0
+    """Homing ends at this distance from the end stop."""
+
+    async def find(self, axis: Axis) -> None:
+        reach = 3 * (axis.encoder.maximum - axis.encoder.minimum)
+        if await axis.search(self.direction * axis.search_speed, reach=reach) is not Met.STOP:
+            raise HomingError(f"{axis.path} found no end stop")
+        axis.reference(at=self.position)
+        await axis.travel(self.position - self.direction * self.clearance, speed=axis.search_speed)

@@ -1,0 +1,77 @@
+"""A motor behind an amplifier, and a position sensor."""
+
+from __future__ import annotations
+
+from math import inf
+
+from umo.control.axis import Axis
+from umo.control.inputs import value_of
+from umo.control.servo import Servo
+from umo.errors import AxisError
+from umo.objects import DigitalActuator
+
+
+class ServoAxis(Axis):
+    """An axis whose motor is commanded by a PID on the encoder.
+
+        x = ServoAxis(
+            motor=DigitalActuator("V", ...), encoder=DigitalSensor("mm", ...), gain=0.8, integral_time=0.1,
+            velocity=200.0, acceleration=2e3, jerk=4e4, window=0.05, following_error=2.0,
+            homing=EndStop(direction=-1, position=0.0), search_speed=20.0, stall=2.0, search_output=2.0,
+        )
+
+    While the axis is not enabled, the motor is at its default. The gains are those of `Servo`.
+    """
+
+    motor: DigitalActuator
+    gain: float
+    integral_time: float = inf
+    derivative_time: float = 0.0
+    filter_time: float = 0.0
+    feed_forward: float = 0.0
+    inertia: float = 0.0
+    friction: float = 0.0
+    search_output: float = inf
+    """Largest output during homing, units of the motor: limits the force at an end stop."""
+
+    def setup(self) -> None:
+        super().setup()
+        self.servo = Servo(
+            self.encoder,
+            self.motor,
+            gain=self.gain,
+            integral_time=self.integral_time,
+            derivative_time=self.derivative_time,
+            filter_time=self.filter_time,
+            feed_forward=self.feed_forward,
+            inertia=self.inertia,
+            friction=self.friction,
+        )
+
+    def control(self) -> None:
+        if not self.enabled:
+            self.motor.write(self.motor.default)
+            return
+        if self._interrupted and self.motor.inhibited is None:
+            self._go_on()
+        dt, servo = self.dt, self.servo
+        if not servo.control(*self.profile.step(dt), dt=dt, accept=self._accept) and self.motor.inhibited is not None:
+            self._interrupt()
+        elif abs(servo.error) > self.following_error and not self.searching:
+            units = self.encoder.units
+            raise AxisError(f"{self.path} does not follow: {servo.error:g} {units} behind its setpoint")
+
+    @property
+    def error(self) -> float:
+        return self.servo.error
+
+    async def _settle(self) -> None:
+        self.servo.limit = self.search_output if self.searching else inf
+
+    def _stand(self) -> None:
+        self.servo.reset()
+        self.profile.hold(value_of(self.encoder, self._accept))
+
+    def _shift(self, distance: float) -> None:
+        super()._shift(distance)
+        self.servo.shift(distance)

@@ -1,0 +1,95 @@
+"""A stepper motor behind a step and a direction output, and a position sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from umo.control.axis import Axis
+from umo.control.inputs import value_of
+from umo.control.stepping import STEPS_PER_PERIOD, Stepping
+from umo.cycle.sequences import wait
+from umo.errors import AxisError
+from umo.objects import BinaryActuator, Rotation, UpDown
+
+REST = 0.3
+"""Time in s in which the rotor comes to rest."""
+
+
+class StepperAxis(Axis):
+    """An axis that a stepper motor drives; the encoder finds lost steps.
+
+        theta = StepperAxis(
+            step=BinaryActuator(UpDown, ...), direction=BinaryActuator(Rotation, ...), step_size=0.225,
+            encoder=DigitalSensor("deg", ...), velocity=80.0, acceleration=300.0, jerk=3e3,
+            window=0.1, following_error=3.0, homing=..., search_speed=60.0, stall=20.0,
+        )
+
+    CW increases the position. Lost steps that the encoder shows at the end of a motion are made up. At most
+    `STEPS_PER_PERIOD` steps are made in a period, which limits the speed. After missed periods the motion is as much
+    later: a stepper cannot catch up.
+    """
+
+    step: BinaryActuator[UpDown]
+    direction: BinaryActuator[Rotation]
+    step_size: float
+    """One step, units of the encoder."""
+
+    @property
+    def signals(self) -> Mapping[str, str]:  # type: ignore[override]
+        return {"setpoint": self.encoder.units, "error": self.encoder.units}
+
+    def setup(self) -> None:
+        super().setup()
+        self.stepping = Stepping(self.step, self.direction)
+        self._offset = 0.0  # the position at which the step count is 0
+
+    @property
+    def commanded(self) -> float:
+        """The position that the steps sent so far stand for."""
+        return self._offset + self.stepping.count * self.step_size
+
+    def control(self) -> None:
+        if not self.enabled:
+            self.step.write(self.step.default)
+            return
+        if self._interrupted and self.step.inhibited is None:
+            self._go_on()
+        position = self.profile.step(self.period).position
+        self.stepping.control((position - self._offset) / self.step_size)
+        if self.stepping.refused:
+            self._interrupt()
+        elif abs(self.error) > self.following_error and not (self.searching or self._interrupted):
+            angle, units = value_of(self.encoder), self.encoder.units
+            raise AxisError(
+                f"{self.path} lost steps: the encoder reads {angle:g} {units}, {self.commanded:g} were commanded"
+            )
+
+    @property
+    def error(self) -> float:
+        return self.commanded - value_of(self.encoder, self._accept)
+
+    async def _settle(self) -> None:
+        await wait(REST)
+        self._stand()
+
+    def _stand(self) -> None:
+        self._offset = value_of(self.encoder, self._accept) - self.stepping.count * self.step_size
+        self.profile.hold(self.commanded)
+
+    def _shift(self, distance: float) -> None:
+        super()._shift(distance)
+        self._offset += distance
+
+    def _speed(self, wanted: float) -> float:
+        return min(wanted, self.velocity, STEPS_PER_PERIOD * self.step_size / self.period)
+
+    def _arrived(self, position: float) -> bool:
+        return super()._arrived(position) and abs(self.commanded - position) <= self.step_size
+
+    def _correct(self, position: float) -> None:
+        lost = round(self.error / self.step_size)
+        if not lost:
+            super()._correct(position)
+        self._offset -= lost * self.step_size
+        self.profile.hold(self.commanded)
+        self._again()

@@ -1,0 +1,596 @@
+"""Servo and stepper axes on a simulated slide: homing, moving, jogging, interlocks, and what can go wrong."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+import pytest
+
+import umo
+from umo import (
+    AxisError,
+    BadInput,
+    BinaryActuator,
+    BinarySensor,
+    Busy,
+    Compound,
+    DeclarationError,
+    DigitalActuator,
+    DigitalSensor,
+    EnableDisable,
+    HomingError,
+    Interlock,
+    OnOff,
+    Quality,
+    RangeError,
+    Rotation,
+    UpDown,
+)
+from umo.control import (
+    Axis,
+    EndStop,
+    HomeSwitch,
+    IndexPulse,
+    Met,
+    ServoAxis,
+    StepperAxis,
+    move_together,
+    next_period,
+    together,
+    wait,
+)
+from umo.drivers import Channel, Direction, Driver
+
+DT = 0.001
+COUNT = 0.01
+"""mm of a count of the encoder."""
+LOW, HIGH = -5.0, 105.0
+"""The end stops, mm."""
+INDEX = 90.0
+"""Where the index pulse is, mm."""
+SWITCH = 2.0
+"""The home switch is active below, mm."""
+
+
+class Slide(Driver[Channel]):
+    """A motor (10 V: 500 mm/s, 10 ms) or a stepper (0.05 mm a step) moves a slide between two end stops. The counter is
+    0 at power-up, and is loaded with 0 at the index while that is enabled."""
+
+    OUTPUTS = {"motor": 12, "step": 1, "direction": 1, "enable": 1}
+    INPUTS = {"counter": 32, "switch": 1, "door": 1, "tick": 31}
+
+    def __init__(self, start: float = 40.0) -> None:
+        self.position = start
+        self.start = start
+        self.rate = 0.0
+        self.levels = dict.fromkeys(self.OUTPUTS, 0)
+        self.counter = self.origin = 0
+        self.door = 0
+        self.stuck = self.dead = self.switch_broken = False
+        self.power_up()
+
+    def power_up(self) -> None:
+        self.origin = self._line()
+
+    def channel(self, text: str) -> Channel:
+        output = text in self.OUTPUTS
+        bits = (self.OUTPUTS | self.INPUTS)[text]
+        return Channel(text, Direction.OUTPUT if output else Direction.INPUT, bits, text in ("motor", "counter"))
+
+    def write(self, channel: Channel, raw: int) -> None:
+        if channel.text == "step" and raw > self.levels["step"] and not self.stuck:
+            self._go(self.position + (0.05 if self.levels["direction"] else -0.05))
+        self.levels[channel.text] = raw
+
+    def read(self, channel: Channel) -> int:
+        if channel.text == "tick":
+            self.advance()
+            return 0
+        if channel.text == "counter":
+            if not self.dead:
+                self.counter = self._line() - self.origin
+            return self.counter
+        return self.door if channel.text == "door" else int(self.position < SWITCH and not self.switch_broken)
+
+    def advance(self) -> None:
+        self.rate += (self.levels["motor"] * 50.0 / 200 - self.rate) * DT / 0.01
+        if not self.stuck:
+            self._go(self.position + self.rate * DT)
+
+    def _go(self, position: float) -> None:
+        before, self.position = self._line(), min(max(position, LOW), HIGH)
+        index = round(INDEX / COUNT)
+        if self.levels["enable"] and (before < index <= self._line() or self._line() <= index < before):
+            self.origin = index
+
+    def _line(self) -> int:
+        return math.floor(self.position / COUNT)
+
+
+def encoder(**changes: Any) -> DigitalSensor:
+    return DigitalSensor(
+        "mm", **({"minimum": 0.0, "maximum": 100.0, "resolution": COUNT, "incremental": True} | changes)
+    )
+
+
+def servo(**changes: Any) -> ServoAxis:
+    return ServoAxis(**SERVO | {"motor": motor(), "encoder": encoder()} | changes)
+
+
+def motor() -> DigitalActuator:
+    return DigitalActuator("V", default=0.0, minimum=-10.0, maximum=10.0, resolution=10 / 2000, limits="clamp")
+
+
+SERVO: dict[str, Any] = {
+    "gain": 1.0,
+    "integral_time": 0.2,
+    "feed_forward": 1 / 50,
+    "velocity": 200.0,
+    "acceleration": 2_000.0,
+    "jerk": 50_000.0,
+    "window": 0.05,
+    "following_error": 5.0,
+    "search_speed": 50.0,
+    "search_output": 3.0,
+    "stall": 3.0,
+}
+
+
+class Stepper(StepperAxis):
+    velocity: float = 15.0
+    acceleration: float = 200.0
+    jerk: float = 5_000.0
+    window: float = 0.03
+    following_error: float = 1.0
+    settling_time: float = 0.1
+    search_speed: float = 15.0
+    stall: float = 3.0
+    step_size: float = 0.05
+
+
+def stepper(**changes: Any) -> Stepper:
+    return Stepper(
+        step=BinaryActuator(UpDown, one=UpDown.UP, default=UpDown.DOWN),
+        direction=BinaryActuator(Rotation, one=Rotation.CW, default=Rotation.CW),
+        **{"encoder": encoder()} | changes,
+    )
+
+
+class Machine(Compound):
+    x: Axis
+    enable: BinaryActuator[EnableDisable]
+    switch: BinarySensor[OnOff]
+    door: BinarySensor[OnOff]
+    timer: DigitalSensor
+    latched: bool = False
+
+    def interlocks(self) -> Any:
+        yield Interlock(lambda: self.door.read() is OnOff.ON, [self.x], "the door is open", latched=self.latched)
+
+
+def machine(x: Axis) -> Machine:
+    enable = BinaryActuator(EnableDisable, one=EnableDisable.ENABLE, default=EnableDisable.DISABLE)
+    switch, door = (BinarySensor(OnOff, one=OnOff.ON) for _ in range(2))
+    timer = DigitalSensor("sampling_period", minimum=0.0, maximum=1e9, resolution=1.0, synchronous=False)
+    return Machine(x=x, enable=enable, switch=switch, door=door, timer=timer)
+
+
+def wiring(m: Machine, slide: Slide) -> dict[str, Any]:
+    on = {"x.motor": "motor", "x.step": "step", "x.direction": "direction", "x.encoder": "counter", "enable": "enable"}
+    on |= {"switch": "switch", "door": "door", "timer": "tick"}
+    wire = {path: {"driver": "slide", "channel": on[path]} for path in (atom.path for atom in m.atoms())}
+    wire["timer"]["period"] = "1 ms"
+    return {"drivers": {"slide": slide}, "wire": wire}
+
+
+Work = Callable[[Machine], Coroutine[Any, Any, Any]]
+
+
+def run(m: Machine, slide: Slide, work: Work, watch: Callable[[Machine], object] | None = None) -> Any:
+    connection = umo.connect(m, wiring(m, slide))
+    with connection:
+        if watch is not None:
+            connection.machine.observers.append(lambda frame: watch(m))
+        return umo.drive(m, work)
+
+
+def index_pulse(m: Machine) -> IndexPulse:
+    return IndexPulse(enable=m.enable, index=INDEX, stop=HIGH, jump=5.0, tolerance=1.0, clearance=2.0)
+
+
+BOTH = pytest.mark.parametrize("make", [servo, stepper])
+
+
+# Homing ------------------------------------------------------------------------------------------------
+
+
+@BOTH
+@pytest.mark.parametrize("start", [10.0, 89.0, 97.0])
+def test_homing_finds_the_index_pulse_wherever_the_axis_begins(make: Callable[..., Axis], start: float) -> None:
+    m = machine(make(encoder=encoder(zero_offset=INDEX)))
+    m.x.homing, slide = index_pulse(m), Slide(start)
+
+    async def work(m: Machine) -> None:
+        await m.x.home()
+        assert m.x.encoder.quality is Quality.GOOD
+        assert m.x.encoder.read() == pytest.approx(slide.position, abs=2 * COUNT)
+        assert m.x.encoder.read() == pytest.approx(INDEX - 2.0, abs=0.1)
+        assert m.enable.read() is EnableDisable.DISABLE
+        await m.x.move_to(20.0)
+        assert slide.position == pytest.approx(20.0, abs=0.06)
+
+    run(m, slide, work)
+
+
+@BOTH
+def test_homing_ends_well_when_the_count_is_right_already(make: Callable[..., Axis]) -> None:
+    m = machine(make(encoder=encoder(zero_offset=INDEX)))
+    m.x.homing, slide = index_pulse(m), Slide(30.0)
+    slide.origin = round(INDEX / COUNT)
+
+    async def work(m: Machine) -> None:
+        await m.x.home()
+        assert m.x.encoder.read() == pytest.approx(slide.position, abs=2 * COUNT)
+
+    run(m, slide, work)
+
+
+@BOTH
+@pytest.mark.parametrize("start", [1.0, 50.0, LOW, HIGH])
+def test_homing_references_the_edge_of_a_home_switch(make: Callable[..., Axis], start: float) -> None:
+    m = machine(make())
+    m.x.homing = HomeSwitch(switch=m.switch, active=OnOff.ON, position=SWITCH, creep_speed=5.0, clearance=1.0)
+    slide = Slide(start)
+
+    async def work(m: Machine) -> None:
+        await m.x.home()
+        assert slide.position == pytest.approx(SWITCH + 1.0, abs=0.1)
+        assert m.x.encoder.read() == pytest.approx(slide.position, abs=0.1)
+
+    run(m, slide, work)
+
+
+@BOTH
+@pytest.mark.parametrize("direction", [-1, 1])
+def test_homing_references_an_end_stop(make: Callable[..., Axis], direction: int) -> None:
+    stop = LOW if direction < 0 else HIGH
+    m, slide = machine(make(encoder=encoder(minimum=-10.0, maximum=110.0))), Slide()
+    m.x.homing = EndStop(position=stop, direction=direction, clearance=8.0)
+
+    async def work(m: Machine) -> None:
+        await m.x.home()
+        assert m.x.encoder.read() == pytest.approx(stop - 8.0 * direction, abs=0.1)
+        assert slide.position == pytest.approx(stop - 8.0 * direction, abs=0.1)
+
+    run(m, slide, work)
+
+
+def test_the_force_at_an_end_stop_is_limited_during_homing_only() -> None:
+    m, slide, largest = machine(servo()), Slide(), {True: 0.0, False: 0.0}
+    m.x.homing = EndStop(position=LOW, clearance=10.0)
+
+    def watch(m: Machine) -> None:
+        volts = abs(slide.levels["motor"]) / 200
+        largest[m.x.searching] = max(largest[m.x.searching], volts)
+
+    async def work(m: Machine) -> None:
+        await m.x.home()
+        await m.x.move_to(90.0)
+
+    run(m, slide, work, watch)
+    assert largest[True] == pytest.approx(3.0, abs=0.01)
+    assert largest[False] > 3.5
+
+
+@BOTH
+@pytest.mark.parametrize("fault", ["stuck", "dead"])
+def test_an_axis_that_does_not_move_cannot_be_homed(make: Callable[..., Axis], fault: str) -> None:
+    m, slide = machine(make(encoder=encoder(zero_offset=INDEX))), Slide()
+    m.x.homing = index_pulse(m)
+    setattr(slide, fault, True)
+    with pytest.raises(HomingError, match="x does not move, or its encoder is dead"):
+        run(m, slide, lambda m: m.x.home())
+    assert (slide.levels["motor"], slide.levels["step"], slide.levels["enable"]) == (0, 0, 0)
+
+
+@BOTH
+def test_a_switch_that_never_becomes_active_is_named(make: Callable[..., Axis]) -> None:
+    m, slide = machine(make()), Slide()
+    m.x.homing = HomeSwitch(switch=m.switch, active=OnOff.ON, position=SWITCH, creep_speed=5.0)
+    slide.switch_broken = True
+    with pytest.raises(HomingError, match="x met its end stop, but switch did not become ON"):
+        run(m, slide, lambda m: m.x.home())
+
+
+def test_an_axis_without_a_way_of_homing_says_so() -> None:
+    with pytest.raises(DeclarationError, match="x does not declare how it is homed"):
+        run(machine(servo()), Slide(), lambda m: m.x.home())
+
+
+# Moving ------------------------------------------------------------------------------------------------
+
+
+async def at_home(m: Machine, slide: Slide) -> None:
+    """As if it were homed."""
+    await next_period()
+    m.x.encoder.referenced(at=slide.position)
+
+
+@BOTH
+def test_a_motion_keeps_its_speed_and_ends_in_the_window(make: Callable[..., Axis]) -> None:
+    m, slide = machine(make()), Slide(40.0)
+    speeds: list[float] = []
+    last = [slide.position]
+
+    def watch(m: Machine) -> None:
+        speeds.append(abs(slide.position - last[0]) / DT)
+        last[0] = slide.position
+
+    async def work(m: Machine) -> None:
+        await at_home(m, slide)
+        await m.x.move_to(60.0, speed=10.0)
+
+    run(m, slide, work, watch)
+    assert slide.position == pytest.approx(60.0, abs=0.06)
+    travelled = sum(speeds) * DT
+    assert travelled == pytest.approx(20.0, abs=0.5)
+    assert len(speeds) * DT >= 2.0
+
+
+@BOTH
+def test_a_target_outside_the_declared_range_is_refused(make: Callable[..., Axis]) -> None:
+    m, slide = machine(make()), Slide()
+
+    async def work(m: Machine) -> None:
+        await at_home(m, slide)
+        await m.x.move_to(100.1)
+
+    with pytest.raises(RangeError, match=r"x: 100\.1 mm is outside 0 to 100"):
+        run(m, slide, work)
+    with pytest.raises(RangeError, match="nan mm is outside"):
+        run(machine(make()), Slide(), lambda m: m.x.move_to(math.nan))
+
+
+@BOTH
+def test_an_axis_that_is_not_referenced_is_not_moved(make: Callable[..., Axis]) -> None:
+    slide = Slide()
+
+    async def work(m: Machine) -> None:
+        await next_period()
+        await m.x.move_to(50.0)
+
+    with pytest.raises(BadInput, match="UNREFERENCED"):
+        run(machine(make()), slide, work)
+    assert slide.position == 40.0
+
+
+@BOTH
+def test_a_second_motion_is_refused(make: Callable[..., Axis]) -> None:
+    m, slide = machine(make()), Slide()
+
+    async def work(m: Machine) -> None:
+        await at_home(m, slide)
+        await together(m.x.move_to(45.0), m.x.move_to(50.0))
+
+    with pytest.raises(Busy, match="x is busy with move_to; move_to was not started"):
+        run(m, slide, work)
+
+    async def jogged(m: Machine) -> None:
+        await at_home(m, slide)
+        m.x.jog(5.0)
+        await m.x.move_to(50.0)
+
+    with pytest.raises(Busy, match="x is busy with jog"):
+        run(m, slide, jogged)
+
+
+@BOTH
+@pytest.mark.parametrize("fault", ["stuck", "dead"])
+def test_an_axis_that_does_not_follow_ends_the_motion(make: Callable[..., Axis], fault: str) -> None:
+    m, slide = machine(make()), Slide()
+
+    async def work(m: Machine) -> None:
+        await at_home(m, slide)
+        await m.x.move_to(45.0)
+        setattr(slide, fault, True)
+        await m.x.move_to(80.0)
+
+    with pytest.raises(AxisError, match=r"x (does not follow|lost steps)"):
+        run(m, slide, work)
+
+
+def test_an_axis_that_follows_but_does_not_arrive_says_where_it_stands() -> None:
+    m, slide = machine(servo(integral_time=math.inf, gain=0.05, window=0.01)), Slide()
+
+    def watch(m: Machine) -> None:
+        if slide.position > 50.0:
+            slide.stuck = True  # the slide jams on the last way
+
+    async def work(m: Machine) -> None:
+        await at_home(m, slide)
+        await m.x.move_to(51.0)
+
+    with pytest.raises(AxisError, match="x did not arrive at 51: it stands at 50"):
+        run(m, slide, work, watch)
+
+
+def test_lost_steps_are_made_up() -> None:
+    m, slide = machine(stepper()), Slide()
+
+    def watch(m: Machine) -> None:
+        slide.stuck = 45.0 < slide.position < 45.2 and m.x.stepping.count < 107  # the rotor misses some steps
+
+    async def work(m: Machine) -> None:
+        await at_home(m, slide)
+        await m.x.move_to(50.0)
+
+    run(m, slide, work, watch)
+    assert slide.position == pytest.approx(50.0, abs=0.03)
+    assert m.x.stepping.count > 200
+
+
+@BOTH
+def test_axes_that_move_together_arrive_together(make: Callable[..., Axis]) -> None:
+    timer = DigitalSensor("sampling_period", minimum=0.0, maximum=1e9, resolution=1.0, synchronous=False)
+
+    class Two(Compound):
+        a: Axis
+        b: Axis
+        timer: DigitalSensor
+
+    m = Two(a=make(), b=make(), timer=timer)
+    wire: dict[str, Any] = {"timer": {"driver": "a", "channel": "tick", "period": "1 ms"}}
+    on = {"motor": "motor", "step": "step", "direction": "direction", "encoder": "counter"}
+    for atom in m.atoms():
+        axis, _, part = atom.path.partition(".")
+        if part:
+            wire[atom.path] = {"driver": axis, "channel": on[part]}
+    a, b = Slide(10.0), Slide(40.0)
+    arrived: dict[str, float] = {}
+
+    async def work(m: Two) -> None:
+        await next_period()
+        m.a.encoder.referenced(at=10.0)
+        m.b.encoder.referenced(at=40.0)
+        m.start(note("a", a, 40.0))
+        m.start(note("b", b, 50.0))
+        await move_together((m.a, 40.0), (m.b, 50.0))
+
+    async def note(name: str, slide: Slide, target: float) -> None:
+        while abs(slide.position - target) > 0.5:
+            await next_period()
+        arrived[name] = m.now
+
+    connection = umo.connect(m, {"drivers": {"a": a, "b": b}, "wire": wire})
+    with connection:
+        connection.machine.observers.append(lambda frame: b.advance())
+        umo.drive(m, work)
+    assert (a.position, b.position) == pytest.approx((40.0, 50.0), abs=0.06)
+    assert arrived["a"] == pytest.approx(arrived["b"], abs=0.05)
+
+
+# Jogging -----------------------------------------------------------------------------------------------
+
+
+@BOTH
+def test_a_jog_moves_until_it_is_ended(make: Callable[..., Axis]) -> None:
+    m, slide = machine(make()), Slide(40.0)
+
+    async def work(m: Machine) -> None:
+        await next_period()
+        m.x.jog(10.0)  # not referenced
+        await wait(1.0)
+        assert slide.position == pytest.approx(50.0, abs=1.0)
+        m.x.jog(0.0)
+        await wait(0.3)
+        stood = slide.position
+        await wait(0.3)
+        assert slide.position == pytest.approx(stood, abs=0.02)
+        m.x.reference(at=slide.position)
+        await m.x.move_to(45.0)
+
+    run(m, slide, work)
+    assert slide.position == pytest.approx(45.0, abs=0.06)
+
+
+@BOTH
+def test_a_jog_of_a_referenced_axis_stops_at_the_end_of_its_range(make: Callable[..., Axis]) -> None:
+    m, slide = machine(make()), Slide(95.0)
+
+    async def work(m: Machine) -> None:
+        await at_home(m, slide)
+        m.x.jog(15.0)
+        await wait(1.0)
+        assert slide.position == pytest.approx(100.0, abs=0.1)
+        m.x.jog(15.0)
+        await wait(0.2)
+        assert slide.position == pytest.approx(100.0, abs=0.1)
+        m.x.jog(-15.0)
+        await wait(0.5)
+        assert slide.position < 96.0
+
+    run(m, slide, work)
+
+
+# Interlocks and cancelling -----------------------------------------------------------------------------
+
+
+@BOTH
+@pytest.mark.parametrize("latched", [False, True])
+def test_an_inhibited_axis_waits_and_goes_on_to_its_target(make: Callable[..., Axis], latched: bool) -> None:
+    m, slide = machine(make()), Slide(40.0)
+    m.latched = latched
+    stood: list[float] = []
+
+    def watch(m: Machine) -> None:
+        slide.door = int(0.5 < m.now < 2.0)
+        if 1.0 < m.now < 2.0:
+            stood.append(slide.position)
+        if latched and m.now > 2.5:
+            m.x.acknowledge()
+
+    async def work(m: Machine) -> float:
+        await at_home(m, slide)
+        await m.x.move_to(60.0, speed=12.0)
+        return m.now
+
+    ended = run(m, slide, work, watch)
+    assert slide.position == pytest.approx(60.0, abs=0.06)
+    assert max(stood) - min(stood) < 0.05
+    assert 42.0 < stood[0] < 50.0
+    assert ended > (3.0 if latched else 2.5)
+
+
+@BOTH
+def test_a_cancelled_motion_decelerates_to_standstill(make: Callable[..., Axis]) -> None:
+    m, slide = machine(make()), Slide(20.0)
+
+    async def work(m: Machine) -> None:
+        await at_home(m, slide)
+        motion = m.start(m.x.move_to(90.0, speed=12.0))
+        await wait(1.0)
+        motion.cancel()
+        await wait(0.5)
+        stood = slide.position
+        await wait(0.5)
+        assert slide.position == pytest.approx(stood, abs=0.02)
+        assert stood < 40.0
+        await m.x.move_to(stood - 2.0)
+
+    run(m, slide, work)
+
+
+def test_a_servo_axis_that_is_disabled_leaves_its_motor_at_the_default() -> None:
+    m, slide = machine(servo()), Slide()
+
+    async def work(m: Machine) -> None:
+        await at_home(m, slide)
+        await m.x.move_to(45.0)
+        m.x.disable()
+        await wait(0.01)
+        assert slide.levels["motor"] == 0
+        slide.position = 30.0  # pushed by hand
+        await wait(0.1)
+        assert slide.position == pytest.approx(30.0, abs=0.1)
+        await m.x.move_to(35.0)
+
+    run(m, slide, work)
+    assert slide.position == pytest.approx(35.0, abs=0.06)
+
+
+def test_a_search_tells_what_it_met() -> None:
+    m, slide, met = machine(servo()), Slide(), []
+
+    class Own:
+        async def find(self, axis: Axis) -> None:
+            met.append(await axis.search(20.0, lambda: slide.position > 42.0))
+            met.append(await axis.search(20.0, reach=2.0))
+            met.append(await axis.search(20.0))
+            axis.reference(at=100.0)
+
+    m.x.homing = Own()
+    run(m, slide, lambda m: m.x.home())
+    assert met == [Met.CONDITION, Met.REACH, Met.STOP]
+    assert m.x.encoder.zero_offset == 0.0  # as declared: the reference has ended with the connection
