@@ -108,8 +108,16 @@ def slide() -> Slide:
     axis = ServoAxis(
         motor=DigitalActuator("V", default=0.0, minimum=-10.0, maximum=10.0, resolution=0.01, limits="clamp"),
         encoder=DigitalSensor("mm", minimum=-1e6, maximum=1e6, resolution=0.01),
-        **{"gain": 1.0, "integral_time": 0.1, "derivative_time": 1e-3, "friction": 0.1, "feed_forward": 0.02},
-        **{"velocity": 100.0, "acceleration": 1e3, "jerk": 1e4, "window": 0.1, "following_error": 1e6},
+        gain=1.0,
+        integral_time=0.1,
+        derivative_time=1e-3,
+        friction=0.1,
+        feed_forward=0.02,
+        velocity=100.0,
+        acceleration=1e3,
+        jerk=1e4,
+        window=0.1,
+        following_error=1e6,
     )
     timer = DigitalSensor("sampling_period", minimum=0.0, maximum=1e9, resolution=1.0, synchronous=False)
     return Slide(axis=axis, timer=timer)
