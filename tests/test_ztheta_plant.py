@@ -490,7 +490,7 @@ def test_an_open_cup_draws_air_and_holds_nothing() -> None:
 def test_a_part_9_mm_off_centre_is_not_sealed() -> None:
     machine = opened(seed=BALANCED)
     deliver(machine)
-    first = machine.physics._parts[0]
+    first = machine.physics.parts.places[0]
     machine.physics._qpos[first : first + 2] = (0.009, 0.0)
     assert not grip(machine, ms=300)
     assert machine.vacuum_kpa < 10
@@ -499,7 +499,7 @@ def test_a_part_9_mm_off_centre_is_not_sealed() -> None:
 def test_a_part_scattered_anywhere_on_the_courier_is_sealed() -> None:
     machine = opened(seed=BALANCED)
     deliver(machine)
-    first = machine.physics._parts[0]
+    first = machine.physics.parts.places[0]
     for corner in itertools.product((0.0026, -0.0026), repeat=2):
         machine.physics._qpos[first : first + 2] = corner
         assert grip(machine)
@@ -559,6 +559,20 @@ def test_a_part_put_back_without_the_turn_is_not_placed() -> None:
 
 def test_the_goal_of_a_part_swings_around_the_theta_axis() -> None:
     assert courier.Pose(100.0, 20.0, 3.0, 55_000.0).turned() == courier.Pose(20.0, -100.0, 93.0, 55_000.0)
+
+
+def test_parts_away_from_the_cup_take_no_contacts_and_ride_with_the_courier() -> None:
+    machine = opened(seed=BALANCED, parts=3)
+    deliver(machine)
+    before = [machine.physics.pose(part) for part in range(3)]
+    assert machine.physics.data.ncon == 0
+    drive_to(machine, PICK_UM)
+    assert 4 <= machine.physics.data.ncon <= 10  # the part under the cup alone
+    drive_to(machine, TRANSIT_UM, 1600)
+    assert machine.physics.data.ncon == 0
+    after = [machine.physics.pose(part) for part in range(3)]
+    for one, other in zip(before, after, strict=True):
+        assert other == pytest.approx(one, abs=5.0)  # um and deg
 
 
 def test_the_courier_waits_until_it_is_sure_that_z_is_clear() -> None:

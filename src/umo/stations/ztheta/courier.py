@@ -105,7 +105,8 @@ class Courier:
         self._look = look
         self._absent = absent
         self._from = self._to = park
-        self._moving = False
+        self.moving = False
+        """The courier is under way."""
         self._clock = 0.0
         self._quiet = 0.0
         self._height = 0.0
@@ -125,7 +126,7 @@ class Courier:
 
     def target(self, z_um: float) -> float:
         """Where the courier ought to be after one physics step."""
-        if self._moving:
+        if self.moving:
             return self._travel()
         if self.current < 0 and z_um > CLEAR_UM and not self._absent:
             self._depart()
@@ -135,7 +136,7 @@ class Courier:
         self.current += 1
         self.present = False
         self._from, self._to = self._to, self._stops[self.current]
-        self._moving = True
+        self.moving = True
         self._clock = self._quiet = 0.0
 
     def _travel(self) -> float:
@@ -144,7 +145,7 @@ class Courier:
             s = self._clock / TRAVEL
             return self._from + (self._to - self._from) * s * s * s * (10.0 + s * (6.0 * s - 15.0))
         if self._clock >= TRAVEL + SETTLE:
-            self._moving = False
+            self.moving = False
             self.present = self.current < len(self._parts)
         return self._to
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from .courier import Courier, Pose
 from .devices import Counter, Counterbalance, StepDrive, SuctionCup
+from .parts import Parts
 
 mj: Any = mujoco  # its compiled half carries no types
 
@@ -44,8 +45,7 @@ class Physics:
         self._z, self._theta, self._courier_x = (
             int(model.joint(name).qposadr[0]) for name in ("z", "theta", "courier")
         )
-        self._parts = [int(model.joint(f"part{i}").qposadr[0]) for i in range(bodies)]
-
+        self.parts = Parts(model, data, bodies)
         self._stalled = "stalled-theta" in faults
         self._drops = "dropped-part" in faults
         self._dropped_at: float | None = None
@@ -80,6 +80,7 @@ class Physics:
         self._ctrl[:] = (0.0, 0.0, cylinder.pressure, 0.0, park)
         for _ in range(200):  # the arm and the parts settle
             self._mj_step(self.model, self.data)
+        self.parts.sleep()
         return cylinder
 
     def power_up(self) -> None:
@@ -100,7 +101,7 @@ class Physics:
 
     def pose(self, part: int) -> Pose:
         """Where the part is, in the courier's frame at its stop."""
-        start = self._parts[part]
+        start = self.parts.places[part]
         x, y, z, qw, qx, qy, qz = self._qpos[start : start + 7].tolist()
         x -= float(self._qpos[self._courier_x]) - self.courier.stop(part)
         yaw = math.atan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz))
@@ -132,11 +133,15 @@ class Physics:
         ctrl[2] = self.counterbalance.step(valve)
         ctrl[3] = force
         ctrl[4] = courier.target(z_um)
+        courier_m = qpos.item(self._courier_x)
         self._mj_step(self.model, self.data)
+        if courier.moving:
+            self.parts.ride(qpos.item(self._courier_x) - courier_m)
+        self.parts.watch(courier.current, z_um, force > 0.0)
         self.z_counter.follow(qpos.item(self._z) * 1e6, z_index)
         self.theta_counter.follow(math.degrees(qpos.item(self._theta)), theta_index)
-        if courier.present and self._parts:
-            height = qpos.item(self._parts[courier.current] + 2) * 1e6
+        if courier.present and self.parts.places:
+            height = qpos.item(self.parts.places[courier.current] + 2) * 1e6
             courier.watch(height, z_um=z_um, held=force > 0.0)
 
     def _drop(self, theta: float) -> None:
@@ -161,5 +166,6 @@ def _build(rng: np.random.Generator, half: float, places: Sequence[float]) -> An
             name=f"part{i}", pos=[place + dx, dy, 0.055], quat=[math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)]
         )
         body.add_freejoint(name=f"part{i}")
+        body.gravcomp = 1e-9  # not 0: MuJoCo would ignore what `Parts` sets later
         body.add_geom(box, name=f"part{i}", rgba=COLOURS[i % len(COLOURS)])
     return spec.compile()
