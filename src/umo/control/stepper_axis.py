@@ -42,6 +42,7 @@ class StepperAxis(Axis):
         super().setup()
         self.stepping = Stepping(self.step, self.direction)
         self._offset = 0.0  # the position at which the step count is 0
+        self._error = 0.0
 
     @property
     def commanded(self) -> float:
@@ -56,17 +57,19 @@ class StepperAxis(Axis):
             self._go_on()
         position = self.profile.step(self.period).position
         self.stepping.control((position - self._offset) / self.step_size)
+        reading = value_of(self.encoder, self._accept)
+        self._error = self.commanded - reading
         if self.stepping.refused:
             self._interrupt()
-        elif abs(self.error) > self.following_error and not (self.searching or self._interrupted):
-            angle, units = value_of(self.encoder), self.encoder.units
+        elif abs(self._error) > self.following_error and not (self.searching or self._interrupted):
             raise AxisError(
-                f"{self.path} lost steps: the encoder reads {angle:g} {units}, {self.commanded:g} were commanded"
+                f"{self.path} lost steps: the encoder reads {reading:g} {self.encoder.units}, "
+                f"{self.commanded:g} were commanded"
             )
 
     @property
     def error(self) -> float:
-        return self.commanded - value_of(self.encoder, self._accept)
+        return self._error
 
     async def _settle(self) -> None:
         await wait(REST)

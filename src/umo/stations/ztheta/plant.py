@@ -147,9 +147,11 @@ class Plant(Driver[PlantChannel]):
         ]
 
     def write_many(self, channels: Sequence[PlantChannel], raws: IntArray) -> None:
-        stood = self._levels[DIRECTION]
+        levels = self._levels
+        stood = levels[DIRECTION]
         for channel, raw in zip(channels, raws.tolist(), strict=True):
-            self._put(channel, raw, stood)
+            if raw != levels[channel.index]:
+                self._put(channel, raw, stood)
 
     def _put(self, channel: PlantChannel, raw: int, stood: int) -> None:
         """One output; `stood` is the direction before this transfer, in which a rising edge makes a step."""
