@@ -128,7 +128,7 @@ def naive() -> Samples:
     rows: list[tuple[int, float]] = []
     try:
         with connection as m:
-            ticker = connection.driver("plant").ticker  # type: ignore[attr-defined]
+            ticker = connection.wired.timer_wire.driver.ticker  # type: ignore[union-attr]
             task = m.start(main(m))
             while m.running and not task.done and len(rows) < NAIVE_PERIODS:
                 missed = m.timer.read()

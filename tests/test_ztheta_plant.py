@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -213,32 +213,6 @@ def test_the_tick_lets_one_period_of_physics_pass_and_none_is_ever_missed() -> N
     before = machine.physics.data.time
     assert read(machine, "tick") == 0
     assert machine.physics.data.time - before == pytest.approx(0.005)
-
-
-def test_in_real_time_the_physics_catches_up_with_what_was_missed(monkeypatch: pytest.MonkeyPatch) -> None:
-    answers: Iterator[int] = iter([0, 3, 1])
-    log: list[object] = []
-
-    class FakeTicker:
-        def __init__(self, period: float) -> None:
-            log.append(period)
-
-        def start(self) -> None:
-            log.append("start")
-
-        def wait(self) -> int:
-            return next(answers)
-
-        def close(self) -> None:
-            log.append("close")
-
-    monkeypatch.setattr("umo.drivers.timerfd.Ticker", FakeTicker)
-    machine = opened(period=0.002, realtime=True)
-    before = machine.physics.data.time
-    assert [read(machine, "tick") for _ in range(3)] == [0, 3, 1]
-    assert machine.physics.data.time - before == pytest.approx((1 + 3 + 1) * 0.002)
-    machine.close()
-    assert log == [0.002, "start", "close"]
 
 
 def test_the_same_seed_and_writes_give_bitwise_the_same_machine() -> None:

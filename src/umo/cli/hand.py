@@ -26,9 +26,10 @@ from umo.objects import (
     TwoState,
 )
 from umo.objects.units import convert
+from umo.process.start import LINUX
 from umo.process.station import Station
 from umo.text import did_you_mean
-from umo.wiring import Wired, driver_options, resolve
+from umo.wiring import Wired, resolve
 
 from .console import err, out
 from .running import readers
@@ -94,8 +95,8 @@ def set_value(
 
 
 def _hold(machine: Compound, file: Path | None, item: Any, value: Any, hold: float | None, acknowledge: bool) -> int:
-    paced = {"realtime": True} if "realtime" in driver_options(file) else {}
-    connection = connect(machine, file, acknowledge=acknowledge, **paced)
+    realtime = LINUX and "timer" in machine.children()
+    connection = connect(machine, file, acknowledge=acknowledge, realtime=realtime)
     with connection as m:
         taken = item.write(value)
         m.update()
@@ -110,7 +111,7 @@ def _hold(machine: Compound, file: Path | None, item: Any, value: Any, hold: flo
 
 def _loop(m: Compound, hold: float | None, pause: float, again: Callable[[], object] | None) -> None:
     """The machine's periods without its control, so that watchdogs are fed; a command that expires is kept up. They
-    take the time of the wall clock, whatever the timer does."""
+    take the time of the wall clock: `pause` is for machines without a timer in real time."""
     timer = m.children().get("timer")
     end = inf if hold is None else time.monotonic() + hold
     while m.running and time.monotonic() < end:

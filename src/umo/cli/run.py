@@ -33,8 +33,8 @@ def run_station(job: Job, *, summary: Path | None, full_traceback: bool = False)
         what = "is a folder" if summary.is_dir() else f"there is no folder {summary.parent}"
         raise StationError(f"--summary {summary}: {what}")
     plan = Plan(job)
-    if "realtime" in plan.unused:
-        err.print("umo: --realtime has no effect on the timer of this wiring")
+    if job.options.get("realtime") and not plan.wired.paced:
+        err.print("umo: --realtime has no effect: the timer of this wiring is a real-time timer")
     result = Result(Statistics())
     seen = Seen(plan.machine)
     trace = Trace()

@@ -20,8 +20,6 @@ from umo.text import did_you_mean
 from umo.wiring import driver_options
 
 TYPES = {int: "INTEGER", float: "NUMBER", str: "TEXT", Path: "PATH"}
-LATER = ("realtime",)
-"""Options of drivers that `umo run` has itself."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +61,7 @@ def options_of(station: Station, wiring: str | None) -> list[Option]:
     """Those of the application first; a driver's of the same name is given the same value."""
     found = {} if station.main is None else _of_function(station.main, "application", skip=1)
     for name, (driver, parameter) in driver_options(station.wiring(wiring)).items():
-        if name not in found and name not in LATER:
+        if name not in found:
             found[name] = _option(name, parameter, parameter.annotation, driver)
     return list(found.values())
 

@@ -20,6 +20,7 @@ from umo.objects import Compound
 from umo.process.station import Station, StationError, find
 from umo.text import reason_of
 from umo.wiring import Wired, driver_options, resolve
+from umo.wiring.options import REALTIME
 
 MAIN = "__umo_main__"
 """The user's own script, imported again in the new process under this name."""
@@ -86,25 +87,25 @@ class Plan:
             self.wiring = station.wiring(job.wiring)
         else:
             self.wiring = Path(job.wiring) if isinstance(job.wiring, str) else job.wiring
-        self.options, self.unused = self._share(main)
+        self.options = self._share(main)
         self.wired: Wired = resolve(self.machine, self.wiring, self.options)
 
     @property
     def wiring_name(self) -> str:
         return self.wiring.stem if isinstance(self.wiring, Path) else ""
 
-    def _share(self, main: Callable[..., Any] | None) -> tuple[dict[str, Any], list[str]]:
-        """Hand each option to whoever takes one of that name: the application's main, the drivers, or both."""
+    def _share(self, main: Callable[..., Any] | None) -> dict[str, Any]:
+        """Hand each option to whoever takes one of that name: the application's main, the wiring, or both."""
         given = self.job.options
         taken = set() if main is None else set(list(inspect.signature(main).parameters)[1:])
-        drivers = driver_options(self.wiring).keys()
-        for name in given.keys() - taken - drivers - {"realtime"}:
+        wiring = driver_options(self.wiring).keys() | {REALTIME}
+        for name in given.keys() - taken - wiring:
             raise StationError(
                 f"--{name}: neither the application of {self.name} nor a driver of its wiring has this option"
             )
         for_main = {name: value for name, value in given.items() if name in taken}
         self.application: Application[Any] | None = None if main is None else partial(_call, main, for_main)
-        return {name: value for name, value in given.items() if name in drivers}, sorted(given.keys() - taken - drivers)
+        return {name: value for name, value in given.items() if name in wiring}
 
 
 def _call(main: Callable[..., Any], options: dict[str, Any], machine: Compound) -> Coroutine[Any, Any, Any]:

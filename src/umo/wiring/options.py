@@ -1,4 +1,4 @@
-"""Which options of a run (`--seed`, `--realtime`) the drivers of a wiring take."""
+"""Which options of a run (`--seed 7`) the drivers of a wiring take."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ from typing import Any
 from umo.drivers import registry
 from umo.errors import WiringError
 from umo.wiring.source import read
+
+REALTIME = "realtime"
+"""The option of a run that belongs to the wiring and not to a driver: its timer keeps the pace of the wall clock."""
 
 
 def driver_options(wiring: Path | str | Mapping[str, Any] | None) -> dict[str, tuple[str, inspect.Parameter]]:
@@ -26,5 +29,6 @@ def driver_options(wiring: Path | str | Mapping[str, Any] | None) -> dict[str, t
             parameters = inspect.signature(registry.find(name), eval_str=True).parameters
         except (WiringError, TypeError, ValueError, NameError):  # ValueError: a class without a signature
             continue
-        taken |= {key: (str(name), parameter) for key, parameter in parameters.items() if key not in taken}
+        new = {key: (str(name), parameter) for key, parameter in parameters.items() if key not in taken}
+        taken |= {key: found for key, found in new.items() if key != REALTIME}
     return taken

@@ -19,6 +19,7 @@ import numpy as np
 
 from umo.drivers import registry
 from umo.drivers.contract import Channel, Direction, Driver
+from umo.drivers.paced import PacedTimer
 from umo.errors import DeclarationError, Fault, WiringError
 from umo.objects import Atomic, BinaryActuator, Compound, Digital, DigitalActuator, DigitalSensor, Node
 from umo.objects.atomic import Calibration
@@ -26,6 +27,7 @@ from umo.objects.scaling import raw_bounds, to_raw
 from umo.objects.units import seconds
 from umo.system.packages import station_of
 from umo.text import cause_of, reason_of
+from umo.wiring.options import REALTIME
 from umo.wiring.patterns import collapsed, expand, expand_parameters
 from umo.wiring.resolved import Parameter, Process, Wire, Wired
 from umo.wiring.source import WiringSource, read
@@ -58,8 +60,9 @@ class _Resolver:
         self, root: Compound, wiring: Path | str | Mapping[str, Any] | None, options: Mapping[str, Any]
     ) -> None:
         self.root = root
-        self.options = options
-        self.unused = set(options)
+        self.options = {name: value for name, value in options.items() if name != REALTIME}
+        self.realtime = options.get(REALTIME, False)
+        self.unused = set(self.options)
         self.items = {item.path: item for item in root.atoms()}
         self.source: WiringSource = read(_all_simulated(self.items) if wiring is None else wiring)
         self.drivers: dict[str, Driver | None] = {}
@@ -79,6 +82,8 @@ class _Resolver:
         wires = [wire for path, item in self.items.items() if (wire := self._wire(path, item)) is not None]
         for wire in wires:  # after all channels were made, which then lie side by side in memory
             self._check_place(wire)
+        if self.realtime:
+            wires = self._paced(wires, timer)
         for path in sorted(self.source.entries.keys() - self.items.keys()):
             self.source.fault(f'wire."{path}"', f"the machine has no such object{self.source.near(path, self.items)}")
         self._check_periods(period)
@@ -280,6 +285,21 @@ class _Resolver:
             self.source.fault(f"{key}.period", 'is missing; give for example "1 ms"')
         return self._duration(f"{key}.period", wired.period)
 
+    def _paced(self, wires: list[Wire], timer: Atomic | None) -> list[Wire]:
+        """The wires with the timer in real time, whatever its driver does."""
+        if self.realtime is not True:
+            self.source.fault("", f"the option realtime is true or false, not {self.realtime!r}")
+        elif timer is None:
+            self.source.fault("", "real time needs a timer, and the machine has no object `timer`")
+        else:
+            return [
+                dataclasses.replace(wire, driver=PacedTimer(wire.driver))
+                if wire.item is timer and not wire.driver.realtime
+                else wire
+                for wire in wires
+            ]
+        return wires
+
     def _duration(self, key: str, value: Any) -> float | None:
         if value is None:
             return None
@@ -310,7 +330,7 @@ class _Resolver:
             self.source.fault(
                 'wire."timer".driver',
                 f"{timer} runs in virtual time, but driver {name} controls hardware ({devices[0]}); "
-                'wire the timer to a real clock, { driver = "timerfd", period = ... }',
+                'wire the timer to a real clock, { driver = "timerfd", period = ... }, or run with --realtime',
             )
 
     def _process(self, wired: Wired) -> Process:

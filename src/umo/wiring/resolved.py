@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from umo.drivers.contract import Channel, Driver
+from umo.drivers.paced import PacedTimer
 from umo.objects import Compound
 from umo.objects.atomic import Atomic, Binary, Calibration, Digital
 from umo.objects.scaling import raw_bounds, to_raw
@@ -129,6 +130,16 @@ class Wired:
         return sorted({device for devices in self.hardware.values() for device in devices})
 
     @property
+    def timer_wire(self) -> Wire | None:
+        """The timer on its channel."""
+        return next((wire for wire in self.wires if wire.item is self.timer), None)
+
+    @property
     def realtime(self) -> bool:
         """Whether the timer keeps the pace of the wall clock."""
-        return any(wire.driver.realtime for wire in self.wires if wire.item is self.timer)
+        return self.timer_wire is not None and self.timer_wire.driver.realtime
+
+    @property
+    def paced(self) -> bool:
+        """Whether it does so only because the run was asked to (the option `realtime`)."""
+        return self.timer_wire is not None and isinstance(self.timer_wire.driver, PacedTimer)

@@ -11,7 +11,7 @@
 | counter:z, counter:theta | input, 16 / 24 signed | encoder counts: 0 at power-up, wrapping |
 | adc:counterweight | input, 10 | pressure in the counterbalance cylinder, 80 Pa a count |
 | dio:gripper | input, 1 | pressure switch of the cup: 1 = FAIL, 0 = PASS (above 30 kPa) |
-| tick | input, 31 | the timer: lets one period of physics pass, returns how many were missed |
+| tick | input, 31 | the timer: lets one period of physics pass, returns 0 |
 
 Heights are those of the cup's tip, which is what z counts. The stops are at 54.5 and 129.5 mm and at 271 deg
 either way. The top of a part stands at 60.0 mm: the cup takes and leaves it at 59.8 mm, pressing by 0.2 mm
@@ -37,8 +37,6 @@ from .courier import Report
 from .devices import STEP
 
 if TYPE_CHECKING:
-    from umo.drivers.timerfd import Ticker
-
     from .physics import Physics
 
 FAULTS = (
@@ -85,9 +83,9 @@ class Plant(Driver[PlantChannel]):
     """The station, simulated.
 
     `seed` decides where everything starts, `parts` (1 to 6) how many the courier carries, `preset` what the z
-    counter loads at its index (raw 58117 is 121,999.4 um), `faults` which of `FAULTS` it has. With `realtime`
-    the tick keeps pace with the wall clock. The first `open` builds the machine; a later one finds it where it
-    was left, with its circuits switched on afresh (counts at 0). After `close` it can still be advanced.
+    counter loads at its index (raw 58117 is 121,999.4 um), `faults` which of `FAULTS` it has. The first `open`
+    builds the machine; a later one finds it where it was left, with its circuits switched on afresh (counts at 0).
+    After `close` it can still be advanced.
     """
 
     def __init__(
@@ -95,7 +93,6 @@ class Plant(Driver[PlantChannel]):
         *,
         seed: int = 0,
         parts: int = 3,
-        realtime: bool = False,
         preset: int = 58117,
         faults: Sequence[str] = (),
     ) -> None:
@@ -108,9 +105,6 @@ class Plant(Driver[PlantChannel]):
                 known = ", ".join(FAULTS)
                 raise WiringError(f"no fault {fault!r}{did_you_mean(fault, FAULTS)}; the faults are: {known}")
         self._seed, self._parts, self._preset, self._faults = seed, parts, preset, frozenset(faults)
-        self.realtime = realtime
-        self.ticker: Ticker | None = None
-        self._ticking = False
         self._physics: Physics | None = None
         self._steps = 1
         self._drive: int | None = None
@@ -134,7 +128,10 @@ class Plant(Driver[PlantChannel]):
         index = channel.index
         if index < INPUTS:
             raise DriverError(f"{channel.text} is an output and cannot be read")
-        return self._tick() if index == TICK else self._levels[index]
+        if index == TICK:
+            self.advance()
+            return 0
+        return self._levels[index]
 
     def write(self, channel: PlantChannel, raw: int) -> None:
         """Set an output. The z drives saturate; anything but 0 and 1 on a line is a DriverError."""
@@ -182,10 +179,6 @@ class Plant(Driver[PlantChannel]):
     def open(self) -> None:
         """Switch the circuits on; the first time, build the machine. DriverError without MuJoCo."""
         self._steps = self._whole_steps()
-        if self.realtime:
-            from umo.drivers.timerfd import Ticker
-
-            self.ticker = Ticker(self._steps * STEP)
         if self._physics is None:
             self._physics = self._build()
         else:
@@ -194,11 +187,6 @@ class Plant(Driver[PlantChannel]):
         self._pulses = 0
         self._drive = None
         self._refresh(self._physics)
-
-    def close(self) -> None:
-        if self.ticker is not None:
-            self.ticker.close()
-        self.ticker, self._ticking = None, False
 
     def _whole_steps(self) -> int:
         """Physics steps in a period; without a timer (period 0) one."""
@@ -216,18 +204,6 @@ class Plant(Driver[PlantChannel]):
                 raise
             raise DriverError('the plant needs MuJoCo: pip install "umo[plant]"') from error
         return Physics(seed=self._seed, parts=self._parts, preset=self._preset, faults=self._faults)
-
-    def _tick(self) -> int:
-        """The timer: the periods missed. In virtual time one period passes and none is ever missed."""
-        if self.ticker is None:
-            self.advance()
-            return 0
-        if not self._ticking:
-            self.ticker.start()
-            self._ticking = True
-        missed = self.ticker.wait()
-        self.advance(max(missed, 1))
-        return missed
 
     def advance(self, periods: int = 1) -> None:
         """Let the physics run on for so many periods under the levels as they are; after `close` too."""

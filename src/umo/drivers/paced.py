@@ -1,0 +1,43 @@
+"""Any timer in wall-clock time: a plant's tick, or the simulated timer, paced by the real-time clock."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from umo.drivers.contract import Channel, Driver
+from umo.drivers.timerfd import TimerFd
+
+
+class PacedTimer(TimerFd):
+    """The timer channel of a driver that runs in virtual time, in real time (the option `realtime` of a run).
+
+    `read` waits for the wall clock like `TimerFd`. Then it reads the timer channel of the driver once for every period
+    that has passed, so that this time passes in the plant. It returns the periods missed by the wall clock. The wiring
+    puts it in the place of the driver on the timer's wire; it does not open or close the driver.
+    """
+
+    def __init__(self, timer: Driver[Any]) -> None:
+        super().__init__()
+        self._timer = timer
+        self.period, self.timeout = timer.period, timer.timeout
+
+    def channel(self, text: str) -> Channel:
+        channel: Channel = self._timer.channel(text)
+        return channel
+
+    def initialize(self, channel: Channel, default: int | None) -> None:
+        self._timer.initialize(channel, default)
+        super().initialize(channel, default)
+
+    def finalize(self, channel: Channel) -> None:
+        super().finalize(channel)
+        self._timer.finalize(channel)
+
+    def reset(self, channel: Channel, default: int | None) -> None:
+        self._timer.reset(channel, default)
+
+    def read(self, channel: Channel) -> int:
+        missed = super().read(channel)
+        for _ in range(max(missed, 1)):
+            self._timer.read(channel)
+        return missed

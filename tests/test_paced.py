@@ -1,0 +1,163 @@
+"""Any timer in wall-clock time: `realtime` makes a plant's own period pass at the pace of the wall clock."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from machines import bench
+from umo import Channel, Direction, Driver, WiringError, connect
+from umo.drivers.paced import PacedTimer
+from umo.testing import VirtualTimer
+from umo.wiring import Wired, resolve
+
+MISSED = [0, 3, 1, 0]
+
+
+class Plant(Driver):
+    """Counts its periods and the calls of its timer channel."""
+
+    def __init__(self) -> None:
+        self.periods = 0
+        self.calls: list[str] = []
+
+    def channel(self, text: str) -> Channel:
+        return Channel(text, Direction.BOTH, 31, signed=text != "tick")
+
+    def initialize(self, channel: Channel, default: int | None) -> None:
+        self.calls.append(f"initialize {channel.text}")
+
+    def finalize(self, channel: Channel) -> None:
+        self.calls.append(f"finalize {channel.text}")
+
+    def read(self, channel: Channel) -> int:
+        self.periods += channel.text == "tick"
+        return 0
+
+    def write(self, channel: Channel, raw: int) -> None:
+        pass
+
+
+@pytest.fixture
+def ticker(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """The wall clock in the test's hand: it misses `MISSED`, and logs."""
+    answers: Iterator[int] = iter(MISSED)
+    log: list[Any] = []
+
+    class FakeTicker:
+        due = woke = 0
+
+        def __init__(self, period: float) -> None:
+            log.append(period)
+
+        def start(self) -> None:
+            log.append("start")
+
+        def wait(self) -> int:
+            return next(answers)
+
+        def close(self) -> None:
+            log.append("close")
+
+    monkeypatch.setattr("umo.drivers.timerfd.Ticker", FakeTicker)
+    return log
+
+
+def wiring(plant: Driver, **timer: Any) -> dict[str, Any]:
+    paths = [item.path for item in bench().atoms()]
+    wire: dict[str, Any] = {path: {"driver": "plant"} for path in paths if path != "timer"}
+    wire["timer"] = {"driver": "plant", "channel": "tick", "period": "2 ms"} | timer
+    return {"drivers": {"plant": plant}, "wire": wire}
+
+
+def test_the_plants_periods_pass_at_the_pace_of_the_wall_clock_the_missed_ones_too(ticker: list[Any]) -> None:
+    plant = Plant()
+    with connect(bench(), wiring(plant), realtime=True) as m:
+        assert [m.timer.read() for _ in MISSED] == MISSED
+        assert plant.periods == 1 + 3 + 1 + 1
+    assert ticker == [0.002, "start", "close"]
+    assert {"initialize tick", "finalize tick"} <= set(plant.calls)
+
+
+def test_in_virtual_time_nothing_waits(ticker: list[Any]) -> None:
+    plant = Plant()
+    with connect(bench(), wiring(plant), realtime=False) as m:
+        assert [m.timer.read() for _ in range(3)] == [0, 0, 0]
+    assert (plant.periods, ticker) == (3, [])
+
+
+def resolved(given: dict[str, Any] | None, **options: Any) -> Wired:
+    return resolve(bench(), given, options)
+
+
+def test_the_wiring_is_in_real_time_then_and_the_driver_stays_what_it_is() -> None:
+    plant = Plant()
+    wired = resolved(wiring(plant), realtime=True)
+    assert (wired.realtime, wired.paced) == (True, True)
+    assert wired.drivers == {"plant": plant}
+    assert wired.timer_wire is not None
+    assert isinstance(wired.timer_wire.driver, PacedTimer)
+    assert (wired.timer_wire.driver.period, wired.timer_wire.driver.timeout) == (0.002, 0.02)
+    assert all(wire.driver is plant for wire in wired.wires if wire.item is not wired.timer)
+
+
+def test_everything_simulated_can_be_in_real_time() -> None:
+    assert resolved(None, realtime=True).realtime
+    assert not resolved(None).realtime
+
+
+def test_a_real_time_timer_is_left_as_it_is() -> None:
+    wired = resolved(wiring(Plant(), driver="timerfd", channel="tick"), realtime=True)
+    assert (wired.realtime, wired.paced) == (True, False)
+
+
+def test_a_paced_timer_may_stand_beside_hardware() -> None:
+    class Card(Plant):
+        def devices(self) -> list[str]:
+            return ["card 1"]
+
+    given = wiring(Card(), driver="clock")
+    given["drivers"]["clock"] = VirtualTimer()
+    with pytest.raises(WiringError, match=r"clock runs in virtual time.* or run with --realtime"):
+        resolved(given)
+    assert resolved(given, realtime=True).realtime
+
+
+def test_an_object_on_the_timers_channel_is_still_found() -> None:
+    given = wiring(Plant())
+    path = next(iter(given["wire"]))
+    given["wire"][path] = {"driver": "plant", "channel": "tick"}
+    with pytest.raises(WiringError, match=f"channel 'tick' of plant is already used by ({path}|timer)"):
+        resolved(given, realtime=True)
+
+
+@pytest.mark.parametrize("value", ["yes", 1, 0.5])
+def test_realtime_is_true_or_false(value: object) -> None:
+    with pytest.raises(WiringError, match="the option realtime is true or false, not"):
+        resolved(wiring(Plant()), realtime=value)
+
+
+def test_without_a_timer_there_is_no_real_time() -> None:
+    from umo import BinaryActuator, Compound, OnOff
+
+    class Lamp(Compound):
+        lamp: BinaryActuator[OnOff]
+
+    lamp = Lamp(lamp=BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.OFF))
+    with pytest.raises(WiringError, match="real time needs a timer, and the machine has no object `timer`"):
+        resolve(lamp, None, {"realtime": True})
+
+
+def test_an_option_realtime_of_a_driver_is_not_mistaken_for_the_runs() -> None:
+    """It can still be set in the driver's table."""
+    from umo.wiring import driver_options
+
+    given = {"drivers": {"plant": {"type": "test_paced:Own"}}, "wire": {}}
+    assert list(driver_options(given)) == ["seed"]
+
+
+class Own(Plant):
+    def __init__(self, *, realtime: bool = False, seed: int = 0) -> None:
+        super().__init__()
