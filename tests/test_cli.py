@@ -180,11 +180,11 @@ def test_whoever_would_drive_a_device_that_is_held_is_told_who_holds_it(umo, tan
         (["set", "ztheta", "z.motor", "3 kg"], "'kg' cannot be expressed in 'V'"),
         (["plant", "ztheta", "--report", "nowhere/r.json"], "report can be written to nowhere/r.json: no such file"),
         (["plant", "ztheta", "--report", "/dev/null"], "/dev/null: this is not a regular file"),
-        (["plant", "ztheta", "--watchdog", "inf"], "the watchdog takes 0 (none) to 65.535 s, not inf s"),
+        (["plant", "ztheta", "--watchdog", "inf"], "the watchdog takes 0 (off) to 65.535 s, not inf s"),
         (["plant", "ztheta", "--watchdog", "nan"], "not nan s"),
         (["plant", "ztheta", "--watchdog", "-1"], "not -1 s"),
         (["plant", "ztheta", "--watchdog", "65.6"], "not 65.6 s"),
-        (["plant", "ztheta", "--fault", "leaky-cap"], "did you mean 'leaky-cup'?"),
+        (["plant", "ztheta", "--faults", "leaky-cap"], "did you mean 'leaky-cup'?"),
     ],
 )
 def test_a_mistake_is_answered_in_a_line_with_the_nearest_valid_choice(umo, words: list[str], expected: str) -> None:
@@ -328,7 +328,7 @@ def test_a_new_station_is_accepted_by_check_and_pytest(umo, tank: Path) -> None:
     command = [sys.executable, "-m", "pytest", "-q", "-W", "error", "-p", "no:cacheprovider"]
     ended = subprocess.run(command, cwd=tank, env=environment, capture_output=True, text=True, check=False)
     assert ended.returncode == 0, ended.stdout
-    assert "4 passed" in ended.stdout
+    assert "5 passed" in ended.stdout
 
 
 def test_a_new_station_overwrites_nothing(umo, tank: Path) -> None:

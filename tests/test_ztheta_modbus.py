@@ -140,7 +140,7 @@ def test_the_unchanged_control_code_places_a_part_over_the_wire(tmp_path: Path) 
         assert (summary["progress"], summary["reports"]) == ({"text": "done", "done": 1, "total": 1}, {})
         assert served.levels() == DEFAULTS
         truth = served.end()
-        assert truth["placed"] == 1, truth
+        assert truth["parts_placed"] == 1, truth
 
 
 Z_UM = 4.64357

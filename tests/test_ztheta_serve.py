@@ -1,4 +1,7 @@
-"""The served plant: its box with injected time, and its Modbus server against mbpoll (libmodbus) and our driver."""
+"""The served z-theta plant: its box with injected time, its server against mbpoll (libmodbus) and our driver.
+
+The registers are derived from the station's two wirings; the plant is a fake one behind the same channels.
+"""
 
 from __future__ import annotations
 
@@ -13,48 +16,53 @@ import stat
 import struct
 import subprocess
 import threading
+import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from umo.drivers.contract import Channel, Direction
+from umo.drivers.contract import Channel, Direction, Driver
 from umo.drivers.modbus import Modbus
 from umo.errors import DriverError, WiringError
-from umo.stations.ztheta import serve as serving
-from umo.stations.ztheta._box import FAR_BEHIND, MOST_PERIODS, Box, Pace, Watchdog
-from umo.stations.ztheta._modbus_server import Connection, answer
-from umo.stations.ztheta._report_file import ReportFile
-from umo.stations.ztheta.serve import POINTS, WATCHDOG_REGISTER, serve, serve_plant, serve_until_signal
+from umo.plant import serve as serving
+from umo.plant.box import Box, Watchdog
+from umo.plant.modbus_server import Connection, answer
+from umo.plant.register_map import RegisterMap, register_maps
+from umo.plant.report_file import ReportFile
+from umo.plant.serve import serve, serve_until_signal, turn
+from umo.plant.simulation import FAR_BEHIND, MOST_PERIODS, Pace, Simulation
+from umo.process.station import find
+from umo.stations.ztheta.objects import machine
+from umo.stations.ztheta.plant import Plant
+from umo.wiring import Wired, resolve
 
 PATIENT = 10.0
-RESET = {point.channel: point.level for point in POINTS if point.output}
+WATCHDOG_REGISTER = 4096
+WIRINGS = find("ztheta").wirings
+BITS = {"counter:z": 16, "counter:theta": 24, "adc:counterweight": 10, "dac:z": 12, "tick": 31}
+COILS = ["step", "direction", "z_index", "theta_index", "counterweight", "vacuum", "pressure"]
+RESET = {f"dio:{name}": int(name == "direction") for name in COILS} | {"dac:z": 0}
 
 
-@dataclass(frozen=True)
-class FakeReport:
-    parts: tuple[int, ...] = (1, 2, 3)
-    placed = 0
-
-
-class FakePlant:
+class FakePlant(Driver):
     """The levels of the station's channels; time only counts."""
 
-    z_um, theta_deg = 55_000.0, 90.0
-
     def __init__(self) -> None:
-        self.period = 0.0
         self.is_open = False
         self.periods = 0
         self.inputs = {"counter:z": 58117, "counter:theta": -2, "adc:counterweight": 1000, "dio:gripper": 1}
         self.outputs: dict[str, int] = {}
         self.writes: list[tuple[str, int]] = []
-        self.broken = False
+        self.broken: Exception | None = None
+        self.placed = 0
+        self.at_report: Callable[[], object] = lambda: None
 
     def open(self) -> None:
         self.is_open = True
@@ -63,29 +71,38 @@ class FakePlant:
         self.is_open = False
 
     def channel(self, text: str) -> Channel:
-        bits = {"counter:z": 16, "counter:theta": 24, "adc:counterweight": 10, "dac:z": 12}.get(text, 1)
-        direction = Direction.INPUT if text in self.inputs else Direction.OUTPUT
-        return Channel(text, direction, bits, text in ("counter:theta", "dac:z"))
+        direction = Direction.INPUT if text in self.inputs or text == "tick" else Direction.OUTPUT
+        return Channel(text, direction, BITS.get(text, 1), text in ("counter:theta", "dac:z"))
 
     def initialize(self, channel: Channel, default: int | None) -> None:
-        assert default is not None
         assert self.is_open
-        self.outputs[channel.text] = default
+        if default is not None:
+            self.outputs[channel.text] = default
 
     def read(self, channel: Channel) -> int:
-        if self.broken:
-            raise DriverError("broken")
+        if channel.text == "tick":
+            self.periods += 1
+            return 0
+        if self.broken is not None:
+            raise self.broken
         return self.inputs[channel.text]
 
     def write(self, channel: Channel, raw: int) -> None:
         self.writes.append((channel.text, raw))
         self.outputs[channel.text] = raw
 
-    def advance(self, periods: int = 1) -> None:
-        self.periods += periods
+    def report(self) -> dict[str, Any]:
+        self.at_report()
+        return {"placed": self.placed}
 
-    def truth(self) -> FakeReport:
-        return FakeReport()
+
+def of(plant: Driver, port: int = 0, **changes: Any) -> tuple[Wired, list[RegisterMap]]:
+    """The station's own wirings, with this plant, served at another port."""
+    simulated = tomllib.loads(WIRINGS["simulated"].read_text())
+    simulated["drivers"]["plant"] = plant
+    resolved = resolve(machine(), simulated)
+    (registers,) = register_maps(resolved, resolve(machine(), WIRINGS["modbus"]))
+    return resolved, [replace(registers, port=port, **changes)]
 
 
 class Bench:
@@ -94,24 +111,22 @@ class Bench:
     def __init__(self, *, watchdog: float = 0.2) -> None:
         self.plant = FakePlant()
         self.now = 1000.0
-        self.box = Box(
-            self.plant,
-            POINTS,
-            watchdog_register=WATCHDOG_REGISTER,
-            watchdog=watchdog,
-            period=0.001,
-            clock=lambda: self.now,
-        )
-        self.box.power_up()
+        resolved, (registers,) = of(self.plant, watchdog=watchdog)
+        self.simulation = Simulation(resolved, lambda: self.now)
+        self.box = Box(self.simulation, registers)
+        self.simulation.__enter__()
 
     def ask(self, function: int, address: int, *words: int) -> bytes:
         return self.box.request(struct.pack(f">BH{len(words)}H", function, address, *words))
+
+    def turn(self) -> None:
+        turn(self.simulation, [self.box])
 
     def wait(self, seconds: float) -> None:
         """Let time pass, with a turn of the box in every period."""
         for _ in range(round(seconds * 1000)):
             self.now += 0.001
-            self.box.turn()
+            self.turn()
 
 
 # The watchdog -------------------------------------------------------------------------------------
@@ -182,7 +197,6 @@ def test_a_short_delay_is_caught_up_with_and_a_long_one_is_not() -> None:
 def test_the_outputs_come_up_at_their_safe_levels() -> None:
     bench = Bench()
     assert bench.plant.outputs == RESET
-    assert {name for name, level in RESET.items() if level} == {"dio:direction"}
     assert bench.plant.period == 0.001
 
 
@@ -192,7 +206,7 @@ def test_the_physics_is_brought_up_to_each_request() -> None:
     bench.ask(4, 0, 1)
     assert bench.plant.periods == 3
     bench.now += 0.001
-    bench.box.turn()
+    bench.turn()
     assert bench.plant.periods == 4
 
 
@@ -211,7 +225,7 @@ def test_outputs_are_written_at_once_and_read_back() -> None:
     assert bench.plant.outputs["dac:z"] == -2048
     assert bench.ask(3, 0, 1) == struct.pack(">BBH", 3, 2, 0x10000 - 2048)
     assert bench.box.request(struct.pack(">BHHBB", 15, 0, 7, 1, 0b0110001)) == struct.pack(">BHH", 15, 0, 7)
-    assert bench.plant.writes[1:] == [(POINTS[i].channel, 0b0110001 >> i & 1) for i in range(7)]
+    assert bench.plant.writes[1:] == [(f"dio:{name}", 0b0110001 >> i & 1) for i, name in enumerate(COILS)]
     assert bench.ask(1, 0, 7) == bytes([1, 1, 0b0110001])
     assert bench.ask(5, 6, 0xFF00) == struct.pack(">BHH", 5, 6, 0xFF00)
     assert bench.plant.outputs["dio:pressure"] == 1
@@ -252,8 +266,9 @@ def test_a_write_is_done_whole_or_not_at_all() -> None:
 
 def test_a_plant_that_fails_is_a_device_failure() -> None:
     bench = Bench()
-    bench.plant.broken = True
+    bench.plant.broken = DriverError("broken")
     assert bench.ask(4, 0, 1) == b"\x84\x04"
+    bench.turn()  # and the box lives on
 
 
 def test_outputs_drop_to_their_safe_levels_when_the_client_falls_silent_and_then_just_work_again() -> None:
@@ -286,7 +301,7 @@ def test_a_request_that_waited_for_a_slow_turn_still_feeds_the_watchdog() -> Non
     bench.ask(6, 0, 100)
     bench.now += 0.5
     bench.ask(4, 0, 1)
-    bench.box.turn()
+    bench.turn()
     assert bench.box.watchdog.drops == 0
 
 
@@ -325,11 +340,11 @@ def served(plant: FakePlant) -> Iterator[int]:
         stop, loop = asyncio.Event(), asyncio.get_running_loop()
         ends.append(lambda: loop.call_soon_threadsafe(stop.set))
 
-        def at(_: str, number: int) -> None:
+        def at(_: str, __: str, number: int) -> None:
             port.append(number)
             ready.set()
 
-        await serve(plant, port=0, watchdog_ms=0, ready=at, stop=stop)
+        await serve(*of(plant, watchdog=0.0), ready=at, stop=stop)
 
     thread = threading.Thread(target=asyncio.run, args=[main()])
     thread.start()
@@ -365,7 +380,8 @@ def test_our_driver_reads_and_writes_the_served_plant() -> None:
         assert out.tolist() == [58117, -2, 1000, 1]
         outputs = ["holding:0:int16", *(f"coil:{i}" for i in range(7))]
         driver.write_many([driver.channel(text) for text in outputs], np.array([-7, 1, 0, 1, 0, 1, 0, 1]))
-        assert list(plant.outputs.values()) == [1, 0, 1, 0, 1, 0, 1, -7]
+        assert [plant.outputs[f"dio:{name}"] for name in COILS] == [1, 0, 1, 0, 1, 0, 1]
+        assert plant.outputs["dac:z"] == -7
         driver.watchdog(1.5)
         assert driver.read(driver.channel(f"holding:{WATCHDOG_REGISTER}")) == 1500
         with pytest.raises(DriverError, match="exception 2, illegal data address"):
@@ -411,13 +427,14 @@ def test_mbpoll_writes_what_the_plant_then_does() -> None:
         assert mbpoll(port, "-t", "4", "-r", "0", "127.0.0.1", "64536").returncode == 0
         assert mbpoll(port, "-t", "0", "-r", "2", "127.0.0.1", "1", "1", "0", "1").returncode == 0
         assert mbpoll(port, "-t", "0", "-r", "6", "127.0.0.1", "1").returncode == 0
-    assert plant.outputs == RESET | {
-        "dac:z": -1000,
-        "dio:z_index": 1,
-        "dio:theta_index": 1,
-        "dio:vacuum": 1,
-        "dio:pressure": 1,
-    }
+        assert plant.outputs == RESET | {
+            "dac:z": -1000,
+            "dio:z_index": 1,
+            "dio:theta_index": 1,
+            "dio:vacuum": 1,
+            "dio:pressure": 1,
+        }
+    assert plant.outputs == RESET, "the end of the service is a reset"
 
 
 def test_mbpoll_is_told_of_an_address_that_is_not_there() -> None:
@@ -567,29 +584,16 @@ def test_many_requests_in_one_packet_are_answered_in_their_order() -> None:
 def test_an_address_in_use_is_said_in_one_sentence_and_the_plant_is_left_closed() -> None:
     plant = FakePlant()
     with served(FakePlant()) as port, pytest.raises(DriverError, match=f"127.0.0.1:{port}: address already in use"):
-        asyncio.run(serve(plant, port=port))
+        asyncio.run(serve(*of(plant, port), stop=asyncio.Event()))
     assert not plant.is_open
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_the_server_with_the_report_written_and_the_state_in_one_line(
-    number: signal.Signals, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_signal_ends_the_server_with_the_report_written(number: signal.Signals, tmp_path: Path) -> None:
     plant, report = FakePlant(), tmp_path / "report.json"
-    serve_until_signal(
-        plant, host="127.0.0.1", port=0, ready=lambda host, port: signal.raise_signal(number), report=report
-    )
-    assert capsys.readouterr().out == (
-        "0 of 3 parts placed; z at 55.000 mm, theta at 90.000 deg; "
-        "0 requests, the watchdog dropped the outputs 0 times\n"
-    )
-    assert json.loads(report.read_text()) == {
-        "placed": 0,
-        "parts": [1, 2, 3],
-        "watchdog_drops": 0,
-        "requests": 0,
-        "periods_given_up": 0,
-    }
+    summary = serve_until_signal(*of(plant), ready=lambda *at: signal.raise_signal(number), report=report)
+    assert summary == {"placed": 0, "requests": 0, "watchdog_drops": 0, "periods_given_up": 0}
+    assert json.loads(report.read_text()) == summary
     assert list(tmp_path.iterdir()) == [report]
     assert not plant.is_open
 
@@ -599,27 +603,25 @@ def test_the_report_is_written_when_another_part_has_been_placed(
 ) -> None:
     monkeypatch.setattr(serving, "REPORT_EVERY", 0.0)
     path, stop = tmp_path / "report.json", asyncio.Event()
-    seen: list[int] = []
+    seen: set[int] = set()
+    plant = FakePlant()
 
-    @dataclass(frozen=True)
-    class OnePlaced(FakeReport):
-        placed = 1
+    def look() -> None:
+        if path.exists():
+            seen.add(json.loads(path.read_text())["placed"])
+        if 1 in seen:
+            stop.set()
+        plant.placed = int(plant.periods > 5)
 
-    class Placing(FakePlant):
-        def truth(self) -> FakeReport:
-            if path.exists() and not seen:
-                seen.append(json.loads(path.read_text())["placed"])
-                stop.set()
-            return OnePlaced() if self.periods > 5 else FakeReport()
-
-    asyncio.run(asyncio.wait_for(serve(Placing(), port=0, stop=stop, report=path), PATIENT))
-    assert seen == [1]
+    plant.at_report = look
+    asyncio.run(asyncio.wait_for(serve(*of(plant), stop=stop, report=path), PATIENT))
+    assert seen == {0, 1}
 
 
 def serving_to(report: Path) -> FakePlant:
     """A plant that was served until it could take requests, with this report."""
     plant, stop = FakePlant(), asyncio.Event()
-    asyncio.run(serve(plant, port=0, ready=lambda host, port: stop.set(), stop=stop, report=report))
+    asyncio.run(serve(*of(plant), ready=lambda *at: stop.set(), stop=stop, report=report))
     return plant
 
 
@@ -680,38 +682,32 @@ def test_a_report_that_cannot_be_written_any_more_is_said_at_the_end(
     folder.mkdir()
     plant = FakePlant()
 
-    @dataclass(frozen=True)
-    class OnePlaced(FakeReport):
-        placed = 1
+    looks: list[int] = []
 
-    looks: list[FakeReport] = []
-
-    def truth() -> FakeReport:
-        looks.append(OnePlaced())
+    def look() -> None:
+        plant.placed += 1
+        looks.append(plant.placed)
         if len(looks) == 5:
             stop.set()
-        return looks[-1]
 
-    plant.truth = truth  # type: ignore[method-assign]
+    plant.at_report = look
     with pytest.raises(DriverError, match=r"report\.json cannot be written: no such file"):
-        asyncio.run(
-            serve(plant, port=0, ready=lambda host, port: folder.rmdir(), stop=stop, report=folder / "report.json")
-        )
+        asyncio.run(serve(*of(plant), ready=lambda *at: folder.rmdir(), stop=stop, report=folder / "report.json"))
     assert len(looks) >= 5, "it was served on meanwhile"
     assert not plant.is_open
 
 
 @pytest.mark.parametrize("watchdog", [float("inf"), float("nan"), -0.001, 65.536])
 def test_a_watchdog_that_its_register_cannot_hold_is_refused_before_serving(watchdog: float) -> None:
-    with pytest.raises(WiringError, match=r"the watchdog takes 0 \(none\) to 65.535 s"):
-        serve_until_signal(FakePlant(), host="127.0.0.1", port=0, watchdog=watchdog)
+    with pytest.raises(WiringError, match=r"the watchdog takes 0 \(off\) to 65.535 s"):
+        serve_until_signal(*of(FakePlant(), watchdog=watchdog), ready=print, report=None)
 
 
 @pytest.mark.parametrize(("watchdog", "milliseconds"), [(0.0, 0), (0.0001, 1), (0.2, 200), (65.535, 65535)])
 def test_a_watchdog_above_0_is_never_none(watchdog: float, milliseconds: int) -> None:
     found: list[int] = []
 
-    def look(host: str, port: int) -> None:
+    def look(name: str, host: str, port: int) -> None:
         def work() -> None:
             with driving(port) as driver:
                 found.append(driver.read(driver.channel(f"holding:{WATCHDOG_REGISTER}")))
@@ -721,21 +717,21 @@ def test_a_watchdog_above_0_is_never_none(watchdog: float, milliseconds: int) ->
         worker[0].start()
 
     worker: list[threading.Thread] = []
-    serve_until_signal(FakePlant(), host="127.0.0.1", port=0, watchdog=watchdog, ready=look)
+    serve_until_signal(*of(FakePlant(), watchdog=watchdog), ready=look, report=None)
     worker[0].join()
     assert found == [milliseconds]
 
 
 def test_an_address_that_cannot_be_a_name_is_said_in_one_sentence() -> None:
     with pytest.raises(DriverError, match="not the name of a host"):
-        asyncio.run(serve(FakePlant(), host="a" * 70, port=0))
+        asyncio.run(serve(*of(FakePlant(), host="a" * 70), stop=asyncio.Event()))
 
 
-def test_the_station_s_plant_is_served_as_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_station_s_plant_is_served_as_it_is() -> None:
     pytest.importorskip("mujoco", reason="the plant needs MuJoCo: pip install umo[plant]")
     counts: list[int] = []
 
-    def look(host: str, port: int) -> None:
+    def look(name: str, host: str, port: int) -> None:
         def work() -> None:
             with driving(port) as driver:
                 counts.append(driver.read(driver.channel("input:0")))
@@ -746,7 +742,8 @@ def test_the_station_s_plant_is_served_as_it_is(capsys: pytest.CaptureFixture[st
         workers[0].start()
 
     workers: list[threading.Thread] = []
-    serve_plant(port=0, parts=1, ready=look)
+    summary = serve_until_signal(*of(Plant(parts=1)), ready=look, report=None)
     workers[0].join()
     assert counts == [0] or counts[0] > 65_000  # the counter is at its power-up value, or just below it
-    assert capsys.readouterr().out.startswith("0 of 1 parts placed; z at ")
+    assert summary["parts_placed"] == 0
+    assert summary["requests"] == 2

@@ -26,6 +26,12 @@ app = typer.Typer(
 StationName = Annotated[
     str, typer.Argument(metavar="STATION", help="Directory of a station, or the name of a shipped one (ztheta).")
 ]
+OptionalStation = Annotated[
+    str | None,
+    typer.Argument(metavar="STATION", help="Directory of a station, or the name of a shipped one (ztheta)."),
+]
+"""Of commands that show the options of the station in their help."""
+NO_STATION = "give the directory of a station, or the name of a shipped one"
 WiringName = Annotated[
     str | None,
     typer.Option("--wiring", "-w", metavar="NAME|FILE", help="Name of a wiring of the station, or a TOML file."),
@@ -77,10 +83,7 @@ def _finite(value: float | None) -> float | None:
 )
 def run(
     context: typer.Context,
-    station: Annotated[
-        str | None,
-        typer.Argument(metavar="STATION", help="Directory of a station, or the name of a shipped one (ztheta)."),
-    ] = None,
+    station: OptionalStation = None,
     wiring: WiringName = None,
     realtime: Annotated[bool, typer.Option("--realtime", help="Run in real time; default: virtual time.")] = False,
     summary: Annotated[
@@ -103,7 +106,7 @@ def run(
         typer.echo(context.get_help())
         guarded(lambda: _show_options(station, wiring))
     if station is None:
-        raise typer.BadParameter("give the directory of a station, or the name of a shipped one", param_hint="STATION")
+        raise typer.BadParameter(NO_STATION, param_hint="STATION")
 
     def work() -> int:
         from umo.process.job import Job
@@ -119,14 +122,14 @@ def run(
     guarded(work)
 
 
-def _show_options(station: str | None, wiring: str | None) -> None:
+def _show_options(station: str | None, wiring: str | None, application: bool = True) -> None:
     if station is not None:
         from umo.process.station import find
 
         from .console import out
         from .station_options import help_panel
 
-        out.print(help_panel(find(station), wiring))
+        out.print(help_panel(find(station), wiring, application=application))
 
 
 @app.command(epilog="Examples: umo check ztheta  |  umo check ztheta -w modbus  |  umo check . -w wiring/bench.toml")
@@ -259,26 +262,63 @@ def why(
     guarded(lambda: say_why(station, now, file))
 
 
-@app.command(epilog="Examples: umo plant ztheta  |  umo plant ztheta --port 1502 --seed 7 --fault leaky-cup")
+@app.command(
+    epilog="Examples: umo plant ztheta  |  umo plant ztheta --port 1502 --seed 7 --faults leaky-cup  |  "
+    "umo plant my-machine -w modbus --help",
+    context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
+    add_help_option=False,
+)
 def plant(
-    station: StationName,
-    host: Annotated[str, typer.Option(help="Address to serve at.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(min=0, max=65535, help="TCP port; 0: any free port.")] = 5020,
-    seed: Annotated[int, typer.Option(min=0, help="Random seed of the initial state.")] = 0,
-    parts: Annotated[int, typer.Option(min=1, help="Number of parts.")] = 3,
-    watchdog: Annotated[float, typer.Option(help="Watchdog timeout in s, at most 65.535; 0: off.")] = 0.2,
-    fault: Annotated[list[str] | None, typer.Option(help="Fault to simulate; may be repeated.")] = None,
+    context: typer.Context,
+    station: OptionalStation = None,
+    wiring: Annotated[
+        str | None,
+        typer.Option(
+            "--wiring",
+            "-w",
+            metavar="NAME|FILE",
+            help="Modbus wiring that says which object is in which register; default: modbus, or the only one.",
+        ),
+    ] = None,
+    plant_wiring: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME|FILE", help="Simulated wiring that has the plant; default: the station's first, simulated."
+        ),
+    ] = None,
+    host: Annotated[str | None, typer.Option(help="Address to serve at; default: the wiring's.")] = None,
+    port: Annotated[
+        int | None, typer.Option(min=0, max=65535, help="TCP port; 0: any free port; default: the wiring's.")
+    ] = None,
+    watchdog: Annotated[
+        float | None, typer.Option(help="Watchdog timeout in s, at most 65.535; 0: off; default: the wiring's.")
+    ] = None,
     report: Annotated[
         Path | None, typer.Option(metavar="FILE.json", help="Write the plant's own report to this file.")
     ] = None,
+    help_: Annotated[bool, typer.Option("--help", help="Show this message, and the options of the plant.")] = False,
 ) -> None:
-    """Run a station's plant in its own process and serve it over Modbus TCP, like a controller box."""
-    from umo.process.station import find
+    """Serve a station's plant over Modbus TCP in real time, like the controller boxes of the machine.
 
-    from .show import serve_plant
+    The simulated wiring says which plant channel each object is on, the Modbus wiring in which register of which box.
+    The options of the plant's drivers follow the name of the station.
+    """
+    if help_:
+        typer.echo(context.get_help())
+        guarded(lambda: _show_options(station, plant_wiring, application=False))
 
-    options = {"host": host, "port": port, "seed": seed, "parts": parts, "watchdog": watchdog, "report": report}
-    guarded(lambda: serve_plant(find(station), faults=fault or [], **options))
+    if station is None:
+        raise typer.BadParameter(NO_STATION, param_hint="STATION")
+
+    def work() -> None:
+        from umo.process.station import find
+
+        from .plant import serve_plant
+
+        changes = {"host": host, "port": port, "watchdog": watchdog}
+        serve_plant(find(station), wiring, plant_wiring, context.args, changes, report)
+
+    guarded(work)
 
 
 @app.command(epilog="Examples: umo new my-machine && umo run my-machine")

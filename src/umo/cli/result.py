@@ -63,14 +63,14 @@ class Result:
         factor = _shown(self.realtime_factor, ".2f")
         table.add_row("time", f"{self.outcome.simulated:.2f} s in {self.elapsed:.2f} s, {factor} x real time")
         for driver, report in self.outcome.reports.items():
-            for name, value in _rows("report", report):
+            for name, value in rows("report", report):
                 table.add_row(f"{driver}: {name}", value)
-        for name, value in _rows("result", self.outcome.result):
+        for name, value in rows("result", self.outcome.result):
             table.add_row(name, value)
         return table
 
 
-def _rows(name: str, data: Any) -> Iterator[tuple[str, str]]:
+def rows(name: str, data: Any) -> Iterator[tuple[str, str]]:
     """Plain data: a row for each entry of a dict, else one under this name."""
     if isinstance(data, dict):
         for key, value in data.items():

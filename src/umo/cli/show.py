@@ -1,9 +1,8 @@
-"""`umo check`, `umo tree`, `umo drivers`, `umo plant`."""
+"""`umo check`, `umo tree`, `umo drivers`."""
 
 from __future__ import annotations
 
 import inspect
-from typing import Any
 
 from rich.text import Text
 from rich.tree import Tree
@@ -12,7 +11,7 @@ from umo.drivers import Direction, Driver, registry
 from umo.errors import ChannelError, Fault, WiringError
 from umo.objects import Atomic, Compound, Digital, DigitalActuator, Node
 from umo.objects.interlock import interlocks_of
-from umo.process.station import Station, StationError
+from umo.process.station import Station
 from umo.wiring import check, resolve
 from umo.wiring.patterns import expand
 from umo.wiring.source import WiringSource, read
@@ -131,12 +130,3 @@ def _forms(cls: type[Driver]) -> str:
     except (Exception, SystemExit):  # it cannot be made without options
         return ""
     return "any name" if channel.text == "?" else channel.text
-
-
-def serve_plant(station: Station, **options: Any) -> None:
-    """Hand over to the station's own `serve_plant` (serve.py), which looks at the options."""
-    module = station.module("serve")
-    serve = getattr(module, "serve_plant", None)
-    if serve is None:
-        raise StationError(f"{station.name} has no plant to serve: no serve.py with serve_plant()")
-    serve(**options)

@@ -57,18 +57,22 @@ class Option:
         parser.add_argument(self.flag, type=item if item in (int, float) else str, choices=choices or None, **how)
 
 
-def options_of(station: Station, wiring: str | None) -> list[Option]:
-    """Those of the application first; a driver's of the same name is given the same value."""
-    found = {} if station.main is None else _of_function(station.main, "application", skip=1)
+def options_of(station: Station, wiring: str | None, *, application: bool = True) -> list[Option]:
+    """Those of the application first; a driver's of the same name is given the same value. Without `application` only
+    those of the drivers."""
+    main = station.main if application else None
+    found = {} if main is None else _of_function(main, "application", skip=1)
     for name, (driver, parameter) in driver_options(station.wiring(wiring)).items():
         if name not in found:
             found[name] = _option(name, parameter, parameter.annotation, driver)
     return list(found.values())
 
 
-def parse(station: Station, wiring: str | None, arguments: Sequence[str]) -> dict[str, Any]:
+def parse(
+    station: Station, wiring: str | None, arguments: Sequence[str], *, application: bool = True
+) -> dict[str, Any]:
     """The values of a station's options; StationError for what it does not take."""
-    options = options_of(station, wiring)
+    options = options_of(station, wiring, application=application)
     flags = [option.flag for option in options]
     parser = _Parser(prog=station.name, add_help=False, allow_abbrev=False)
     for option in options:
@@ -82,10 +86,10 @@ def parse(station: Station, wiring: str | None, arguments: Sequence[str]) -> dic
     return vars(given)
 
 
-def help_panel(station: Station, wiring: str | None) -> Panel:
+def help_panel(station: Station, wiring: str | None, *, application: bool = True) -> Panel:
     """A table of a station's options, as `--help` shows those of umo."""
     table = Table.grid(padding=(0, 2))
-    for option in options_of(station, wiring):
+    for option in options_of(station, wiring, application=application):
         default = option.default.value if isinstance(option.default, Enum) else option.default
         shown = "" if default is None or default == () else f"[default: {default}]"
         table.add_row(*map(Text, (option.flag, option.metavar, option.taker, shown)))

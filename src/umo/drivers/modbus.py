@@ -1,4 +1,4 @@
-"""Modbus TCP devices: fieldbus couplers, PLCs, drives, and the served z-theta plant."""
+"""Modbus TCP devices: fieldbus couplers, PLCs, drives, and the plants that `umo plant` serves."""
 
 from __future__ import annotations
 
@@ -88,9 +88,9 @@ class Modbus(Driver[ModbusChannel]):
             raise WiringError(f"word_order must be 'big' or 'little', not {word_order!r}")
         if watchdog_register is not None:
             _within("watchdog_register", watchdog_register, 0, HIGHEST_ADDRESS)
-        self._host, self._port, self._unit = host, port, unit
+        self.host, self.port, self._unit = host, port, unit
         self._little = word_order == "little"
-        self._watchdog_register = watchdog_register
+        self.watchdog_register = watchdog_register
         self._bridge_gaps = bridge_gaps
         self._link_type = _find_link()  # here and not in `open`: a guardian has no time for imports
         self._link: Link | None = None
@@ -103,13 +103,13 @@ class Modbus(Driver[ModbusChannel]):
     def devices(self) -> Sequence[str]:
         """Its addresses; without the unit, as units behind a gateway share its one line. A name is looked up, for at
         most 2 s, and one that is not found stands for itself."""
-        return [f"modbus tcp {address}:{self._port}" for address in _hosts.addresses(self._host)]
+        return [f"modbus tcp {address}:{self.port}" for address in _hosts.addresses(self.host)]
 
     def open(self) -> None:
         """Connect, within `timeout`."""
         if self._link_type is None:
             raise DriverError('the modbus driver needs pymodbus: pip install "umo[modbus]"')
-        self._link = self._link_type(self._host, self._port, self._unit)
+        self._link = self._link_type(self.host, self.port, self._unit)
         self._link.begin(self.timeout)
 
     def close(self) -> None:
@@ -135,12 +135,12 @@ class Modbus(Driver[ModbusChannel]):
 
     def watchdog(self, seconds: float) -> None:
         """Write the time, in ms, into the watchdog's register; 0 turns most watchdogs off."""
-        if self._watchdog_register is None:
-            raise _NoWatchdog(f"Modbus {self._host}:{self._port} needs the option watchdog_register for a watchdog")
+        if self.watchdog_register is None:
+            raise _NoWatchdog(f"Modbus {self.host}:{self.port} needs the option watchdog_register for a watchdog")
         if not 0 <= seconds <= _LONGEST_WATCHDOG:
             raise DriverError(f"a watchdog of {seconds:g} s does not fit its register (0 to 65.535 s)")
         milliseconds = max(round(seconds * 1000), 1 if seconds else 0)
-        self.write(self.channel(f"holding:{self._watchdog_register}"), milliseconds)
+        self.write(self.channel(f"holding:{self.watchdog_register}"), milliseconds)
 
     def _write(self, channels: Sequence[ModbusChannel], raws: list[int]) -> None:
         plan = _planned(self._writes, channels, plan_writes)
@@ -151,7 +151,7 @@ class Modbus(Driver[ModbusChannel]):
 
     def _begin(self) -> Link:
         if self._link is None:
-            raise DriverError(f"Modbus {self._host}:{self._port} is not open")
+            raise DriverError(f"Modbus {self.host}:{self.port} is not open")
         self._link.begin(self.timeout)
         return self._link
 

@@ -1,6 +1,6 @@
 """The tank's hardware, simulated, behind the five driver functions (the electrical developer's file).
 
-For the real circuit only the wiring changes: `type = "modbus"` instead of `type = ".plant:Plant"`.
+For the real circuit only the wiring changes, as in `wiring/modbus.toml`.
 """
 
 from umo import Channel, Direction, Driver
@@ -11,7 +11,7 @@ CHANNELS = {
     "out:drain": Channel("out:drain", Direction.OUTPUT, 1),
     "adc:level": Channel("adc:level", Direction.INPUT, 10),  # 0.5 mm a count
     "in:overflow": Channel("in:overflow", Direction.INPUT, 1),  # 1 = FAIL
-    "tick": Channel("tick", Direction.INPUT, 31),  # the timer: one period of physics, in virtual time
+    "tick": Channel("tick", Direction.INPUT, 31),  # the timer: reading it lets one period of physics pass
 }
 
 

@@ -12,8 +12,9 @@ SIMULATED = TANK.wirings["simulated"]
 machine, main = TANK.machine, TANK.main
 
 
-def test_the_wiring_fits_the_machine() -> None:
-    assert check(machine(), SIMULATED) == []
+@pytest.mark.parametrize("name", TANK.wirings)
+def test_the_wirings_fit_the_machine(name: str) -> None:
+    assert check(machine(), TANK.wirings[name]) == []
 
 
 def test_the_level_is_kept_and_the_tank_drained_at_the_end() -> None:

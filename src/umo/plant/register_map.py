@@ -1,0 +1,134 @@
+"""The registers of a plant's boxes, derived from two wirings of one machine: the simulated one and the Modbus one."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from umo.drivers._modbus_plan import ModbusChannel
+from umo.drivers.contract import Channel, Direction
+from umo.drivers.modbus import Modbus
+from umo.errors import WiringError
+from umo.objects.scaling import to_raw, to_value
+from umo.wiring import Wire, Wired
+
+
+class Point:
+    """One object between its channel of the plant and its cells in a table of the box.
+
+    The raw integer passes unchanged if both wirings give the object one scale (resolution and zero offset, or
+    inversion); otherwise the box converts it through the value. `slot` is the index of the plant's wire.
+    """
+
+    def __init__(self, slot: int, plant: Wire, bus: Wire) -> None:
+        channel = bus.channel
+        assert isinstance(channel, ModbusChannel)
+        self.slot = slot
+        self.path = plant.item.path
+        self.table, self.address, self.cells = channel.table.name, channel.address, channel.cells
+        self.output = plant.item.direction is Direction.OUTPUT
+        default: Any = plant.item._default_value() if self.output else None  # type: ignore[attr-defined]
+        self.default = bus.raw(default) if self.output else 0
+        """The raw integer of an output's register at power-up."""
+        self.plant_default = plant.raw(default) if self.output else 0
+        self._plant, self._bus = plant, bus
+        self._equal = plant.scale == bus.scale
+        self._high_first = channel.high < channel.low
+
+    def to_plant(self, raw: int) -> int:
+        """The plant's raw integer for one of the box; OverflowError if it does not fit the plant's channel."""
+        return self._converted(raw, self._bus, self._plant)
+
+    def to_bus(self, raw: int) -> int:
+        """The box's raw integer for one of the plant; OverflowError if it does not fit the register."""
+        return self._converted(raw, self._plant, self._bus)
+
+    def _converted(self, raw: int, here: Wire, there: Wire) -> int:
+        if not self._equal:
+            raw = to_raw(to_value(raw, *here.scale), *there.scale)
+        return _fitting(raw, there.channel)
+
+    def words(self, raw: int) -> list[int]:
+        """The raw integer in this point's cells, in the order of their addresses."""
+        if self.cells == 1:
+            return [raw & 0xFFFF]
+        words = [raw >> 16 & 0xFFFF, raw & 0xFFFF]
+        return words if self._high_first else words[::-1]
+
+    def raw(self, words: Sequence[int]) -> int:
+        """The raw integer that these cells hold."""
+        raw = 0
+        for word in words if self._high_first else reversed(words):
+            raw = raw << 16 | word
+        bits = self._bus.channel.bits
+        return raw - (1 << bits) if self._bus.channel.signed and raw >> (bits - 1) else raw
+
+
+def _fitting(raw: int, channel: Channel) -> int:
+    if not channel.lowest <= raw <= channel.highest:
+        raise OverflowError(f"{raw} does not fit {channel.text}")
+    return raw
+
+
+@dataclass(frozen=True)
+class RegisterMap:
+    """One box: a Modbus driver of the wiring, seen from the other end."""
+
+    name: str
+    """The driver's name in the wiring."""
+    host: str
+    port: int
+    points: tuple[Point, ...]
+    watchdog_register: int | None = None
+    """The holding register of the watchdog's time in ms."""
+    watchdog: float = 0.0
+    """The watchdog's time at power-up in s; 0: off."""
+
+
+def register_maps(plant: Wired, bus: Wired) -> list[RegisterMap]:
+    """A map for each Modbus driver of `bus`, its objects joined with those of `plant` by path.
+
+    WiringError if `plant` is not a simulation with a timer, if `bus` has no Modbus driver, or if two things would have
+    one address.
+    """
+    _check_plant(plant)
+    slots = {wire.item.path: slot for slot, wire in enumerate(plant.wires)}
+    missing = [wire.item.path for wire in bus.wires if wire.item.path not in slots]
+    if missing:
+        raise WiringError(f"the plant has no {', '.join(missing)}")
+    maps = []
+    for name, driver in bus.drivers.items():
+        if isinstance(driver, Modbus):
+            wires = [wire for wire in bus.wires if wire.driver is driver]
+            points = [Point(slot := slots[wire.item.path], plant.wires[slot], wire) for wire in wires]
+            register, watchdog = driver.watchdog_register, bus.watchdogs.get(name, 0.0)
+            maps.append(RegisterMap(name, driver.host, driver.port, tuple(points), register, watchdog))
+    _check_maps(maps)
+    return maps
+
+
+def _check_plant(plant: Wired) -> None:
+    if plant.hardware:
+        name, devices = next(iter(plant.hardware.items()))
+        raise WiringError(f"the plant's wiring is not a simulation: its driver {name} controls {devices[0]}")
+    if plant.timer_wire is None:
+        raise WiringError("no time can pass in the plant: the machine has no object `timer`")
+    if plant.realtime:
+        raise WiringError("no time can pass in the plant: its wiring has a real-time timer instead of the plant's")
+
+
+def _check_maps(maps: Sequence[RegisterMap]) -> None:
+    if not maps:
+        raise WiringError("the wiring to serve has no modbus driver")
+    addresses = Counter((each.host, each.port) for each in maps)
+    for (host, port), count in addresses.items():
+        if count > 1:
+            names = " and ".join(each.name for each in maps if (each.host, each.port) == (host, port))
+            raise WiringError(f"drivers {names} have one address, {host}:{port}; a box serves one driver")
+    for each in maps:
+        for point in each.points:
+            if point.table == "holding" and each.watchdog_register in range(point.address, point.address + point.cells):
+                what = f"holding register {each.watchdog_register} of {each.name}"
+                raise WiringError(f"{what} is used twice: for the watchdog and for {point.path}")

@@ -1,0 +1,135 @@
+"""Boxes on the network: each serves its registers over Modbus TCP, in one process and one plant's time."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import signal
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from umo.errors import DriverError, WiringError
+from umo.process.outcome import plain
+from umo.wiring import Wired
+
+from .box import Box
+from .modbus_server import Connection
+from .register_map import RegisterMap
+from .report_file import ReportFile
+from .simulation import Simulation
+
+LONGEST_WATCHDOG = 65.535
+"""Seconds: what the register can say."""
+REPORT_EVERY = 0.1
+"""How often, in s, the plant's report is looked at."""
+
+Ready = Callable[[str, str, int], object]
+"""Called with each box's name, host and port once requests are taken."""
+Summary = dict[str, Any]
+
+
+def serve_until_signal(plant: Wired, maps: Sequence[RegisterMap], *, ready: Ready, report: Path | None) -> Summary:
+    """`serve`, blocking until SIGINT or SIGTERM."""
+
+    async def main() -> Summary:
+        stop = asyncio.Event()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            with contextlib.suppress(NotImplementedError):  # Windows: Ctrl-C still ends asyncio.run
+                asyncio.get_running_loop().add_signal_handler(number, stop.set)
+        return await serve(plant, maps, ready=ready, stop=stop, report=report)
+
+    return asyncio.run(main())
+
+
+async def serve(
+    plant: Wired,
+    maps: Sequence[RegisterMap],
+    *,
+    stop: asyncio.Event,
+    ready: Ready = lambda name, host, port: None,
+    report: Path | None = None,
+) -> Summary:
+    """Serve each map at its host and port (0: a free one) until `stop` is set; returns what is reported.
+
+    `report` is a JSON file, replaced whole, written whenever the plant's report has changed and at the end. WiringError
+    for a watchdog's time that its register cannot hold, or if `report` is not a regular file; DriverError if an
+    address is taken or the plant cannot be opened. An exception of the plant's code ends the service.
+    """
+    for each in maps:
+        if not 0 <= each.watchdog <= LONGEST_WATCHDOG:
+            raise WiringError(f"the watchdog takes 0 (off) to {LONGEST_WATCHDOG} s, not {each.watchdog:g} s")
+    file = None if report is None else ReportFile(report)
+    simulation = Simulation(plant, asyncio.get_running_loop().time)
+    boxes = [Box(simulation, each) for each in maps]
+    peers: set[asyncio.Transport] = set()
+    with contextlib.ExitStack() as stack:
+        servers = [await _listen(box, peers, stack) for box in boxes]
+        stack.enter_context(simulation)
+        for box, server in zip(boxes, servers, strict=True):
+            await server.start_serving()  # not before: opening the plant may take longer than a client waits
+            ready(box.registers.name, *server.sockets[0].getsockname()[:2])
+        await _keep_pace(simulation, boxes, stop, file)
+        summary = summary_of(simulation, boxes)
+        if file is not None:
+            file.write(summary)
+    return summary
+
+
+async def _listen(box: Box, peers: set[asyncio.Transport], stack: contextlib.ExitStack) -> asyncio.Server:
+    host, port = box.registers.host, box.registers.port
+    try:
+        loop = asyncio.get_running_loop()
+        server = await loop.create_server(lambda: Connection(box.request, peers), host, port, start_serving=False)
+    except UnicodeError:
+        raise DriverError(f"cannot serve at {host}:{port}: not the name of a host") from None
+    except OSError as error:
+        number = error.errno or 0  # below 0 for a name that was not found
+        reason = os.strerror(number) if number > 0 else error.strerror or str(error)
+        raise DriverError(f"cannot serve at {host}:{port}: {reason.lower()}") from None
+
+    def close() -> None:
+        server.close()
+        for peer in tuple(peers):
+            peer.abort()
+
+    stack.callback(close)
+    return server
+
+
+async def _keep_pace(
+    simulation: Simulation, boxes: Sequence[Box], stop: asyncio.Event, report: ReportFile | None
+) -> None:
+    """Time passes in the plant, in small steps between the requests; the watchdogs are looked at."""
+    clock = simulation.clock
+    seen: object = None
+    look = clock()
+    while not stop.is_set():
+        turn(simulation, boxes)
+        if report is not None and clock() >= look:
+            look = clock() + REPORT_EVERY
+            summary = summary_of(simulation, boxes)
+            if seen != (seen := summary | {"requests": 0}):
+                with contextlib.suppress(DriverError):  # it is written again, and said, at the end
+                    report.write(summary)
+        await asyncio.sleep(simulation.pace.left(clock()))
+
+
+def turn(simulation: Simulation, boxes: Sequence[Box]) -> None:
+    """Let the time pass that is due. Raises what the plant raised, also in a request."""
+    if simulation.failure is None:
+        simulation.catch_up()
+        for box in boxes:
+            box.watch()
+    if simulation.failure is not None:
+        raise simulation.failure
+
+
+def summary_of(simulation: Simulation, boxes: Sequence[Box]) -> Summary:
+    """The plant's report as plain data, and what the boxes have to add to it."""
+    return {str(key): plain(value) for key, value in simulation.report().items()} | {
+        "requests": sum(box.requests for box in boxes),
+        "watchdog_drops": sum(box.watchdog.drops for box in boxes),
+        "periods_given_up": simulation.pace.given_up,
+    }

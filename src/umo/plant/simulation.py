@@ -1,0 +1,128 @@
+"""A plant in wall-clock time: its drivers, opened and kept up with a clock. No network and no registers in here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any
+
+from umo.cycle.transfer import Transfer
+from umo.drivers.contract import Direction
+from umo.errors import DriverError, Failure
+from umo.text import cause_of
+from umo.wiring import Wired
+
+MOST_PERIODS = 20
+"""Periods of the plant in one go; requests are answered in between."""
+FAR_BEHIND = 1000
+"""More periods behind than this, the plant stops catching up and lets them go."""
+
+
+class Pace:
+    """How many periods of the plant are due, on a grid that begins at `start`."""
+
+    def __init__(self, period: float, start: float) -> None:
+        self._period = period
+        self._start = start
+        self._taken = 0
+        self.given_up = 0
+
+    def due(self, now: float) -> int:
+        """Take the periods that have passed, at most `MOST_PERIODS`."""
+        passed = int((now - self._start) / self._period) - self._taken
+        if passed > FAR_BEHIND:
+            self._give_up(passed - MOST_PERIODS)
+            passed = MOST_PERIODS
+        take = max(0, min(passed, MOST_PERIODS))
+        self._taken += take
+        return take
+
+    def left(self, now: float) -> float:
+        """Seconds until the next period is due; 0 when it is already."""
+        return max(0.0, self._start + (self._taken + 1) * self._period - now)
+
+    def _give_up(self, periods: int) -> None:
+        self.given_up += periods
+        self._taken += periods
+
+
+class Simulation:
+    """The drivers of a simulated wiring. `with simulation:` opens them, all outputs at their defaults; from then on
+    time passes: each period of `clock` (s) is one reading of the timer's channel.
+
+    Slots are indexes of `wired.wires`. Raises DriverError if a driver cannot be opened or closed.
+    """
+
+    def __init__(self, wired: Wired, clock: Callable[[], float]) -> None:
+        timer = wired.timer_wire
+        assert timer is not None
+        assert wired.period is not None
+        self.clock = clock
+        self.pace = Pace(wired.period, clock())
+        self.failure: Exception | None = None
+        """What the plant raised while time passed, or a mistake in its code: it cannot go on."""
+        self._wired = wired
+        self._timer = wired.wires.index(timer)
+        self._transfer = Transfer(wired.wires, wired, self._timer)
+        self._transfer.bind((), ())
+        self._opened: list[str] = []
+        self._initialized: list[int] = []
+
+    def __enter__(self) -> Simulation:
+        try:
+            for name in self._wired.drivers:
+                self._opened.append(name)
+                self._transfer.open(name)
+            for slot in range(len(self._wired.wires)):
+                self._initialized.append(slot)
+                failure = self._transfer.initialize(slot)
+                if failure is not None:
+                    raise DriverError("the plant could not be initialised", [failure])
+        except BaseException:
+            self._close()
+            raise
+        self.pace = Pace(self._wired.period or 0.0, self.clock())
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        failures = self._close()
+        if failures and kind is None:
+            raise DriverError("the plant could not be closed", failures)
+
+    def _close(self) -> list[Failure]:
+        """Outputs to their defaults, then everything released; what failed."""
+        transfer, wires = self._transfer, self._wired.wires
+        outputs = [slot for slot in self._initialized if wires[slot].item.direction is Direction.OUTPUT]
+        found = [failure for _, failure in transfer.bring_to_default(outputs)]
+        found += map(transfer.finalize, reversed(self._initialized))
+        failures = [failure for failure in found if failure is not None]
+        for name in reversed(self._opened):
+            try:
+                transfer.close(name)
+            except Exception as error:
+                failures.append(Failure(f"driver {name}", "-", cause_of(error)))
+        self._opened, self._initialized = [], []
+        return failures
+
+    def catch_up(self) -> None:
+        """Let the periods pass that are due by the clock, at most `MOST_PERIODS`. Whatever the plant raises is kept as
+        `failure` too."""
+        try:
+            for _ in range(self.pace.due(self.clock())):
+                self._transfer.read(self._timer)
+        except Exception as error:
+            self.failure = error
+            raise
+
+    def read(self, slot: int) -> int:
+        """The raw integer of a sensor's channel, now."""
+        return self._transfer.read(slot)
+
+    def write(self, slot: int, raw: int) -> None:
+        self._transfer.write(slot, raw)
+
+    def report(self) -> dict[str, Any]:
+        """The reports of all drivers in one."""
+        return {key: value for name in self._opened for key, value in self._transfer.report(name).items()}
