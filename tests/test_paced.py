@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import json
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import Result
 
 from machines import bench
 from umo import Channel, Direction, Driver, WiringError, connect
@@ -161,3 +165,52 @@ def test_an_option_realtime_of_a_driver_is_not_mistaken_for_the_runs() -> None:
 class Own(Plant):
     def __init__(self, *, realtime: bool = False, seed: int = 0) -> None:
         super().__init__()
+
+
+# The command --------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def quick_tank(tank: Path) -> Path:
+    """A new station that works for about a second."""
+    application = tank / "application.py"
+    application.write_text(application.read_text().replace("20 s", "100 ms"))
+    return tank
+
+
+def factor(folder: Path) -> float:
+    """Simulated time over wall-clock time of a run."""
+    found: float = json.loads((folder / "summary.json").read_text())["realtime_factor"]
+    return found
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="real time is Linux's")
+def test_a_new_station_runs_in_wall_clock_time_if_asked_to(umo: Callable[..., Result], quick_tank: Path) -> None:
+    result = umo("run", "tank", "--target", "35", "--summary", "summary.json")
+    assert result.exit_code == 0
+    assert factor(quick_tank.parent) > 2
+    result = umo("run", "tank", "--target", "35", "--realtime", "--summary", "summary.json")
+    assert result.exit_code == 0, result.stderr
+    assert "--realtime" not in result.stderr
+    assert factor(quick_tank.parent) < 1.1
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="real time is Linux's")
+def test_with_a_real_time_timer_the_option_is_a_sentence(umo: Callable[..., Result], quick_tank: Path) -> None:
+    wiring = quick_tank / "wiring" / "simulated.toml"
+    wiring.write_text(wiring.read_text().replace('driver = "tank", channel = "tick"', 'driver = "timerfd"'))
+    (quick_tank / "application.py").write_text("async def main(m):\n    pass\n")
+    result = umo("run", "tank", "--realtime")
+    assert result.exit_code == 0
+    assert "umo: --realtime has no effect: the timer of this wiring is a real-time timer" in result.stderr
+
+
+def test_without_a_timer_the_command_says_so(umo: Callable[..., Result], tank: Path) -> None:
+    for file in ("control.py", "objects.py"):
+        lines = (tank / file).read_text().splitlines()
+        (tank / file).write_text("\n".join(line for line in lines if "    timer" not in line) + "\n")
+    wiring = tank / "wiring" / "simulated.toml"
+    wiring.write_text("\n".join(line for line in wiring.read_text().splitlines() if "tick" not in line) + "\n")
+    result = umo("run", "tank", "--realtime")
+    assert result.exit_code == 2, result.stderr
+    assert "real time needs a timer, and the machine has no object `timer`" in result.stderr

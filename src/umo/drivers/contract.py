@@ -147,5 +147,6 @@ class Driver(ABC, Generic[C]):
         raise NotImplementedError(f"{type(self).__name__} has no watchdog of its own")
 
     def report(self) -> Mapping[str, Any]:
-        """Results of the circuit or plant at the end of a run, as plain data by name. Called before `close`."""
+        """Results of the circuit or plant so far, as plain data by name. Called at the end of a run before `close`, and
+        by `umo plant --report` ten times a second."""
         return {}
