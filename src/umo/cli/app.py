@@ -85,7 +85,9 @@ def run(
     context: typer.Context,
     station: OptionalStation = None,
     wiring: WiringName = None,
-    realtime: Annotated[bool, typer.Option("--realtime", help="Run in real time; default: virtual time.")] = False,
+    realtime: Annotated[
+        bool, typer.Option("--realtime", help="Run in wall-clock time, whatever the wiring's timer.")
+    ] = False,
     summary: Annotated[
         Path | None, typer.Option(metavar="FILE.json", help="Write a summary of the run to this file.")
     ] = None,

@@ -119,8 +119,9 @@ class Box:
             return [self.watchdog.milliseconds]
         if point.output:
             return point.words(self._levels[point])
+        level = self._simulation.read(point.slot)
         try:
-            return point.words(point.to_bus(self._simulation.read(point.slot)))
+            return point.words(point.to_bus(level))
         except OverflowError:
             raise ExceptionAnswer(DEVICE_FAILURE) from None
 
