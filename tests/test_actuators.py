@@ -152,7 +152,7 @@ def test_a_failed_asynchronous_write_raises_and_read_keeps_the_last_confirmed_va
     with connect(machine, wired(machine, box)) as m:
         m.motor.write(1.0)
         box.at(len(box.calls), RuntimeError("cut"))
-        with pytest.raises(DriverError, match=r"motor \(channel motor\): RuntimeError: cut"):
+        with pytest.raises(DriverError, match="box: RuntimeError: cut; motor"):
             m.motor.write(2.0)
         assert (m.motor.read(), m.motor.raw, m.motor.pending) == (1.0, 2, 2.0)
         assert m.motor.quality is Quality.BAD

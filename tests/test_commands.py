@@ -475,11 +475,7 @@ def test_a_sensor_that_cannot_be_trusted_inhibits() -> None:
         with pytest.raises(DriverError):
             m.sample()
         assert m.ram.write(1.0) is False
-        said = m.ram.inhibited
-        assert said is not None
-        assert said.startswith(
-            "the door is open (its condition counts as true because it could not be evaluated: BadInput"
-        )
+        assert m.ram.inhibited == "the condition 'the door is open' cannot be evaluated: door is BAD"
 
 
 @pytest.mark.parametrize("answer", [None, 0, 0.0, "", OnOff.OFF])
@@ -682,7 +678,7 @@ def test_a_reset_that_fails_comes_out_and_the_others_are_still_reset() -> None:
         periods(m)
         put(m.door, PassFail.FAIL)
         box.at(len(box.calls) + 1, OSError("stuck"))  # after the transfer of the sensors
-        with pytest.raises(DriverError, match=r"ram .*stuck"):
+        with pytest.raises(DriverError, match=r"box: stuck; ram"):
             begin(m)
         assert m.lamp.read() is OnOff.OFF
         m.update()  # a synchronous one has its default sent with the next transfer

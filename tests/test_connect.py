@@ -184,7 +184,7 @@ def test_one_failing_reset_never_stops_the_rest_and_all_are_listed_by_path():
         box.at(start + 3, RuntimeError("bug"))  # z.brake
         box.at(start + 5, OSError("cut"))  # finalise the gripper
     assert failed(caught.value) == ["z.motor", "z.brake", "gripper"]
-    assert "z.brake (channel z.brake): RuntimeError: bug" in str(caught.value)
+    assert "\n  box: RuntimeError: bug; z.brake\n" in str(caught.value)
     assert (box.get("z.motor"), box.get("theta.motor")) == (18, 2)
     assert log(box)[start:] == [
         *(("reset", path) for path in STOPPING),
@@ -250,7 +250,7 @@ def test_an_error_of_the_application_keeps_its_place_when_its_sequences_fail_whi
         m.start(stubborn())
         periods(m, 2)
         raise KeyError("the first")
-    assert caught.value.__notes__ == ["also, while stopping its sequences: ValueError: cleanup"]
+    assert caught.value.__notes__ == ["at 0.002 s", "also, while stopping its sequences: ValueError: cleanup"]
 
 
 def test_a_sequence_may_still_write_while_it_is_cancelled_and_the_defaults_come_last():
@@ -370,7 +370,7 @@ def test_a_watchdog_that_cannot_be_armed_fails_the_connection():
 
 def test_a_first_sample_that_fails_is_a_failed_connection():
     machine, box = arm(), Scripted({"gripper": 5})
-    with pytest.raises(DriverError, match=r"gripper .*: read 5; a binary channel reads 0 or 1"):
+    with pytest.raises(DriverError, match="box: read 5, but a binary channel reads 0 or 1; gripper"):
         connect(machine, wired(machine, box)).__enter__()
     assert not machine.connected
     assert log(box)[-1] == ("close", "")

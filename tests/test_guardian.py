@@ -69,7 +69,7 @@ def test_what_an_application_returns_cannot_change_how_a_run_ends(tmp_path: Path
 def test_an_exception_that_is_shown_slowly_does_not_count_as_hanging(tmp_path: Path, cells: Cells) -> None:
     outcome = Run(process_box.wiring(tmp_path / "box", process={"hang_timeout": "200 ms"}), "fails_slowly").outcome()
     assert outcome.failure is not None
-    assert outcome.failure.message.startswith("SlowError: said slowly at ")
+    assert outcome.failure.message.startswith("SlowError: said slowly (at 0.0")
     assert (outcome.status, outcome.unsafe) == (1, False)
 
 
@@ -125,7 +125,8 @@ def test_a_broken_report_is_a_reason_to_step_in(tmp_path: Path, cells: Cells, mo
     monkeypatch.setattr(Outcome, "encode", lambda self: b"{")
     outcome = Run(process_box.wiring(tmp_path / "box")).outcome()
     assert outcome.failure is not None
-    assert "without resetting the machine; the guardian reset every actuator" in outcome.failure.message
+    assert "without resetting the machine (at 0.0" in outcome.failure.message
+    assert "the guardian reset every actuator" in outcome.failure.message
     assert_safe(cells)
 
 
@@ -435,7 +436,7 @@ def test_a_report_that_fails_is_told_and_changes_nothing_else(tmp_path: Path, ce
     outcome = Run(process_box.wiring(tmp_path / "box", type="process_box:Mute")).outcome()
     assert (outcome.status, outcome.unreached, outcome.unsafe) == (1, [], False)
     assert outcome.failure is not None
-    assert "driver box (channel -): no report: SystemExit: no report" in outcome.failure.message
+    assert "no report: SystemExit: no report" in outcome.failure.message
     assert_safe(cells)
 
 
@@ -533,7 +534,9 @@ def test_what_stands_behind_many_that_do_not_answer_is_tried_as_well(tmp_path: P
     wire["outs.3"] = {"driver": "box", "channel": "motor"}
     resetter = Resetter(machine, resolve(machine, {"drivers": {"box": box}, "wire": wire}))
     Cells(tmp_path / "box").numbers[process_box.LEVELS] = 1
-    assert resetter.reset(resetter.paths, 0.05) == dict.fromkeys(resetter.paths[:3], "slot gone")
+    assert resetter.reset(resetter.paths, 0.05) == dict.fromkeys(
+        resetter.paths[:3], f"box (file {tmp_path}/box): slot gone"
+    )
     assert Cells(tmp_path / "box").levels["motor"] == 0
 
 

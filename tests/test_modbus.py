@@ -420,7 +420,7 @@ def test_a_failed_read_says_where_and_why_and_the_next_call_works_again(
     with pytest.raises(DriverError) as caught:
         read(driver, *READING)
     assert isinstance(caught.value, DeviceTimeout) == ("50 ms" in words)
-    where = f"Modbus 127.0.0.1:{peer.port} unit 1: reading input registers 0 to 3: "
+    where = "unit 1: reading input registers 0 to 3: "
     assert str(caught.value).startswith(where)
     assert words in str(caught.value)
     driver.timeout = PATIENT
@@ -498,7 +498,7 @@ def test_requests_beside_one_that_the_device_refuses_are_carried_out(start: Star
     out = np.full(len(channels), -99, np.int64)
     with pytest.raises(ChannelsFailed) as caught:
         driver.read_many(channels, out)
-    where = f"Modbus 127.0.0.1:{peer.port} unit 1: reading "
+    where = "unit 1: reading "
     assert caught.value.causes == {
         "input:0": f"{where}input registers 0 to 2: exception 2, illegal data address",
         "input:1:int32": f"{where}input registers 0 to 2: exception 2, illegal data address",
@@ -624,7 +624,7 @@ def test_a_device_that_goes_away_is_named_and_used_again_when_it_is_back(start: 
         read(driver, "holding:1")
     peer.process.wait()
     for _ in range(2):
-        with pytest.raises(DriverError, match=f"127.0.0.1:{peer.port} unit 1: connecting: connection refused"):
+        with pytest.raises(DriverError, match="unit 1: connecting: connection refused"):
             read(driver, "holding:1")
     start(port=peer.port)
     assert read(driver, "holding:1") == [holding(1)]

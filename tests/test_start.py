@@ -62,7 +62,7 @@ def test_the_end_of_the_block_stops_the_machine(tmp_path: Path) -> None:
 
 def test_an_application_that_fails_comes_out_of_wait(tmp_path: Path) -> None:
     with umo.start(process_box.machine, process_box.wiring(tmp_path / "box"), process_box.fail_at) as machine:
-        with pytest.raises(umo.RunFailed, match="a mistake in the application") as caught:
+        with pytest.raises(umo.RunFailed, match=r"application \(at 0\.\d+ s, \S+ in fail_at\)") as caught:
             machine.wait()
         assert caught.value.outcome.status == 1
         assert "fail_at" in caught.value.outcome.failure.traceback  # type: ignore[union-attr]

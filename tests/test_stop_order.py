@@ -328,4 +328,4 @@ def test_the_guardian_tries_a_silent_device_once_an_attempt_and_at_the_end_all_o
     wiring = wired(m, quick, entries={path: {"driver": "slow"} for path in RIGHT}, slow=silent)
     left = Resetter(m, resolve(m, wiring)).reset(ORDER, 0.0)
     assert calls == [RIGHT[0], *["valve", *REST] * 2, *RIGHT[1:]]
-    assert left == dict.fromkeys(RIGHT, "no answer")
+    assert left == dict.fromkeys(RIGHT, "slow: no answer")

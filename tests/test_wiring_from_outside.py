@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -91,7 +92,7 @@ def test_a_mapping_may_hold_what_a_file_cannot() -> None:
     ("channel", "expected"),
     [
         ("nothing", "Recorder.channel returned None, not a Channel"),
-        ("leave", "SystemExit: 0 at "),
+        ("leave", "SystemExit: 0 ("),
         ("mute", "Mute (its text cannot be shown)"),
     ],
 )
@@ -112,9 +113,9 @@ def test_a_driver_that_ends_python_is_a_fault_with_its_place(tmp_path: Path, mon
     file = written(tmp_path, f'[drivers.a]\ntype = "leaving:Box"\n[drivers.b]\ntype = "{__name__}:Leaver"\n')
     imported, made = faults(file)
     assert imported[0] == "drivers.a.type"
-    assert imported[1].endswith("leaving.py:2")
+    assert imported[1].endswith("leaving.py:2)")
     assert made[0] == "drivers.b"
-    assert made[1].startswith(f"SystemExit: 0 at {__file__}:")
+    assert re.match(r"SystemExit: 0 \(\S*test_wiring_from_outside.py:", made[1])
 
 
 @pytest.mark.parametrize("text", ["x = " + "[" * 500 + "]" * 500, "[wire." + ".".join("a" * 3000) + "]\nb = 1"])

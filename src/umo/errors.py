@@ -31,7 +31,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from umo.text import cause_of, did_you_mean
+from umo.text import cause_of, did_you_mean, some
 
 
 class UmoError(Exception):
@@ -100,33 +100,44 @@ class NotConnected(UmoError, RuntimeError):
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """The failure of one object: path, channel and cause."""
+    """The failure of one object: path, channel, cause, and the driver with its device."""
 
     path: str
     channel: str
+    """"-": it is not one object that failed, but the driver or the application."""
     cause: str
+    driver: str = ""
+    """Its name in the wiring and its devices: `box (modbus tcp 127.0.0.1:502)`."""
 
     def __str__(self) -> str:
-        return f"{self.path} (channel {self.channel}): {self.cause}"
+        return _together([self])
 
 
 class DriverError(UmoError, OSError):
-    """A device failed; `failures` names every path and channel concerned.
+    """A device failed; `failures` names every path and channel concerned. The text names each driver and cause once,
+    with the first objects and the number of the others.
 
     A driver raises it with a message only; umo adds the failures.
     """
 
     def __init__(self, message: str, failures: Sequence[Failure] = ()) -> None:
-        super().__init__("\n  ".join([message, *_by_cause(failures)]))
+        alike: dict[tuple[str, str], list[Failure]] = {}
+        for failure in failures:
+            alike.setdefault((failure.driver, failure.cause), []).append(failure)
+        causes = "\n  ".join(map(_together, alike.values()))
+        super().__init__(f"{message}: {causes}" if causes else message)
         self.failures = tuple(failures)
 
 
-def _by_cause(failures: Sequence[Failure]) -> list[str]:
-    """A line for each cause: a cable that is cut fails many objects alike."""
-    causes: dict[str, list[str]] = {}
-    for failure in failures:
-        causes.setdefault(failure.cause, []).append(f"{failure.path} (channel {failure.channel})")
-    return [f"{', '.join(objects)}: {cause}" for cause, objects in causes.items()]
+def _together(failures: Sequence[Failure]) -> str:
+    """Failures of one driver with one cause."""
+    first = failures[0]
+    objects = [failure.path for failure in failures if failure.channel != "-" or not failure.driver]
+    one = f" (channel {first.channel})" if len(objects) == 1 and first.channel not in ("-", first.path) else ""
+    what = f"{first.driver}: {first.cause}" if first.driver else first.cause
+    if not objects:
+        return what
+    return f"{what}; {some(objects)}{one}" if first.driver else f"{some(objects)}{one}: {what}"
 
 
 class DeviceTimeout(DriverError, TimeoutError):

@@ -1,10 +1,10 @@
-"""Words for messages: the nearest known name, the cause of an exception in one line and its place."""
+"""Words for messages: the nearest known name, the cause of an exception in one line, when and where it was raised."""
 
 from __future__ import annotations
 
 import difflib
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import islice
 from pathlib import Path
 from traceback import walk_tb
@@ -13,8 +13,22 @@ MOST = 2000
 """Known names that are compared: more take too long for a message."""
 LIBRARY = os.path.dirname(os.__file__) + os.sep
 """Where Python's own modules are."""
-OWN = tuple(str(Path(__file__).parent / name) for name in ("cli", "control", "cycle", "objects", "process", "wiring"))
-"""Where umo's own code calls that of others: a driver's, a station's."""
+INSTALLED = (f"{os.sep}site-packages{os.sep}", f"{os.sep}dist-packages{os.sep}")
+UMO = str(Path(__file__).parent) + os.sep
+STATIONS = f"{UMO}stations{os.sep}"
+"""The shipped stations are code of a user's."""
+NAMED = 2
+"""Names that a list shows before the number of the others."""
+
+
+class Moment(str):
+    """A note on the exception that ended a run: when, on the machine's clock."""
+
+    __slots__ = ()
+
+    @classmethod
+    def at(cls, seconds: float) -> Moment:
+        return cls(f"at {f'{seconds:.3f}'.rstrip('0').rstrip('.')} s")
 
 
 def cause_of(error: BaseException) -> str:
@@ -36,20 +50,66 @@ def text_of(error: BaseException) -> str:
 def reason_of(error: BaseException) -> str:
     """What a driver's code says in an exception; its type and place where that is nothing (`sys.exit(0)`)."""
     text = text_of(error)
-    return text if text and isinstance(error, Exception) else f"{cause_of(error)}{place_of(error)}"
+    return text if text and isinstance(error, Exception) else located(error)
+
+
+def located(error: BaseException) -> str:
+    """The cause, with its place where that is known."""
+    return f"{cause_of(error)}{in_brackets(place_of(error))}"
+
+
+def reported(error: BaseException) -> str:
+    """The cause of a failed call of a driver: what the device says; for a mistake in its code the place too."""
+    return cause_of(error) if isinstance(error, OSError) else located(error)
+
+
+def in_brackets(*words: str) -> str:
+    """` (one, other)`; words that are empty are left out."""
+    text = ", ".join(filter(None, words))
+    return f" ({text})" if text else ""
 
 
 def place_of(error: BaseException) -> str:
-    """` at file:line` of what raised an exception, as `place_among` gives it."""
-    return place_among((frame.f_code.co_filename, line) for frame, line in walk_tb(error.__traceback__))
+    """Where an exception was raised, as `place_among` gives it."""
+    frames = walk_tb(error.__traceback__)
+    return place_among((frame.f_code.co_filename, line, frame.f_code.co_name) for frame, line in frames)
 
 
-def place_among(lines: Iterable[tuple[str, int]]) -> str:
-    """` at file:line` of the last of some lines that is not umo's own, nor of Python's library if there is another;
-    empty if there is none."""
-    others = [(file, line) for file, line in lines if not file.startswith((*OWN, "<frozen "))]
-    users = [(file, line) for file, line in others if not file.startswith(LIBRARY) or "site-packages" in file]
-    return " at {}:{}".format(*(users or others)[-1]) if others else ""
+def place_among(frames: Iterable[tuple[str, int, str]]) -> str:
+    """`control.py:41 in control`: of some frames, the outermost first, the innermost one that is neither umo's nor
+    Python's own; one of an installed package only if there is no other. Empty if there is none."""
+    found = [frame for frame in frames if not _is_own(frame[0])]
+    users = [frame for frame in found if not _is_installed(frame[0])]
+    if not found:
+        return ""
+    file, line, function = (users or found)[-1]
+    return f"{shown_path(file)}:{line}" + ("" if function == "<module>" else f" in {function}")
+
+
+def _is_own(file: str) -> bool:
+    if file.startswith(UMO):
+        return not file.startswith(STATIONS)
+    return file.startswith("<frozen ") or (file.startswith(LIBRARY) and not _is_installed(file))
+
+
+def _is_installed(file: str) -> bool:
+    return any(part in file for part in INSTALLED) and not file.startswith(STATIONS)
+
+
+def shown_path(file: str) -> str:
+    """A path, relative to the current folder where that is shorter."""
+    try:
+        relative = os.path.relpath(file)
+    except (OSError, ValueError):  # the folder is gone; another drive
+        return file
+    return min(relative, file, key=len)
+
+
+def some(names: Sequence[str]) -> str:
+    """`a, b and 38 others`; up to three are all named."""
+    if len(names) <= NAMED + 1:
+        return ", ".join(names)
+    return f"{', '.join(names[:NAMED])} and {len(names) - NAMED} others"
 
 
 def printable(text: str) -> str:

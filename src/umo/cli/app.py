@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from umo.errors import UmoError
-from umo.text import cause_of, place_of
+from umo.text import cause_of, located
 
 app = typer.Typer(
     name="umo",
@@ -55,7 +55,7 @@ def guarded(work: Callable[[], int | None]) -> None:
     except KeyboardInterrupt:
         status = 128 + signal.SIGINT
     except BaseException as error:  # SystemExit too: whoever ends Python in the middle has not succeeded
-        status = _said(f"{cause_of(error)}{place_of(error)}", FAILED)
+        status = _said(f"{located(error)}", FAILED)
     raise typer.Exit(status)
 
 

@@ -57,7 +57,8 @@ class Result:
         if self.progress.total:
             table.add_row("progress", f"{self.progress.done} of {self.progress.total}, {self.progress.text}")
         statistics = self.statistics
-        table.add_row("periods", f"{statistics.periods}, missed {statistics.missed}")
+        why = " (why: `umo why`)" if statistics.missed else ""
+        table.add_row("periods", f"{statistics.periods}, missed {statistics.missed}{why}")
         median, p99 = (_shown(statistics.percentile(q), ".1f") for q in (50, 99))
         table.add_row("execution time of a period", f"median {median} us, p99 {p99} us")
         factor = _shown(self.realtime_factor, ".2f")

@@ -21,7 +21,7 @@ from umo.drivers.contract import Driver
 from umo.errors import DeclarationError, DriverError, Failure, StopError
 from umo.objects import Compound
 from umo.system.custody import Custody
-from umo.text import cause_of
+from umo.text import Moment, cause_of
 from umo.wiring import Wired, resolve
 
 C = TypeVar("C", bound=Compound)
@@ -126,10 +126,21 @@ class connect(Generic[C]):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        moment = self._moment()
+        if error is not None:
+            _note(error, moment)
         try:
             self._leave(error)
+        except BaseException as left:
+            _note(left, moment)
+            raise
         finally:
             _ENTERED.discard(id(self.root))
+
+    def _moment(self) -> Moment | None:
+        """The time of the run; None before its first period."""
+        clock = self.machine.clock
+        return Moment.at(clock.now) if clock.number else None
 
     def _set_parameters(self) -> None:
         """Fields first: `setup` may make control laws of them; then the numbers of the laws."""
@@ -265,7 +276,7 @@ class connect(Generic[C]):
             try:
                 call(name)
             except BaseException as error:
-                failures.append(Failure(f"driver {name}", "-", f"{what}: {cause_of(error)}"))
+                failures.append(self.image.transfer.failed_whole(name, what, error))
         return failures
 
     def _declared_order(self) -> list[int]:
@@ -275,3 +286,11 @@ class connect(Generic[C]):
         """The slots of the initialised actuators."""
         initialized = set(self._initialized)
         return [slot for slot in self.machine.stop_order if slot in initialized]
+
+
+def _note(error: BaseException, moment: Moment | None) -> None:
+    """Say when an exception ended the run; one that was raised again says it once."""
+    notes = getattr(error, "__notes__", [])
+    notes[:] = [note for note in notes if not isinstance(note, Moment)]
+    if moment is not None:
+        error.add_note(moment)

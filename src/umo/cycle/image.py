@@ -21,7 +21,7 @@ from umo.errors import BadInput, DriverError, Failure
 from umo.objects import Binary, BinaryActuator, BinarySensor, DigitalActuator, DigitalSensor, Quality
 from umo.objects.atomic import Digital
 from umo.objects.scaling import FloatArray, IntArray, to_value
-from umo.text import cause_of
+from umo.text import reported
 from umo.wiring.resolved import Wire, Wired
 
 if TYPE_CHECKING:
@@ -189,7 +189,7 @@ class Image(ABC):
         try:
             raw = self.transfer.read(slot)
         except Exception as error:
-            self._fail_input(slot, cause_of(error), failures)
+            self._fail_input(slot, reported(error), failures)
         else:
             if slot == self.timer:
                 self.clock.advance(raw)
@@ -239,7 +239,7 @@ class Image(ABC):
         try:
             self.transfer.write(slot, self.pending_raws[slot])
         except Exception as error:
-            self._fail_output(slot, cause_of(error), failures)
+            self._fail_output(slot, reported(error), failures)
             self.commands.failed(slot)
         else:
             self._accepted(slot)
@@ -371,7 +371,7 @@ class Image(ABC):
 
     def _fail_output(self, slot: int, cause: str, failures: list[Failure]) -> None:
         self._set_quality(slot, Quality.BAD)
-        failures.append(Failure(self.items[slot].path, self.wires[slot].channel.text, cause))
+        failures.append(self.transfer.failure(slot, cause))
 
     def _set_quality(self, slot: int, quality: Quality) -> None:
         self.quality[slot] = int(quality)
@@ -412,4 +412,4 @@ def _group_order(wires: Sequence[Wire]) -> Any:
 
 
 def _not_binary(raw: int) -> str:
-    return f"read {raw}; a binary channel reads 0 or 1"
+    return f"read {raw}, but a binary channel reads 0 or 1"

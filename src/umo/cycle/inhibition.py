@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from umo.errors import UmoError
 from umo.objects import Compound, Interlock
 from umo.objects.interlock import interlocks_of
-from umo.text import cause_of
+from umo.text import located, text_of
 
 
 @dataclass(eq=False)
@@ -56,4 +57,5 @@ def _reason(interlock: Interlock) -> str | None:
             raise TypeError(f"{holds!r} is not True or False")
         return interlock.reason if holds else None
     except (Exception, SystemExit) as error:
-        return f"{interlock.reason} (its condition counts as true because it could not be evaluated: {cause_of(error)})"
+        cause = text_of(error) if isinstance(error, UmoError) else located(error)
+        return f"the condition {interlock.reason!r} cannot be evaluated: {cause}"

@@ -16,7 +16,7 @@ from typing import Any, Protocol
 
 from umo.errors import Cancelled, TaskFailed, TimeExpired
 from umo.objects.units import seconds as in_seconds
-from umo.text import cause_of, place_among, place_of
+from umo.text import in_brackets, located, place_among, shown_path
 
 
 class Tick(Protocol):
@@ -94,7 +94,7 @@ def _described(condition: Callable[[], bool]) -> str:
         return repr(condition)
     source = linecache.getline(code.co_filename, code.co_firstlineno).strip()
     name = code.co_name if code.co_name != "<lambda>" else f"the condition `{source}`" if source else "the condition"
-    return f"{name} ({code.co_filename}:{code.co_firstlineno})"
+    return f"{name} ({shown_path(code.co_filename)}:{code.co_firstlineno})"
 
 
 class timeout:
@@ -111,7 +111,7 @@ class timeout:
     def __init__(self, duration: str | float) -> None:
         self._limit = in_seconds(duration)
         caller = sys._getframe(1)
-        self._place = f"{caller.f_code.co_filename}:{caller.f_lineno}"
+        self._place = (caller.f_code.co_filename, caller.f_lineno)
         self._task: Task | None = None
         self._passed = 0.0
         self._expired = False
@@ -127,7 +127,9 @@ class timeout:
         assert self._task is not None
         self._task.limits.remove(self)
         if self._expired and isinstance(error, Cancelled):
-            raise TimeExpired(f"the block did not end within {self._limit:g} s ({self._place})") from None
+            file, line = self._place
+            place = f"{shown_path(file)}:{line}"
+            raise TimeExpired(f"the block did not end within {self._limit:g} s ({place})") from None
 
     def pass_(self, tick: Tick) -> None:
         self._passed += tick.ticks
@@ -222,16 +224,17 @@ class Task:
             _ADVANCING.pop()
         if awaited is not _PERIOD:
             text = f"a sequence awaited {awaited!r}; a sequence can await only the functions of umo.control"
-            raise _with_notes(TypeError(f"{text}{self._place}"), _cancel_all([self]))
+            raise _with_notes(TypeError(f"{text}{in_brackets(self._place)}"), _cancel_all([self]))
 
     @property
     def _place(self) -> str:
         """Where it waits, in code that is not Python's own."""
-        frames: list[tuple[str, int]] = []
+        frames: list[tuple[str, int, str]] = []
         inner: Any = self._sequence
         while isinstance(inner, CoroutineType):
             if inner.cr_frame is not None:
-                frames.append((inner.cr_frame.f_code.co_filename, inner.cr_frame.f_lineno))
+                code = inner.cr_frame.f_code
+                frames.append((code.co_filename, inner.cr_frame.f_lineno, code.co_name))
             inner = inner.cr_await
         return place_among(frames)
 
@@ -262,7 +265,7 @@ class Task:
     def _refuse_exit(self, error: BaseException) -> None:
         """These two would end the whole run without a word, `sys.exit(0)` even as if all were well."""
         if isinstance(error, SystemExit | GeneratorExit):
-            what = f"{self._name} raised {cause_of(error)}{place_of(error)}"
+            what = f"{self._name} raised {located(error)}"
             raise TaskFailed(f"{what}; a sequence must end by returning or with an error") from error
 
     @property

@@ -19,7 +19,7 @@ from umo.cycle.journal import Journal, Kind
 from umo.drivers.contract import Channel, Direction, Driver
 from umo.errors import ChannelsFailed, DriverError, Failure
 from umo.objects.scaling import IntArray
-from umo.text import cause_of
+from umo.text import in_brackets, reported, some
 from umo.wiring.resolved import Wire, Wired
 
 SETTLE = 0.25
@@ -47,6 +47,10 @@ class Transfer:
         self.drivers = wired.drivers
         self.timer = timer
         self._real = {id(wired.drivers[name]) for name in wired.hardware}
+        self._names = {
+            id(driver): f"{name}{in_brackets(some(wired.hardware.get(name, ())))}"
+            for name, driver in wired.drivers.items()
+        }
         self.raws_array = np.zeros(len(wires), np.int64)
         self.raws: Any = self.raws_array.data  # a memoryview: quicker than numpy's items
         """The raw value that each object last had at the hardware."""
@@ -80,9 +84,17 @@ class Transfer:
         try:
             return call()
         except DriverError as error:
-            raise DriverError(f"driver {name}: {error}", error.failures) from error
+            raise DriverError(f"driver {self._name(name)}: {error}", error.failures) from error
         except Exception as error:
-            raise DriverError(f"driver {name} could not be {what}: {cause_of(error)}") from error
+            raise DriverError(f"driver {self._name(name)} could not be {what}: {reported(error)}") from error
+
+    def _name(self, name: str) -> str:
+        return self._names[id(self.drivers[name])]
+
+    def failed_whole(self, name: str, what: str, error: BaseException) -> Failure:
+        """A call for a whole driver has failed."""
+        cause = error.__cause__ or error  # the driver is named already
+        return Failure(f"driver {name}", "-", f"{what}: {reported(cause)}", self._name(name))
 
     # Blocks: a whole period ----------------------------------------------------------------------------
 
@@ -206,7 +218,7 @@ class Transfer:
         except BaseException as error:  # whatever a driver raises, the others are still to be brought to their defaults
             self._failed(wire.driver, (slot,), error, True, monotonic() - began)
             self.note(slot, Kind.FAILED_RESET)
-            return Failure(wire.item.path, wire.channel.text, cause_of(error))
+            return self.failure(slot, reported(error))
         self._late.pop(id(wire.driver), None)
         if segment in _DONE:
             self._moved(slot, self.raws[slot] if default[0] is None else default[0], _DONE[segment])
@@ -227,7 +239,12 @@ class Transfer:
             named = [(slot, causes[text]) for slot in slots if (text := self.wires[slot].channel.text) in causes]
             if named:
                 return named
-        return [(slot, cause_of(error)) for slot in slots]
+        return [(slot, reported(error)) for slot in slots]
+
+    def failure(self, slot: int, cause: str) -> Failure:
+        """One object failed."""
+        wire = self.wires[slot]
+        return Failure(wire.item.path, wire.channel.text, cause, self._names[id(wire.driver)])
 
     def _is_late(self, driver: Driver[Any]) -> bool:
         return monotonic() - self._late.get(id(driver), -inf) < RECENT + 2 * driver.timeout

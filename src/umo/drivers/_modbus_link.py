@@ -138,14 +138,14 @@ class Link:
     def __init__(self, host: str, port: int, unit: int) -> None:
         _be_quiet()
         self._unit = unit
-        self._name = f"Modbus {host}:{port} unit {unit}"
+        self._name = f"unit {unit}"
         self._timeout = 0.0
         try:
             client = _Client(host, port)
         except OSError as error:
-            raise DriverError(f"{self._name}: {_plain(error)}") from None
+            raise DriverError(f"{host}:{port}: {_plain(error)}") from None
         except UnicodeError:
-            raise DriverError(f"{self._name}: not the name of a host") from None
+            raise DriverError(f"{host!r} is not the name of a host") from None
         self._client = client
         self._readers = {
             COIL: client.read_coils,

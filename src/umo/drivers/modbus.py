@@ -136,7 +136,7 @@ class Modbus(Driver[ModbusChannel]):
     def watchdog(self, seconds: float) -> None:
         """Write the time, in ms, into the watchdog's register; 0 turns most watchdogs off."""
         if self.watchdog_register is None:
-            raise _NoWatchdog(f"Modbus {self.host}:{self.port} needs the option watchdog_register for a watchdog")
+            raise _NoWatchdog("a watchdog needs the option watchdog_register")
         if not 0 <= seconds <= _LONGEST_WATCHDOG:
             raise DriverError(f"a watchdog of {seconds:g} s does not fit its register (0 to 65.535 s)")
         milliseconds = max(round(seconds * 1000), 1 if seconds else 0)
@@ -151,7 +151,7 @@ class Modbus(Driver[ModbusChannel]):
 
     def _begin(self) -> Link:
         if self._link is None:
-            raise DriverError(f"Modbus {self.host}:{self.port} is not open")
+            raise DriverError("it is not open")
         self._link.begin(self.timeout)
         return self._link
 

@@ -10,7 +10,7 @@ from umo.errors import DeclarationError, UmoError
 from umo.objects.actuators import BinaryActuator, DigitalActuator
 from umo.objects.atomic import Atomic
 from umo.objects.compound import Compound
-from umo.text import cause_of, place_of
+from umo.text import located
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ def _declared_by(node: Compound) -> list[Interlock]:
         raise
     except BaseException as error:  # SystemExit too: without its interlocks a machine does not start
         owner = node.path or type(node).__name__
-        raise DeclarationError(f"{owner}.interlocks failed: {cause_of(error)}{place_of(error)}") from error
+        raise DeclarationError(f"{owner}.interlocks failed: {located(error)}") from error
     for interlock in each:
         if not isinstance(interlock, Interlock):
             owner = node.path or type(node).__name__

@@ -13,7 +13,7 @@ from umo.process.life import clock
 
 BEAT, AT, DEAD = range(3)
 HEADER = 64
-TEXT = 160
+TEXT = 300
 """Bytes for the cause of a failure."""
 ENTRY = 1 + TEXT
 

@@ -25,7 +25,7 @@ from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome, plain, plain_reports, status_of
 from umo.system import realtime
 from umo.system.custody import Custody
-from umo.text import text_of
+from umo.text import Moment, in_brackets, text_of
 
 WATCHED_EVERY = 0.5
 """Minimum time in s without a sign of life before the guardian counts as lost: a busy computer delays it."""
@@ -92,7 +92,8 @@ class Control:
             self._alarm = self._alarm or "the guardian has ended"
             outcome.unsafe = True
         if self._alarm and outcome.failure is None:
-            what = f"{self._alarm}; the control process stopped the machine"
+            moment = in_brackets(Moment.at(outcome.simulated))
+            what = f"{self._alarm}; the control process stopped the machine{moment}"
             outcome.failure = Failed("Stopped", what, 1)
 
     @property

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import faulthandler
 import os
+import re
 import signal
 import socket
 import sys
@@ -30,7 +31,7 @@ from umo.process.watcher import Watcher
 from umo.system import realtime
 from umo.system.custody import Custody
 from umo.system.streams import keep_open, log_on_lines
-from umo.text import cause_of
+from umo.text import cause_of, in_brackets, place_among
 
 LOOK = 0.02
 """s between two looks at the starter and at the frames; death is seen at once."""
@@ -202,7 +203,7 @@ class Guardian:
 
     def _what_hung(self, hung: str) -> str:
         stopped = " (it was stopped by a signal)" if _is_stopped(self._pid) else ""
-        return f"the control process hung: {hung}{stopped}{self._where()}"
+        return f"the control process hung: {hung}{stopped}{in_brackets(self._watcher.moment, self._where())}"
 
     def _step_in(self, why: str) -> Outcome:
         """The control process died without resetting the machine, or hangs: make sure that it is dead, then reset."""
@@ -211,7 +212,7 @@ class Guardian:
         with suppress(ProcessLookupError):
             os.kill(self._pid, signal.SIGKILL)
         left = self._reset(self._resetter.paths)
-        what = why or f"the control process {_ending(self._status)}"
+        what = why or f"the control process {_ending(self._status)}{in_brackets(self._watcher.moment)}"
         self._watcher.keep(what)
         told = f"not reached: {summary(left)}" if left else "the guardian reset every actuator"
         unwritten = self._custody.stopped(what, list(left))
@@ -225,7 +226,7 @@ class Guardian:
             outcome.unsafe, outcome.unreached = True, list(left)
             outcome.failure = outcome.failure or Failed("StopError", "not brought to their defaults", 3)
             told = f"not reached: {summary(left)}" if left else "reset by the guardian afterwards"
-            outcome.failure.message += f"\n{told}"
+            outcome.failure.message = "\n".join([outcome.failure.message.partition("\n")[0], told])
             outcome.failure.status = 3 if left else 1
         if outcome.unsafe:
             what = outcome.failure.message.partition("\n")[0] if outcome.failure else "it was stopped"
@@ -271,10 +272,9 @@ class Guardian:
         with suppress(OSError):
             os.kill(self._pid, WHERE)
             sleep(0.003)
-            lines = os.pread(self._traces.fileno(), 4096, 0).decode(errors="replace").splitlines()
-            for line in lines:
-                if line.strip().startswith("File "):
-                    return f", at {line.strip().removeprefix('File ')}"
+            text = os.pread(self._traces.fileno(), 1 << 16, 0).decode(errors="replace")
+            frames = re.findall(r'^  File "(.+)", line (\d+) in (.+)$', text, re.MULTILINE)  # the innermost first
+            return place_among((file, int(line), function) for file, line, function in reversed(frames))
         return ""
 
 

@@ -7,7 +7,6 @@ import traceback
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 from umo.errors import (
@@ -23,7 +22,7 @@ from umo.errors import (
     WiringError,
 )
 from umo.process.station import StationError
-from umo.text import text_of
+from umo.text import Moment, in_brackets, place_of, text_of
 
 USER_ERRORS = (
     WiringError,
@@ -147,22 +146,33 @@ def plain_reports(reports: Mapping[str, Any], longest: int = LONGEST) -> dict[st
 
 
 def status_of(failure: BaseException) -> int:
+    """A user's mistake is one before the run; what is raised in the run is a failure of it."""
     if isinstance(failure, StopError):
         return UNREACHED
-    return MISTAKE if isinstance(failure, USER_ERRORS) else FAILED
+    return MISTAKE if isinstance(failure, USER_ERRORS) and not _moment(failure) else FAILED
 
 
 def message_of(failure: BaseException) -> str:
-    """One or two lines; for an exception of the user's own code with the place in it."""
+    """What, when and where, in one line; in a second one what else failed. The faults of a wiring have a line each."""
     if isinstance(failure, StopError) and failure.__cause__ is not None:
-        return f"{message_of(failure.__cause__)}\n{failure}"
-    return "\n".join([_own_message(failure), *getattr(failure, "__notes__", [])])
+        return "\n".join([message_of(failure.__cause__).partition("\n")[0], _in_a_line(text_of(failure))])
+    text = text_of(failure) if isinstance(failure, UmoError) else f"{type(failure).__name__}: {text_of(failure)}"
+    first, _, more = text.partition("\n")
+    first += in_brackets(_moment(failure), place_of(failure))
+    if isinstance(failure, WiringError) and more:
+        return f"{first}\n{more}"
+    others = [more, *(note for note in _notes(failure) if not isinstance(note, Moment))]
+    return "\n".join(filter(None, [first, "; ".join(filter(None, map(_in_a_line, others)))]))
 
 
-def _own_message(failure: BaseException) -> str:
-    if isinstance(failure, UmoError):
-        return text_of(failure)
-    own = tuple(str(Path(__file__).parents[1] / name) for name in ("cycle", "control", "cli", "process"))
-    frames = [frame for frame in traceback.extract_tb(failure.__traceback__) if not frame.filename.startswith(own)]
-    where = f" at {frames[-1].filename}:{frames[-1].lineno}" if frames else ""
-    return f"{type(failure).__name__}: {text_of(failure)}{where} (full traceback: --traceback)"
+def _notes(failure: BaseException) -> list[str]:
+    return getattr(failure, "__notes__", [])
+
+
+def _moment(failure: BaseException) -> str:
+    """When it ended the run; empty if there was none yet."""
+    return next((note for note in _notes(failure) if isinstance(note, Moment)), "")
+
+
+def _in_a_line(text: str) -> str:
+    return "; ".join(line.strip() for line in text.splitlines() if line.strip())

@@ -25,7 +25,7 @@ from umo.errors import DeviceTimeout
 from umo.objects import Compound
 from umo.process.board import Board, Reached
 from umo.system import realtime
-from umo.text import cause_of
+from umo.text import cause_of, some
 from umo.wiring import Wired
 
 GRACE = 1.0
@@ -321,7 +321,7 @@ class Resetter:
         done = []
         for number, failure in transfer.bring_to_default(numbers, segment, self._board.begin, patient=self._each):
             if failure is not None:
-                self._board.note(number, Reached.NO, failure.cause)
+                self._board.note(number, Reached.NO, f"{failure.driver}: {failure.cause}")
                 continue
             done.append(number)
             if self._board.dead:
@@ -330,8 +330,9 @@ class Resetter:
 
 
 def summary(left: dict[str, str]) -> str:
-    """`z.motor, theta.step: connection refused`, a cause after the objects that share it."""
+    """`z.motor, theta.step: connection refused`, a cause after the first objects that share it and the number of the
+    others."""
     causes: dict[str, list[str]] = {}
     for path, cause in left.items():
         causes.setdefault(cause, []).append(path)
-    return "; ".join(f"{', '.join(paths)}: {cause}" for cause, paths in causes.items())
+    return "; ".join(f"{some(paths)}: {cause}" for cause, paths in causes.items())

@@ -13,7 +13,7 @@ from typing import Any
 from umo.errors import DeclarationError, UmoError
 from umo.objects import Compound
 from umo.system.packages import MARK, SHIPPED, package_of
-from umo.text import cause_of, did_you_mean, place_of
+from umo.text import did_you_mean, located
 
 
 class StationError(UmoError, LookupError):
@@ -41,7 +41,7 @@ class Station:
             raise
         except BaseException as error:  # SystemExit too: a station that ends Python has not succeeded
             hint = self._hint(error)
-            raise StationError(f"{file} cannot be imported: {cause_of(error)}{place_of(error)}{hint}") from error
+            raise StationError(f"{file} cannot be imported: {located(error)}{hint}") from error
 
     def _hint(self, error: BaseException) -> str:
         name = error.name if isinstance(error, ModuleNotFoundError) else None
@@ -60,7 +60,7 @@ class Station:
         except (UmoError, KeyboardInterrupt):
             raise
         except BaseException as error:
-            text = f"machine() of {self.path / 'objects.py'} failed: {cause_of(error)}{place_of(error)}"
+            text = f"machine() of {self.path / 'objects.py'} failed: {located(error)}"
             raise StationError(text) from error
         if not isinstance(root, Compound):
             raise DeclarationError(f"machine() of {self.path / 'objects.py'} returned {root!r}, not a Compound")

@@ -15,6 +15,7 @@ from umo.frames import Reader
 from umo.frames.folder import new_path
 from umo.latency import blackbox
 from umo.system import realtime
+from umo.text import Moment
 
 AT_MOST_EVERY = 10.0
 """s from one black box of a missed period to the next."""
@@ -73,6 +74,14 @@ class Watcher:
         if child == 0:
             self._write(self._reader, reason)
         self._child = child
+
+    @property
+    def moment(self) -> str:
+        """The time of the last period, on the machine's clock; empty if it is not known."""
+        with suppress(Exception):
+            if self._attach() and self._reader is not None and (frame := self._reader.latest()) is not None:
+                return Moment.at(float(frame["time"]))
+        return ""
 
     def finish(self) -> None:
         """At the end: what is being written, and what is wanted still, is finished; a ring left behind is removed."""
