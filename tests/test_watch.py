@@ -3,18 +3,36 @@
 from __future__ import annotations
 
 import json
+import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import StringIO
 from typing import Any
 
+import numpy as np
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner, Result
 
-from machines import bench, wired
-from umo import FramesError, PathError, connect, published
+from machines import actuator, bench, relay, sensor, timer, wired
+from umo import (
+    BinaryActuator,
+    Compound,
+    DigitalActuator,
+    DigitalSensor,
+    FramesError,
+    OnOff,
+    PathError,
+    connect,
+    published,
+)
 from umo.cli.app import app
+from umo.cli.folding import chosen, folded
+from umo.cli.keys import parse, pressed
 from umo.cli.running import attach, lasting
-from umo.cli.watch import Picture, _chosen
+from umo.cli.traces import Traces, span, spark
+from umo.cli.watch import Picture
 from umo.system.record import Record
 from umo.testing import Scripted, VirtualTimer, periods
 
@@ -72,9 +90,12 @@ def test_watch_once_shows_every_object_with_its_unit() -> None:
 
 def test_watch_takes_objects_and_compounds() -> None:
     with running(), attach(None) as reader:
-        assert [reader.paths[row] for row in _chosen(reader, ["valve", "encoder"])] == ["valve", "encoder"]
+        assert [reader.paths[row] for row in chosen(reader.paths, ["valve", "encoder"], "press")] == [
+            "valve",
+            "encoder",
+        ]
         with pytest.raises(PathError, match="did you mean 'motor'"):
-            _chosen(reader, ["moter"])
+            chosen(reader.paths, ["moter"], "press")
     with running():
         result = umo("watch", "press", "moter")
         assert result.exit_code == 2
@@ -100,21 +121,181 @@ def test_watch_says_which_stations_there_are() -> None:
         attach(None)
 
 
+def drawn(shown: Any, width: int = 80, height: int = 24) -> list[str]:
+    console = Console(width=width, height=height, record=True, file=StringIO())
+    console.print(shown)
+    return [line.rstrip() for line in console.export_text().splitlines()]
+
+
 def test_a_trace_follows_the_values() -> None:
     with running(count=0) as m, attach("press") as reader:
-        picture = Picture(reader, _chosen(reader, ["encoder", "valve"]))
+        picture = Picture(reader, chosen(reader.paths, ["encoder", "valve"], "press"))
         periods(m, 3000)
-        picture.take()
+        assert picture.take() is False
         assert picture._frame["number"] > 1000
-        low, high = picture._traces[reader.index("encoder")][-1]
-        assert low <= high
-        from rich.console import Console
-
-        console = Console(width=80, record=True)
-        console.print(picture.draw())
-        lines = console.export_text().splitlines()
+        low, high = picture.traces.of([0])
+        assert len(low) >= 3
+        assert (low <= high).all()
+        lines = drawn(picture.whole())
         assert max(map(len, lines)) <= 80
         assert any("encoder" in line and "mm" in line for line in lines)
+
+
+def test_a_trace_keeps_extremes_without_values_that_are_missing() -> None:
+    traces = Traces(2)
+    assert spark(*traces.of([0]), False) == span(*traces.of([0]), False) == ""
+    times = np.arange(0.0, 40.0, 0.5)
+    traces.add(times, np.column_stack([times, np.full(len(times), np.nan)]))
+    low, high = traces.of([0, 1])
+    assert (low.tolist(), high.tolist()) == (list(range(24, 40)), [second + 0.5 for second in range(24, 40)])
+    assert span(low, high, False) == "24 to 39.5"
+    assert spark(low, high, False) == "▁▁▂▂▃▃▄▄▅▅▆▆▇▇██"
+    assert len(traces.of([1])[0]) == 0
+
+
+class Zone(Compound):
+    heater: DigitalActuator
+    temperature: DigitalSensor
+    fan: BinaryActuator[OnOff]
+
+
+class Furnace(Compound):
+    zones: tuple[Zone, ...]
+    alarm: BinaryActuator[OnOff]
+    timer: DigitalSensor
+
+
+@contextmanager
+def furnace(count: int = 40) -> Iterator[tuple[Furnace, Picture]]:
+    """All temperatures differ; that of the last zone but one is out of range."""
+    zones = (Zone(heater=actuator(), temperature=sensor(), fan=relay()) for _ in range(count))
+    m = Furnace(zones=tuple(zones), alarm=relay(), timer=timer())
+    box = Scripted({f"zones.{i}.temperature": i for i in range(count)})
+    connection = connect(m, wired(m, box))
+    with connection, published(connection, "furnace", ""):
+        box.set(f"zones.{count - 2}.temperature", 300)
+        m.zones[1].fan.write(OnOff.ON)
+        periods(m, 2)
+        with attach("furnace") as reader:
+            picture = Picture(reader, list(range(len(reader.paths))))
+            picture.take()
+            yield m, picture
+
+
+def test_the_like_objects_of_a_list_are_one_line_with_range_and_worst_quality() -> None:
+    with furnace() as (_, picture):
+        lines = drawn(picture.screen(Console(height=24)), 100)
+    (temperature,) = (line for line in lines if "temperature" in line)
+    assert temperature.split()[:7] == ["▸", "zones[0..39].temperature", "0", "to", "150", "mm,", "1"]
+    assert "1 OUT_OF_RANGE" in temperature
+    (fan,) = (line for line in lines if "fan" in line)
+    assert "▸ zones[0..39].fan" in fan
+    assert "1 ON, 39 OFF" in fan
+    assert "lines 1 to 5 of 5" in lines[-1]
+    assert len(lines) < 24
+
+
+def test_a_family_is_unfolded_and_scrolled_by_keys() -> None:
+    with furnace() as (_, picture):
+        console, view = Console(height=24), picture.view
+        names = lambda: [line.name for line in view.seen(18)]  # noqa: E731
+        while "temperature" not in view.lines[view.cursor].name:
+            view.press("down", 18)
+        at = view.cursor
+        view.press("enter", 18)
+        assert len(view.lines) == 45
+        assert names()[at : at + 2] == ["▾ zones[0..39].temperature", "  zones.0.temperature"]
+        view.press("end", 18)
+        assert names()[-1] == view.lines[-1].name
+        assert len(names()) == 18
+        lines = drawn(picture.screen(console), 100)
+        assert len(lines) == 24
+        assert "lines 28 to 45 of 45" in lines[-1]
+        view.press("page up", 18)
+        view.press("up", 18)
+        assert view.lines[view.cursor].name in names()
+        view.press("home", 18)
+        view.press("up", 18)
+        names()
+        assert (view.cursor, view.top) == (0, 0)
+        view.press("all", 18)
+        assert len(view.lines) == 5
+        view.press("all", 18)
+        assert len(view.lines) == 3 + 40 * 3 + 2
+
+
+def test_one_line_is_seen_even_on_the_smallest_terminal() -> None:
+    with furnace() as (_, picture):
+        assert any("zones" in line for line in drawn(picture.screen(Console(height=3)), 100, 3))
+
+
+def test_patterns_choose_and_what_is_not_shown_is_said() -> None:
+    with furnace(3):
+        result = umo("watch", "zones.*.temperature", "--once")
+        assert result.exit_code == 0
+        assert [line.split()[0] for line in result.stdout.splitlines() if "temperature" in line] == [
+            f"zones.{i}.temperature" for i in range(3)
+        ]
+        assert "8 other objects and signals are not shown" in result.stdout
+        assert "not shown" not in umo("watch", "--once").stdout
+        result = umo("watch", "zones.*.temperatur", "--once")
+        assert result.exit_code == 2
+        assert "did you mean 'zones.*.temperature'?" in said(result)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "found"),
+    [
+        ([], [0, 1, 2, 3, 4]),
+        (["z"], [4]),
+        (["zones.1"], [2, 3]),
+        (["*.1"], [2, 3]),
+        (["zones.*.t", "zones"], [0, 2, 1, 3]),
+        (["*"], [0, 1, 2, 3, 4]),
+    ],
+)
+def test_paths_name_objects_compounds_and_patterns_each_once(wanted: list[str], found: list[int]) -> None:
+    known = ["zones.0.t", "zones.0.fan", "zones.1.t", "zones.1.fan", "z"]
+    assert chosen(known, wanted, "press") == found
+
+
+@pytest.mark.parametrize("missing", ["zone", "zones.*.*.*", "zones.2", ""])
+def test_a_path_that_names_nothing_is_refused(missing: str) -> None:
+    with pytest.raises(PathError, match="no object or signal"):
+        chosen(["zones.0.t", "zones.1.t"], [missing], "press")
+
+
+def test_a_family_is_named_by_its_first_and_last_number() -> None:
+    assert folded(["zones.0.t", "zones.1.t", "zones.12.t"]) == "zones[0..12].t"
+    assert folded(["cells.2.axes.0.m", "cells.2.axes.1.m"]) == "cells.2.axes[0..1].m"
+
+
+def test_keys_are_told_apart_in_what_a_terminal_sends() -> None:
+    assert parse(b"\x1b[A\x1b[B\x1b[5~\x1b[6~\x1b[H\x1bOFq") == [
+        "up", "down", "page up", "page down", "home", "end", "quit",
+    ]  # fmt: skip
+    assert parse(b"\x1b[1;5Cx\x1b\xc3\xa4 \x1b[200") == ["enter"]
+
+
+def test_without_a_terminal_there_are_no_keys() -> None:
+    with pressed() as wait:
+        assert wait is None
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="keys are read on Linux")
+def test_a_terminal_gives_keys_and_is_left_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    import termios
+
+    keyboard, terminal = os.openpty()
+    with os.fdopen(terminal) as stdin, os.fdopen(keyboard, "wb", buffering=0) as writer:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        before = termios.tcgetattr(stdin)
+        with pressed() as wait:
+            assert wait is not None
+            assert wait(0.0) == []
+            writer.write(b"q")
+            assert wait(5.0) == ["quit"]
+        assert termios.tcgetattr(stdin) == before
 
 
 @pytest.mark.parametrize(

@@ -12,13 +12,15 @@ from typing import Any
 
 from rich.table import Table
 
-from umo.errors import FramesError, UmoError
+from umo.errors import FramesError, PathError, UmoError
 from umo.frames import Reader, rings
 from umo.system.hold import is_held
 from umo.system.record import Ended, all_standing
 from umo.text import cause_of, did_you_mean, printable
+from umo.wiring.patterns import ANY
 
 from .console import err, out
+from .folding import chosen
 
 
 def ps(as_json: bool) -> None:
@@ -90,8 +92,13 @@ def station_name(text: str) -> str:
 
 
 def _names(reader: Reader, word: str) -> bool:
-    """Whether a word is the path of an object or a compound."""
-    return any(path == word or path.startswith(f"{word}.") for path in reader.paths)
+    """Whether a word names objects, compounds or signals, or is a pattern."""
+    if ANY in word:
+        return True
+    try:
+        return bool(chosen(reader.paths + reader.signals, [word], ""))
+    except PathError:
+        return False
 
 
 def readers() -> list[Reader]:

@@ -5,111 +5,128 @@ from __future__ import annotations
 import sys
 import time
 from collections import deque
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from rich import box
-from rich.console import Group
+from rich.console import Console, Group
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from umo.errors import PathError
 from umo.frames import Reader, Stage
 from umo.objects import Quality
-from umo.text import did_you_mean, printable
+from umo.text import printable
 
 from .console import out
+from .folding import chosen
+from .keys import Wait, pressed
 from .running import attach_first
+from .traces import SPAN, Traces, short, span, spark
+from .view import Line, View
 
 PICTURES = 10
 """A second."""
-TRACE = 16
-"""Characters of a trace, the newest at the right."""
-SPAN = 16.0
-"""s that a trace shows."""
-BLOCKS = "▁▂▃▄▅▆▇█"
+AROUND = 6
+"""Lines of a screen above and below those of the table."""
+HEADINGS = ("object or signal", "value", f"last {SPAN:g} s", "least to most", "raw")
+REST = 9
+"""The pause after a picture, in times of what it took: the computer is the station's, and the terminal may be slow."""
 
 
 def watch(words: list[str], once: bool, seconds: float | None) -> None:
-    """Show a running station until it ends, until Ctrl-C, or for `seconds` s. `words`: its name or pid, then paths;
-    only paths if one station is running."""
+    """Show a running station until it ends, until q or Ctrl-C, or for `seconds` s. `words`: its name or pid, then paths
+    and patterns; only these if one station is running."""
     reader, paths = attach_first(words)
     with reader:
-        picture = Picture(reader, _chosen(reader, paths))
+        rows = chosen(reader.paths + reader.signals, paths, reader.about["station"])
+        picture = Picture(reader, rows)
         if once or not sys.stdout.isatty():
             picture.take()
-            out.print(picture.draw())
+            out.print(picture.whole())
             return
-        until = None if seconds is None else time.monotonic() + seconds
-        ended = False
         try:
-            with Live(picture.draw(), console=out, auto_refresh=False, screen=False) as live:
-                while not ended and (until is None or time.monotonic() < until):
-                    ended = reader.state is Stage.ENDED
-                    picture.take()
-                    live.update(picture.draw(), refresh=True)
-                    if not ended:
-                        time.sleep(1 / PICTURES)
+            ended = _live(picture, None if seconds is None else time.monotonic() + seconds)
         except KeyboardInterrupt:
             return
         if ended:
+            out.print(picture.whole())
             out.print(f"{reader.about['station']} has ended")
 
 
-def _chosen(reader: Reader, paths: list[str]) -> list[int]:
-    """The rows of the objects and signals named, or of all those below a compound or law named; all without names."""
-    known = reader.paths + reader.signals
-    if not paths:
-        return list(range(len(known)))
-    rows: list[int] = []
-    for path in paths:
-        below = [i for i, name in enumerate(known) if name == path or name.startswith(f"{path}.")]
-        if not below:
-            raise PathError(f"no object or signal {path!r}{did_you_mean(path, known)} in {reader.about['station']}")
-        rows += below
-    return list(dict.fromkeys(rows))
+def _live(picture: Picture, until: float | None) -> bool:
+    """Draw it until the station has ended (True), or until nobody wants to see it any more."""
+    with pressed() as wait, Live(console=out, auto_refresh=False, screen=True) as live:
+        while until is None or time.monotonic() < until:
+            began = time.monotonic()
+            ended = picture.take()
+            live.update(picture.screen(out, keys=wait is not None), refresh=True)
+            if ended:
+                return True
+            for key in _keys(wait, max(1 / PICTURES, REST * (time.monotonic() - began))):
+                if key == "quit":
+                    return False
+                picture.view.press(key, out.size.height - AROUND)
+    return False
+
+
+def _keys(wait: Wait | None, seconds: float) -> Iterable[str]:
+    if wait is not None:
+        return wait(seconds)
+    time.sleep(seconds)
+    return ()
 
 
 class Picture:
     """What is on the screen: the last frame, and traces of what came before."""
 
     def __init__(self, reader: Reader, rows: list[int]) -> None:
+        entries = [*reader.layout.objects, *reader.layout.signals]
         self._reader = reader
         self._rows = rows
-        self._entries = [*reader.layout.objects, *reader.layout.signals]
+        self._entries = [entries[row] for row in rows]
+        self._names = [str(entry["path"]) for entry in self._entries]
+        self._others = len(entries) - len(rows)
+        self.view = View(self._names)
         reader.next = max(reader.next, reader.head - reader.slots // 2)
         self._frame: Any = reader.latest()
-        self._traces: dict[int, deque[tuple[float, float]]] = {row: deque(maxlen=TRACE) for row in rows}
-        self._bin = -1
+        self.traces = Traces(len(rows))
         self._times: deque[Any] = deque(maxlen=PICTURES)
 
-    def take(self) -> None:
-        """All frames since the last time."""
+    def take(self) -> bool:
+        """All frames since the last time; whether these were the last."""
+        ended = self._reader.state is Stage.ENDED
         frames = self._reader.read()
-        if not len(frames):
-            return
-        self._frame = frames[-1]
-        self._times.append(frames[["wake", "execution"]].copy())
-        bins = (frames["time"] * (TRACE / SPAN)).astype(int)
-        for number in np.unique(bins):
-            values = _values(frames[bins == number])
-            self._bin, known = number, self._bin
-            for row in self._rows:
-                seen = values[:, row][np.isfinite(values[:, row])]
-                if not len(seen):
-                    continue
-                low, high = float(seen.min()), float(seen.max())
-                trace = self._traces[row]
-                if number == known and trace:
-                    before = trace.pop()
-                    low, high = min(low, before[0]), max(high, before[1])
-                trace.append((low, high))
+        if len(frames):
+            self._frame = frames[-1]
+            self._times.append(frames[["wake", "execution"]].copy())
+            self.traces.add(frames["time"], self._values(frames))
+        return ended
 
-    def draw(self) -> Group | Text:
+    def _values(self, frames: Any) -> Any:
+        """Of the rows: one row for each frame."""
+        return np.hstack([frames["values"], frames["signals"]])[:, self._rows]
+
+    def whole(self) -> Group | Text:
+        """Everything that was asked for, each object in a line."""
+        lines = View(self._names, fold=False).lines
+        rest = f"{self._others} other objects and signals are not shown" if self._others else ""
+        return self._draw(lines, None, rest, out.width)
+
+    def screen(self, console: Console, keys: bool = True) -> Group | Text:
+        """As much as fits the terminal."""
+        height = max(1, console.size.height - AROUND)
+        lines, total = self.view.seen(height), len(self.view.lines)
+        rest = f"{self._others} others not asked for; " if self._others else ""
+        how = "enter: fold, a: all, arrows, page, home, end, q: quit" if keys else "Ctrl-C: quit"
+        rest = f"lines {self.view.top + 1} to {self.view.top + len(lines)} of {total}; {rest}{how}"
+        return self._draw(lines, self.view.lines[self.view.cursor] if keys else None, rest, console.width)
+
+    def _draw(self, lines: list[Line], cursor: Line | None, rest: str, width: int) -> Group | Text:
         if self._frame is None:
             return Text("no frame yet")
-        return Group(self._heading(), self._table())
+        return Group(self._heading(), self._table(lines, cursor, width), Text(rest, "dim", no_wrap=True, end=""))
 
     def _heading(self) -> Text:
         reader, frame = self._reader, self._frame
@@ -118,7 +135,7 @@ class Picture:
         progress = printable(frame["progress"].decode(errors="replace"))
         done = f", {frame['done']} of {frame['total']}" if frame["total"] else ""
         lost = f", {reader.lost:,} frames not seen" if reader.lost else ""
-        text = Text(f"{name}: {progress}{done}\n", style="bold")
+        text = Text(f"{name}: {progress}{done}\n", style="bold", no_wrap=True)
         text.append(
             f"{frame['time']:.3f} s, period {about['period'] * 1e3:g} ms, missed {reader.missed:,}{lost}\n", "none"
         )
@@ -137,55 +154,58 @@ class Picture:
             text += f"; waking up {median:.0f} us, 99 % below {late:.0f} us"
         return text
 
-    def _table(self) -> Table:
-        table = Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="bold")
-        table.add_column("object or signal", no_wrap=True, min_width=max(len(entry["path"]) for entry in self._entries))
-        table.add_column("value", no_wrap=True, justify="right")
-        table.add_column("raw", no_wrap=True, justify="right", min_width=7)
-        table.add_column(f"last {SPAN:g} s", no_wrap=True)
-        table.add_column("least to most", no_wrap=True)
-        values, objects = _values(self._frame[np.newaxis])[0], len(self._reader.layout.objects)
-        for row in self._rows:
-            entry, trace = self._entries[row], list(self._traces[row])
-            value = Text(_value(entry, float(values[row])))
-            quality = Quality(int(self._frame["quality"][row])) if row < objects else Quality.GOOD
-            if quality is not Quality.GOOD:
-                value.append(f" {quality}", "red" if quality is Quality.BAD else "yellow")
-            raw = str(self._frame["raws"][row]) if row < objects else ""
-            table.add_row(entry["path"], value, raw, _spark(entry, trace), _range(entry, trace))
+    def _table(self, lines: list[Line], cursor: Line | None, width: int) -> Table:
+        """Its columns are those that fit: the last ones go first."""
+        values = self._values(self._frame[np.newaxis])[0]
+        rows = [self._row(line, values) for line in lines]
+        name = max(len(line.name) for line in self.view.lines + lines)
+        left = width - max(name, len(HEADINGS[0]))
+        table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="bold", padding=(0, 1, 0, 0))
+        table.add_column(HEADINGS[0], no_wrap=True, min_width=name)
+        count = 1
+        for number, heading in enumerate(HEADINGS[1:], 1):
+            needed = max([len(heading), *(len(row[number]) for row in rows)])
+            left -= needed + 1
+            if left < 0 and number > 1:
+                break
+            table.add_column(heading, no_wrap=True, justify="right" if heading in ("value", "raw") else "left")
+            count += 1
+        for line, row in zip(lines, rows, strict=True):
+            table.add_row(*row[:count], style="reverse" if line is cursor else None)
         return table
 
+    def _row(self, line: Line, values: Any) -> tuple[str, Text, str, str, str]:
+        trace, binary = self.traces.of(line.rows), "one" in self._entries[line.rows[0]]
+        row = self._rows[line.rows[0]]
+        single = len(line.rows) == 1 and row < len(self._frame["raws"])
+        raw = str(self._frame["raws"][row]) if single else ""
+        return line.name, self._value(line, values[line.rows]), spark(*trace, binary), span(*trace, binary), raw
 
-def _values(frames: Any) -> Any:
-    """Of the objects, then of the signals: a row for each frame."""
-    return np.hstack([frames["values"], frames["signals"]])
+    def _value(self, line: Line, values: Any) -> Text:
+        """Of an object with its quality, of a family the range, and the worst quality with how many have it."""
+        text = Text(_value(self._entries[line.rows[0]], values))
+        objects = len(self._frame["quality"])
+        qualities = [int(self._frame["quality"][row]) for i in line.rows if (row := self._rows[i]) < objects]
+        worst = max(qualities, default=0)
+        if worst != Quality.GOOD:
+            count = f", {qualities.count(worst)}" if len(qualities) > 1 else ""
+            text.append(f"{count} {Quality(worst)}", "red" if worst == Quality.BAD else "yellow")
+        return text
 
 
-def _value(entry: dict[str, Any], value: float) -> str:
+def _value(entry: dict[str, Any], values: Any) -> str:
     if "one" in entry:
-        return str(entry["one"] if value else entry["zero"])
-    if np.isnan(value):
+        ones = int((values > 0.5).sum())
+        if len(values) == 1 or ones in (0, len(values)):
+            return str(entry["one"] if ones else entry["zero"])
+        return f"{ones} {entry['one']}, {len(values) - ones} {entry['zero']}"
+    known = values[np.isfinite(values)]
+    if not len(known):
         return "-"
     unit = "" if entry["unit"] == "sampling_period" else f" {entry['unit']}"
-    return (f"{value:.1f}{unit}" if abs(value) >= 1000 else f"{value:.4g}{unit}").rstrip()
+    least, most = _number(known.min()), _number(known.max())
+    return (f"{least}{unit}" if least == most else f"{least} to {most}{unit}").rstrip()
 
 
-def _spark(entry: dict[str, Any], trace: list[tuple[float, float]]) -> str:
-    """A block for each stretch of time, at the middle of what was seen in it."""
-    if not trace:
-        return ""
-    middles = [(low + high) / 2 for low, high in trace]
-    least, most = (0.0, 1.0) if "one" in entry else (min(middles), max(middles))
-    if most == least:
-        return BLOCKS[0] * len(trace)
-    return "".join(BLOCKS[round((middle - least) / (most - least) * (len(BLOCKS) - 1))] for middle in middles)
-
-
-def _range(entry: dict[str, Any], trace: list[tuple[float, float]]) -> str:
-    if not trace or "one" in entry:
-        return ""
-    return f"{_short(min(low for low, _ in trace))} to {_short(max(high for _, high in trace))}"
-
-
-def _short(value: float) -> str:
-    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+def _number(value: float) -> str:
+    return f"{value:.1f}" if abs(value) >= 1000 else short(value)

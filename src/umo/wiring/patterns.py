@@ -47,7 +47,7 @@ def expand(source: WiringSource, paths: Iterable[str]) -> dict[str, str]:
         _check_numbering(source, pattern, entry, single=False)
         found = [path for path in paths if matches(pattern, path)]
         if not found:
-            near = source.near(pattern, dict.fromkeys(map(_generalised, paths)))
+            near = source.near(pattern, dict.fromkeys(map(generalised, paths)))
             source.fault(f'wire."{pattern}"', f"no object of the machine matches{near}")
         for number, path in enumerate(found):
             if path in origin:
@@ -68,7 +68,7 @@ def expand_parameters(source: WiringSource, known: Mapping[str, Any]) -> dict[st
             continue
         names = [name for name in known if matches(pattern, name)]
         if not names:
-            near = source.near(pattern, dict.fromkeys(map(_generalised, known)))
+            near = source.near(pattern, dict.fromkeys(map(generalised, known)))
             source.fault(f"parameters.{pattern!r}", f"no such parameter{near}")
         for name in names:
             if name in origin:
@@ -92,7 +92,7 @@ def collapsed(faults: Iterable[Fault], origin: Mapping[str, str]) -> list[Fault]
 def _check_numbering(source: WiringSource, path: str, entry: Entry, single: bool) -> None:
     given = [name for name in NUMBERING if getattr(entry, name) is not None]
     if given and single:
-        source.fault(f'wire."{path}".{given[0]}', f"is for patterns such as {_generalised(path)!r}")
+        source.fault(f'wire."{path}".{given[0]}', f"is for patterns such as {generalised(path)!r}")
     elif given and NUMBER not in (entry.channel or ""):
         source.fault(f'wire."{path}".{given[0]}', f"numbers the channel, which has no {NUMBER}")
 
@@ -105,7 +105,7 @@ def _numbered(entry: Entry, number: int) -> Entry:
     return entry.model_copy(update={"channel": entry.channel.replace(NUMBER, str(place))})
 
 
-def _generalised(path: str) -> str:
+def generalised(path: str) -> str:
     """A path with `*` for its indexes."""
     return ".".join(ANY if part.isdigit() else part for part in path.split("."))
 

@@ -1,0 +1,64 @@
+"""What the objects and signals of a running station were over the last seconds."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+TRACE = 16
+"""Stretches of time, the newest last."""
+SPAN = 16.0
+"""s that they cover on the machine's clock."""
+BLOCKS = "▁▂▃▄▅▆▇█"
+
+Floats = npt.NDArray[np.float64]
+
+
+class Traces:
+    """The least and the greatest value of each row in each stretch of time; NaN: there was none."""
+
+    def __init__(self, rows: int) -> None:
+        self.low: Floats = np.full((TRACE, rows), np.nan)
+        self.high: Floats = np.full((TRACE, rows), np.nan)
+        self._stretch: int | None = None
+
+    def add(self, times: Floats, values: Floats) -> None:
+        """Take some frames: a time and a row of values for each."""
+        stretches = (times * (TRACE / SPAN)).astype(np.int64)
+        for number in np.unique(stretches)[-TRACE:]:
+            seen = values[stretches == number]
+            if number != self._stretch:
+                self._stretch = number
+                for kept in (self.low, self.high):
+                    kept[:-1] = kept[1:]
+                    kept[-1] = np.nan
+            np.fmin(self.low[-1], np.fmin.reduce(seen), out=self.low[-1])
+            np.fmax(self.high[-1], np.fmax.reduce(seen), out=self.high[-1])
+
+    def of(self, rows: list[int]) -> tuple[Floats, Floats]:
+        """The least and the greatest of some rows in each stretch in which there was a value."""
+        low, high = np.fmin.reduce(self.low[:, rows], axis=1), np.fmax.reduce(self.high[:, rows], axis=1)
+        known = np.isfinite(low) & np.isfinite(high)
+        return low[known], high[known]
+
+
+def spark(low: Floats, high: Floats, binary: bool) -> str:
+    """A block for each stretch of time, at the middle of what was seen in it."""
+    if not len(low):
+        return ""
+    middles = (low + high) / 2
+    least, most = (0.0, 1.0) if binary else (middles.min(), middles.max())
+    if most == least:
+        return BLOCKS[0] * len(middles)
+    return "".join(BLOCKS[round(share * (len(BLOCKS) - 1))] for share in (middles - least) / (most - least))
+
+
+def span(low: Floats, high: Floats, binary: bool) -> str:
+    """`2 to 3.5`; empty for a binary object."""
+    return "" if binary or not len(low) else f"{short(low.min())} to {short(high.max())}"
+
+
+def short(value: Any) -> str:
+    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.4g}"
