@@ -88,7 +88,7 @@ def test_frames_and_trace_hold_the_signals_of_each_period(tmp_path: Path) -> Non
     row = dict(zip(header, first, strict=True))
     assert row["axes.0.servo.error[mm]"] == "15"
     assert row["axes.0.load[N]"] == "1.5"
-    assert trace.column(trace.signals[0]).tolist() == [1.5, 2.0]
+    assert trace.rows[:, trace.place(trace.signals[0])].tolist() == [1.5, 2.0]
 
 
 def test_the_screen_shows_the_signals_below_the_objects() -> None:
@@ -99,7 +99,7 @@ def test_the_screen_shows_the_signals_below_the_objects() -> None:
         picture = Picture(reader, list(range(len(reader.paths) + len(reader.signals))))
         periods(m, 3)
         picture.take()
-        table = picture._table()
+        table = picture.whole().renderables[1]
         shown = dict(zip(table.columns[0]._cells, map(str, table.columns[1]._cells), strict=True))
         assert shown["axes.0.servo.error"] == "15 mm"
         assert shown["axes.0.inner.setpoint"] == "-"

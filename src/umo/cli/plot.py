@@ -1,8 +1,10 @@
-"""The plot of a run's trace (extra `plot`)."""
+"""The plot of a run's trace (extra `plot`): as many panels as a page takes, whatever the number of objects."""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -11,73 +13,174 @@ import numpy as np
 from umo.cycle.signals import Signal
 from umo.cycle.trace import Trace
 from umo.objects import Atomic, Binary, DigitalSensor
-from umo.objects.atomic import Digital
+from umo.text import some
+
+from .folding import FROM, families, folded
 
 BESIDE_SENSORS = ("setpoint", "low", "high")
 """Signals that are compared with what a sensor reads."""
 POINTS = 4000
 """Columns of the picture hardly exceed a thousand; more points only cost time."""
+PANELS, ROWS = 10, 30
+"""The most panels, and the most rows of binary objects: a figure is at most 23 inches high."""
+NAMED, THIN = 8, 40
+"""The most curves of a panel that are named, and that are drawn one by one; more are a band."""
+WIDTH, LEAST_HEIGHT = 16.0, 10.0
+"""Inches."""
+LONGEST = 40
+"""Characters of a name beside the panels."""
+CHARACTER = 0.065
+"""Inches of a character of the texts above the panels."""
+
+Shown = Atomic | Signal
 
 
-def save_plot(trace: Trace, path: Path, title: str) -> None:
-    """A panel for each unit, a strip of bars for the binary objects; ImportError without matplotlib."""
+@dataclass
+class Panel:
+    """Curves of one unit."""
+
+    label: str
+    name: str = ""
+    """Of the family that they are; empty: they have names of their own."""
+    curves: list[Shown] = field(default_factory=list)
+
+
+def save_plot(trace: Trace, path: Path, title: str) -> str:
+    """Draw and save it; ImportError without matplotlib. What found no room, in words; empty if everything did."""
+    if not len(trace.rows):
+        return ""
+    figure, rest = draw(trace, title)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph .* missing from")  # a name that the font cannot show
+        figure.savefig(path)
+    return rest
+
+
+def draw(trace: Trace, title: str) -> tuple[Any, str]:
+    """A panel for each unit and for each family of like objects, a strip of bars for the binary objects: the figure,
+    and what found no room in it, which it says too."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    if not len(trace.rows):
-        return
     items = [item for item in trace.items if item.path != "timer"]
-    panels = _by_unit([item for item in items if isinstance(item, Digital)], trace.signals)
-    binaries = [item for item in items if isinstance(item, Binary)]
-    heights = [2.0] * len(panels) + [0.3 * len(binaries) + 0.5] * bool(binaries)
-    figure = Figure(figsize=(16, 10), dpi=100, layout="constrained")
+    panels = _panels([*(item for item in items if not isinstance(item, Binary)), *trace.signals])
+    strip = _groups([item for item in items if isinstance(item, Binary)])
+    left_out = [shown.path for panel in panels[PANELS:] for shown in panel.curves]
+    left_out += [shown.path for group in strip[ROWS:] for shown in group]
+    panels, strip = panels[:PANELS], strip[:ROWS]
+    heights = [2.0] * len(panels) + [0.3 * len(strip) + 0.5] * bool(strip) or [2.0]
+    figure = Figure(figsize=(WIDTH, max(0.75 * sum(heights), LEAST_HEIGHT)), dpi=100, layout="constrained")
     FigureCanvasAgg(figure)
-    figure.suptitle(title, ha="left", x=0.01)
+    figure.suptitle(title, ha="left", x=0.01, parse_math=False)
     axes = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
-    step = max(1, len(trace.rows) // POINTS)
-    for axis, (label, group) in zip(axes, panels.items(), strict=False):
-        for item in group:
-            dashed = "--" if isinstance(item, Signal) and label.endswith("sensors") else "-"
-            axis.plot(trace.rows[::step, 0], trace.column(item)[::step], dashed, linewidth=1.0, label=item.path)
-        axis.set_ylabel(label)
-        _legend(axis)
-        axis.grid(alpha=0.3)
-        axis.margins(x=0)
-    if binaries:
-        _strip(axes[-1], trace, binaries)
+    for axis, panel in zip(axes, panels, strict=False):
+        _curves(axis, trace, panel)
+    if strip:
+        _strip(axes[-1], trace, strip)
     _phases(axes, trace)
     _missed(axes, trace)
-    axes[-1].set_xlabel("time in s on the cycle's clock")
-    figure.savefig(path)
+    rest = f"{len(left_out)} of {len(items) + len(trace.signals)}: {some(left_out)}" if left_out else ""
+    hint = f"\nnot shown: {rest} (all are in trace.csv)" if rest else ""
+    axes[-1].set_xlabel(f"time in s on the cycle's clock{hint}", parse_math=False)
+    return figure, rest
 
 
-def _by_unit(items: list[Digital], signals: Sequence[Signal]) -> dict[str, list[Digital | Signal]]:
-    """Actuators, sensors and signals of one unit in panels of their own; setpoints with the sensors."""
-    panels: dict[str, list[Digital | Signal]] = {}
-    for item in items:
-        kind = "sensors" if isinstance(item, DigitalSensor) else "actuators"
-        panels.setdefault(f"{item.units}\n{kind}", []).append(item)
-    for signal in signals:
-        with_sensors = f"{signal.unit}\nsensors"
-        beside = signal.name in BESIDE_SENSORS and with_sensors in panels
-        panels.setdefault(with_sensors if beside else f"{signal.unit}\nsignals", []).append(signal)
-    return panels
+def _groups(shown: Sequence[Any]) -> list[list[Any]]:
+    """Families together, the others one by one."""
+    groups = []
+    for places in families(each.path for each in shown).values():
+        members = [shown[place] for place in places]
+        groups += [members] if len(members) >= FROM else [[each] for each in members]
+    return groups
 
 
-def _strip(axis: Any, trace: Trace, binaries: list[Atomic] | list[Binary[Any]]) -> None:
-    """A row for each object, a bar wherever it was in its 1 state."""
-    time = trace.rows[:, 0]
-    for row, item in enumerate(reversed(binaries)):
-        levels = np.concatenate(([0.0], trace.column(item) > 0.5, [0.0]))
-        edges = np.diff(levels)
-        ends = np.append(time, time[-1])
-        begins, stops = ends[np.flatnonzero(edges > 0)], ends[np.flatnonzero(edges < 0)]
-        spans = np.column_stack([begins, np.maximum(stops - begins, 0.0)])
-        axis.broken_barh(_merged(spans), (row - 0.38, 0.76), facecolors=f"C{row % 10}")
-    axis.set_yticks(range(len(binaries)), [f"{b.path} {b.one}" for b in reversed(binaries)], fontsize=8)  # type: ignore[union-attr]
-    axis.set_ylim(-0.6, len(binaries) - 0.4)
-    axis.grid(axis="x", alpha=0.3)
+def _panels(shown: Sequence[Any]) -> list[Panel]:
+    """A panel for each family. Of the others, actuators, sensors and signals of one unit share one; setpoints are with
+    the sensors."""
+    panels: dict[str, Panel] = {}
+    for group in _groups(shown):
+        first = group[0]
+        unit = first.unit if isinstance(first, Signal) else first.units
+        if len(group) >= FROM:
+            name = folded([each.path for each in group])
+            panels[name] = Panel(unit, name, group)
+            continue
+        label = f"{unit}\n{_kind(first)}"
+        if isinstance(first, Signal) and first.name in BESIDE_SENSORS and f"{unit}\nsensors" in panels:
+            label = f"{unit}\nsensors"
+        panels.setdefault(label, Panel(label)).curves += group
+    return list(panels.values())
+
+
+def _kind(shown: Shown) -> str:
+    if isinstance(shown, Signal):
+        return "signals"
+    return "sensors" if isinstance(shown, DigitalSensor) else "actuators"
+
+
+def _curves(axis: Any, trace: Trace, panel: Panel) -> None:
+    """A few curves with a name each; many as thin lines, very many as their least, median and greatest value."""
+    rows = trace.rows[:: max(1, len(trace.rows) // POINTS)]
+    time, curves = rows[:, 0], rows[:, [trace.place(each) for each in panel.curves]]
+    paths = [each.path for each in panel.curves]
+    if len(paths) <= NAMED:
+        for each, curve in zip(panel.curves, curves.T, strict=True):
+            dashed = "--" if isinstance(each, Signal) and panel.label.endswith("sensors") else "-"
+            axis.plot(time, curve, dashed, linewidth=1.0, label=_short(each.path))
+    else:
+        name = _short(panel.name or some(paths))
+        if len(paths) <= THIN:
+            lines = axis.plot(time, curves, color="C0", linewidth=0.5, alpha=0.6)
+            lines[0].set_label(f"{name}\n{len(paths)} lines")
+        else:
+            least, most = np.fmin.reduce(curves, axis=1), np.fmax.reduce(curves, axis=1)
+            axis.fill_between(time, least, most, color="C0", alpha=0.3, linewidth=0, label=f"{name}\nleast to most")
+            axis.plot(time, _median(curves), color="C0", linewidth=1.0, label=f"median of {len(paths)}")
+    axis.set_ylabel(panel.label)
+    _legend(axis)
+    axis.grid(alpha=0.3)
     axis.margins(x=0)
+
+
+def _median(curves: Any) -> Any:
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="All-NaN slice")  # signals that have no value yet
+        return np.nanmedian(curves, axis=1)
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= LONGEST else f"...{name[3 - LONGEST :]}"
+
+
+def _strip(axis: Any, trace: Trace, strip: list[list[Binary[Any]]]) -> None:
+    """A row for each object, a bar wherever it was in its 1 state; for a family a shade for how many were."""
+    time = trace.rows[:, 0]
+    labels = []
+    for row, group in enumerate(reversed(strip)):
+        first, columns = group[0], [trace.place(each) for each in group]
+        if len(group) == 1:
+            axis.broken_barh(
+                _bars(time, trace.rows[:, columns[0]] > 0.5), (row - 0.38, 0.76), facecolors=f"C{row % 10}"
+            )
+            labels.append(f"{_short(first.path)} {first.one}")
+            continue
+        step = max(1, len(time) // POINTS)
+        share = trace.rows[::step, columns].mean(axis=1)[np.newaxis]
+        sides = (time[0], time[-1], row - 0.38, row + 0.38)
+        axis.imshow(share, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto", extent=sides, interpolation="nearest")
+        labels.append(f"{_short(folded([each.path for each in group]))} {first.one}, share")
+    axis.set_yticks(range(len(strip)), labels, fontsize=8, parse_math=False)
+    axis.set_ylim(-0.6, len(strip) - 0.4)
+    axis.set_xlim(time[0], max(time[-1], time[0] + 1e-9))
+    axis.grid(axis="x", alpha=0.3)
+
+
+def _bars(time: Any, ones: Any) -> Any:
+    """Begin and length of each stretch of ones."""
+    edges = np.diff(np.concatenate(([0.0], ones, [0.0])))
+    ends = np.append(time, time[-1])
+    begins, stops = ends[np.flatnonzero(edges > 0)], ends[np.flatnonzero(edges < 0)]
+    return _merged(np.column_stack([begins, np.maximum(stops - begins, 0.0)]))
 
 
 def _merged(spans: Any, most: int = 2000) -> Any:
@@ -91,16 +194,34 @@ def _merged(spans: Any, most: int = 2000) -> Any:
 
 
 def _phases(axes: Any, trace: Trace) -> None:
-    """What the machine was doing, as shaded spans; their names above the uppermost panel."""
-    last = trace.rows[-1, 0]
-    ends = [begin for begin, _ in trace.notes[1:]] + [last]
-    for number, ((begin, label), end) in enumerate(zip(trace.notes, ends, strict=False)):
-        for axis in axes:
-            axis.axvspan(begin, end, color="0.5", alpha=0.10 if number % 2 else 0.0, linewidth=0)
-        if label and end - begin > last / 60:
-            place = axes[0].get_xaxis_transform()
-            short = label.rpartition(": ")[2]
-            axes[0].text((begin + end) / 2, 1.02, short, transform=place, ha="center", fontsize=8, clip_on=False)
+    """What the machine was doing, as shaded spans; their names above the uppermost panel, as far as they fit."""
+    begins = np.array([begin for begin, _ in trace.notes])
+    first, last = trace.rows[0, 0], trace.rows[-1, 0]
+    lengths = np.diff(np.append(begins, last))
+    for axis in axes:
+        axis.broken_barh(
+            np.column_stack([begins, lengths])[1::2],
+            (0.0, 1.0),
+            transform=axis.get_xaxis_transform(),
+            color="0.5",
+            alpha=0.10,
+            linewidth=0,
+        )
+    inches = 0.75 * WIDTH / max(last - first, 1e-9)
+    for (begin, text), length in zip(trace.notes, lengths, strict=True):
+        label, room = text.rpartition(": ")[2], int(length * inches / CHARACTER)
+        if not label or room < 4:
+            continue
+        axes[0].text(
+            begin + length / 2,
+            1.02,
+            label if len(label) <= room else f"{label[: room - 2]}...",
+            transform=axes[0].get_xaxis_transform(),
+            ha="center",
+            fontsize=8,
+            clip_on=False,
+            parse_math=False,
+        )
 
 
 def _missed(axes: Any, trace: Trace) -> None:

@@ -108,13 +108,13 @@ def _leave_behind(name: str, result: Result, trace: Trace) -> None:
             (folder / "failure.txt").write_text(text, encoding="utf-8", errors="backslashreplace")
         from .plot import save_plot
 
-        save_plot(trace, folder / "plot.png", f"umo run {name}: {result.progress.text or 'done'}")
+        rest = save_plot(trace, folder / "plot.png", f"umo run {name}: {result.progress.text or 'done'}")
     except ImportError:
         err.print(f'umo: no plot: matplotlib is not installed (pip install "umo[plot]"); the trace is in {folder}')
     except Exception as error:  # a full disk; a name that the plot cannot show
         err.print(f"umo: the results of the run are incomplete: {cause_of(error)}", soft_wrap=True)
     else:
-        out.print(f"trace and plot: {folder}")
+        out.print(f"trace and plot: {folder}" + (f"; the plot does not show {rest}" if rest else ""), soft_wrap=True)
 
 
 def _new_folder(name: str) -> Path:

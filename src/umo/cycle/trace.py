@@ -115,9 +115,11 @@ class Trace:
         signals = [f"{signal.path}[{signal.unit}]" for signal in self.signals]
         return ["time_s", "missed", "execution_us", *map(_column, self.items), *signals]
 
-    def column(self, shown: Atomic | Signal) -> npt.NDArray[np.float64]:
-        place = len(self.items) + self.signals.index(shown) if isinstance(shown, Signal) else self.items.index(shown)
-        return self.rows[:, 3 + place]
+    def place(self, shown: Atomic | Signal) -> int:
+        """The column of an object or a signal in `rows`."""
+        if isinstance(shown, Signal):
+            return 3 + len(self.items) + self.signals.index(shown)
+        return 3 + self.items.index(shown)
 
     def save(self, path: Path) -> None:
         """As CSV; OSError when the disk is full."""
