@@ -144,22 +144,41 @@ def check(station: StationName, wiring: WiringName = None) -> None:
     guarded(lambda: check_station(find(station), wiring))
 
 
-@app.command(epilog="Examples: umo tree ztheta  |  umo tree ztheta -w second_generation")
-def tree(station: StationName, wiring: WiringName = None) -> None:
-    """Show the hierarchy of objects with units, ranges and wiring (the paper's Figure 4)."""
+@app.command(epilog="Examples: umo tree ztheta  |  umo tree ztheta z -w second_generation  |  umo tree . --all")
+def tree(
+    station: StationName,
+    path: Annotated[
+        str | None, typer.Argument(metavar="[PATH]", help="An object or a list of the machine, such as z.")
+    ] = None,
+    wiring: WiringName = None,
+    everything: Annotated[bool, typer.Option("--all", help="Show every member of a list.")] = False,
+) -> None:
+    """Show the hierarchy of objects with units, ranges and wiring (the paper's Figure 4).
+
+    Three or more like members of a list are shown once: with the parts of the first, and the wires of the first and
+    the last. Members that differ are shown by themselves.
+    """
     from umo.process.station import find
 
-    from .show import show_tree
+    from .tree import show_tree
 
-    guarded(lambda: show_tree(find(station), wiring))
+    guarded(lambda: show_tree(find(station), wiring, path, everything))
 
 
-@app.command(epilog="Examples: umo drivers")
-def drivers() -> None:
-    """List the drivers, their options and their channels."""
+@app.command(epilog="Examples: umo drivers  |  umo drivers modbus  |  umo drivers .card:Card")
+def drivers(
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[NAME]",
+            help="A driver: its name, module:Class, or .module:Class for a module of the station in this folder.",
+        ),
+    ] = None,
+) -> None:
+    """List the drivers, or describe one: its options and its channels."""
     from .show import show_drivers
 
-    guarded(show_drivers)
+    guarded(lambda: show_drivers(name))
 
 
 @app.command(epilog="Examples: umo get ztheta z.encoder  |  umo get ztheta z.encoder gripper.pressure --unit mm")
@@ -201,19 +220,27 @@ def set_(
     guarded(lambda: set_value(find(station), wiring, path, value, hold, acknowledge))
 
 
-@app.command(epilog="Examples: umo watch  |  umo watch z gripper.vacuum  |  umo watch ztheta z.encoder --seconds 10")
+@app.command(
+    epilog="Examples: umo watch  |  umo watch z gripper.vacuum  |  umo watch 'zones.*.temperature'  |  "
+    "umo watch ztheta z.encoder --seconds 10"
+)
 def watch(
     words: Annotated[
         list[str] | None,
         typer.Argument(
             metavar="[STATION] [PATH]...",
-            help="Station name or pid (see `umo ps`), required if several run; paths of objects or compounds.",
+            help="Station name or pid (see `umo ps`), required if several run; paths of objects or compounds, or "
+            "patterns such as 'zones.*.temperature'.",
         ),
     ] = None,
     once: Annotated[bool, typer.Option("--once", help="Show the current values once, then exit.")] = False,
     seconds: Annotated[float | None, typer.Option(min=0.0, callback=_finite, help="Exit after this time in s.")] = None,
 ) -> None:
-    """Watch a running station: values, traces, missed periods. Watching does not disturb the station."""
+    """Watch a running station: values, traces, missed periods. Watching does not disturb the station.
+
+    Like objects of lists are folded into one line. In a terminal: arrows, page up and down, home and end move; enter
+    folds and unfolds; a: all; q quits. Without a terminal, or with --once, every object is shown once.
+    """
     from .watch import watch as show
 
     guarded(lambda: show(words or [], once, seconds))

@@ -1,0 +1,128 @@
+"""`umo tree`: the hierarchy of objects (the paper's Figure 4), like members of lists folded into one."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rich.tree import Tree
+
+from umo.drivers import Direction
+from umo.errors import PathError
+from umo.objects import Atomic, Compound, Digital, DigitalActuator, Node
+from umo.process.station import Station
+from umo.text import did_you_mean
+from umo.wiring import check
+from umo.wiring.patterns import expand
+from umo.wiring.source import WiringSource, read
+
+from .console import out
+from .folding import FROM
+from .show import label, reported
+
+
+def show_tree(station: Station, wiring: str | None, path: str | None = None, everything: bool = False) -> int:
+    """The objects, or those at a path, with units, ranges and wiring; 2 if the wiring has faults."""
+    file = station.wiring(wiring)
+    machine = station.machine()
+    source = WiringSource("") if file is None else read(file)
+    name = "everything simulated" if file is None else file.stem
+    expand(source, [item.path for item in machine.atoms()])
+    kind, children = (type(machine).__name__, machine.children()) if path is None else _part(machine, path)
+    tree = Tree(label((path or kind, "bold"), *[(kind, "dim")] * bool(path and kind), (name, "dim")))
+    _Branches(source, fold=not everything).add(tree, children, children)
+    out.print(tree)
+    return 2 if reported(check(machine, file)) else 0
+
+
+def _part(machine: Compound, path: str) -> tuple[str, Mapping[str, Node]]:
+    """The kind and the parts at a path; of a list or dict its members; of an atomic object itself."""
+    nodes: list[Node] = [machine, *machine.walk()]
+    for node in nodes[1:]:
+        if node.path == path:
+            if isinstance(node, Compound):
+                return type(node).__name__, node.children()
+            return "", {path.rpartition(".")[2]: node}
+    for node in nodes:
+        children = node.children() if isinstance(node, Compound) else {}
+        members = {name: child for name, child in children.items() if child.path.startswith(f"{path}.")}
+        if members:
+            return "", members
+    raise PathError(f"no object {path!r} in {type(machine).__name__}{did_you_mean(path, [n.path for n in nodes[1:]])}")
+
+
+class _Branches:
+    """Adds objects to a tree."""
+
+    def __init__(self, source: WiringSource, fold: bool) -> None:
+        self._entries: Mapping[str, Any] = source.entries
+        self._fold = fold
+
+    def add(self, tree: Tree, first: Mapping[str, Node], last: Mapping[str, Node]) -> None:
+        """The parts of like compounds, as those of the first; `last`: the same parts of the last of them."""
+        for names in self._alike(first):
+            begin, end = first[names[0]], last[names[-1]]
+            name = names[0] if len(names) == 1 else _range(names)
+            times = f"{len(names)} x " if len(names) > 1 else ""
+            if isinstance(begin, Compound) and isinstance(end, Compound):
+                branch = tree.add(label((name, "bold"), (f"{times}{type(begin).__name__}", "dim")))
+                self.add(branch, begin.children(), end.children())
+            elif isinstance(begin, Atomic) and isinstance(end, Atomic):
+                style = "green" if begin.direction is Direction.OUTPUT else "cyan"
+                wires = " .. ".join(dict.fromkeys([self._wire(begin), self._wire(end)]))
+                tree.add(label((name, style), (f"{times}{_declared(begin)}", ""), *[(wires, "yellow")] * bool(wires)))
+
+    def _alike(self, children: Mapping[str, Node]) -> list[list[str]]:
+        """The names of the children, those of like members of a list together."""
+        groups: dict[object, list[str]] = {}
+        for name, child in children.items():
+            of, _, number = name.rpartition(".")
+            key = (of, self._meaning(child)) if self._fold and of and number.isdigit() else name
+            groups.setdefault(key, []).append(name)
+        found: list[list[str]] = []
+        for names in groups.values():
+            found += [names] if len(names) >= FROM else [[name] for name in names]
+        return found
+
+    def _meaning(self, node: Node) -> object:
+        """What two like objects have in common: all but the numbers of their channels."""
+        if isinstance(node, Compound):
+            return type(node), tuple((name, self._meaning(child)) for name, child in node.children().items())
+        assert isinstance(node, Atomic)
+        return _declared(node), re.sub(r"\d+", "#", self._wire(node))
+
+    def _wire(self, item: Atomic) -> str:
+        entry = self._entries.get(item.path)
+        if entry is None:
+            return ""
+        return f"{entry.driver}:{entry.channel or item.path}{' inverted' if entry.inverted else ''}"
+
+
+def _range(names: Sequence[str]) -> str:
+    """`zones[0..2, 4..39]`: the members of a list."""
+    spans: list[list[int]] = []
+    for number in (int(name.rpartition(".")[2]) for name in names):
+        if spans and number == spans[-1][1] + 1:
+            spans[-1][1] = number
+        else:
+            spans.append([number, number])
+    text = ", ".join(str(first) if first == last else f"{first}..{last}" for first, last in spans)
+    return f"{names[0].rpartition('.')[0]}[{text}]"
+
+
+def _declared(item: Atomic) -> str:
+    words = [_kind(item), item.describe()]
+    default = getattr(item, "default", None)
+    if default is not None:
+        words.append(f"default {default:g} {item.units}" if isinstance(item, DigitalActuator) else f"default {default}")
+    if not item.synchronous:
+        words.append("asynchronous")
+    if getattr(item, "incremental", False):
+        words.append("incremental")
+    return ", ".join(words)
+
+
+def _kind(item: Atomic) -> str:
+    number = "digital" if isinstance(item, Digital) else "binary"
+    return f"{number} {'actuator' if item.direction is Direction.OUTPUT else 'sensor'}"
