@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pytest
@@ -468,3 +469,27 @@ def test_an_error_in_control_surfaces():
 
     with connect(Broken(motor=actuator())) as m, pytest.raises(ZeroDivisionError, match="control"):
         m.control()
+
+
+@pytest.mark.parametrize("hint", [Sequence[Axis], tuple[Axis, ...], list[Axis]])
+def test_a_list_of_parts_is_a_tuple_whatever_sequence_it_is_annotated(hint: Any) -> None:
+    Line = type("Line", (Compound,), {"__annotations__": {"axes": hint}})
+    m = Line(axes=[axis(), axis()])
+    assert isinstance(m.axes, tuple)
+    assert list(m.children()) == ["axes.0", "axes.1"]
+    with pytest.raises(DeclarationError, match=r"Line.axes must be a Axis"):
+        Line(axes=[axis(), actuator()])
+    with pytest.raises(DeclarationError, match=r"Line.axes is annotated .*, not as a Mapping"):
+        Line(axes={"left": axis()})
+
+
+@pytest.mark.parametrize("hint", [Mapping[str, Axis], dict[str, Axis]])
+def test_a_dict_of_parts_is_a_read_only_mapping(hint: Any) -> None:
+    Line = type("Line", (Compound,), {"__annotations__": {"axes": hint}})
+    m = Line(axes={"left": axis()})
+    with pytest.raises(TypeError):
+        m.axes["right"] = axis()
+    with pytest.raises(DeclarationError, match=r"Line.axes must be a Axis"):
+        Line(axes={"left": actuator()})
+    with pytest.raises(DeclarationError, match=r"Line.axes is annotated .*, not as a Sequence"):
+        Line(axes=[axis()])

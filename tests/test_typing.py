@@ -14,6 +14,7 @@ import pytest
 
 from machines import actuator
 from umo import BinaryActuator, Compound, DeclarationError, DigitalActuator, OnOff, PassFail, RangeError, connect
+from umo.cli.new import make_station
 
 HERE = Path(__file__).parent / "typing"
 SOURCE = Path(__file__).parent.parent / "src"
@@ -86,3 +87,15 @@ def test_what_neither_checker_finds_is_found_at_run_time():
         m.motor.write(True)
     with pytest.raises(DeclarationError, match="is not a state of OnOff"):
         BinaryActuator(OnOff, one=OnOff.ON, default=PassFail.PASS)
+
+
+def test_a_new_station_and_its_tests_pass_pyright(tmp_path: Path) -> None:
+    make_station(tmp_path / "tank")
+    command = [sys.executable, "-m", "pyright", "--outputjson", "--pythonpath", sys.executable, "tank"]
+    try:
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False)
+        report = json.loads(done.stdout)
+    except (OSError, ValueError, subprocess.TimeoutExpired) as error:
+        pytest.skip(f"pyright cannot start here (it fetches its npm package at first use): {error}")
+    assert [(Path(d["file"]).name, d["message"]) for d in report["generalDiagnostics"]] == []
+    assert report["summary"]["filesAnalyzed"] >= 5

@@ -28,6 +28,7 @@ def wrong_parts(m: Manipulator) -> None:
     m.z.moter.write(1.0)  # E: unknown part
     m.zz.motor.write(1.0)  # E: unknown part
     m.axes[0].brake.write(OnOff.ON)  # E: unknown part
+    m.axes.append(axis())  # E: parts are fixed
 
 
 def wrong_children() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import assert_type, reveal_type
 
 import umo
@@ -41,8 +42,8 @@ class Manipulator(Compound):
     timer: DigitalSensor
     z: ServoAxis
     gripper: Gripper
-    axes: list[ServoAxis]
-    grippers: dict[str, Gripper]
+    axes: Sequence[ServoAxis]
+    grippers: Mapping[str, Gripper]
     stop_order = ("z.motor",)
 
 

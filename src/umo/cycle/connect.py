@@ -17,7 +17,6 @@ from umo.cycle.image import Image
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.stopping import StopFlag
 from umo.cycle.transfer import PATIENCE, settling, wait_for
-from umo.drivers.contract import Driver
 from umo.errors import DeclarationError, DriverError, Failure, StopError
 from umo.objects import Compound
 from umo.system.custody import Custody
@@ -82,8 +81,8 @@ class connect(Generic[C]):
         """The process image."""
         return self.machine.image
 
-    def driver(self, name: str) -> Driver[Any]:
-        """The open driver of that name in the wiring."""
+    def driver(self, name: str) -> Any:
+        """The open driver of that name in the wiring, of the class that the wiring names."""
         return self.wired.drivers[name]
 
     def __enter__(self) -> C:

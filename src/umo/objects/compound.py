@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-from collections.abc import Callable, Collection, Coroutine, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Coroutine, Iterable, Iterator, Mapping, Sequence
 from functools import cache, partial
 from types import MappingProxyType, UnionType
 from typing import (
@@ -30,6 +30,13 @@ if TYPE_CHECKING:
     from umo.objects.link import Machine, Task
 
 
+CONTAINERS: Mapping[Any, str] = {
+    **dict.fromkeys((list, Sequence, tuple), "Sequence"),
+    **dict.fromkeys((dict, Mapping, MappingProxyType), "Mapping"),
+}
+"""The annotations for several parts, and what each should be."""
+
+
 @dataclass_transform(kw_only_default=True, eq_default=False, field_specifiers=(dataclasses.field,))
 class Compound(Node):
     """Base of compound objects: annotate a field for each part, give the parts as keywords.
@@ -39,7 +46,8 @@ class Compound(Node):
             encoder: DigitalSensor
             speed: float = 100.0        # a number is a parameter that a wiring may set
 
-    Parts may also stand in lists and dicts (frozen at construction). A class's own state belongs in `setup`.
+    Parts may also stand in lists and dicts. They are frozen at construction, to tuples and read-only mappings: annotate
+    them `Sequence[ServoAxis]` and `Mapping[str, ServoAxis]`. A class's own state belongs in `setup`.
     """
 
     stop_order: ClassVar[tuple[str, ...]] = ()
@@ -244,12 +252,14 @@ def _holds_objects(value: object) -> bool:
 def _check_type(where: str, value: object, hint: Any) -> None:
     """Declaration mistakes that a type checker would have found, for those who run none."""
     origin, args = get_origin(hint) or hint, get_args(hint)
-    if origin in (list, tuple) and isinstance(value, tuple):
+    if origin in (list, tuple, Sequence) and isinstance(value, tuple):
         for item in value:
             _check_type(where, item, args[0] if args else object)
-    elif origin is dict and isinstance(value, Mapping):
+    elif origin in (dict, Mapping) and isinstance(value, MappingProxyType):
         for item in value.values():
             _check_type(where, item, args[1] if args else object)
+    elif origin in CONTAINERS and isinstance(value, tuple | MappingProxyType):
+        raise DeclarationError(f"{where} is annotated {hint}, not as a {CONTAINERS[type(value)]}")
     elif isinstance(origin, type) and issubclass(origin, Node):
         if not isinstance(value, origin):
             raise DeclarationError(f"{where} must be a {origin.__name__}, not {value!r}")

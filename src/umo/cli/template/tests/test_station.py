@@ -1,6 +1,8 @@
 """The station's own tests: `pytest` in its folder. No test sleeps: time is a wired device."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -9,7 +11,8 @@ from umo.testing import periods, put, station
 
 TANK = station(Path(__file__).parents[1])
 SIMULATED = TANK.wirings["simulated"]
-machine, main = TANK.machine, TANK.main
+main = TANK.main
+machine: Callable[[], Any] = TANK.machine  # a Tank; imported at run time, so a type checker does not know it
 
 
 @pytest.mark.parametrize("name", TANK.wirings)
