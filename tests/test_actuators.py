@@ -1,4 +1,4 @@
-"""The two atomic actuators: the paper's section 4.5 and design.md section 3, rules 1 to 3."""
+"""The two atomic actuators: the paper's section 4.5."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compound objects (design.md section 3, after rule 9): the tree, its declaration and `control`."""
+"""Compound objects: the tree, its declaration and `control`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Connecting and leaving: design.md section 3, rule 9."""
+"""Connecting and leaving: what happens, in which order, also when something fails."""
 
 from __future__ import annotations
 

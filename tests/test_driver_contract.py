@@ -1,4 +1,4 @@
-"""The driver boundary (design.md section 4): the paper's five code segments, in integers."""
+"""The driver boundary: the paper's five code segments, in integers."""
 
 from __future__ import annotations
 

@@ -131,7 +131,7 @@ def test_a_broken_report_is_a_reason_to_step_in(tmp_path: Path, cells: Cells, mo
 
 
 def test_a_control_process_that_closes_every_descriptor_is_reset_and_reported(tmp_path: Path, cells: Cells) -> None:
-    """Finding F.1: its own connections and pipes are gone, the outputs stood energised."""
+    """Its own connections and pipes are gone, the outputs stood energised."""
     outcome = Run(process_box.wiring(tmp_path / "box", descriptor=True), "closes_everything").outcome()
     assert outcome.status == 1
     assert outcome.unreached == []
@@ -301,7 +301,7 @@ def test_messages_pass_where_more_than_1024_descriptors_are_open() -> None:
 
 
 def test_the_last_messages_of_a_peer_that_left_ours_unread_are_received() -> None:
-    """Finding A.2: such a socket gives ECONNRESET once, and the messages after it."""
+    """Such a socket gives ECONNRESET once, and the messages after it."""
     here, there = MessageSocket.pair()
     here.send("stop", signal=2)
     other = MessageSocket(there)
@@ -444,7 +444,7 @@ def test_a_report_that_fails_is_told_and_changes_nothing_else(tmp_path: Path, ce
 
 
 def test_after_a_write_that_failed_everything_is_reset_a_second_time_later(tmp_path: Path) -> None:
-    """Finding E.4: a device that stalled carried out the abandoned write after the reset had been confirmed."""
+    """A device that stalled carried out the abandoned write after the reset had been confirmed."""
     machine, box = bench(), Board(f"test {tmp_path}")
     connection = connect(machine, on(box, machine))
     waited: list[float] = []
@@ -571,7 +571,7 @@ def test_a_reset_needs_no_permission(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 def test_a_silent_device_gets_more_time_from_attempt_to_attempt(tmp_path: Path) -> None:
-    """Finding E.10: a device that frees its one connection late was kept busy by the reconnecting."""
+    """A device that frees its one connection late was kept busy by the reconnecting."""
     machine = process_box.machine()
     resetter = Resetter(machine, resolve(machine, process_box.wiring(tmp_path / "box", timeout="100 ms")))
     found = []

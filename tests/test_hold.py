@@ -325,7 +325,7 @@ def test_one_output_by_two_drivers_of_one_device_is_found(options: dict[str, Any
 
 
 def test_connecting_gives_hardware_more_time_than_a_period_does(device: str) -> None:
-    """Finding E.10: a device that lets go of its last client late."""
+    """A device that lets go of its last client late."""
 
     class Slow(Board):
         def __init__(self, *devices: str) -> None:

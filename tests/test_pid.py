@@ -60,7 +60,7 @@ def conditional(gain: float, integral_time: float, goal: float) -> object:
 def test_a_level_is_reached_as_soon_as_with_conditional_integration(
     integral_time: float, start: float, goal: float
 ) -> None:
-    """Finding B.1: two stacked anti-windups led the integral down, 88 s in place of 32 s."""
+    """Two stacked anti-windups led the integral down, 88 s in place of 32 s."""
     law = PID(gain=0.3, integral_time=integral_time)
     path = fill(lambda level, dt: law.step(goal, level, dt, **LIMITS), goal, start=start, seconds=900)
     by_hand = fill(conditional(0.3, integral_time, goal), goal, start=start, seconds=900)

@@ -1,4 +1,4 @@
-"""design.md section 3, rules 4 and 5: every value has its time and a quality; failing devices."""
+"""Every value has its time and a quality; failing devices."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def test_an_incremental_sensor_is_unreferenced_until_homing_says_so(box):
 
 @pytest.mark.parametrize("synchronous", [True, False])
 def test_a_reference_without_a_preset_of_the_circuit_moves_the_zero_of_the_sensor(box, synchronous):
-    """Finding C.3: the raw integer stays what it is; everything that shows the value agrees with the reference."""
+    """The raw integer stays what it is; everything that shows the value agrees with the reference."""
     machine = inputs(sensor(resolution=0.5, minimum=0.0, maximum=99.0, incremental=True, synchronous=synchronous))
     declared = machine.one.zero_offset
     connection = connect(machine, wired(machine, box))

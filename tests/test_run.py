@@ -1,4 +1,4 @@
-"""The loop (design.md section 6): written out, or as umo.run."""
+"""The loop: written out, or as umo.run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""design.md section 3, rule 3: one place turns raw integers and values into each other."""
+"""One place turns raw integers and values into each other."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The two atomic sensors: the paper's section 4.5 and design.md section 3."""
+"""The two atomic sensors: the paper's section 4.5."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sequences: application code that the cycle itself advances, one step a period (design.md section 6)."""
+"""Sequences: application code that the cycle itself advances, one step a period."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM set a flag that is read between periods (design.md section 3, rule 9)."""
+"""SIGINT and SIGTERM set a flag that is read between periods."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The paper's Timer_Input (section 5.3; design.md section 5) on an injected counter: no test waits."""
+"""The paper's Timer_Input (section 5.3) on an injected counter: no test waits."""
 
 from __future__ import annotations
 

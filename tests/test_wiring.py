@@ -549,7 +549,7 @@ class Line(Compound):
 
 
 def test_a_parameter_reaches_a_law_that_setup_makes_of_it():
-    """Finding B.4: the field changed, and the law kept the gain of the declaration."""
+    """The field changed, and the law kept the gain of the declaration."""
     m = Line(zones=[Regulated(motor=actuator()), Regulated(motor=actuator())])
     wiring = simulated(m)
     wiring["parameters"] = {"zones.1.gain": 9.0, "factor": 10.0}
