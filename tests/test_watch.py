@@ -184,7 +184,7 @@ def furnace(count: int = 40) -> Iterator[tuple[Furnace, Picture]]:
 
 def test_the_like_objects_of_a_list_are_one_line_with_range_and_worst_quality() -> None:
     with furnace() as (_, picture):
-        lines = drawn(picture.screen(Console(height=24)), 100)
+        lines = drawn(picture.screen(Console(height=24), keys=True), 100)
     (temperature,) = (line for line in lines if "temperature" in line)
     assert temperature.split()[:7] == ["▸", "zones[0..39].temperature", "0", "to", "150", "mm,", "1"]
     assert "1 OUT_OF_RANGE" in temperature
@@ -208,7 +208,7 @@ def test_a_family_is_unfolded_and_scrolled_by_keys() -> None:
         view.press("end", 18)
         assert names()[-1] == view.lines[-1].name
         assert len(names()) == 18
-        lines = drawn(picture.screen(console), 100)
+        lines = drawn(picture.screen(console, keys=True), 100)
         assert len(lines) == 24
         assert "lines 28 to 45 of 45" in lines[-1]
         view.press("page up", 18)
@@ -222,6 +222,15 @@ def test_a_family_is_unfolded_and_scrolled_by_keys() -> None:
         assert len(view.lines) == 5
         view.press("all", 18)
         assert len(view.lines) == 3 + 40 * 3 + 2
+
+
+@pytest.mark.parametrize("width", [60, 70, 80, 100, 120])
+def test_columns_that_do_not_fit_are_left_out_and_no_value_is_cut(width: int) -> None:
+    with furnace() as (_, picture):
+        lines = drawn(picture.screen(Console(width=width, height=24)), width)
+    assert all("0 to 150 mm, 1 OUT_OF_RANGE" in line for line in lines if "temperature" in line)
+    assert not any("…" in line for line in lines[:-1])
+    assert ("raw" in lines[3]) == (width >= 100)
 
 
 def test_one_line_is_seen_even_on_the_smallest_terminal() -> None:

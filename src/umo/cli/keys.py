@@ -41,7 +41,7 @@ def pressed() -> Iterator[Wait | None]:
         import tty
 
         before = termios.tcgetattr(file := sys.stdin.fileno())
-    except (ImportError, OSError, ValueError):  # OSError: termios.error too, and io.UnsupportedOperation
+    except (ImportError, AttributeError, OSError, ValueError):  # no such module, no stdin, one that is not a file
         yield None
         return
     except termios.error:

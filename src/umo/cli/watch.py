@@ -31,6 +31,9 @@ PICTURES = 10
 AROUND = 6
 """Lines of a screen above and below those of the table."""
 HEADINGS = ("object or signal", "value", f"last {SPAN:g} s", "least to most", "raw")
+GAP = 2
+"""Characters between two columns."""
+KEYS = "enter: fold, a: all, arrows, page, home, end, q: quit"
 REST = 9
 """The pause after a picture, in times of what it took: the computer is the station's, and the terminal may be slow."""
 
@@ -51,7 +54,7 @@ def watch(words: list[str], once: bool, seconds: float | None) -> None:
         except KeyboardInterrupt:
             return
         if ended:
-            out.print(picture.whole())
+            out.print(picture.screen(out, hint=""))
             out.print(f"{reader.about['station']} has ended")
 
 
@@ -114,19 +117,19 @@ class Picture:
         rest = f"{self._others} other objects and signals are not shown" if self._others else ""
         return self._draw(lines, None, rest, out.width)
 
-    def screen(self, console: Console, keys: bool = True) -> Group | Text:
-        """As much as fits the terminal."""
+    def screen(self, console: Console, keys: bool = False, hint: str = "Ctrl-C: quit") -> Group | Text:
+        """As much as fits the terminal; with keys, a cursor and what they do."""
         height = max(1, console.size.height - AROUND)
         lines, total = self.view.seen(height), len(self.view.lines)
         rest = f"{self._others} others not asked for; " if self._others else ""
-        how = "enter: fold, a: all, arrows, page, home, end, q: quit" if keys else "Ctrl-C: quit"
-        rest = f"lines {self.view.top + 1} to {self.view.top + len(lines)} of {total}; {rest}{how}"
+        how = KEYS if keys else hint
+        rest = f"lines {self.view.top + 1} to {self.view.top + len(lines)} of {total}; {rest}{how}".rstrip("; ")
         return self._draw(lines, self.view.lines[self.view.cursor] if keys else None, rest, console.width)
 
     def _draw(self, lines: list[Line], cursor: Line | None, rest: str, width: int) -> Group | Text:
         if self._frame is None:
             return Text("no frame yet")
-        return Group(self._heading(), self._table(lines, cursor, width), Text(rest, "dim", no_wrap=True, end=""))
+        return Group(self._heading(), self._table(lines, cursor, width), Text(rest, "dim", no_wrap=True))
 
     def _heading(self) -> Text:
         reader, frame = self._reader, self._frame
@@ -159,13 +162,13 @@ class Picture:
         values = self._values(self._frame[np.newaxis])[0]
         rows = [self._row(line, values) for line in lines]
         name = max(len(line.name) for line in self.view.lines + lines)
-        left = width - max(name, len(HEADINGS[0]))
+        left = width - max(name, len(HEADINGS[0])) - GAP
         table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="bold", padding=(0, 1, 0, 0))
         table.add_column(HEADINGS[0], no_wrap=True, min_width=name)
         count = 1
         for number, heading in enumerate(HEADINGS[1:], 1):
             needed = max([len(heading), *(len(row[number]) for row in rows)])
-            left -= needed + 1
+            left -= needed + GAP
             if left < 0 and number > 1:
                 break
             table.add_column(heading, no_wrap=True, justify="right" if heading in ("value", "raw") else "left")
