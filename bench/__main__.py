@@ -61,14 +61,14 @@ def _all(console: Console, rounds: int, options: argparse.Namespace) -> int:
     seconds = FIGURES_TAKE + rounds * ROUND_TAKES + (0.0 if options.quick else live.SHORT.takes)
     console.print(f"about {show.text(seconds)} (--live: {show.text(live.FULL.takes)}; --kills says it by itself)")
     console.print(f"{platform.machine()}, Python {platform.python_version()}, numpy {np.__version__}, {_compiler()}")
-    with console.status("memory, import, connecting, the station"):
+    with console.status("memory, import, connecting, the stations"):
         others = report.Others(
             *figures.bytes_per_object(),
             *figures.seconds_to_connect(),
             figures.seconds_to_import(),
             figures.control_period(),
             figures.axis_period(),
-            figures.station_ratio(),
+            {name: figures.station_ratio(name, *words) for name, (words, _) in report.STATIONS.items()},
         )
     with console.status(f"{rounds} rounds of every case in turns"):
         table = scan.measure(rounds)
@@ -82,10 +82,10 @@ def _all(console: Console, rounds: int, options: argparse.Namespace) -> int:
         console.print(missing)
     if options.json:
         options.json.write_text(json.dumps(report.as_json(table, others, found + beside), indent=2) + "\n")
-    if isinstance(others.station, str):
-        print(f"the station did not run: {others.station}", file=sys.stderr)
-        return 1
-    return 0
+    failed = {name: ratio for name, ratio in others.stations.items() if isinstance(ratio, str)}
+    for name, reason in failed.items():
+        print(f"the station {name} did not run: {reason}", file=sys.stderr)
+    return 1 if failed else 0
 
 
 def _compiler() -> str:

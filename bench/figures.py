@@ -1,4 +1,4 @@
-"""What is not a period: memory, import, connecting, and the station against real time."""
+"""What is not a period: memory, import, connecting, and the stations against real time."""
 
 from __future__ import annotations
 
@@ -145,16 +145,16 @@ def axis_period(periods: int = 20_000) -> tuple[float, float]:
     return min(medians), median(medians)
 
 
-def station_ratio() -> float | str:
-    """How many times faster than real time `umo run ztheta --parts 1` is; else the last line of its complaint."""
+def station_ratio(*words: str) -> float | str:
+    """How many times faster than real time `umo run WORDS` is; else the last line of its complaint."""
     with tempfile.TemporaryDirectory() as folder:
         summary = Path(folder) / "summary.json"
         umo = str(Path(sys.executable).with_name("umo"))
-        command = [umo, "run", "ztheta", "--parts", "1", "--summary", str(summary)]
+        command = [umo, "run", *words, "--summary", str(summary)]
         try:
             done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=60)
         except (OSError, subprocess.TimeoutExpired) as error:
             return str(error)
         if done.returncode or not summary.exists():
-            return (done.stderr.strip() or done.stdout.strip() or "umo run ztheta failed").splitlines()[-1]
+            return (done.stderr.strip() or done.stdout.strip() or f"umo run {words[0]} failed").splitlines()[-1]
         return float(json.loads(summary.read_text())["realtime_factor"])

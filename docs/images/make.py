@@ -1,4 +1,4 @@
-"""Makes the README's pictures from runs of the station; wants `.venv/bin/pip install -e '.[all,render]'`."""
+"""Makes the pictures of README and docs from runs of the stations; wants `.venv/bin/pip install -e '.[all,render]'`."""
 
 import shutil
 import subprocess
@@ -32,15 +32,16 @@ def photograph() -> None:
         umo.drive(m, main)
 
 
-def plot() -> None:
+def plot(station: str, picture: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         subprocess.run(
-            [sys.executable, "-c", "from umo.cli import main; main()", "run", "ztheta"], cwd=folder, check=True
+            [sys.executable, "-c", "from umo.cli import main; main()", "run", station], cwd=folder, check=True
         )
         (made,) = Path(folder).glob("runs/*/plot.png")
-        shutil.copy(made, HERE / "run.png")
+        shutil.copy(made, HERE / picture)
 
 
 if __name__ == "__main__":
     photograph()
-    plot()
+    plot("ztheta", "run.png")
+    plot("conveyor", "conveyor.png")

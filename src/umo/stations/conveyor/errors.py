@@ -1,0 +1,23 @@
+"""What can end a run of the conveyor, besides its devices."""
+
+from umo.errors import TaskFailed
+
+
+class Jam(TaskFailed):
+    """A part does not move on with the belt."""
+
+
+class PartMissing(TaskFailed):
+    """A part did not come, or did not arrive at the exit barrier."""
+
+
+class BarrierStuck(TaskFailed):
+    """A light barrier is covered where no part can be."""
+
+
+class DriveError(TaskFailed):
+    """The belt does not have the speed that was commanded."""
+
+
+class EmergencyStop(TaskFailed):
+    """The emergency stop was pressed."""

@@ -1,0 +1,432 @@
+"""The conveyor in virtual time: parts sorted by length, and every way in which a run can end."""
+
+from __future__ import annotations
+
+import json
+import math
+import tomllib
+from collections.abc import Callable, Iterable
+from importlib.resources import as_file, files
+from pathlib import Path
+from typing import Any, get_args
+
+import pytest
+from typer.testing import Result
+
+from umo import ChannelError, OnOff, RangeError, TaskFailed, WiringError, check, connect, drive
+from umo.control import until, wait
+from umo.cycle.stopping import StopFlag
+from umo.stations.conveyor.application import main
+from umo.stations.conveyor.control import Conveyor, covered
+from umo.stations.conveyor.errors import BarrierStuck, DriveError, EmergencyStop, Jam, PartMissing
+from umo.stations.conveyor.objects import machine
+from umo.stations.conveyor.plant import LAG, OUTPUTS, Defect, Plant
+from umo.testing import periods
+
+Application = Callable[[Conveyor], Any]
+
+
+def wiring(name: str = "simulated", **parameters: float) -> dict[str, Any]:
+    text = files("umo.stations.conveyor").joinpath(f"wiring/{name}.toml").read_text("utf-8")
+    wired = tomllib.loads(text) | ({"parameters": parameters} if parameters else {})
+    if "plant" in wired["drivers"]:
+        wired["drivers"]["plant"]["type"] = "umo.stations.conveyor.plant:Plant"
+    return wired
+
+
+def first(count: int, cases: Iterable[Any]) -> list[Any]:
+    """The first `count` cases run always, the others where slow tests do."""
+    return [case if number < count else pytest.param(case, marks=pytest.mark.slow) for number, case in enumerate(cases)]
+
+
+class Run:
+    """One run: its plant afterwards, and its result or its error."""
+
+    def __init__(
+        self, application: Application = main, wired: dict[str, Any] | None = None, parts: int = 10, **options: Any
+    ) -> None:
+        self.error: TaskFailed | None = None
+        self.result: dict[str, Any] = {}
+        self.most_between = 0
+        """Parts that were between the barriers at once."""
+        m = machine()
+        connection = connect(m, wired or wiring(), parts=parts, **options)
+        try:
+            with connection:
+                plant = connection.driver("plant")
+                assert isinstance(plant, Plant)
+                self.plant, self.came = plant, plant.coming.copy()
+                connection.machine.observers.append(lambda frame: self._look(m, connection.stop))
+                self.result = drive(m, application)
+        except TaskFailed as error:
+            self.error = error
+        assert self.plant.outputs == dict.fromkeys(OUTPUTS, 0)
+
+    def _look(self, m: Conveyor, stop: StopFlag) -> None:
+        self.most_between = max(self.most_between, len(m._between))
+        if m.now > 60.0:
+            stop.request()
+
+    def assert_sorted(self, parts: int = 10) -> None:
+        assert self.error is None
+        report = self.plant.report()
+        assert (report["parts_delivered"], report["wrongly_sorted"]) == (parts, 0)
+        assert self.result["accepted"] == len(self.plant.accepted)
+        assert self.result["rejected"] == len(self.plant.rejected)
+
+    def length_error(self) -> float:
+        """The largest error of a measured length, mm."""
+        pairs = zip(self.came, self.result["lengths_mm"], strict=True)
+        return max(abs(item.length - float(measured)) for item, measured in pairs)
+
+
+def at(speed: float, **options: Any) -> Application:
+    return lambda m: main(m, speed=speed, **options)
+
+
+# Sorting -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", first(4, range(12)))
+def test_every_part_is_sorted_rightly(seed: int) -> None:
+    run = Run(seed=seed)
+    run.assert_sorted()
+    assert run.length_error() <= 0.7  # 0.3 m/s, 2 ms; rounded to 0.1 mm
+    assert run.plant.speed < 10.0
+
+
+@pytest.mark.parametrize("speed", [0.1, 0.6, 1.0])
+def test_the_speed_of_the_belt_does_not_matter(speed: float) -> None:
+    run = Run(at(speed), seed=5)
+    run.assert_sorted()
+    assert run.length_error() <= 2.0 * speed + 0.1
+
+
+def test_several_parts_are_between_the_barriers_at_once() -> None:
+    run = Run(lambda m: main(m, nominal=40.0), seed=2, nominal=40.0)
+    run.assert_sorted()
+    assert run.most_between >= 3
+
+
+@pytest.mark.parametrize("seed", first(2, range(6)))
+def test_a_part_is_measured_while_the_speed_changes(seed: int) -> None:
+    """While every part covers the entry barrier, the setpoint changes between 0.15 and 0.45 m/s."""
+    changes = []
+
+    async def change(m: Conveyor) -> None:
+        while True:
+            await until(lambda: covered(m.entry))
+            await wait("50 ms")
+            assert covered(m.entry)
+            m.belt.run_at(0.15 if m.belt.setpoint.pending > 0.3 else 0.45)
+            changes.append(m.now)
+            await until(lambda: not covered(m.entry))
+
+    async def application(m: Conveyor) -> Any:
+        m.start(change(m))
+        return await main(m, speed=0.45)
+
+    run = Run(application, seed=seed)
+    run.assert_sorted()
+    assert len(changes) == 10
+    assert run.length_error() <= 1.0
+
+
+def test_the_belt_may_stand_still_with_parts_on_it() -> None:
+    async def pause(m: Conveyor) -> None:
+        await wait("2.2 s")
+        m.belt.run_at(0.0)
+        await wait("5 s")
+        m.belt.run_at(0.3)
+
+    async def application(m: Conveyor) -> Any:
+        m.start(pause(m))
+        return await main(m)
+
+    run = Run(application)
+    run.assert_sorted()
+    assert run.length_error() <= 0.7
+
+
+def test_a_part_that_has_slipped_on_the_belt_is_met_by_the_diverter_all_the_same() -> None:
+    async def slip(plant: Plant) -> None:
+        await until(lambda: bool(plant.belt) and plant.belt[0].rear > 50.0)
+        plant.belt[0].front -= 30.0
+
+    async def application(m: Conveyor) -> Any:
+        m.start(slip(plant))
+        return await main(m, parts=1)
+
+    plant = Plant(parts=1)
+    with connect(machine(), wiring(window=35.0) | {"drivers": {"plant": {"type": plant}}}) as m:
+        assert drive(m, application)["rejected"] == 1
+    assert plant.report()["wrongly_sorted"] == 0
+
+
+def test_another_drive_changes_lines_of_the_wiring_only() -> None:
+    run = Run(wired=wiring("hertz"), seed=3)
+    run.assert_sorted()
+    assert run.length_error() <= 0.8
+
+
+def test_the_parameters_of_the_modbus_wiring_suit_its_longer_period() -> None:
+    modbus = wiring("modbus")
+    slow = wiring(**modbus["parameters"])
+    slow["wire"]["timer"]["period"] = modbus["wire"]["timer"]["period"]
+    run = Run(wired=slow, seed=4)
+    run.assert_sorted()
+    assert run.length_error() <= 1.6
+
+
+@pytest.mark.parametrize("name", ["simulated", "hertz", "modbus"])
+def test_every_wiring_fits_the_machine(name: str) -> None:
+    if name == "modbus":
+        pytest.importorskip("pymodbus")
+    with as_file(files("umo.stations.conveyor")) as folder:
+        assert check(machine(), folder / "wiring" / f"{name}.toml") == []
+
+
+# Ends ----------------------------------------------------------------------------------------------
+
+ENDS: dict[str, tuple[float, type[TaskFailed], str]] = {
+    "jam": (4.0, Jam, "part 7 is jammed between the barriers"),
+    "jam-at-entry": (4.0, Jam, "part 8 is jammed at the entry barrier, or the barrier is stuck"),
+    "jam-at-exit": (4.0, Jam, "part 6 is jammed at the exit barrier, or the barrier is stuck"),
+    "taken-away": (4.0, PartMissing, "part 6 was taken away: part 7 arrived without it"),
+    "entry-stuck": (4.0, BarrierStuck, "the entry barrier is stuck: it stays covered while parts pass it"),
+    "exit-stuck": (4.0, BarrierStuck, "the exit barrier is covered and no part can be there: it is stuck"),
+    "drive-dead": (4.0, DriveError, "the drive runs at 0.000 m/s, 0.300 m/s were commanded"),
+    "emergency-stop": (4.0, EmergencyStop, "the emergency stop was pressed: release it and clear the belt"),
+}
+
+
+def test_there_is_an_end_for_every_fault() -> None:
+    assert set(ENDS) == set(get_args(Defect))
+
+
+@pytest.mark.parametrize("fault", ENDS)
+def test_every_fault_ends_the_run_with_its_own_message(fault: str) -> None:
+    """`Run` asserts that every output is at its default."""
+    when, kind, message = ENDS[fault]
+    run = Run(faults=[fault], fault_at=when)
+    assert type(run.error) is kind
+    assert message in str(run.error)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", ENDS)
+@pytest.mark.parametrize("when", [1.7, 2.3, 2.6, 3.2, 3.7])
+def test_a_fault_at_any_moment_ends_the_run_with_an_error_of_its_kind(fault: str, when: float) -> None:
+    run = Run(faults=[fault], fault_at=when, seed=6)
+    kind = ENDS[fault][1]
+    assert isinstance(run.error, (kind, Jam) if fault == "exit-stuck" else kind)
+
+
+@pytest.mark.parametrize("name", ["entry", "exit"])
+def test_a_barrier_that_is_covered_at_the_start_is_stuck_or_a_part_lies_there(name: str) -> None:
+    run = Run(faults=[f"{name}-stuck"], fault_at=0.0)
+    assert isinstance(run.error, BarrierStuck)
+    assert f"the {name} barrier is covered at the start" in str(run.error)
+
+
+def test_an_entry_barrier_that_gets_stuck_under_a_part_is_told_from_a_jam_by_the_part_itself() -> None:
+    async def application(m: Conveyor) -> Any:
+        m.start(stick(m))
+        return await main(m)
+
+    async def stick(m: Conveyor) -> None:
+        await until(lambda: covered(m.entry))
+        await wait("100 ms")
+        assert covered(m.entry)
+        plant.faults.add("entry-stuck")
+
+    plant = Plant(fault_at=0.0)
+    wired = wiring() | {"drivers": {"plant": {"type": plant}}}
+    with pytest.raises(BarrierStuck, match="it stays covered while parts pass it"), connect(machine(), wired) as m:
+        drive(m, application)
+
+
+def test_an_exit_barrier_that_gets_stuck_under_a_part_looks_like_a_jam() -> None:
+    run = Run(faults=["exit-stuck"], fault_at=4.2)
+    assert isinstance(run.error, Jam)
+    assert "or the barrier is stuck" in str(run.error)
+
+
+def test_a_part_that_is_missing_with_none_behind_it_was_taken_away_or_is_jammed() -> None:
+    messages = set()
+    for fault in ("taken-away", "jam"):
+        run = Run(at(0.3, parts=1), parts=1, faults=[fault], fault_at=0.0)
+        assert isinstance(run.error, PartMissing)
+        messages.add(str(run.error))
+    assert messages == {"part 1 did not arrive: taken away, or jammed with no part behind it"}
+
+
+def test_a_run_without_parts_ends() -> None:
+    run = Run(at(0.3, parts=4), parts=3)
+    assert isinstance(run.error, PartMissing)
+    assert "no part came on 500 mm of belt" in str(run.error)
+    assert len(run.plant.accepted + run.plant.rejected) == 3
+
+
+def test_a_drive_that_does_not_slow_down_is_found_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
+    connection = connect(machine(), wiring())
+    with pytest.raises(DriveError, match=r"runs at 0.300 m/s, 0.200 m/s were commanded"), connection as m:
+        m.belt.run_at(0.3)
+        periods(m, 900)
+        monkeypatch.setattr(connection.driver("plant"), "write", lambda channel, raw: None)
+        m.belt.run_at(0.2)
+        periods(m, 900)
+
+
+# The emergency stop --------------------------------------------------------------------------------
+
+
+def test_the_emergency_stop_inhibits_until_it_is_released_and_acknowledged() -> None:
+    m = machine()
+    connection = connect(m, wiring(), fault_at=0.0)
+    with connection:
+        plant = connection.driver("plant")
+        assert isinstance(plant, Plant)
+        m.belt.run_at(0.3)
+        m.diverter.write(OnOff.ON)
+        periods(m, 600)
+        assert plant.speed > 250.0
+
+        plant.faults.add("emergency-stop")
+        periods(m, 2)
+        assert plant.outputs == dict.fromkeys(OUTPUTS, 0)  # at once: without the ramp
+        assert m.belt.setpoint.inhibited == m.belt.run.inhibited == m.diverter.inhibited
+        assert m.belt.setpoint.inhibited == "the emergency stop was pressed"
+        assert m.acknowledge() is False  # it is still pressed
+
+        plant.faults.clear()
+        periods(m, 200)
+        m.belt.run_at(0.3)
+        periods(m, 200)
+        assert plant.outputs == dict.fromkeys(OUTPUTS, 0)
+
+        assert m.acknowledge() is True
+        periods(m, 200)
+        assert plant.speed < 1.0  # nothing moves before it is commanded again
+        m.belt.run_at(0.3)
+        periods(m, 600)
+        assert plant.speed > 250.0
+
+
+def test_a_pressed_emergency_stop_does_not_let_a_run_begin() -> None:
+    run = Run(faults=["emergency-stop"], fault_at=0.0)
+    assert isinstance(run.error, EmergencyStop)
+    assert run.plant.time < 0.01
+
+
+# Options -------------------------------------------------------------------------------------------
+
+
+def test_the_options_reach_application_and_plant(umo: Callable[..., Result], tmp_path: Path) -> None:
+    options = "--parts 3 --speed 0.5 --nominal 100 --tolerance 6 --seed 2"
+    result = umo("run", "conveyor", *options.split(), "--summary", "summary.json")
+    assert result.exit_code == 0, result.output
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["reports"]["plant"]["parts_delivered"] == 3
+    assert summary["reports"]["plant"]["wrongly_sorted"] == 0
+    assert all(76 <= length <= 124 for length in summary["result"]["lengths_mm"])
+    assert summary["progress"] == {"text": "done", "done": 3, "total": 3}
+
+
+@pytest.mark.parametrize(
+    "options, status, message",
+    [
+        ("--speed 1.5 --tolerance 8", 2, "belt.setpoint: 1.5 m/s is outside 0 to 1"),
+        ("--speed 0", 2, "0 m/s is 0 mm in a period: it must be above 0"),
+        ("--speed nan", 2, "nan m/s"),
+        ("--tolerance 1 ", 2, "0.3 m/s is 0.6 mm in a period: it must be above 0, at most 0.5 mm"),
+        ("--nominal 300", 2, "this must be within 20 to 250 mm"),
+        ("--tolerance nan", 2, "this must be within 20 to 250 mm"),
+        ("--parts -1", 2, "-1"),
+        ("--faults jamm", 2, "jamm"),
+        ("--faults jam", 1, "part 7 is jammed between the barriers"),
+        ("--parts 0", 0, "accepted"),
+    ],
+)
+def test_wrong_options_are_mistakes_and_faults_are_failures(
+    umo: Callable[..., Result], options: str, status: int, message: str
+) -> None:
+    result = umo("run", "conveyor", *options.split())
+    assert result.exit_code == status, result.output
+    assert message in (result.output + result.stderr).replace("\n", " ")
+    assert "Traceback" not in result.output
+
+
+@pytest.mark.parametrize("tolerance", [math.nan, 0.0, -4.0, 1.0])
+def test_a_tolerance_that_cannot_be_measured_is_refused(tolerance: float) -> None:
+    with connect(machine(), wiring()) as m, pytest.raises(RangeError, match="it must be above 0"):
+        drive(m, lambda m: main(m, tolerance=tolerance))
+
+
+# The plant -----------------------------------------------------------------------------------------
+
+
+def opened(**options: Any) -> Plant:
+    plant = Plant(**options)
+    plant.period = 0.002
+    plant.open()
+    return plant
+
+
+def test_an_unknown_channel_names_the_nearest_one() -> None:
+    with pytest.raises(ChannelError, match="did you mean 'drive:speed'"):
+        Plant().channel("drive:sped")
+
+
+def test_the_drive_is_exact_whatever_the_period() -> None:
+    travelled = []
+    for period in (0.001, 0.005):
+        plant = opened(parts=1)
+        plant.period = period
+        plant.write(plant.channel("drive:run"), 1)
+        plant.write(plant.channel("drive:setpoint"), 8192)
+        plant.advance(round(0.25 / period))
+        travelled.append(plant.belt[0].front + 100.0)
+        assert plant.read(plant.channel("drive:speed")) == round(8192 * (1 - math.exp(-0.25 / LAG)))
+    assert travelled == pytest.approx([500.0 * (0.25 - LAG * (1 - math.exp(-0.25 / LAG)))] * 2)
+
+
+def test_a_part_that_is_not_pushed_stays_on_the_belt_and_is_counted_as_wrong() -> None:
+    plant = opened(seed=0, parts=1)
+    assert not plant.coming[0].good
+    plant.write(plant.channel("drive:run"), 1)
+    plant.write(plant.channel("drive:setpoint"), 8192)
+    plant.advance(2000)
+    report = plant.report()
+    assert (report["parts_delivered"], report["wrongly_sorted"]) == (1, 1)
+    assert report["worst_length_error_mm"] > 4.0
+
+
+@pytest.mark.parametrize("offset, hit", [(-45.0, False), (-15.0, True), (15.0, True), (45.0, False)])
+def test_the_diverter_rejects_a_part_that_it_meets_near_its_middle(offset: float, hit: bool) -> None:
+    """It takes 25 periods of 1 mm to move out."""
+    plant = opened(parts=1)
+    plant.write(plant.channel("drive:run"), 1)
+    plant.write(plant.channel("drive:setpoint"), 8192)
+    while not plant.belt or (plant.belt[0].front + plant.belt[0].rear) / 2 < 450.0 + offset - 25.0:
+        plant.advance()
+    plant.write(plant.channel("dio:diverter"), 1)
+    plant.advance(26)
+    plant.write(plant.channel("dio:diverter"), 0)
+    plant.advance(500)
+    assert (len(plant.accepted), len(plant.rejected)) == (not hit, hit)
+
+
+def test_parts_pile_up_behind_a_jam() -> None:
+    plant = opened(faults=["jam"], fault_at=0.0)
+    plant.write(plant.channel("drive:run"), 1)
+    plant.write(plant.channel("drive:setpoint"), 8192)
+    plant.advance(5000)
+    assert plant.belt[0].front == 150.0
+    assert all(behind.front == before.rear for before, behind in zip(plant.belt, plant.belt[1:], strict=False))
+    assert plant.read(plant.channel("dio:entry")) == 1
+
+
+def test_a_plant_of_parts_without_a_length_is_a_mistake_of_the_wiring() -> None:
+    with pytest.raises(WiringError, match="within 20 to 250 mm"):
+        Plant(nominal=30.0)
