@@ -118,8 +118,9 @@ class Plant(Driver):
         jams = [JAMS[name] for name in present & JAMS.keys()]
         free = math.inf
         for item in self.belt:
-            item.front = min(item.front + travel, free, *(place for place in jams if item.front <= place))
-            free = item.rear
+            stops = [place for place in jams if item.front <= place] if jams else ()
+            item.front = min(item.front + travel, free, *stops)
+            free = item.front - item.length
         if self.coming and free - self.coming[0].gap >= START:
             self.belt.append(item := self.coming.pop(0))
             item.front = min(START + travel, free - item.gap)
@@ -132,17 +133,21 @@ class Plant(Driver):
     def _push(self) -> None:
         way = self.period / STROKE if self.outputs["dio:diverter"] else -self.period / STROKE
         self.extension = min(max(self.extension + way, 0.0), 1.0)
-        for item in self.belt.copy() if self.extension == 1.0 else ():
+        if self.extension < 1.0:
+            return
+        for item in self.belt.copy():
             if abs((item.front + item.rear) / 2 - DIVERTER) <= REACH:
                 self.belt.remove(item)
                 self.rejected.append(item)
 
     def _show(self, present: set[str]) -> None:
-        for place, name in ((0.0, "entry"), (EXIT, "exit")):
-            covered = any(item.rear <= place <= item.front for item in self.belt)
-            self.inputs[f"dio:{name}"] = covered or f"{name}-stuck" in present
+        self.inputs["dio:entry"] = "entry-stuck" in present or self._covered(0.0)
+        self.inputs["dio:exit"] = "exit-stuck" in present or self._covered(EXIT)
         self.inputs["drive:speed"], self.inputs["hertz:speed"] = round(self.speed * 16.384), round(self.speed * 5.0)
         self.inputs["dio:stop"] = "emergency-stop" not in present
+
+    def _covered(self, place: float) -> bool:
+        return any(item.front >= place >= item.front - item.length for item in self.belt)
 
     def report(self) -> dict[str, Any]:
         """The parts delivered to the end of the belt or the chute, how many of them wrongly, and the largest deviation
