@@ -25,7 +25,7 @@ Objects: as in the z-theta station, of 13 are 1 digital and 7 binary actuators, 
 Figures: us per period, minimum / median of batches run in turns; garbage collection off; ratios are of minima."""
 
 
-STATIONS: dict[str, tuple[tuple[str, ...], float]] = {"ztheta": (("--parts", "1"), 10.0), "conveyor": ((), 25.0)}
+STATIONS: dict[str, tuple[tuple[str, ...], float]] = {"ztheta": (("--parts", "1"), 25.0), "conveyor": ((), 25.0)}
 """The stations that are run: their options, and how many times faster than real time they are to be."""
 
 

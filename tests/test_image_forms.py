@@ -11,7 +11,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from machines import timer
-from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, OnOff, UmoError, Vector, connect
+from umo import (
+    BinaryActuator,
+    BinarySensor,
+    Compound,
+    DigitalActuator,
+    DigitalSensor,
+    OnOff,
+    Polynomial,
+    Table,
+    UmoError,
+    Vector,
+    connect,
+)
 from umo.cycle.forms import ARRAYS_FROM, ArrayImage, ListImage
 from umo.objects import Atomic
 from umo.testing import Scripted, VirtualTimer
@@ -30,15 +42,22 @@ class Spec:
     hold: bool
     incremental: bool
     inverted: bool
+    mark: bool = False
+    curve: Polynomial | Table | None = None
+    invalid_raws: tuple[int, ...] = ()
 
     def make(self) -> Atomic:
-        hold = {"on_error": "hold", "max_age": "2 ms"} if self.hold else {}
-        scale = {"minimum": -10.0, "maximum": 10.0, "resolution": self.resolution, "zero_offset": self.offset}
+        hold = {"max_age": "2 ms"} if self.hold else {}
+        if self.hold or self.mark:
+            hold["on_error"] = "mark" if self.mark else "hold"
+        scale: Any = {"minimum": -10.0, "maximum": 10.0, "resolution": self.resolution, "zero_offset": self.offset}
+        scale["linearization"] = self.curve
         if self.kind == "da":
             limits = "clamp" if self.clamp else "raise"
             return DigitalActuator("V", default=0.0, limits=limits, synchronous=self.synchronous, **scale)
         if self.kind == "ds":
-            return DigitalSensor("V", synchronous=self.synchronous, incremental=self.incremental, **scale, **hold)
+            scale |= {"incremental": self.incremental, "invalid_raws": self.invalid_raws}
+            return DigitalSensor("V", synchronous=self.synchronous, **scale, **hold)
         if self.kind == "ba":
             return BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.OFF, synchronous=self.synchronous)
         return BinarySensor(OnOff, one=OnOff.ON, synchronous=self.synchronous, **hold)
@@ -55,6 +74,9 @@ SPEC = st.builds(
     hold=st.booleans(),
     incremental=st.booleans(),
     inverted=st.booleans(),
+    mark=st.sampled_from([False, False, True]),
+    curve=st.sampled_from([None, None, Polynomial([0.5, 1.0, 0.02], (-20, 20)), Table([-20, 0, 30], [30, 0, -12])]),
+    invalid_raws=st.sampled_from([(), (), (2,), (-7, 2**40)]),
 )
 NUMBER = st.integers(0, 99)
 RAW = st.integers(-30, 30) | st.sampled_from([0, 1, 2, 2**40, -(2**63), 2**63 - 1])

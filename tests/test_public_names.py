@@ -20,7 +20,10 @@ OBJECTS = {
     "DigitalActuator",
     "DigitalSensor",
     "Interlock",
+    "Polynomial",
     "Quality",
+    "Table",
+    "Thermocouple",
     "Vector",
 } | STATES
 ERRORS = {

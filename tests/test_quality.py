@@ -11,6 +11,7 @@ from umo import (
     BadInput,
     BinaryActuator,
     BinarySensor,
+    ChannelsFailed,
     Compound,
     DeclarationError,
     DigitalActuator,
@@ -487,3 +488,134 @@ def test_a_control_law_refuses_what_is_not_good_unless_told_what_to_accept(box):
         assert state_of(m.two) is PassFail.PASS
         m.one.referenced()
         assert value_of(m.one) == 0.0
+
+
+# Failures that are only marked -----------------------------------------------------------------------
+
+MARK = {"on_error": "mark"}
+
+
+OPEN = ChannelsFailed({"one": "open circuit"})
+
+
+def test_a_failure_that_is_marked_makes_the_value_bad_and_the_others_go_on(box, caplog):
+    machine = inputs(sensor(**MARK))
+    with connect(machine, wired(machine, box)) as m:
+        box.set("one", [20, OPEN, OPEN, 40])
+        seen = []
+        for _ in range(4):
+            good = period(m)
+            seen.append((good, m.one.read(), m.one.quality, m.two.quality))
+            if not good:
+                with pytest.raises(BadInput, match="one is BAD"):
+                    value_of(m.one)
+    assert seen == [(True, 10.0, GOOD, GOOD), *[(False, 10.0, BAD, GOOD)] * 2, (True, 20.0, GOOD, GOOD)]
+    assert [record.message for record in caplog.records] == ["one is BAD: open circuit"]  # said once
+
+
+def test_an_asynchronous_sensor_marks_a_failure_too(box):
+    machine = inputs(sensor(synchronous=False, **MARK))
+    box.set("one", [20, OSError("open circuit")])
+    with connect(machine, wired(machine, box)) as m:
+        assert (m.one.read(), m.one.quality) == (10.0, GOOD)
+        assert (m.one.read(), m.one.quality) == (10.0, BAD)
+        with pytest.raises(BadInput, match="one is BAD"):
+            value_of(m.one)
+
+
+def test_a_marked_failure_is_held_first_if_it_has_a_max_age(box):
+    machine = inputs(sensor(**MARK, max_age="3 ms"))
+    box.set("one", 20)
+    with connect(machine, wired(machine, box)) as m:
+        box.set("one", OPEN)
+        seen = []
+        for _ in range(5):
+            assert period(m) is False
+            seen.append(m.one.quality)
+        assert seen == [STALE, STALE, STALE, BAD, BAD]
+        assert m.one.read() == 10.0
+        box.set("one", 30)
+        assert period(m) is True
+        assert (m.one.read(), m.one.quality) == (15.0, GOOD)
+
+
+def test_an_invalid_raw_is_held_and_then_marked(box):
+    machine = inputs(sensor(**MARK, max_age="2 ms", invalid_raws=[32767], incremental=True))
+    box.set("one", 20)
+    with connect(machine, wired(machine, box)) as m:
+        m.one.referenced()
+        seen = []
+        for raw in (32767, 32767, 32767, 400, 32767, 20):
+            box.set("one", raw)
+            period(m)
+            seen.append((m.one.raw, m.one.read(), m.one.quality))
+    assert seen == [
+        (32767, 10.0, STALE),
+        (32767, 10.0, STALE),
+        (32767, 10.0, BAD),
+        (400, 200.0, OUT_OF_RANGE),
+        (32767, 200.0, OUT_OF_RANGE),  # what was out of range is no better for being held
+        (20, 10.0, GOOD),
+    ]
+
+
+def test_a_machine_connects_with_a_sensor_that_is_broken_from_the_start(box):
+    machine = inputs(sensor(**MARK, max_age="1 s"))
+    box.set("one", OPEN)
+    with connect(machine, wired(machine, box)) as m:
+        assert (m.one.quality, m.two.quality) == (BAD, GOOD)  # there is nothing to hold
+        assert period(m) is False
+
+
+def test_when_the_device_is_gone_the_others_of_its_block_still_raise(box):
+    machine = inputs(sensor(**MARK), switch())
+    with connect(machine, wired(machine, box)) as m:
+        box.broken = OSError("cut")
+        with pytest.raises(DriverError) as caught:
+            period(m)
+        assert failed(caught.value) == ["two"]
+        assert (m.one.quality, m.two.quality) == (BAD, BAD)
+        box.broken = None
+        assert period(m) is True
+
+
+def test_when_a_device_of_marked_sensors_alone_is_gone_nothing_is_raised(box):
+    machine = inputs(sensor(**MARK), switch(**MARK))
+    with connect(machine, wired(machine, box)) as m:
+        box.broken = OSError("cut")
+        assert period(m) is False
+        assert (m.one.quality, m.two.quality) == (BAD, BAD)
+        with pytest.raises(BadInput, match="two is BAD"):
+            state_of(m.two)
+        box.broken = None
+
+
+def test_a_binary_sensor_marks_what_is_neither_0_nor_1(box):
+    machine = inputs(two=switch(**MARK))
+    with connect(machine, wired(machine, box)) as m:
+        box.set("two", 2)
+        assert period(m) is False
+        assert m.two.quality is BAD
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"on_error": "ignore"}, "on_error='ignore' is none of 'raise', 'hold', 'mark'"),
+        ({"on_error": "hold"}, 'on_error="hold" needs a max_age'),
+        ({"max_age": 1.0}, 'max_age is for on_error="hold" and on_error="mark"'),
+        ({"on_error": "mark", "max_age": -1.0}, "finite and not negative"),
+    ],
+)
+def test_on_error_and_max_age_must_fit(given, message):
+    for make in (sensor, switch):
+        with pytest.raises(DeclarationError, match=message):
+            make(**given)
+
+
+def test_the_timer_is_never_only_marked(box):
+    from umo import check
+
+    machine = Inputs(timer=timer(), one=sensor(), two=switch())
+    machine.timer._marks = True
+    assert ["timer must have" in fault.message for fault in check(machine, wired(machine, box))] == [True]

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
 
 from rich.tree import Tree
 
 from umo.drivers import Direction
-from umo.errors import PathError
+from umo.errors import DeclarationError, PathError
 from umo.objects import Atomic, Compound, Digital, DigitalActuator, Node
+from umo.objects.linearization import from_table
 from umo.process.station import Station
 from umo.text import did_you_mean
 from umo.wiring import check
@@ -20,6 +22,9 @@ from umo.wiring.source import WiringSource, read
 from .console import out
 from .folding import FROM
 from .show import label, reported
+
+if TYPE_CHECKING:
+    from umo.wiring.entry import Entry
 
 
 def show_tree(station: Station, wiring: str | None, path: str | None = None, everything: bool = False) -> int:
@@ -96,7 +101,7 @@ class _Branches:
         entry = self._entries.get(item.path)
         if entry is None:
             return ""
-        return f"{entry.driver}:{entry.channel or item.path}{' inverted' if entry.inverted else ''}"
+        return f"{entry.driver}:{entry.channel or item.path}{_overrides(entry)}"
 
 
 def _range(names: Sequence[str]) -> str:
@@ -126,3 +131,14 @@ def _declared(item: Atomic) -> str:
 def _kind(item: Atomic) -> str:
     number = "digital" if isinstance(item, Digital) else "binary"
     return f"{number} {'actuator' if item.direction is Direction.OUTPUT else 'sensor'}"
+
+
+def _overrides(entry: Entry) -> str:
+    """What the circuit changes of the declaration, where it is not a number; a fault is for `check` to say."""
+    text = " inverted" if entry.inverted else ""
+    if entry.linearization is not None:
+        with suppress(DeclarationError):
+            text += f" through a {from_table(entry.linearization)}" if entry.linearization else " linear"
+    if entry.invalid_raws:
+        text += f" invalid {', '.join(map(str, entry.invalid_raws))}"
+    return text

@@ -25,6 +25,8 @@ class Block:
         """The same as a memoryview: between two of these a copy takes a third of numpy's time."""
         self.transfer: Callable[[Any, IntArray], None]
         """The driver's block transfer, as the transfer stage calls it."""
+        self.convert: Callable[[Block, float], list[tuple[int, float]]]
+        """Inputs: how the form of the image turns the buffer into values."""
         self.scales: Any = None
         """Inputs: resolution, zero offset and bounds of its objects, prepared by the form of the image."""
         self.unsettled: set[int] = set()

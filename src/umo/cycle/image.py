@@ -7,6 +7,7 @@ the transfer stage, what is commanded of a guarded actuator through the command 
 
 from __future__ import annotations
 
+import logging
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, cast
@@ -27,6 +28,7 @@ from umo.wiring.resolved import Wire, Wired
 if TYPE_CHECKING:
     from umo.cycle.commands import Command, Commands
 
+log = logging.getLogger("umo")
 Actuator = BinaryActuator[Any] | DigitalActuator
 Sensor = BinarySensor[Any] | DigitalSensor
 
@@ -53,6 +55,8 @@ class Image(ABC):
         self.pending_raws_array = np.zeros(count, np.int64)
         self.pending_raws: Any = self.pending_raws_array.data
         self.scales = [(*wire.scale, *wire.bounds) for wire in self.wires]
+        self.linearizations = [wire.linearization for wire in self.wires]
+        self.invalid_raws = {slot: wire.invalid_raws for slot, wire in enumerate(self.wires) if wire.invalid_raws}
         self.base = [
             Quality.UNREFERENCED if isinstance(item, DigitalSensor) and item.incremental else Quality.GOOD
             for item in self.items
@@ -82,7 +86,8 @@ class Image(ABC):
         self.commands = commands
         self._slewing = commands.slewing
         for slot, item in enumerate(self.items):
-            item._connect(self, slot, item.synchronous and slot not in commands.by_slot and self._exact[slot])
+            plain = self._exact[slot] and self.linearizations[slot] is None
+            item._connect(self, slot, item.synchronous and slot not in commands.by_slot and plain)
 
     def disconnect(self) -> None:
         for item in self.items:
@@ -96,12 +101,9 @@ class Image(ABC):
 
     @abstractmethod
     def _prepare(self, block: Block) -> None:
-        """What `_convert` will want of an input block."""
-
-    @abstractmethod
-    def _convert(self, block: Block, now: float) -> list[tuple[int, float]]:
-        """Buffer to raws, values and times. If any values are out of bounds, their (slot, value) pairs are
-        returned and not kept, and the times are left to the caller."""
+        """Set `scales` and `convert` of an input block. `convert(block, now)` takes the buffer to raws, values and
+        times. If any values are out of bounds, their (slot, value) pairs are returned and not kept, and the times are
+        left to the caller. A raw that the circuit reports as invalid gives a value that is out of bounds."""
 
     @abstractmethod
     def _commit(self, block: Block, now: float) -> None:
@@ -130,7 +132,7 @@ class Image(ABC):
             except Exception as error:
                 self._sample_rest(block, error, now, failures)
                 continue
-            outside = self._convert(block, now)
+            outside = block.convert(block, now)
             if outside or block.unsettled:
                 self._settle(block, outside, now, failures)
         if failures:
@@ -302,7 +304,7 @@ class Image(ABC):
         zero_offset = value - self.raws[slot] * resolution
         item._calibrate(item.calibration._replace(zero_offset=zero_offset))
         self.scales[slot] = resolution, zero_offset, low, high
-        self.values[slot] = to_value(self.raws[slot], resolution, zero_offset)
+        self.values[slot] = self.value_of(slot, self.raws[slot])
         for block in self.inputs:
             if block.start <= slot < block.stop:
                 self._prepare(block)
@@ -320,31 +322,43 @@ class Image(ABC):
 
     def _settle(self, block: Block, outside: list[tuple[int, float]], now: float, failures: list[Failure]) -> None:
         """The slow path of `sample`: something in the block is, or was, not as it should be."""
-        for slot in block.unsettled:
+        failed = {slot: (cause, self.times[slot]) for slot, _ in outside if (cause := self._refused(slot))}
+        for slot in block.unsettled - failed.keys():
             self._set_quality(slot, self.base[slot])
-        block.unsettled.clear()
-        garbled = []
+        block.unsettled &= failed.keys()
         for slot, value in outside:
-            if isinstance(self.items[slot], Binary):
-                garbled.append((slot, self.times[slot]))
-            else:
+            if slot not in failed:
                 self.values[slot] = value
                 self._set_quality(slot, self._judge(slot, value))
         self._stamp(block, now)
-        for slot, time in garbled:
+        for slot, (cause, time) in failed.items():
             self.times[slot] = time
-            self._fail_input(slot, _not_binary(self.raws[slot]), failures)
+            self._fail_input(slot, cause, failures)
+
+    def _refused(self, slot: int) -> str:
+        """Why its raw value, which is in `raws`, is not a reading; empty if it is one."""
+        raw = self.raws[slot]
+        if isinstance(self.items[slot], Binary):
+            return "" if raw in (0, 1) else f"read {raw}, but a binary channel reads 0 or 1"
+        return f"the circuit reports an invalid reading (raw {raw})" if raw in self.invalid_raws.get(slot, ()) else ""
 
     def _accept(self, slot: int, raw: int, failures: list[Failure]) -> None:
         """One sensor was read."""
-        resolution, zero_offset, low, high = self.scales[slot]
-        value = to_value(raw, resolution, zero_offset)
-        if isinstance(self.items[slot], Binary) and not low <= value <= high:
-            self._fail_input(slot, _not_binary(raw), failures)
+        value = self.value_of(slot, raw)
+        _, _, low, high = self.scales[slot]
+        if (slot in self.invalid_raws or not low <= value <= high) and (cause := self._refused(slot)):
+            self._fail_input(slot, cause, failures)
             return
         self.values[slot] = value
         self.times[slot] = self.clock.now
         self._set_quality(slot, self._judge(slot, value))
+
+    def value_of(self, slot: int, raw: int) -> float:
+        """The value that a raw integer stands for."""
+        resolution, zero_offset, _, _ = self.scales[slot]
+        value = to_value(raw, resolution, zero_offset)
+        linearization = self.linearizations[slot]
+        return value if linearization is None else linearization.to_value(value)
 
     def _judge(self, slot: int, value: float) -> Quality:
         _, _, low, high = self.scales[slot]
@@ -366,6 +380,10 @@ class Image(ABC):
         if item._max_age is not None and age <= item._max_age:
             if self.quality[slot] == Quality.GOOD:  # what was not good is no better for being held
                 self._set_quality(slot, Quality.STALE)
+        elif item._marks:
+            if self.quality[slot] != Quality.BAD:
+                log.warning("%s is BAD: %s", item.path, cause)
+                self._set_quality(slot, Quality.BAD)
         else:
             self._fail_output(slot, cause, failures)
 
@@ -409,7 +427,3 @@ def _group_order(wires: Sequence[Wire]) -> Any:
         return not wire.item.synchronous, wire.item.direction is Direction.OUTPUT, drivers[id(wire.driver)]
 
     return key
-
-
-def _not_binary(raw: int) -> str:
-    return f"read {raw}, but a binary channel reads 0 or 1"

@@ -4,6 +4,7 @@ from umo.objects.actuators import BinaryActuator, DigitalActuator
 from umo.objects.atomic import Atomic, Binary, Digital
 from umo.objects.compound import Compound
 from umo.objects.interlock import Interlock
+from umo.objects.linearization import Polynomial, Table
 from umo.objects.node import Node
 from umo.objects.quality import Quality
 from umo.objects.sensors import BinarySensor, DigitalSensor
@@ -21,6 +22,7 @@ from umo.objects.states import (
     UpDown,
     ZeroOne,
 )
+from umo.objects.thermocouple import Thermocouple
 from umo.objects.vector import Vector
 
 __all__ = [
@@ -42,8 +44,11 @@ __all__ = [
     "OnOff",
     "OpenClosed",
     "PassFail",
+    "Polynomial",
     "Quality",
     "Rotation",
+    "Table",
+    "Thermocouple",
     "TwoState",
     "UpDown",
     "Vector",

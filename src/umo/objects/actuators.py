@@ -7,6 +7,7 @@ from typing import Literal
 from umo.drivers.contract import Direction
 from umo.errors import DeclarationError, RangeError
 from umo.objects.atomic import Binary, Digital, S, _finite
+from umo.objects.linearization import Linearization
 from umo.objects.units import seconds
 
 
@@ -90,6 +91,8 @@ class DigitalActuator(Digital):
     "clamp": the nearest bound is taken and `write` returns False. NaN and infinities always raise. `expires` (s, or a
     text such as "100 ms"): without a write for this time the default is sent. `slew_rate` (units per s, synchronous
     only): the largest rate of change of the value sent. `pending` is the value written, `read` the value sent.
+    `linearization`: a `Polynomial`, `Table` or `Thermocouple`; the electrical quantity, raw * resolution + zero_offset,
+    is its inverse at the value. Default: they are the same.
     """
 
     __slots__ = ("_clamp", "_default", "_expires", "_slew_rate")
@@ -105,12 +108,13 @@ class DigitalActuator(Digital):
         maximum: float,
         resolution: float,
         zero_offset: float = 0.0,
+        linearization: Linearization | None = None,
         limits: Literal["raise", "clamp"] = "raise",
         synchronous: bool = True,
         expires: str | float | None = None,
         slew_rate: float | None = None,
     ) -> None:
-        super().__init__(units, minimum, maximum, resolution, zero_offset, synchronous)
+        super().__init__(units, minimum, maximum, resolution, zero_offset, synchronous, linearization)
         self._expires = _expiry(expires)
         self._slew_rate = None if slew_rate is None else _finite("slew_rate", slew_rate)
         if self._slew_rate is not None and self._slew_rate <= 0:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, ClassVar, Generic, NamedTuple, TypeVar, cast
 
 import numpy as np
 
 from umo.drivers.contract import Direction
 from umo.errors import DeclarationError, RangeError, StateError
+from umo.objects.linearization import Linearization, fitted
 from umo.objects.link import Unconnected
 from umo.objects.node import Node
 from umo.objects.quality import Quality
@@ -146,12 +148,14 @@ class Calibration(NamedTuple):
     maximum: float
     resolution: float
     zero_offset: float
+    linearization: Linearization | None = None
+    invalid_raws: tuple[int, ...] = ()
 
 
 class Digital(Atomic):
     """A group of bits with a numeric meaning (section 4.4)."""
 
-    __slots__ = ("_maximum", "_minimum", "_resolution", "_units", "_zero_offset")
+    __slots__ = ("_invalid_raws", "_linearization", "_maximum", "_minimum", "_resolution", "_units", "_zero_offset")
 
     def __init__(
         self,
@@ -161,6 +165,8 @@ class Digital(Atomic):
         resolution: float,
         zero_offset: float,
         synchronous: bool,
+        linearization: Linearization | None = None,
+        invalid_raws: Sequence[int] = (),
     ) -> None:
         super().__init__(synchronous)
         self._units = check_unit(units)
@@ -177,6 +183,10 @@ class Digital(Atomic):
             raise DeclarationError("resolution must not be 0: it is the change of the value for one bit")
         if self._minimum >= self._maximum:
             raise DeclarationError(f"minimum {minimum:g} is not below maximum {maximum:g}")
+        if linearization is not None:
+            linearization = fitted(linearization, units, self._minimum, self._maximum)
+        self._linearization = linearization
+        self._invalid_raws = _raws(invalid_raws)
 
     @property
     def units(self) -> str:
@@ -192,20 +202,28 @@ class Digital(Atomic):
 
     @property
     def resolution(self) -> float:
-        """The change of the value for one bit; negative where the circuit counts the other way."""
+        """The change of the value for one bit; negative where the circuit counts the other way. With a linearization:
+        the change of the electrical quantity."""
         return self._resolution
 
     @property
     def zero_offset(self) -> float:
-        """The value of raw 0."""
+        """The value of raw 0; with a linearization the electrical quantity."""
         return self._zero_offset
 
     @property
+    def linearization(self) -> Linearization | None:
+        """The function from the electrical quantity to the value; None: the value is raw * resolution + zero_offset."""
+        return self._linearization
+
+    @property
     def calibration(self) -> Calibration:
-        return Calibration(self._minimum, self._maximum, self._resolution, self._zero_offset)
+        scale = self._resolution, self._zero_offset, self._linearization
+        return Calibration(self._minimum, self._maximum, *scale, self._invalid_raws)
 
     def _calibrate(self, calibration: Calibration) -> None:
-        self._minimum, self._maximum, self._resolution, self._zero_offset = calibration
+        self._minimum, self._maximum, self._resolution, self._zero_offset = calibration[:4]
+        self._linearization, self._invalid_raws = calibration[4:]
 
     def read_in(self, unit: str) -> float:
         """`read()` in another unit of the same dimension."""
@@ -215,7 +233,8 @@ class Digital(Atomic):
         raise NotImplementedError
 
     def describe(self) -> str:
-        return f"{self._minimum:g} to {self._maximum:g} {self._units} by {abs(self._resolution):.6g}"
+        of = "" if self._linearization is None else f" through a {self._linearization}"
+        return f"{self._minimum:g} to {self._maximum:g} {self._units} by {abs(self._resolution):.6g}{of}"
 
     def _number(self, value: float) -> float:
         """A plain finite float; a bool, a text or a state is refused."""
@@ -238,3 +257,11 @@ def _finite(name: str, number: float) -> float:
     if isinstance(number, bool) or not isinstance(number, int | float) or not math.isfinite(number):
         raise DeclarationError(f"{name}={number!r} is not a finite number")
     return float(number)
+
+
+def _raws(raws: Iterable[int]) -> tuple[int, ...]:
+    """Raw values; DeclarationError for anything but a list of integers."""
+    each = tuple(raws) if isinstance(raws, Iterable) else ()
+    if not isinstance(raws, Iterable) or any(isinstance(raw, bool) or not isinstance(raw, int) for raw in each):
+        raise DeclarationError(f"invalid_raws must be a list of integers, not {raws!r}")
+    return each

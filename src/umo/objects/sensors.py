@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Sequence
+from typing import Literal, TypeAlias, get_args
 
 from umo.drivers.contract import Direction
 from umo.errors import DeclarationError
 from umo.objects.atomic import Binary, Digital, S
+from umo.objects.linearization import Linearization
 from umo.objects.units import seconds
+
+OnError: TypeAlias = Literal["raise", "hold", "mark"]
+"""What a failed reading does."""
 
 
 class BinarySensor(Binary[S]):
     """One input bit: a switch, a light barrier. EPICS bi, Modbus discrete input, OPC UA TwoState, BACnet BI."""
 
-    __slots__ = ("_max_age",)
+    __slots__ = ("_marks", "_max_age")
 
     direction = Direction.INPUT
 
@@ -23,11 +28,11 @@ class BinarySensor(Binary[S]):
         *,
         one: S,
         synchronous: bool = True,
-        on_error: Literal["raise", "hold"] = "raise",
+        on_error: OnError = "raise",
         max_age: str | float | None = None,
     ) -> None:
         super().__init__(states, one, synchronous)
-        self._max_age = _hold(on_error, max_age)
+        self._max_age, self._marks = _on_error(on_error, max_age)
 
     def sample(self) -> bool:
         """Synchronous: read the hardware and keep the state; True if its quality is GOOD. Asynchronous: True."""
@@ -43,12 +48,18 @@ class BinarySensor(Binary[S]):
 class DigitalSensor(Digital):
     """A group of input bits: a counter, an ADC. EPICS ai, Modbus input register, OPC UA AnalogItem, BACnet AI.
 
-    `incremental=True`: the value is UNREFERENCED until homing calls `referenced()`. `on_error="hold"`: when
-    the device fails, the last value is kept for `max_age` (s, or a text such as "50 ms") with the quality STALE,
-    which control laws accept. Default: "raise".
+    `incremental=True`: the value is UNREFERENCED until homing calls `referenced()`. `linearization`: a `Polynomial`,
+    `Table` or `Thermocouple` from the electrical quantity, raw * resolution + zero_offset, to the value; default: they
+    are the same. `invalid_raws`: raw values with which the circuit reports an invalid reading, such as 0x7FFF for an
+    open thermocouple; such a reading has failed.
+
+    `on_error` is what a failed reading does. "raise" (default): the quality is BAD, DriverError. "hold": the last value
+    is kept for `max_age` (s, or a text such as "50 ms") with the quality STALE, which control laws accept; then as
+    "raise". "mark": with or without such a `max_age` before it, the quality is BAD, and nothing is raised: control laws
+    refuse the value, `quality` tells, the other sensors and the run go on.
     """
 
-    __slots__ = ("_incremental", "_max_age")
+    __slots__ = ("_incremental", "_marks", "_max_age")
 
     direction = Direction.INPUT
 
@@ -62,12 +73,14 @@ class DigitalSensor(Digital):
         zero_offset: float = 0.0,
         synchronous: bool = True,
         incremental: bool = False,
-        on_error: Literal["raise", "hold"] = "raise",
+        linearization: Linearization | None = None,
+        invalid_raws: Sequence[int] = (),
+        on_error: OnError = "raise",
         max_age: str | float | None = None,
     ) -> None:
-        super().__init__(units, minimum, maximum, resolution, zero_offset, synchronous)
+        super().__init__(units, minimum, maximum, resolution, zero_offset, synchronous, linearization, invalid_raws)
         self._incremental = incremental
-        self._max_age = _hold(on_error, max_age)
+        self._max_age, self._marks = _on_error(on_error, max_age)
 
     @property
     def incremental(self) -> bool:
@@ -88,10 +101,12 @@ class DigitalSensor(Digital):
 
         `at` is the true value in `units` of the last reading, for a counter that homing cannot preset: from now on
         `zero_offset` is such that `read`, the range, frames and traces agree with it. It holds until the machine is
-        disconnected. BadInput if there is no reading.
+        disconnected. BadInput if there is no reading, DeclarationError for a sensor with a linearization.
         """
         if not self._incremental:
             raise DeclarationError(f"{self.path} is not declared incremental")
+        if at is not None and self._linearization is not None:
+            raise DeclarationError(f"{self.path}: referenced(at=...) is for sensors without a linearization")
         if at is not None and not known:
             raise DeclarationError(f"{self.path}: referenced(False) takes no value")
         if at is not None:
@@ -99,10 +114,12 @@ class DigitalSensor(Digital):
         self._image.set_referenced(self._slot, known)
 
 
-def _hold(on_error: str, max_age: str | float | None) -> float | None:
-    """The longest time in s that a last value is held; None: a failing device raises at once."""
-    if on_error not in ("raise", "hold"):
-        raise DeclarationError(f'on_error={on_error!r} is neither "raise" nor "hold"')
-    if (on_error == "hold") != (max_age is not None):
-        raise DeclarationError('on_error="hold" and max_age must be given together')
-    return None if max_age is None else seconds(max_age)
+def _on_error(on_error: str, max_age: str | float | None) -> tuple[float | None, bool]:
+    """The longest time in s that a last value is held, None: not at all; and whether a failure is only marked."""
+    if on_error not in get_args(OnError):
+        raise DeclarationError(f"on_error={on_error!r} is none of {', '.join(map(repr, get_args(OnError)))}")
+    if on_error == "hold" and max_age is None:
+        raise DeclarationError('on_error="hold" needs a max_age')
+    if on_error == "raise" and max_age is not None:
+        raise DeclarationError('max_age is for on_error="hold" and on_error="mark"')
+    return None if max_age is None else seconds(max_age), on_error == "mark"

@@ -56,6 +56,12 @@ def check_unit(unit: str) -> str:
     return unit
 
 
+def same_unit(one: str, other: str) -> bool:
+    """Whether two units that pint knows are the same: "degC" and "degree_Celsius"."""
+    parse = registry().parse_units
+    return bool(parse(one) == parse(other))
+
+
 @lru_cache(maxsize=1024)
 def _line(source: str, target: str) -> tuple[float, float] | None:
     """Factor and offset of the conversion; None if it is not linear: logarithmic units such as dBm."""

@@ -14,6 +14,7 @@ from umo.drivers.contract import Direction
 from umo.errors import DeclarationError, RangeError, StateError
 from umo.objects.actuators import BinaryActuator, DigitalActuator
 from umo.objects.atomic import Atomic, Binary, Digital
+from umo.objects.linearization import Linearizations
 from umo.objects.scaling import FloatArray, IntArray, to_raws
 from umo.objects.sensors import BinarySensor, DigitalSensor
 from umo.objects.states import TwoState
@@ -88,7 +89,8 @@ class Vector(Generic[A]):
             raise DeclarationError(f"{self!r} contains sensors; only actuators can be written")
         slots = self._located()
         numbers, taken = self._levels(values) if slots.limits is None else slots.limits.check(self._objects, values)
-        raws = to_raws(numbers, slots.resolution, slots.zero_offset)
+        inputs = slots.linearizations.to_inputs(numbers) if slots.linearizations else numbers
+        raws = to_raws(inputs, slots.resolution, slots.zero_offset)
         free = slots.image.write_many(slots.slots, slots.all_slots, numbers, raws)
         if not self._objects[0].synchronous:
             slots.image.update_some(slots.all_slots)
@@ -148,11 +150,13 @@ class _Slots:
         self.all_slots = [item._slot for item in objects]
         self.slots = _as_slice(self.all_slots)
         self.limits: _Limits | None = None
+        self.linearizations: Linearizations | None = None
         if isinstance(objects[0], Digital):
             digitals = cast("Sequence[Digital]", objects)
             self.resolution = np.array([item.resolution for item in digitals])
             self.zero_offset = np.array([item.zero_offset for item in digitals])
             self.limits = _Limits(digitals)
+            self.linearizations = Linearizations([item.linearization for item in digitals]) or None
         else:
             inverted = np.array([cast("Binary[Any]", item)._inverted for item in objects])
             self.resolution = np.where(inverted, -1.0, 1.0)

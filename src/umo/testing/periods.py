@@ -28,6 +28,8 @@ def put(sensor: BinarySensor[Any] | DigitalSensor, value: float | TwoState) -> N
     if not isinstance(wire.driver, _Settable):
         raise DeclarationError(f"{sensor.path}: put() cannot set a {type(wire.driver).__name__} channel")
     level = sensor._level(cast(Any, value)) if isinstance(sensor, Binary) else sensor._number(cast(float, value))
+    if (linearization := image.linearizations[sensor._slot]) is not None:
+        level = linearization.to_input(level)
     resolution, zero_offset, *_ = image.scales[sensor._slot]
     wire.driver.set(wire.channel.text, to_raw(level, resolution, zero_offset))
 

@@ -29,6 +29,10 @@ class Entry(BaseModel):
     """Binary objects: the electrical level is inverted."""
     resolution: Number | None = None
     zero_offset: Number | None = None
+    linearization: dict[str, Any] | None = None
+    """Such as `{ thermocouple = "K" }` (`umo.objects.linearization`); `{}`: this circuit has none."""
+    invalid_raws: list[StrictInt] | None = None
+    """Digital sensors: raw values with which this circuit reports an invalid reading."""
     minimum: Number | None = None
     maximum: Number | None = None
     start: StrictInt | None = None

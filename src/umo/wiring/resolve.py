@@ -23,7 +23,8 @@ from umo.drivers.paced import PacedTimer
 from umo.errors import DeclarationError, Fault, WiringError
 from umo.objects import Atomic, BinaryActuator, Compound, Digital, DigitalActuator, DigitalSensor, Node
 from umo.objects.atomic import Calibration
-from umo.objects.scaling import raw_bounds, to_raw
+from umo.objects.linearization import fitted, from_table
+from umo.objects.scaling import to_raw
 from umo.objects.units import seconds
 from umo.system.packages import station_of
 from umo.text import cause_of, reason_of
@@ -200,15 +201,16 @@ class _Resolver:
             return None
         self._check_direction(key, item, channel)
         if not isinstance(item, Digital):
-            for name in ("resolution", "zero_offset", "minimum", "maximum"):
+            for name in Calibration._fields:
                 if getattr(entry, name) is not None:
                     self.source.fault(f"{key}.{name}", "is for digital objects; this one is binary")
             return Wire(item, driver, channel, None, bool(entry.inverted))
         if entry.inverted is not None:
             self.source.fault(f"{key}.inverted", "is for binary objects; use a negative resolution")
         calibration = self._calibration(key, item, entry)
-        self._check_raws(key, item, calibration, channel)
-        return Wire(item, driver, channel, calibration)
+        wire = Wire(item, driver, channel, calibration)
+        self._check_raws(key, item, wire)
+        return wire
 
     def _check_place(self, wire: Wire) -> None:
         path, channel = wire.item.path, wire.channel
@@ -232,6 +234,10 @@ class _Resolver:
         """The declared range and scale with the entry's overrides; a range may be narrowed, never widened."""
         declared = item.calibration
         override = {name: value for name in declared._fields if (value := getattr(entry, name)) is not None}
+        if entry.linearization is not None:
+            override["linearization"] = self._linearization(key, item, entry.linearization, declared)
+        if entry.invalid_raws is not None:
+            override["invalid_raws"] = tuple(entry.invalid_raws)
         if override.get("resolution") == 0:
             self.source.fault(f"{key}.resolution", "is 0; it is the change of the value for one bit")
             return declared
@@ -247,15 +253,24 @@ class _Resolver:
             self.source.fault(key, f"the default {item.default:g} {item.units} is outside the narrowed range")
         return calibration
 
-    def _check_raws(self, key: str, item: Digital, calibration: Calibration, channel: Channel) -> None:
+    def _linearization(self, key: str, item: Digital, given: dict[str, Any], declared: Calibration) -> Any:
+        """The entry's, None for an empty one; the declared one if it is faulty."""
         try:
-            ends = [to_raw(v, calibration.resolution, calibration.zero_offset) for v in calibration[:2]]
+            return fitted(from_table(given), item.units, item.minimum, item.maximum) if given else None
+        except DeclarationError as error:
+            self.source.fault(f"{key}.linearization", str(error))
+            return declared.linearization
+
+    def _check_raws(self, key: str, item: Digital, wire: Wire) -> None:
+        calibration, channel = item.calibration if wire.calibration is None else wire.calibration, wire.channel
+        try:
+            ends = [to_raw(x, *wire.scale) for x in wire.ends]
         except OverflowError:
             self.source.fault(
                 key, f"the resolution {calibration.resolution:g} makes raw values too large for any channel"
             )
             return
-        if isinstance(item, DigitalActuator) and operator.gt(*raw_bounds(*calibration)):
+        if isinstance(item, DigitalActuator) and operator.gt(*wire.raw_bounds):
             self.source.fault(key, f"no multiple of the resolution {calibration.resolution:g} lies within the range")
         lowest, highest = max(channel.lowest, INT64.min), min(channel.highest, INT64.max)
         if not lowest <= min(ends) <= max(ends) <= highest:
@@ -264,6 +279,13 @@ class _Resolver:
                 f"the range needs raw values {min(ends)} to {max(ends)}, channel {channel.text!r} "
                 f"has {channel.bits} bits: {lowest} to {highest}",
             )
+        for raw in wire.invalid_raws:
+            if isinstance(item, DigitalActuator):
+                self.source.fault(f"{key}.invalid_raws", "is for sensors; this is an actuator")
+                return
+            if not lowest <= raw <= highest:
+                text = f"{raw} cannot be read: channel {channel.text!r} has {lowest} to {highest}"
+                self.source.fault(f"{key}.invalid_raws", text)
 
     # Time and parameters -------------------------------------------------------------------------------
 
@@ -276,7 +298,7 @@ class _Resolver:
         key = 'wire."timer"'
         if not isinstance(timer, DigitalSensor) or timer.synchronous or timer.units != "sampling_period":
             self.source.fault(key, "timer must be an asynchronous DigitalSensor in sampling_period")
-        elif timer._max_age is not None:
+        elif timer._max_age is not None or timer._marks:
             self.source.fault(key, 'timer must have on_error="raise": a held value would stop the clock')
         wired = self.source.entries.get("timer")
         if wired is None:

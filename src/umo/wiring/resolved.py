@@ -8,6 +8,7 @@ from umo.drivers.contract import Channel, Driver
 from umo.drivers.paced import PacedTimer
 from umo.objects import Compound
 from umo.objects.atomic import Atomic, Binary, Calibration, Digital
+from umo.objects.linearization import Linearization
 from umo.objects.scaling import raw_bounds, to_raw
 
 
@@ -29,18 +30,35 @@ class Wire:
         return (-1.0, 1.0) if self.inverted else (1.0, 0.0)
 
     @property
+    def linearization(self) -> Linearization | None:
+        return None if self.calibration is None else self.calibration.linearization
+
+    @property
+    def invalid_raws(self) -> tuple[int, ...]:
+        return () if self.calibration is None else self.calibration.invalid_raws
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The electrical quantities at the minimum and at the maximum of a digital object."""
+        assert self.calibration is not None
+        minimum, maximum, linearization = self.calibration.minimum, self.calibration.maximum, self.linearization
+        if linearization is None:
+            return minimum, maximum
+        return linearization.to_input(minimum), linearization.to_input(maximum)
+
+    @property
     def raw_bounds(self) -> tuple[int, int]:
         """The least and the greatest raw integer of an actuator whose value lies within the range."""
         if self.calibration is None:
             return 0, 1
-        return raw_bounds(*self.calibration)
+        return raw_bounds(*self.ends, *self.scale)
 
     @property
     def exact(self) -> bool:
         """Whether the raw integer nearest to any value of an actuator's range stands for a value in the range."""
         if self.calibration is None:
             return True
-        return tuple(sorted(to_raw(end, *self.scale) for end in self.calibration[:2])) == self.raw_bounds
+        return tuple(sorted(to_raw(end, *self.scale) for end in self.ends)) == self.raw_bounds
 
     @property
     def bounds(self) -> tuple[float, float]:
@@ -48,11 +66,17 @@ class Wire:
         if self.calibration is None:
             return 0.0, 1.0
         half = abs(self.calibration.resolution) / 2
-        return self.calibration.minimum - half, self.calibration.maximum + half
+        low, high = sorted(self.ends)
+        if (linearization := self.linearization) is None:
+            return low - half, high + half
+        least, greatest = sorted(map(linearization.to_value, (low - half, high + half)))
+        return least, greatest
 
     def raw(self, value: float) -> int:
         """The raw integer nearest to an actuator's value, of those within its range."""
         least, greatest = self.raw_bounds
+        if self.linearization is not None:
+            value = self.linearization.to_input(value)
         return min(max(to_raw(value, *self.scale), least), greatest)
 
     @property

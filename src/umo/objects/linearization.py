@@ -1,0 +1,264 @@
+"""Non-linear calibration: what lies between the electrical quantity and the value in units.
+
+    value = f(x), x = raw * resolution + zero_offset
+
+x is the electrical quantity that the converter measures or gives, such as mV; f is a `Linearization`. f is strictly
+monotonic over the range of the object, so it has an inverse. Beyond its ends f goes on along a straight line: a table
+along its end segments, the others along their end tangents.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
+from math import inf, isfinite
+from typing import Any, Self
+
+import numpy as np
+
+from umo.errors import DeclarationError
+from umo.objects.interpolation import Cubics, Segments
+from umo.objects.scaling import FloatArray
+from umo.objects.units import same_unit
+from umo.text import did_you_mean
+
+
+class Linearization(ABC):
+    """A strictly monotonic function from an electrical quantity to a value in units, and its inverse. Two that are
+    equal are the same function. The scalar and the array forms give identical numbers."""
+
+    units: str | None = None
+    """The units of the value; None: those of the object."""
+    _forward: Cubics | Segments
+    _inverse: Cubics | Segments
+
+    @abstractmethod
+    def over(self, minimum: float, maximum: float) -> Self:
+        """This function for an object of that range; DeclarationError unless it is strictly monotonic there."""
+
+    def to_value(self, x: float) -> float:
+        """The value for an electrical quantity."""
+        return self._forward.one(x)
+
+    def to_values(self, xs: FloatArray) -> FloatArray:
+        """The same for an array of shape (n,)."""
+        return self._forward.many(xs)
+
+    def to_input(self, value: float) -> float:
+        """The electrical quantity for a value."""
+        return self._inverse.one(value)
+
+    def to_inputs(self, values: FloatArray) -> FloatArray:
+        """The same for an array of shape (n,)."""
+        return self._inverse.many(values)
+
+
+@dataclass(frozen=True)
+class Table(Linearization):
+    """Linear interpolation in a table: `Table([0.0, 1.0, 2.0], [0.0, 30.0, 80.0])`. Both columns are strictly
+    monotonic. Beyond the table its end segments go on."""
+
+    inputs: Sequence[float]
+    """The electrical quantities."""
+    values: Sequence[float]
+    """In the units of the object."""
+
+    def __post_init__(self) -> None:
+        for name in ("inputs", "values"):
+            column = _numbers(name, getattr(self, name))
+            object.__setattr__(self, name, column)
+            steps = np.diff(column)
+            if not ((steps > 0).all() or (steps < 0).all()):
+                raise DeclarationError(f"the {name} of a table must be strictly monotonic")
+        if len(self.inputs) != len(self.values):
+            raise DeclarationError(f"a table of {len(self.inputs)} inputs and {len(self.values)} values")
+
+    @cached_property
+    def _forward(self) -> Segments:  # type: ignore[override]
+        return Segments(self.inputs, self.values)
+
+    @cached_property
+    def _inverse(self) -> Segments:  # type: ignore[override]
+        return Segments(self.values, self.inputs)
+
+    def over(self, minimum: float, maximum: float) -> Self:
+        check_covers(self, minimum, maximum, min(self.values), max(self.values))
+        return self
+
+    def __str__(self) -> str:
+        return f"table of {len(self.inputs)} points"
+
+
+@dataclass(frozen=True)
+class Polynomial(Linearization):
+    """value = c0 + c1 x + c2 x^2 + ...: `Polynomial([c0, c1, c2])`, to 1e-9 of the range.
+
+    Of its strictly monotonic parts the one that covers the range of the object is used; beyond the range its tangents
+    go on. If several parts cover it, `domain` must name the electrical quantities, (from, to), between which it is
+    used.
+    """
+
+    coefficients: Sequence[float]
+    domain: Sequence[float] = (-inf, inf)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "coefficients", _numbers("coefficients", self.coefficients))
+        if self.domain == (-inf, inf):
+            return
+        object.__setattr__(self, "domain", _numbers("domain", self.domain))
+        if len(self.domain) != 2 or self.domain[0] >= self.domain[1]:
+            raise DeclarationError(f"the domain of a polynomial is [from, to], not {list(self.domain)}")
+
+    @cached_property
+    def _derivative(self) -> tuple[float, ...]:
+        return tuple(i * c for i, c in enumerate(self.coefficients))[1:]
+
+    def over(self, minimum: float, maximum: float) -> Self:
+        start, end = self.domain
+        slack = 1e-9 * (end - start) if isfinite(end - start) else 0.0
+        at_ends = [
+            [x for x in _real_roots(self.coefficients, value) if start - slack <= x <= end + slack]
+            for value in (minimum, maximum)
+        ]
+        turns = _real_roots(self._derivative, 0.0)
+        found = {
+            (low, high)
+            for low, high in map(sorted, product(*at_ends))
+            if low < high and not any(low <= x <= high for x in turns)
+        }
+        if not found:
+            raise DeclarationError(f"the {self} is not strictly monotonic from {minimum:g} to {maximum:g}")
+        if len(found) > 1:
+            parts = " and ".join(f"{low:g} to {high:g}" for low, high in sorted(found))
+            raise DeclarationError(f"the {self} covers {minimum:g} to {maximum:g} at x = {parts}; name one as `domain`")
+        return replace(self, domain=found.pop())._checked()
+
+    def _checked(self) -> Self:
+        with np.errstate(all="ignore"):
+            xs = np.linspace(self.domain[0], self.domain[1], 5003)
+            values = horner(self.coefficients, xs)
+            for found, exact in ((self.to_values(xs), values), (self.to_inputs(values), xs)):
+                if not np.allclose(found, exact, rtol=0, atol=1e-9 * np.ptp(exact)):
+                    raise DeclarationError(
+                        f"the {self} is too uneven from {values[0]:g} to {values[-1]:g}; use a Table"
+                    )
+        return self
+
+    @cached_property
+    def _both(self) -> tuple[Cubics, Cubics]:
+        return Cubics.both_ways(self._at, self.domain[0], self.domain[1])
+
+    def _at(self, xs: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return horner(self.coefficients, xs), horner(self._derivative, xs)
+
+    @property
+    def _forward(self) -> Cubics:  # type: ignore[override]
+        return self._both[0]
+
+    @property
+    def _inverse(self) -> Cubics:  # type: ignore[override]
+        return self._both[1]
+
+    def __str__(self) -> str:
+        return f"polynomial of degree {len(self.coefficients) - 1}"
+
+
+def horner(coefficients: Sequence[float], xs: FloatArray) -> FloatArray:
+    """c0 + c1 x + c2 x^2 + ..."""
+    result = np.full_like(xs, coefficients[-1])
+    for coefficient in coefficients[-2::-1]:
+        result = result * xs + coefficient
+    return result
+
+
+def fitted(linearization: object, units: str, minimum: float, maximum: float) -> Linearization:
+    """It for an object of these units and range; DeclarationError if it does not fit."""
+    if not isinstance(linearization, Linearization):
+        raise DeclarationError(f"linearization={linearization!r} is not a Polynomial, a Table or a Thermocouple")
+    if linearization.units is not None and not same_unit(linearization.units, units):
+        raise DeclarationError(f"the {linearization} gives {linearization.units}, the object has {units}")
+    return linearization.over(minimum, maximum)
+
+
+class Linearizations:
+    """Those of neighbouring objects, as one function on arrays: equal ones in one calculation."""
+
+    def __init__(self, each: Sequence[Linearization | None]) -> None:
+        places: dict[Linearization, list[int]] = {}
+        for place, linearization in enumerate(each):
+            if linearization is not None:
+                places.setdefault(linearization, []).append(place)
+        self._groups = [(key, None if len(of) == len(each) else np.array(of)) for key, of in places.items()]
+
+    def __bool__(self) -> bool:
+        return bool(self._groups)
+
+    def to_values(self, xs: FloatArray) -> FloatArray:
+        """Electrical quantities to values, in place where only some have a linearization."""
+        for linearization, places in self._groups:
+            if places is None:
+                return linearization.to_values(xs)
+            xs[places] = linearization.to_values(xs[places])
+        return xs
+
+    def to_inputs(self, values: FloatArray) -> FloatArray:
+        """Values to electrical quantities, in a new array."""
+        xs = values.copy()
+        for linearization, places in self._groups:
+            if places is None:
+                return linearization.to_inputs(values)
+            xs[places] = linearization.to_inputs(values[places])
+        return xs
+
+
+def _real_roots(coefficients: Sequence[float], value: float) -> list[float]:
+    """Where a polynomial has a value; twice, nearly, where it touches it."""
+    shifted = np.trim_zeros(np.array([coefficients[0] - value, *coefficients[1:]]), "b")
+    if len(shifted) < 2:
+        return []
+    try:
+        with np.errstate(all="ignore"):
+            roots = np.roots(shifted[::-1])
+    except np.linalg.LinAlgError:  # of coefficients whose ratio overflows
+        return []
+    return [float(root.real) for root in roots if abs(root.imag) <= 1e-9 * max(1.0, abs(root))]
+
+
+def check_covers(what: Linearization, minimum: float, maximum: float, least: float, greatest: float) -> None:
+    if not least <= minimum <= maximum <= greatest:
+        raise DeclarationError(f"the {what} covers {least:g} to {greatest:g}, not {minimum:g} to {maximum:g}")
+
+
+def _numbers(name: str, numbers: Any) -> tuple[float, ...]:
+    plain = isinstance(numbers, Sequence | np.ndarray) and not isinstance(numbers, str)
+    each = list(numbers) if plain else []
+    if len(each) < 2 or any(isinstance(x, bool) or not isinstance(x, int | float) or not isfinite(x) for x in each):
+        raise DeclarationError(f"{name} must be a list of at least two finite numbers, not {numbers!r}")
+    return tuple(map(float, each))
+
+
+def from_table(given: Any) -> Linearization:
+    """What a wiring entry says: `{ thermocouple = "K" }`, `{ polynomial = [c0, c1, ...] }`, with `domain = [from, to]`
+    where it is needed, or `{ table = [[inputs], [values]] }`. DeclarationError for anything else."""
+    from umo.objects.thermocouple import Thermocouple
+
+    if not isinstance(given, Mapping) or not given:
+        raise DeclarationError(f'must be a table such as {{ thermocouple = "K" }}, not {given!r}')
+    kinds = ("thermocouple", "polynomial", "table")
+    known = (*kinds, "domain") if "polynomial" in given else kinds
+    for key in given:
+        if key not in known:
+            raise DeclarationError(f"unknown key {key!r}{did_you_mean(str(key), known)}; known: {', '.join(known)}")
+    if len([key for key in given if key in kinds]) > 1:
+        raise DeclarationError(f"has more than one of {', '.join(kinds)}")
+    if "thermocouple" in given:
+        return Thermocouple(given["thermocouple"])
+    if "polynomial" in given:
+        return Polynomial(given["polynomial"], given.get("domain", (-inf, inf)))
+    columns = given["table"]
+    if not isinstance(columns, list | tuple) or len(columns) != 2:
+        raise DeclarationError(f"table must be two lists, [[inputs], [values]], not {columns!r}")
+    return Table(*columns)
