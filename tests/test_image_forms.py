@@ -17,9 +17,9 @@ from umo import (
     Compound,
     DigitalActuator,
     DigitalSensor,
+    LookupTable,
     OnOff,
     Polynomial,
-    Table,
     UmoError,
     Vector,
     connect,
@@ -43,7 +43,7 @@ class Spec:
     incremental: bool
     inverted: bool
     mark: bool = False
-    curve: Polynomial | Table | None = None
+    curve: Polynomial | LookupTable | None = None
     invalid_raws: tuple[int, ...] = ()
 
     def make(self) -> Atomic:
@@ -75,7 +75,9 @@ SPEC = st.builds(
     incremental=st.booleans(),
     inverted=st.booleans(),
     mark=st.sampled_from([False, False, True]),
-    curve=st.sampled_from([None, None, Polynomial([0.5, 1.0, 0.02], (-20, 20)), Table([-20, 0, 30], [30, 0, -12])]),
+    curve=st.sampled_from(
+        [None, None, Polynomial([0.5, 1.0, 0.02], (-20, 20)), LookupTable([-20, 0, 30], [30, 0, -12])]
+    ),
     invalid_raws=st.sampled_from([(), (), (2,), (-7, 2**40)]),
 )
 NUMBER = st.integers(0, 99)

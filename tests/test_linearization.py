@@ -16,9 +16,9 @@ from umo import (
     DigitalActuator,
     DigitalSensor,
     Interlock,
+    LookupTable,
     Polynomial,
     Quality,
-    Table,
     Thermocouple,
     Vector,
     WiringError,
@@ -36,7 +36,7 @@ K_TABLE = {
 """The published table of type K, mV by degC (NIST Monograph 175), printed to 1 uV."""
 K = Thermocouple("K")
 SQUARE = Polynomial([0.5, 1.0, 0.02], (-20.0, 20.0)).over(-10.0, 10.0)
-FALLING = Table([-20.0, 0.0, 30.0], [30.0, 0.0, -12.0])
+FALLING = LookupTable([-20.0, 0.0, 30.0], [30.0, 0.0, -12.0])
 KINDS = {"K": (K, -200.0, 1372.0), "polynomial": (SQUARE, -10.0, 10.0), "table": (FALLING, -12.0, 30.0)}
 
 
@@ -77,7 +77,7 @@ def test_the_function_is_strictly_monotonic_far_beyond_its_ends(kind: str) -> No
 
 
 def test_beyond_a_table_its_end_segments_go_on() -> None:
-    table = Table([0.0, 1.0, 3.0], [0.0, 10.0, 20.0])
+    table = LookupTable([0.0, 1.0, 3.0], [0.0, 10.0, 20.0])
     assert [table.to_value(x) for x in (-1.0, 0.5, 1.0, 2.0, 5.0)] == [-10.0, 5.0, 10.0, 15.0, 30.0]
 
 
@@ -96,18 +96,18 @@ def test_a_polynomial_is_what_its_coefficients_say() -> None:
     [
         (lambda: Thermocouple("X"), "no thermocouple of type 'X'; known: K"),
         (lambda: Thermocouple(["K"]), "no thermocouple of type"),  # type: ignore[arg-type]
-        (lambda: Table([0, 1], [0, 1, 2]), "a table of 2 inputs and 3 values"),
-        (lambda: Table([0, 1, 1], [0, 1, 2]), "the inputs of a table must be strictly monotonic"),
-        (lambda: Table([0, 1, 2], [0, 2, 1]), "the values of a table must be strictly monotonic"),
-        (lambda: Table([0], [0]), "inputs must be a list of at least two finite numbers"),
-        (lambda: Table([0, math.nan], [0, 1]), "inputs must be a list of at least two finite numbers"),
+        (lambda: LookupTable([0, 1], [0, 1, 2]), "a table of 2 inputs and 3 values"),
+        (lambda: LookupTable([0, 1, 1], [0, 1, 2]), "the inputs of a table must be strictly monotonic"),
+        (lambda: LookupTable([0, 1, 2], [0, 2, 1]), "the values of a table must be strictly monotonic"),
+        (lambda: LookupTable([0], [0]), "inputs must be a list of at least two finite numbers"),
+        (lambda: LookupTable([0, math.nan], [0, 1]), "inputs must be a list of at least two finite numbers"),
         (lambda: Polynomial([1.0]), "coefficients must be a list of at least two finite numbers"),
         (lambda: Polynomial("12"), "coefficients must be a list"),  # type: ignore[arg-type]
         (lambda: Polynomial([0, 1], (2, 1)), r"the domain of a polynomial is \[from, to\], not \[2.0, 1.0\]"),
         (lambda: Polynomial([0, 0, 1]).over(1, 4), "at x = -2 to -1 and 1 to 2; name one as `domain`"),
         (lambda: Polynomial([0, 0, 1]).over(-1, 4), "is not strictly monotonic from -1 to 4"),
         (lambda: Polynomial([5, 0]).over(-1, 4), "is not strictly monotonic from -1 to 4"),
-        (lambda: Table([0, 1], [0, 10]).over(0, 11), "the table of 2 points covers 0 to 10, not 0 to 11"),
+        (lambda: LookupTable([0, 1], [0, 10]).over(0, 11), "the table of 2 points covers 0 to 10, not 0 to 11"),
         (lambda: K.over(-270, 100), "the thermocouple K covers -200 to 1372, not -270 to 100"),
     ],
 )
@@ -126,14 +126,17 @@ def thermocouple(**changes: Any) -> DigitalSensor:
 
 def valve(**changes: Any) -> DigitalActuator:
     """10 V open it by 60 %: a table with a kink, from percent to V and back."""
-    curve = Table([0.0, 4.0, 10.0], [0.0, 10.0, 60.0])
+    curve = LookupTable([0.0, 4.0, 10.0], [0.0, 10.0, 60.0])
     return actuator(**({"minimum": 0.0, "maximum": 60.0, "resolution": 0.01, "linearization": curve} | changes))
 
 
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: thermocouple(linearization="K"), "linearization='K' is not a Polynomial, a Table or a Thermocouple"),
+        (
+            lambda: thermocouple(linearization="K"),
+            "linearization='K' is not a Polynomial, a LookupTable or a Thermocouple",
+        ),
         (lambda: thermocouple(maximum=1400.0), "covers -200 to 1372"),
         (lambda: sensor(linearization=K), "the thermocouple K gives degC, the object has mm"),
         (lambda: thermocouple(invalid_raws=[1.5]), "invalid_raws must be a list of integers"),
@@ -270,12 +273,12 @@ def test_a_software_reference_needs_a_linear_sensor() -> None:
     [
         ({"thermocouple": "K"}, K),
         ({"polynomial": [0, 10], "domain": [0, 200]}, Polynomial([0.0, 10.0], (0.0, 130.0))),
-        ({"table": [[0, 100], [0, 1300]]}, Table([0.0, 100.0], [0.0, 1300.0])),
+        ({"table": [[0, 100], [0, 1300]]}, LookupTable([0.0, 100.0], [0.0, 1300.0])),
         ({}, None),
     ],
 )
 def test_a_wiring_gives_replaces_or_removes_the_linearization(entry: Any, expected: Linearization | None) -> None:
-    box, machine = Scripted(), bench(encoder=thermocouple(linearization=Table([0.0, 1.0], [0.0, 1300.0])))
+    box, machine = Scripted(), bench(encoder=thermocouple(linearization=LookupTable([0.0, 1.0], [0.0, 1300.0])))
     declared = machine.encoder.linearization
     with connect(machine, wired(machine, box, entries={"encoder": {"linearization": entry}})) as m:
         found = m.encoder.linearization

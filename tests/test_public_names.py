@@ -22,7 +22,7 @@ OBJECTS = {
     "Interlock",
     "Polynomial",
     "Quality",
-    "Table",
+    "LookupTable",
     "Thermocouple",
     "Vector",
 } | STATES

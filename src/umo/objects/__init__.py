@@ -4,7 +4,7 @@ from umo.objects.actuators import BinaryActuator, DigitalActuator
 from umo.objects.atomic import Atomic, Binary, Digital
 from umo.objects.compound import Compound
 from umo.objects.interlock import Interlock
-from umo.objects.linearization import Polynomial, Table
+from umo.objects.linearization import LookupTable, Polynomial
 from umo.objects.node import Node
 from umo.objects.quality import Quality
 from umo.objects.sensors import BinarySensor, DigitalSensor
@@ -40,6 +40,7 @@ __all__ = [
     "HighLow",
     "Interlock",
     "LeftRight",
+    "LookupTable",
     "Node",
     "OnOff",
     "OpenClosed",
@@ -47,7 +48,6 @@ __all__ = [
     "Polynomial",
     "Quality",
     "Rotation",
-    "Table",
     "Thermocouple",
     "TwoState",
     "UpDown",

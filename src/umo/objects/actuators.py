@@ -91,8 +91,8 @@ class DigitalActuator(Digital):
     "clamp": the nearest bound is taken and `write` returns False. NaN and infinities always raise. `expires` (s, or a
     text such as "100 ms"): without a write for this time the default is sent. `slew_rate` (units per s, synchronous
     only): the largest rate of change of the value sent. `pending` is the value written, `read` the value sent.
-    `linearization`: a `Polynomial`, `Table` or `Thermocouple`; the electrical quantity, raw * resolution + zero_offset,
-    is its inverse at the value. Default: they are the same.
+    `linearization`: a `Polynomial`, `LookupTable` or `Thermocouple`; the electrical quantity, raw * resolution +
+    zero_offset, is its inverse at the value. Default: they are the same.
     """
 
     __slots__ = ("_clamp", "_default", "_expires", "_slew_rate")

@@ -57,8 +57,8 @@ class Linearization(ABC):
 
 
 @dataclass(frozen=True)
-class Table(Linearization):
-    """Linear interpolation in a table: `Table([0.0, 1.0, 2.0], [0.0, 30.0, 80.0])`. Both columns are strictly
+class LookupTable(Linearization):
+    """Linear interpolation in a table: `LookupTable([0.0, 1.0, 2.0], [0.0, 30.0, 80.0])`. Both columns are strictly
     monotonic. Beyond the table its end segments go on."""
 
     inputs: Sequence[float]
@@ -143,7 +143,7 @@ class Polynomial(Linearization):
             for found, exact in ((self.to_values(xs), values), (self.to_inputs(values), xs)):
                 if not np.allclose(found, exact, rtol=0, atol=1e-9 * np.ptp(exact)):
                     raise DeclarationError(
-                        f"the {self} is too uneven from {values[0]:g} to {values[-1]:g}; use a Table"
+                        f"the {self} is too uneven from {values[0]:g} to {values[-1]:g}; use a LookupTable"
                     )
         return self
 
@@ -177,7 +177,7 @@ def horner(coefficients: Sequence[float], xs: FloatArray) -> FloatArray:
 def fitted(linearization: object, units: str, minimum: float, maximum: float) -> Linearization:
     """It for an object of these units and range; DeclarationError if it does not fit."""
     if not isinstance(linearization, Linearization):
-        raise DeclarationError(f"linearization={linearization!r} is not a Polynomial, a Table or a Thermocouple")
+        raise DeclarationError(f"linearization={linearization!r} is not a Polynomial, a LookupTable or a Thermocouple")
     if linearization.units is not None and not same_unit(linearization.units, units):
         raise DeclarationError(f"the {linearization} gives {linearization.units}, the object has {units}")
     return linearization.over(minimum, maximum)
@@ -261,4 +261,4 @@ def from_table(given: Any) -> Linearization:
     columns = given["table"]
     if not isinstance(columns, list | tuple) or len(columns) != 2:
         raise DeclarationError(f"table must be two lists, [[inputs], [values]], not {columns!r}")
-    return Table(*columns)
+    return LookupTable(*columns)

@@ -49,9 +49,9 @@ class DigitalSensor(Digital):
     """A group of input bits: a counter, an ADC. EPICS ai, Modbus input register, OPC UA AnalogItem, BACnet AI.
 
     `incremental=True`: the value is UNREFERENCED until homing calls `referenced()`. `linearization`: a `Polynomial`,
-    `Table` or `Thermocouple` from the electrical quantity, raw * resolution + zero_offset, to the value; default: they
-    are the same. `invalid_raws`: raw values with which the circuit reports an invalid reading, such as 0x7FFF for an
-    open thermocouple; such a reading has failed.
+    `LookupTable` or `Thermocouple` from the electrical quantity, raw * resolution + zero_offset, to the value; default:
+    they are the same. `invalid_raws`: raw values with which the circuit reports an invalid reading, such as 0x7FFF for
+    an open thermocouple; such a reading has failed.
 
     `on_error` is what a failed reading does. "raise" (default): the quality is BAD, DriverError. "hold": the last value
     is kept for `max_age` (s, or a text such as "50 ms") with the quality STALE, which control laws accept; then as
