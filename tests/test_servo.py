@@ -20,6 +20,7 @@ from umo import (
     Interlock,
     PassFail,
     Quality,
+    RangeError,
     Vector,
     connect,
 )
@@ -303,3 +304,51 @@ def test_as_many_sensors_as_actuators() -> None:
     m = tunnel()
     with pytest.raises(DeclarationError, match="3 sensors for 1 actuators"):
         VectorServo(Vector(z.temperature for z in m.zones), Vector([m.zones[0].heater]), gain=1.0)
+
+
+def test_zones_that_are_not_enabled_are_left_alone() -> None:
+    """Neither checked nor written; their integrals are held."""
+    m = tunnel()
+    law = heating(m, gain=0.01, integral_time=1.0)
+    some = np.array([True, False, True])
+    with connect(m, wired(m, Scripted())):
+        for _ in range(10):
+            periods(m)
+            law.control(500.0, dt=m.dt)
+        before = law.integral.tolist()
+        m.zones[1].heater.write(33.0)
+        put(m.zones[1].temperature, 1300.0)
+        periods(m)
+        with pytest.raises(BadInput):
+            law.control(500.0, dt=m.dt)
+        assert law.control(500.0, dt=m.dt, enabled=some) is True
+        assert heaters(m) == pytest.approx([5.055, 33.0, 5.055])
+        assert law.integral[1] == before[1] < law.integral[0]
+        assert law.error.tolist() == [500.0, 0.0, 500.0]
+        assert law.control(1e6, dt=m.dt, enabled=some) is False
+        assert law.limited.tolist() == [True, False, True]
+        assert law.control(1e6, dt=m.dt, enabled=np.zeros(3, np.bool_)) is True
+        put(m.zones[1].temperature, 0.0)
+        periods(m)
+        assert law.control(500.0, dt=m.dt, enabled=np.ones(3, np.bool_)) is True
+        assert heaters(m)[1] == pytest.approx(5.0 + before[1] + 0.005)
+
+
+def test_a_zone_that_is_enabled_again_has_no_kick_of_its_derivative() -> None:
+    m = tunnel()
+    law = heating(m, gain=0.01, derivative_time=1.0, filter_time=0.1)
+    some = np.array([True, False, True])
+    with connect(m, wired(m, Scripted())):
+        for enabled in (None, some, some, None):
+            periods(m)
+            law.control(500.0, dt=m.dt, enabled=enabled)
+        assert heaters(m) == pytest.approx([5.0] * 3)
+
+
+def test_enabled_must_be_a_boolean_for_each() -> None:
+    m = tunnel()
+    law = heating(m, gain=0.01)
+    with connect(m, wired(m, Scripted())):
+        for wrong in (np.array([True]), np.ones(3), [True] * 3):
+            with pytest.raises(RangeError, match="is not an array of 3 booleans"):
+                law.control(500.0, dt=m.dt, enabled=wrong)  # type: ignore[arg-type]

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from machines import actuator, failed, relay, sensor, switch, wired
+from machines import actuator, failed, relay, sensor, switch, timer, wired
 from umo import (
     BinaryActuator,
     Compound,
@@ -301,3 +301,40 @@ def test_binary_objects_take_the_levels_that_read_returns():
             with pytest.raises(StateError):
                 vector.write(np.array(wrong))
         assert m.valves[0].pending is OnOff.ON
+
+
+def test_some_of_a_vector_are_written(box):
+    some = np.array([True, False, True])
+    motors = [actuator(**extra) for extra in ({}, {"limits": "clamp"}, {"synchronous": True})]
+    machine = Motors(timer=timer(), motors=motors)
+    with connect(machine, wired(machine, box)) as m:
+        vector = Vector(m.motors)
+        assert vector.write([1.0, 99.0, 3.0], where=some) is True
+        assert vector.write(5.0, where=~some) is True
+        assert vector.pending.tolist() == [1.0, 5.0, 3.0]
+        with pytest.raises(RangeError, match=r"motors.2: 11 V is outside"):
+            vector.write([2.0, 2.0, 11.0], where=some)
+        with pytest.raises(RangeError, match="is not an array of 3 numbers"):
+            vector.write([2.0, 2.0], where=some)
+        with pytest.raises(RangeError, match="is not an array of 3 booleans"):
+            vector.write(2.0, where=[True, False, True])
+        assert vector.write(99.0, where=~some) is False
+        assert vector.write(2.0, where=np.zeros(3, np.bool_)) is True
+        assert vector.pending.tolist() == [1.0, 10.0, 3.0]
+
+
+def test_some_states_of_a_vector_are_written_at_once_where_they_are_asynchronous(box):
+    machine = Valves(timer=timer(), valves=[relay(synchronous=False) for _ in range(3)])
+    with connect(machine, wired(machine, box)) as m:
+        assert Vector(m.valves).write(OnOff.ON, where=np.array([False, True, True])) is True
+        assert [box.get(f"valves.{i}") for i in range(3)] == [0, 1, 1]
+
+
+class Motors(Compound):
+    timer: DigitalSensor
+    motors: list[DigitalActuator]
+
+
+class Valves(Compound):
+    timer: DigitalSensor
+    valves: list[BinaryActuator[OnOff]]

@@ -14,6 +14,7 @@ import numpy as np
 from umo.errors import BadInput
 from umo.objects import BinarySensor, DigitalSensor, Quality, TwoState, Vector
 from umo.objects.scaling import FloatArray
+from umo.objects.vector import BoolArray
 
 S = TypeVar("S", bound=TwoState)
 
@@ -27,15 +28,18 @@ HOMING = frozenset({Quality.UNREFERENCED, Quality.OUT_OF_RANGE})
 @overload
 def value_of(sensor: DigitalSensor, accept: Accept = ()) -> float: ...
 @overload
-def value_of(sensor: Vector[Any], accept: Accept = ()) -> FloatArray: ...
-def value_of(sensor: DigitalSensor | Vector[Any], accept: Accept = ()) -> float | FloatArray:
+def value_of(sensor: Vector[Any], accept: Accept = (), *, where: BoolArray | None = None) -> FloatArray: ...
+def value_of(
+    sensor: DigitalSensor | Vector[Any], accept: Accept = (), *, where: BoolArray | None = None
+) -> float | FloatArray:
     """The sensor's value in its units, or the values of a Vector, as its `read` gives them.
 
-    BadInput if the quality is not accepted; of a Vector it names the first such object, and how many there are.
+    BadInput if the quality is not accepted; of a Vector it names the first such object, and how many there are. Of a
+    Vector, objects for which the array `where` is False are not checked.
     """
     if isinstance(sensor, Vector):
         values = sensor.read()
-        _check_all(sensor, accept)
+        _check_all(sensor, accept, where)
         return values
     value = sensor.read()
     if sensor._image.quality[sensor._slot]:  # not GOOD; the property would make an enum of it at each reading
@@ -57,8 +61,10 @@ def _check(sensor: DigitalSensor | BinarySensor[S], accept: Accept) -> None:
         raise BadInput(sensor.path, quality)
 
 
-def _check_all(vector: Vector[Any], accept: Accept) -> None:
+def _check_all(vector: Vector[Any], accept: Accept, where: BoolArray | None) -> None:
     qualities = vector.quality
+    if where is not None:
+        qualities = np.where(vector.mask(where), qualities, Quality.GOOD)
     if not qualities.any():
         return
     accepted = [quality for quality in Quality if _accepts(accept, quality)]

@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import inf, nan
-from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from umo.objects.scaling import FloatArray
-
-BoolArray: TypeAlias = npt.NDArray[np.bool_]
+from umo.objects.vector import BoolArray
 
 
 @dataclass(kw_only=True)
@@ -121,6 +118,7 @@ class VectorPID:
     limited: BoolArray = field(default_factory=lambda: np.zeros(1, np.bool_), init=False)
     """Which of the last outputs were limited."""
     _last: FloatArray | None = field(default=None, init=False, repr=False)
+    """NaN where the next measurement is the first."""
     _rate: FloatArray = field(default_factory=lambda: np.zeros(1), init=False, repr=False)
 
     def reset(self) -> None:
@@ -162,6 +160,6 @@ class VectorPID:
         last, self._last = self._last, measurement
         if not dt:
             return np.zeros(1)
-        rate = np.zeros(1) if last is None else (measurement - last) / dt
+        rate = np.zeros(1) if last is None else np.nan_to_num((measurement - last) / dt)
         self._rate = self._rate + (rate - self._rate) * (dt / (self.filter_time + dt))
         return self._rate

@@ -13,6 +13,7 @@ from umo.control.pid import PID, VectorPID
 from umo.errors import DeclarationError
 from umo.objects import DigitalActuator, DigitalSensor, Vector
 from umo.objects.scaling import FloatArray
+from umo.objects.vector import BoolArray
 
 
 @dataclass
@@ -95,20 +96,39 @@ class VectorServo(VectorPID):
         if len(self.sensors) != len(self.actuators):
             raise DeclarationError(f"{len(self.sensors)} sensors for {len(self.actuators)} actuators")
 
-    def control(self, setpoint: float | FloatArray, *, dt: float, accept: Accept = ()) -> bool:
+    def control(
+        self, setpoint: float | FloatArray, *, dt: float, accept: Accept = (), enabled: BoolArray | None = None
+    ) -> bool:
         """One period of `dt` s: read, compute, write. False if an output was limited or an actuator is inhibited.
 
         `setpoint` is an array of shape (n,) or one number for all. Raises BadInput if the quality of one of the sensors
         is not accepted; then nothing is written.
+
+        `enabled`: booleans of shape (n,). Where it is False, the quality of the sensor is not checked, the actuator is
+        not written, the integral is held and the error is 0. Default: all are enabled.
         """
-        measurement = value_of(self.sensors, accept)
+        if enabled is not None and self.sensors.mask(enabled).all():
+            enabled = None
+        measurement = value_of(self.sensors, accept, where=enabled)
+        if enabled is not None:
+            measurement = np.where(enabled, measurement, setpoint)
         low, high = self._reach(dt)
         integral = self.integral
         output = self.step(setpoint, measurement, dt, low=low, high=high)
-        if self.actuators.write(output):
+        taken = self.actuators.write(output, where=enabled)
+        if enabled is not None:
+            self._hold(~enabled, integral)
+        if taken:
             return not self.limited.any()
         self.integral = np.where(self.actuators.pending == output, self.integral, integral)
         return False
+
+    def _hold(self, excluded: BoolArray, integral: FloatArray) -> None:
+        self.integral = np.where(excluded, integral, self.integral)
+        self.limited = self.limited & ~excluded
+        if self._last is not None:
+            self._last = np.where(excluded, np.nan, self._last)
+            self._rate = np.where(excluded, 0.0, self._rate)
 
     def _reach(self, dt: float) -> tuple[FloatArray, FloatArray]:
         """The lowest and highest outputs of this period."""

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from umo.objects.link import Image
 
 A = TypeVar("A", bound=Atomic)
+BoolArray = npt.NDArray[np.bool_]
 QualityArray = npt.NDArray[np.uint8]
 
 
@@ -79,21 +80,47 @@ class Vector(Generic[A]):
         values: FloatArray = np.array(slots.image.pending)[slots.slots]
         return values
 
-    def write(self, values: FloatArray | Sequence[float] | float | TwoState | Sequence[TwoState]) -> bool:
+    def write(
+        self,
+        values: FloatArray | Sequence[float] | float | TwoState | Sequence[TwoState],
+        *,
+        where: BoolArray | None = None,
+    ) -> bool:
         """Set new values: an array of shape (n,) or one value for all. If it raises RangeError, no value is changed.
 
+        `where`: booleans of shape (n,); objects where it is False are not written. Default: all are written.
         True: all accepted unchanged; False: some were clamped (limits="clamp") or are inhibited by an interlock.
         Synchronous: sent by the next `update`. Asynchronous: sent at once.
         """
         if self._objects[0].direction is not Direction.OUTPUT:
             raise DeclarationError(f"{self!r} contains sensors; only actuators can be written")
         slots = self._located()
+        if where is not None:
+            return self._write_some(slots, values, self.mask(where))
         numbers, taken = self._levels(values) if slots.limits is None else slots.limits.check(self._objects, values)
-        inputs = slots.linearizations.to_inputs(numbers) if slots.linearizations else numbers
-        raws = to_raws(inputs, slots.resolution, slots.zero_offset)
-        free = slots.image.write_many(slots.slots, slots.all_slots, numbers, raws)
+        free = slots.image.write_many(slots.slots, slots.all_slots, numbers, slots.raws(numbers))
         if not self._objects[0].synchronous:
             slots.image.update_some(slots.all_slots)
+        return taken and free
+
+    def mask(self, where: BoolArray) -> BoolArray:
+        """It, if it has a boolean for each object; RangeError otherwise."""
+        if not isinstance(where, np.ndarray) or where.dtype != np.bool_ or where.shape != (len(self),):
+            raise RangeError(f"{where!r} is not an array of {len(self)} booleans")
+        return where
+
+    def _write_some(self, slots: _Slots, values: Any, where: BoolArray) -> bool:
+        if slots.limits is None:
+            numbers, taken = self._levels(values)
+        else:
+            given = np.asarray(values)
+            chosen = np.where(where, given, slots.limits.minimum) if given.shape in ((), where.shape) else given
+            numbers, taken = slots.limits.check(self._objects, chosen)
+        each = [slot for slot, wanted in zip(slots.all_slots, where.tolist(), strict=True) if wanted]
+        raws = slots.raws(numbers)[where]
+        free = slots.image.write_many(np.array(each, np.int64), each, numbers[where], raws)
+        if not self._objects[0].synchronous:
+            slots.image.update_some(each)
         return taken and free
 
     def sample(self) -> bool:
@@ -163,6 +190,10 @@ class _Slots:
             self.zero_offset = np.where(inverted, 1.0, 0.0)
             first = cast("Binary[Any]", objects[0])
             self.alike = all(cast("Binary[Any]", item).one is first.one for item in objects)
+
+    def raws(self, values: FloatArray) -> IntArray:
+        inputs = self.linearizations.to_inputs(values) if self.linearizations else values
+        return to_raws(inputs, self.resolution, self.zero_offset)
 
 
 class _Limits:
