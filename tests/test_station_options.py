@@ -10,8 +10,9 @@ from typing import Any, Literal
 import pytest
 from rich.console import Console
 
-from umo.cli.station_options import Option, help_panel, options_of, parse
-from umo.process.station import Station, StationError
+from umo.cli.station_options import Option, help_panel, machine_and_words, options_of, parse
+from umo.process.job import Job, Plan
+from umo.process.station import Station, StationError, find
 
 
 class Colour(Enum):
@@ -23,6 +24,7 @@ class Bare(Station):
     """A station that is an application only."""
 
     main: Any = None
+    make: Any = staticmethod(lambda: None)
 
     def wiring(self, name: str | None) -> None:
         return None
@@ -121,3 +123,66 @@ def test_the_help_shows_names_types_and_defaults() -> None:
 
 def test_a_type_that_cannot_be_shown_is_text() -> None:
     assert Option("x", Any, None, "application").metavar == "TEXT"
+
+
+OBJECTS = """
+from umo import Compound, DigitalSensor
+
+
+class Row(Compound):
+    gauges: list[DigitalSensor]
+
+
+def machine(gauges: int = 2, kind: type[Row] = Row, top: float = 10.0) -> Row:
+    if gauges < 1:
+        raise ValueError("a row needs a gauge")
+    return kind(gauges=[DigitalSensor("mm", minimum=0, maximum=top, resolution=1) for _ in range(gauges)])
+"""
+
+
+@pytest.fixture
+def row(tmp_path: Path) -> Path:
+    folder = tmp_path / "row"
+    folder.mkdir()
+    (folder / "objects.py").write_text(OBJECTS)
+    return folder
+
+
+def test_the_parameters_of_the_machine_that_a_text_can_give_are_options(row: Path) -> None:
+    found = find(row)
+    assert [(each.name, each.taker) for each in options_of(found, None)] == [("gauges", "machine"), ("top", "machine")]
+    machine, words = machine_and_words(found, ["gauges.3", "--gauges", "4", "--top=5"])
+    assert words == ["gauges.3"]
+    assert [(each.path, each.maximum) for each in machine.atoms()][-1] == ("gauges.3", 5.0)  # type: ignore[attr-defined]
+
+
+def test_every_command_takes_the_options_of_the_machine(umo: Any, row: Path) -> None:
+    assert "3 objects" in umo("check", str(row), "--gauges", "3").output
+    assert "gauges.4" in umo("tree", str(row), "--gauges", "5").output
+    assert umo("get", str(row), "gauges.4", "--gauges", "5", "--unit", "m").output == "gauges.4  0 m  GOOD\n"
+    assert "gauges.4 is a sensor" in umo("set", str(row), "gauges.4", "1", "--gauges", "5").stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("check", "--gauge", "3"), "row has no option --gauge (did you mean 'gauges'?); it has: --gauges, --top"),
+        (("tree", "--gauges", "x"), "row: argument --gauges: invalid int value: 'x'"),
+        (("check", "x"), "unexpected argument 'x'"),
+        (("get", "gauges.0", "--nonsense"), "row has no option --nonsense"),
+        (("check", "--gauges", "0"), "a row needs a gauge"),
+        (("check", "--kind", "3"), "row has no option --kind"),
+    ],
+)
+def test_a_wrong_option_of_the_machine_is_a_mistake_of_the_user(
+    umo: Any, row: Path, words: tuple[str, ...], message: str
+) -> None:
+    result = umo(words[0], str(row), *words[1:])
+    assert (result.exit_code, message in result.stderr) == (2, True), result.stderr
+
+
+def test_a_job_makes_the_same_machine_in_every_process(row: Path) -> None:
+    job = Job.load(Job(str(row), options={"gauges": 7}).dump())
+    assert len(list(Plan(job).machine.atoms())) == 7
+    with pytest.raises(StationError, match="--gauge: neither the machine, nor the application, nor a driver"):
+        Plan(Job(str(row), options={"gauge": 7}))

@@ -36,6 +36,8 @@ WiringName = Annotated[
     str | None,
     typer.Option("--wiring", "-w", metavar="NAME|FILE", help="Name of a wiring of the station, or a TOML file."),
 ]
+OF_THE_MACHINE = {"allow_extra_args": True, "ignore_unknown_options": True}
+"""For commands that take the options of the station's machine."""
 Acknowledge = Annotated[
     bool, typer.Option("--acknowledge", help="Start even if the last run on a device ended unsafely.")
 ]
@@ -99,7 +101,8 @@ def run(
 ) -> None:
     """Run a station. Exit status 0: its application has returned.
 
-    The options of the station are the parameters of its application and its drivers. They follow its name.
+    The options of the station are the parameters of its machine, its application and its drivers. They follow its
+    name.
 
     In real time the loop runs in its own process. A guardian process resets the machine if the loop dies or hangs.
     Trace (CSV) and plot (PNG) go to runs/. Ctrl-C stops safely: every actuator goes to its default.
@@ -134,21 +137,27 @@ def _show_options(station: str | None, wiring: str | None, application: bool = T
         out.print(help_panel(find(station), wiring, application=application))
 
 
-@app.command(epilog="Examples: umo check ztheta  |  umo check ztheta -w modbus  |  umo check . -w wiring/bench.toml")
-def check(station: StationName, wiring: WiringName = None) -> None:
-    """Find every fault of a wiring, without touching hardware."""
+@app.command(
+    epilog="Examples: umo check ztheta  |  umo check ztheta -w modbus  |  umo check furnace --zones 100",
+    context_settings=OF_THE_MACHINE,
+)
+def check(context: typer.Context, station: StationName, wiring: WiringName = None) -> None:
+    """Find every fault of a wiring, without touching hardware. Options of the machine follow the station's name."""
     from umo.process.station import find
 
     from .show import check_station
 
-    guarded(lambda: check_station(find(station), wiring))
+    guarded(lambda: check_station(find(station), wiring, context.args))
 
 
-@app.command(epilog="Examples: umo tree ztheta  |  umo tree ztheta z -w second_generation  |  umo tree . --all")
+@app.command(
+    epilog="Examples: umo tree ztheta  |  umo tree ztheta z -w second_generation  |  umo tree furnace --zones 3 --all",
+    context_settings={"ignore_unknown_options": True},
+)
 def tree(
     station: StationName,
-    path: Annotated[
-        str | None, typer.Argument(metavar="[PATH]", help="An object or a list of the machine, such as z.")
+    words: Annotated[
+        list[str] | None, typer.Argument(metavar="[PATH]", help="An object or a list of the machine, such as z.")
     ] = None,
     wiring: WiringName = None,
     everything: Annotated[bool, typer.Option("--all", help="Show every member of a list.")] = False,
@@ -156,13 +165,13 @@ def tree(
     """Show the hierarchy of objects with units, ranges and wiring (the paper's Figure 4).
 
     Three or more like members of a list are shown once: with the parts of the first, and the wires of the first and
-    the last. Members that differ are shown by themselves.
+    the last. Members that differ are shown by themselves. Options of the machine follow the station's name.
     """
     from umo.process.station import find
 
     from .tree import show_tree
 
-    guarded(lambda: show_tree(find(station), wiring, path, everything))
+    guarded(lambda: show_tree(find(station), wiring, words or [], everything))
 
 
 @app.command(epilog="Examples: umo drivers  |  umo drivers modbus  |  umo drivers .card:Card")
@@ -181,7 +190,10 @@ def drivers(
     guarded(lambda: show_drivers(name))
 
 
-@app.command(epilog="Examples: umo get ztheta z.encoder  |  umo get ztheta z.encoder gripper.pressure --unit mm")
+@app.command(
+    epilog="Examples: umo get ztheta z.encoder  |  umo get ztheta z.encoder gripper.pressure --unit mm",
+    context_settings={"ignore_unknown_options": True},
+)
 def get(
     station: StationName,
     paths: Annotated[list[str], typer.Argument(metavar="PATH...", help="Objects, such as z.encoder.")],
@@ -189,7 +201,8 @@ def get(
     unit: Annotated[str | None, typer.Option(help="Show digital values in this unit.")] = None,
     acknowledge: Acknowledge = False,
 ) -> None:
-    """Read objects by path: from the frames if the station is running; otherwise connect, read and reset."""
+    """Read objects by path: from the frames if the station is running; otherwise connect, read and reset. Options of
+    the machine follow the station's name."""
     from umo.process.station import find
 
     from .hand import get_values
@@ -200,9 +213,10 @@ def get(
 @app.command(
     "set",
     epilog="Examples: umo set ztheta gripper.vacuum ON --hold 2  |  umo set ztheta z.motor '500 mV' --hold 1",
-    context_settings={"ignore_unknown_options": True},
+    context_settings=OF_THE_MACHINE,
 )
 def set_(
+    context: typer.Context,
     station: StationName,
     path: Annotated[str, typer.Argument(help="An actuator, such as gripper.vacuum.")],
     value: Annotated[str, typer.Argument(help="A state (ON), a number, or a number with a unit ('80 mm').")],
@@ -212,12 +226,13 @@ def set_(
     ] = None,
     acknowledge: Acknowledge = False,
 ) -> None:
-    """Connect, write and hold one actuator, show its value, then reset. No control code runs."""
+    """Connect, write and hold one actuator, show its value, then reset. No control code runs. Options of the machine
+    follow the value."""
     from umo.process.station import find
 
     from .hand import set_value
 
-    guarded(lambda: set_value(find(station), wiring, path, value, hold, acknowledge))
+    guarded(lambda: set_value(find(station), wiring, path, value, hold, acknowledge, context.args))
 
 
 @app.command(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from functools import partial
 from math import inf
@@ -33,6 +33,7 @@ from umo.wiring import Wired, resolve
 
 from .console import err, out
 from .running import readers
+from .station_options import machine_and_words, machine_of
 
 PAUSE = 0.01
 """Seconds between two looks at a machine that has no timer."""
@@ -41,8 +42,10 @@ PAUSE = 0.01
 def get_values(
     station: Station, wiring: str | None, paths: list[str], unit: str | None, acknowledge: bool = False
 ) -> None:
-    """Print each object's value, unit and quality: of a station that runs from its frames, else connected."""
-    file, machine = station.wiring(wiring), station.machine()
+    """Print each object's value, unit and quality: of a station that runs from its frames, else connected. Options of
+    the machine may be among the paths."""
+    file = station.wiring(wiring)
+    machine, paths = machine_and_words(station, paths)
     items = [_atomic(machine, path) for path in paths]
     width = max(map(len, paths))
     wired = resolve(machine, file)
@@ -84,10 +87,17 @@ def _latest(reader: Reader) -> dict[str, tuple[Any, Quality]]:
 
 
 def set_value(
-    station: Station, wiring: str | None, path: str, text: str, hold: float | None, acknowledge: bool = False
+    station: Station,
+    wiring: str | None,
+    path: str,
+    text: str,
+    hold: float | None,
+    acknowledge: bool = False,
+    arguments: Sequence[str] = (),
 ) -> int:
     """Write one actuator, keep the loop going for `hold` s or until a signal, show what is read, reset."""
-    file, machine = station.wiring(wiring), station.machine()
+    file = station.wiring(wiring)
+    machine = machine_of(station, arguments)
     item = _atomic(machine, path)
     if not isinstance(item, BinaryActuator | DigitalActuator):
         raise PathError(f"{path} is a sensor; only actuators can be set")

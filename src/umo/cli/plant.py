@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,12 +11,12 @@ from umo.errors import WiringError
 from umo.plant.register_map import RegisterMap, register_maps
 from umo.plant.serve import serve_until_signal
 from umo.process.station import Station, StationError
-from umo.wiring import resolve
+from umo.wiring import driver_options, resolve
 from umo.wiring.source import read
 
 from .console import out
 from .result import rows
-from .station_options import parse
+from .station_options import options_of_machine, parse
 
 MODBUS = "modbus"
 """Name of the wiring that is served, and of its driver."""
@@ -31,11 +31,13 @@ def serve_plant(
     report: Path | None,
 ) -> None:
     """Serve until SIGINT or SIGTERM, then print the report in one line. `changes` are those of host, port and watchdog
-    that are not None; `arguments` the options of the plant's drivers."""
+    that are not None; `arguments` the options of the machine and of the plant's drivers."""
     served = modbus_wiring(station, wiring)
     options = parse(station, plant_wiring, arguments, application=False)
-    machine, simulated = station.machine(), station.wiring(plant_wiring)
-    plant, bus = resolve(machine, simulated, options), resolve(machine, served)
+    simulated = station.wiring(plant_wiring)
+    machine = station.machine(**_taken(options, (option.name for option in options_of_machine(station))))
+    plant = resolve(machine, simulated, _taken(options, driver_options(simulated)))
+    bus = resolve(machine, served)
     try:
         maps = register_maps(plant, bus)
     except WiringError as error:
@@ -46,6 +48,10 @@ def serve_plant(
 
     summary = serve_until_signal(plant, _changed(maps, changes), ready=announce, report=report)
     out.print(", ".join(f"{name} {value}" for name, value in rows("report", summary)), markup=False, soft_wrap=True)
+
+
+def _taken(options: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
+    return {name: options[name] for name in names if name in options}
 
 
 def modbus_wiring(station: Station, name: str | None) -> Path | None:

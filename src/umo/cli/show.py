@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.text import Text
@@ -17,15 +18,16 @@ from umo.system.packages import package_of
 from umo.wiring import check, resolve
 
 from .console import err, out
+from .station_options import machine_of
 
 FUNCTIONS = [name for name, value in vars(Driver).items() if inspect.isfunction(value)]
 """Of a driver, in the order of the contract."""
 
 
-def check_station(station: Station, wiring: str | None) -> int:
+def check_station(station: Station, wiring: str | None, arguments: Sequence[str] = ()) -> int:
     """Print every fault and return 2, or one line on what is wired and return 0."""
     file = station.wiring(wiring)
-    machine = station.machine()
+    machine = machine_of(station, arguments)
     station.module("application")  # a wiring may be right and the application not import
     interlocks_of(machine)
     faults = check(machine, file)

@@ -1,4 +1,4 @@
-"""The options of a station: the keyword parameters of its application and of the drivers of a wiring."""
+"""The options of a station: the keyword parameters of its machine, its application and the drivers of a wiring."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from umo.objects import Compound
 from umo.process.station import Station, StationError
 from umo.text import did_you_mean
 from umo.wiring import driver_options
@@ -31,7 +32,7 @@ class Option:
     """Its type: int, float, str, bool, Path; a Literal or Enum; a sequence of one of these."""
     default: Any
     taker: str
-    """"application", or the type of the driver."""
+    """"machine", "application", or the type of the driver."""
 
     @property
     def flag(self) -> str:
@@ -44,6 +45,12 @@ class Option:
             return ""
         item = _item(self.kind)
         return "|".join(map(str, choices)) if (choices := _choices(item)) else TYPES.get(item, "TEXT")
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether it is of a type that a text can give."""
+        item = _item(self.kind)
+        return item is bool or item in TYPES or bool(_choices(item))
 
     def add_to(self, parser: argparse.ArgumentParser) -> None:
         item = _item(self.kind)
@@ -58,14 +65,20 @@ class Option:
 
 
 def options_of(station: Station, wiring: str | None, *, application: bool = True) -> list[Option]:
-    """Those of the application first; a driver's of the same name is given the same value. Without `application` only
-    those of the drivers."""
-    main = station.main if application else None
-    found = {} if main is None else _of_function(main, "application", skip=1)
+    """Those of the machine and of the application first; others of the same name are given the same value. Without
+    `application` only those of the machine and the drivers."""
+    found = {option.name: option for option in options_of_machine(station)}
+    if application and station.main is not None:
+        found = _of_function(station.main, "application", skip=1) | found
     for name, (driver, parameter) in driver_options(station.wiring(wiring)).items():
         if name not in found:
             found[name] = _option(name, parameter, parameter.annotation, driver)
     return list(found.values())
+
+
+def options_of_machine(station: Station) -> list[Option]:
+    """Those parameters of `machine` that a text can give."""
+    return [option for option in _of_function(station.make, "machine", skip=0).values() if option.is_plain]
 
 
 def parse(
@@ -73,17 +86,45 @@ def parse(
 ) -> dict[str, Any]:
     """The values of a station's options; StationError for what it does not take."""
     options = options_of(station, wiring, application=application)
-    flags = [option.flag for option in options]
+    given, others = _parse(station, options, arguments)
+    if others:
+        raise StationError(_unknown(station, options, others[0]))
+    return given
+
+
+def machine_of(station: Station, arguments: Sequence[str]) -> Compound:
+    """The machine with these options; StationError for what it does not take."""
+    machine, others = machine_and_words(station, arguments)
+    if others:
+        raise StationError(f"unexpected argument {others[0]!r}")
+    return machine
+
+
+def machine_and_words(station: Station, arguments: Sequence[str]) -> tuple[Compound, list[str]]:
+    """The machine with the options that are among the arguments, and the other arguments. StationError if one of those
+    is an option too."""
+    options = options_of_machine(station)
+    given, others = _parse(station, options, arguments)
+    for argument in others:
+        if argument.startswith("--"):
+            raise StationError(_unknown(station, options, argument))
+    return station.machine(**given), others
+
+
+def _parse(station: Station, options: Sequence[Option], arguments: Sequence[str]) -> tuple[dict[str, Any], list[str]]:
     parser = _Parser(prog=station.name, add_help=False, allow_abbrev=False)
     for option in options:
         option.add_to(parser)
-    given, unknown = parser.parse_known_args(list(arguments))
-    if unknown:
-        name = unknown[0].partition("=")[0]
-        near = did_you_mean(name.lstrip("-"), [flag.lstrip("-") for flag in flags])
-        known = f"; it has: {', '.join(flags)}" if flags else ""
-        raise StationError(f"{station.name} has no option {name}{near}{known}")
-    return vars(given)
+    given, others = parser.parse_known_args(list(arguments))
+    return vars(given), others
+
+
+def _unknown(station: Station, options: Sequence[Option], argument: str) -> str:
+    flags = [option.flag for option in options]
+    name = argument.partition("=")[0]
+    near = did_you_mean(name.lstrip("-"), [flag.lstrip("-") for flag in flags])
+    known = f"; it has: {', '.join(flags)}" if flags else ""
+    return f"{station.name} has no option {name}{near}{known}"
 
 
 def help_panel(station: Station, wiring: str | None, *, application: bool = True) -> Panel:

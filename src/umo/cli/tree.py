@@ -13,7 +13,7 @@ from umo.drivers import Direction
 from umo.errors import DeclarationError, PathError
 from umo.objects import Atomic, Compound, Digital, DigitalActuator, Node
 from umo.objects.linearization import from_table
-from umo.process.station import Station
+from umo.process.station import Station, StationError
 from umo.text import did_you_mean
 from umo.wiring import check
 from umo.wiring.patterns import expand
@@ -22,15 +22,20 @@ from umo.wiring.source import WiringSource, read
 from .console import out
 from .folding import FROM
 from .show import label, reported
+from .station_options import machine_and_words
 
 if TYPE_CHECKING:
     from umo.wiring.entry import Entry
 
 
-def show_tree(station: Station, wiring: str | None, path: str | None = None, everything: bool = False) -> int:
-    """The objects, or those at a path, with units, ranges and wiring; 2 if the wiring has faults."""
+def show_tree(station: Station, wiring: str | None, words: Sequence[str] = (), everything: bool = False) -> int:
+    """The objects, or those at a path, with units, ranges and wiring; 2 if the wiring has faults. `words` are the path
+    and options of the machine."""
     file = station.wiring(wiring)
-    machine = station.machine()
+    machine, paths = machine_and_words(station, words)
+    if len(paths) > 1:
+        raise StationError(f"unexpected argument {paths[1]!r}: one path at a time")
+    path = paths[0] if paths else None
     source = WiringSource("") if file is None else read(file)
     name = "everything simulated" if file is None else file.stem
     expand(source, [item.path for item in machine.atoms()])

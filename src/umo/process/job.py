@@ -17,7 +17,7 @@ from typing import Any
 from umo.cycle.run import Application
 from umo.errors import DeclarationError, UmoError
 from umo.objects import Compound
-from umo.process.station import Station, StationError, find
+from umo.process.station import StationError, find
 from umo.text import reason_of
 from umo.wiring import Wired, driver_options, resolve
 from umo.wiring.options import REALTIME
@@ -81,58 +81,66 @@ class Plan:
     def __init__(self, job: Job) -> None:
         self.job = job
         station = None if job.station is None else find(job.station)
-        self.machine, main, self.name, self.place = _of_station(station) if station else _of_functions(job)
+        make, main = (station.make, station.main) if station else _functions_of(job)
         self.wiring: Path | Mapping[str, Any] | None
         if station is not None and (job.wiring is None or isinstance(job.wiring, str)):
             self.wiring = station.wiring(job.wiring)
         else:
             self.wiring = Path(job.wiring) if isinstance(job.wiring, str) else job.wiring
-        self.options = self._share(main)
+        for_machine, self.options = self._share(make, main)
+        if station is not None:
+            self.machine, self.name, self.place = station.machine(**for_machine), station.name, station.path
+        else:
+            self.machine = _made(job, make, for_machine)
+            self.name, self.place = type(self.machine).__name__, Path(job.script or inspect.getfile(make))
         self.wired: Wired = resolve(self.machine, self.wiring, self.options)
 
     @property
     def wiring_name(self) -> str:
         return self.wiring.stem if isinstance(self.wiring, Path) else ""
 
-    def _share(self, main: Callable[..., Any] | None) -> dict[str, Any]:
-        """Hand each option to whoever takes one of that name: the application's main, the wiring, or both."""
+    def _share(
+        self, make: Callable[..., Any], main: Callable[..., Any] | None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Hand each option to all who take one of that name: the function that makes the machine, the application's
+        main, the wiring. Those of the machine and those of the wiring."""
         given = self.job.options
+        machine = inspect.signature(make).parameters.keys()
         taken = set() if main is None else set(list(inspect.signature(main).parameters)[1:])
         wiring = driver_options(self.wiring).keys() | {REALTIME}
-        for name in given.keys() - taken - wiring:
+        for name in given.keys() - machine - taken - wiring:
             raise StationError(
-                f"--{name}: neither the application of {self.name} nor a driver of its wiring has this option"
+                f"--{name}: neither the machine, nor the application, nor a driver of the wiring of {self.job.name} "
+                "has this option"
             )
         for_main = {name: value for name, value in given.items() if name in taken}
         self.application: Application[Any] | None = None if main is None else partial(_call, main, for_main)
-        return {name: value for name, value in given.items() if name in wiring}
+        for_machine, for_wiring = ({k: v for k, v in given.items() if k in names} for names in (machine, wiring))
+        return for_machine, for_wiring
 
 
 def _call(main: Callable[..., Any], options: dict[str, Any], machine: Compound) -> Coroutine[Any, Any, Any]:
     return main(machine, **options)  # type: ignore[no-any-return]
 
 
-Found = tuple[Compound, Callable[..., Any] | None, str, Path]
-
-
-def _of_station(station: Station) -> Found:
-    return station.machine(), station.main, station.name, station.path
-
-
-def _of_functions(job: Job) -> Found:
+def _functions_of(job: Job) -> tuple[Callable[..., Any], Callable[..., Any] | None]:
+    """Those that make the machine and the application's sequence."""
     if job.machine is None:
         raise DeclarationError("a job needs a station, or a function that returns the machine")
     make = _import(job.machine, job.script)
+    return make, None if job.application is None else _import(job.application, job.script)
+
+
+def _made(job: Job, make: Callable[..., Any], options: dict[str, Any]) -> Compound:
     try:
-        machine = make()
+        machine = make(**options)
     except UmoError:
         raise
     except (Exception, SystemExit) as error:
         raise DeclarationError(f"{job.machine} failed: {reason_of(error)}") from error
     if not isinstance(machine, Compound):
         raise DeclarationError(f"{job.machine} returned {machine!r}, not a Compound")
-    application = None if job.application is None else _import(job.application, job.script)
-    return machine, application, type(machine).__name__, Path(job.script or inspect.getfile(make))
+    return machine
 
 
 def _import(text: str, script: str | None) -> Any:

@@ -22,7 +22,7 @@ class StationError(UmoError, LookupError):
 
 @dataclass(frozen=True)
 class Station:
-    """A folder with `objects.py` (`machine()`), `application.py` (`main(m, ...)`) and `wiring/*.toml`.
+    """A folder with `objects.py` (`machine(...)`), `application.py` (`main(m, ...)`) and `wiring/*.toml`.
 
     It is imported as a package: its modules import one another by `from .control import ...`.
     """
@@ -49,14 +49,19 @@ class Station:
             return ""
         return f"; a station is a package: write `from .{name} import ...`"
 
-    def machine(self) -> Compound:
-        """A new machine, declared and not connected."""
-        objects = self.module("objects")
-        make = getattr(objects, "machine", None)
+    @property
+    def make(self) -> Callable[..., Any]:
+        """`machine` of objects.py. Its parameters are options of the station."""
+        make: Callable[..., Any] | None = getattr(self.module("objects"), "machine", None)
         if not callable(make):
             raise StationError(f"{self.path / 'objects.py'} has no machine()")
+        return make
+
+    def machine(self, **options: Any) -> Compound:
+        """A new machine, declared and not connected. The options are parameters of its `machine`."""
+        make = self.make
         try:
-            root = make()
+            root = make(**options)
         except (UmoError, KeyboardInterrupt):
             raise
         except BaseException as error:
