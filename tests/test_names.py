@@ -11,10 +11,10 @@ import umo
 TREE = Path(umo.__file__).parent
 SHOWN_TO_THE_OBJECTS = TREE / "objects" / "link.py"
 """Protocols of what lies above, under the names that those things have."""
-PLANT = "Plant"
-"""Of every station: its hardware, simulated; the wiring says whose."""
 ROLES = {"__init__", "application", "control", "objects", "plant", "run", "errors"}
 """Modules with one part in many places: a station's files, a command of the command line, its errors."""
+ROLES_OF_CLASSES = {"Plant"}
+"""Each station's own."""
 
 
 def modules() -> list[Path]:
@@ -38,7 +38,7 @@ def test_no_two_classes_or_types_have_one_name() -> None:
             if isinstance(node, ast.Assign):
                 names = [each.id for each in node.targets if isinstance(each, ast.Name) and each.id[1:].islower()]
                 names = [name for name in names if name[0].isupper() and len(name) > 1]
-            for name in (each for each in names if not each.startswith("_") and each != PLANT):
+            for name in (each for each in names if not each.startswith("_") and each not in ROLES_OF_CLASSES):
                 found[name].append(str(file.relative_to(TREE)))
     assert {name: files for name, files in found.items() if len(files) > 1} == {}
 

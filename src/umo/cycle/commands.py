@@ -24,6 +24,7 @@ from umo.objects import BinaryActuator, Compound, DigitalActuator
 
 if TYPE_CHECKING:
     from umo.cycle.image import Image
+    from umo.objects.scaling import FloatArray
 
 log = logging.getLogger("umo")
 A_TICK = 1e-9
@@ -128,6 +129,8 @@ class Commands:
         commands = self.by_slot.values()
         self._expiring = [command for command in commands if command.expires < inf]
         self.slewing = [command for command in commands if command.slew_rate < inf]
+        self._inhibiting = False
+        """Whether an interlock inhibits actuators, as last evaluated."""
 
     def _command(self, item: BinaryActuator[Any] | DigitalActuator) -> Command:
         slot, default = self._image.slot_of[id(item)], item._default_value()
@@ -150,11 +153,15 @@ class Commands:
             command.take(value, source, self._image.clock.now)
         return True
 
-    def take_many(self, slots: Sequence[int], values: Sequence[float], source: Source = Source.PROGRAM) -> list[bool]:
-        """The same for many at once, each with its answer; where it raises Interlocked, none was taken."""
+    def take_many(self, slots: Sequence[int], values: FloatArray, source: Source = Source.PROGRAM) -> list[bool]:
+        """The same for many at once, each with its answer; where it raises Interlocked, none was taken. Empty: all were
+        taken, as no actuator of the machine is inhibited and none has an expiry or a rate to be recorded for."""
+        if not (self._inhibiting or self._expiring or self.slewing):
+            return []
         commands = [self.by_slot.get(slot) for slot in slots]
-        free = [each is None or each.admits(value) for each, value in zip(commands, values, strict=True)]
-        for command, value, admitted in zip(commands, values, free, strict=True):
+        numbers = values.tolist()
+        free = [each is None or each.admits(value) for each, value in zip(commands, numbers, strict=True)]
+        for command, value, admitted in zip(commands, numbers, free, strict=True):
             if command is not None and admitted:
                 command.take(value, source, self._image.clock.now)
         return free
@@ -199,6 +206,7 @@ class Commands:
     def _interlocked(self) -> set[int]:
         """What was free in the period before. All conditions are asked before anything is reset."""
         begun = [each for each in self._inhibitions if each.ask()]
+        self._inhibiting = bool(begun) or (self._inhibiting and any(each.reason for each in self._inhibitions))
         for each in begun:
             for slot in each.slots:
                 self._happened(self.by_slot[slot], f"inhibited: {each.reason}", Kind.INTERLOCKED)

@@ -255,7 +255,7 @@ class Image(ABC):
         if not self.commands.by_slot:
             self.put_pending(slots, values, raws)
             return True
-        taken = self.commands.take_many(each, values.tolist())
+        taken = self.commands.take_many(each, values)
         if all(taken):
             self.put_pending(slots, values, raws)
             return True

@@ -53,6 +53,8 @@ def _reason(interlock: Interlock) -> str | None:
     """Why it inhibits now, None if it does not. A condition that cannot be evaluated counts as true."""
     try:
         holds: Any = interlock.condition()
+        if holds is False:  # nearly always
+            return None
         if not isinstance(holds, bool | np.bool_):  # None, for want of a return, would never forbid
             raise TypeError(f"{holds!r} is not True or False")
         return interlock.reason if holds else None

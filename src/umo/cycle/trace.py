@@ -15,7 +15,7 @@ from umo.cycle.signals import Signal
 from umo.objects import Atomic, Binary, Digital
 
 ROWS = 100_000
-MOST = 256_000_000
+MOST = 32_000_000
 """Bytes that a trace may take, with the copy that is made while it grows or is thinned."""
 HALVINGS = 6
 """It begins with a 64th of its rows."""

@@ -1,0 +1,1 @@
+"""A tunnel furnace of many zones (docs/furnace.md)."""

@@ -1,0 +1,138 @@
+"""How the furnace acts: all zones under PI in one calculation, each with its own interlock and its own fault."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from umo import (
+    BinaryActuator,
+    Compound,
+    DigitalActuator,
+    DigitalSensor,
+    Interlock,
+    OnOff,
+    Quality,
+    RangeError,
+    TimeExpired,
+    Vector,
+)
+from umo.control import VectorServo, until, value_of, wait
+
+from .errors import HeatingError, OverTemperature, TooManyFaults
+
+PLACES, SHARES = (0.0, 0.35, 0.75, 1.0), (0.4, 1.0, 1.0, 0.35)
+"""Places along the tunnel, and the set temperatures there as shares of the peak: heating, soaking, cooling zones."""
+NAMED = 10  # zones in a message
+
+
+class Zone(Compound):
+    heater: DigitalActuator
+    fan: BinaryActuator[OnOff]
+    temperature: DigitalSensor
+    limit: float = 1000.0  # above this temperature the heater is inhibited, degC
+
+    def interlocks(self) -> Iterator[Interlock]:
+        yield Interlock(lambda: value_of(self.temperature) > self.limit, [self.heater], "over-temperature")
+
+
+class Furnace(Compound):
+    zones: list[Zone]
+    timer: DigitalSensor
+    gain: float = 4.0  # of each zone's PI, percent per K
+    integral_time: float = 40.0  # of each zone's PI, s
+    tolerance: float = 5.0  # a zone has arrived when it is within this of its set temperature, K
+    following_error: float = 60.0  # a zone that is further below its setpoint does not heat, K
+    margin: float = 25.0  # a zone that is further above its limit cannot be switched off, K
+    most_faulted: float = 0.1  # share of the zones that may be faulted; one may be in any case
+
+    signals = {"setpoint": "degC", "largest_error": "K", "faulted_zones": ""}
+    max_period = "1 s"
+
+    def setup(self) -> None:
+        self.heaters = Vector(zone.heater for zone in self.zones)
+        self.fans = Vector(zone.fan for zone in self.zones)
+        self.temperatures = Vector(zone.temperature for zone in self.zones)
+        self.heating = VectorServo(self.temperatures, self.heaters, gain=self.gain, integral_time=self.integral_time)
+        count = len(self.zones)
+        self.limits = np.array([zone.limit for zone in self.zones])
+        self.setpoints = self.targets = np.zeros(count)
+        self.ramp = 0.0  # K/s
+        self.faulted = np.zeros(count, np.bool_)
+        self.soak_errors: Any = None  # the largest error of each zone since the soak began, K; None before
+        self.setpoint, self.largest_error, self.faulted_zones, self.phase = 0.0, 0.0, 0, ""
+
+    def control(self) -> None:
+        if not self.ramp:
+            return
+        temperatures = self.temperatures.read()
+        self._check_zones(temperatures)
+        step = self.ramp * self.dt
+        self.setpoints = self.setpoints + np.clip(self.targets - self.setpoints, -step, step)
+        self.heating.control(self.setpoints, dt=self.dt, enabled=~self.faulted)
+        self.fans.write((self.faulted | (temperatures > self.limits)).astype(np.float64))
+        errors = np.abs(self.heating.error)
+        if self.soak_errors is not None:
+            self.soak_errors = np.maximum(self.soak_errors, errors)
+        self.setpoint, self.largest_error = float(self.setpoints.max()), float(errors.max())
+        if (cold := self.heating.error > self.following_error).any():
+            raise HeatingError(f"{_named(cold)}: {self.heating.error.max():.0f} K below the setpoint")
+
+    def _check_zones(self, temperatures: Any) -> None:
+        """A zone without a valid temperature is faulted: heater off, fan on."""
+        quality = self.temperatures.quality
+        hot = (temperatures > self.limits + self.margin) & (quality != Quality.BAD)
+        if hot.any():
+            raise OverTemperature(f"{_named(hot)}: {temperatures[hot].max():.0f} degC, the heater does not switch off")
+        found = ((quality == Quality.BAD) | (quality == Quality.OUT_OF_RANGE)) & ~self.faulted
+        if not found.any():
+            return
+        self.faulted = self.faulted | found
+        self.faulted_zones = int(self.faulted.sum())
+        self.heaters.write(0.0, where=found)
+        self.say(self.phase)
+        if self.faulted_zones > max(1, int(self.most_faulted * len(self.zones))):
+            raise TooManyFaults(f"{self.faulted_zones} of {len(self.zones)} zones are faulted: {_named(self.faulted)}")
+
+    def say(self, phase: str, done: int | None = None) -> None:
+        """Report the phase, and which zones are faulted."""
+        self.phase = phase
+        self.progress(phase + (f", {_named(self.faulted)} faulted" if self.faulted_zones else ""), done, 2)
+
+    async def heat_up(self, peak: float, ramp: float) -> None:
+        """To the profile with its highest temperature `peak` (degC), at `ramp` (K/s); HeatingError if it takes more
+        than a minute longer than that."""
+        most = self.limits.min() - self.margin
+        if not (100.0 <= peak <= most and 0.1 <= ramp <= 4.0):
+            raise RangeError(f"peak must be 100 to {most:g} degC, not {peak:g}, and ramp 0.1 to 4 K/s, not {ramp:g}")
+        places = np.linspace(0.0, 1.0, len(self.zones)) if len(self.zones) > 1 else np.array([0.5])
+        self.setpoints = self.temperatures.read()
+        self.targets, self.ramp = peak * np.interp(places, PLACES, SHARES), ramp
+        try:
+            await until(lambda: not self._away().any(), timeout=peak / ramp + 60.0, stays="5 s")
+        except TimeExpired:
+            raise HeatingError(f"{_named(self._away())} not within {self.tolerance:g} K in time") from None
+
+    async def soak(self, duration: float) -> None:
+        """Keep the profile for `duration` s."""
+        self.soak_errors = np.zeros(len(self.zones))
+        await wait(duration)
+
+    def results(self) -> dict[str, Any]:
+        """Of the soak: how many zones were good, which were not, the largest error of each (K; None: faulted)."""
+        errors = [None if bad else round(float(e), 1) for e, bad in zip(self.soak_errors, self.faulted, strict=True)]
+        good = int(((self.soak_errors <= self.tolerance) & ~self.faulted).sum())
+        return {"zones_good": good, "zones_faulted": _named(self.faulted) or "none", "soak_errors_K": errors[:1000]}
+
+    def _away(self) -> Any:
+        """Which zones are not at their set temperatures yet."""
+        return (np.abs(self.targets - self.temperatures.read()) > self.tolerance) & ~self.faulted
+
+
+def _named(zones: Any) -> str:
+    """Zones of an array of booleans, for messages."""
+    numbers = np.flatnonzero(zones)
+    more = f" and {len(numbers) - NAMED} more" if len(numbers) > NAMED else ""
+    return f"zone{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers[:NAMED]))}{more}" if len(numbers) else ""

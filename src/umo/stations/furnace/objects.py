@@ -1,0 +1,35 @@
+"""The objects of the tunnel furnace: a heater, a fan and a thermocouple for each zone, and the timer."""
+
+from umo import BinaryActuator, DeclarationError, DigitalActuator, DigitalSensor, OnOff, Thermocouple
+
+from .control import Furnace, Zone
+
+MOST_ZONES = 5000
+
+
+def machine(zones: int = 40) -> Furnace:
+    """A tunnel of `zones` zones, 1 to 5,000."""
+    if not 1 <= zones <= MOST_ZONES:
+        raise DeclarationError(f"a tunnel has 1 to {MOST_ZONES} zones, not {zones}")
+    return Furnace(
+        zones=[zone() for _ in range(zones)],
+        timer=DigitalSensor("sampling_period", minimum=0.0, maximum=99_999.9, resolution=1.0, synchronous=False),
+    )
+
+
+def zone() -> Zone:
+    """Heater off and fan on are the safe values."""
+    return Zone(
+        heater=DigitalActuator("percent", default=0.0, minimum=0.0, maximum=100.0, resolution=0.1),
+        fan=BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.ON),
+        temperature=DigitalSensor(
+            "degC",
+            minimum=0.0,
+            maximum=1300.0,
+            resolution=0.002,  # mV
+            linearization=Thermocouple("K"),
+            invalid_raws=[0x7FFF],  # the converter's mark of an open circuit
+            on_error="mark",
+            max_age="2 s",
+        ),
+    )

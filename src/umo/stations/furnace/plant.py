@@ -1,0 +1,188 @@
+"""The furnace's hardware as a driver: a thermal model of n zones behind the five functions, in raw integers.
+
+| channel | direction, bits | meaning of the level |
+| --- | --- | --- |
+| heater:N | output, 16 | duty of zone N, 0.1 % a count, 0 to 1000 |
+| fan:N | output, 1 | 1 = on |
+| thermocouple:N | input, 16 signed | type K, 2 uV a count, referred to 0 degC; 32767 = open circuit |
+| tick | input, 31 | the timer: lets one period pass, returns how many were missed |
+
+The tunnel has as many zones as the wiring asks for. Each has 2 kJ/K, a heater of 16 kW, 8 W/K to the ambience of 25
+degC, 4 W/K more with its fan, and 2 W/K to each neighbour; its thermocouple follows with 1.5 s. The time constant of a
+zone is about 3 minutes. `seed` decides the spread: power +-5 %, losses +-10 %, 20 to 30 degC at the start.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import ceil
+from typing import Any
+
+import numpy as np
+
+from umo.drivers.contract import Channel, Direction, Driver, IntArray
+from umo.drivers.timerfd import Ticker
+from umo.errors import ChannelError, DriverError, WiringError
+from umo.objects import Thermocouple
+from umo.text import did_you_mean
+
+IN, OUT = Direction.INPUT, Direction.OUTPUT
+KINDS = {"heater": (OUT, 16, False), "fan": (OUT, 1, False), "thermocouple": (IN, 16, True)}
+HEATER, FAN, THERMOCOUPLE, TICK = range(4)
+FORMS = ("heater:N", "fan:N", "thermocouple:N", "tick")
+FAULTS = ("broken-thermocouple", "loose-thermocouple", "shorted-thermocouple", "stuck-heater", "dead-heater")
+"""Of a zone, `KIND:ZONE` or `KIND:ZONE@SECONDS`, 60 s after the start by default: an open circuit; one for 1 s in every
+5 s; it reads the ambience; full power whatever the duty; no power."""
+CAPACITY, POWER, LOSS, FAN_LOSS, CONDUCTION = 2000.0, 16_000.0, 8.0, 4.0, 2.0
+AMBIENCE, LAG, LONGEST_STEP = 25.0, 1.5, 0.1
+OPEN, VOLTS, TYPE_K = 0x7FFF, 0.002, Thermocouple("K")
+
+
+@dataclass(frozen=True)
+class FurnaceChannel(Channel):
+    kind: int = TICK
+    zone: int = 0
+
+
+class Plant(Driver[FurnaceChannel]):
+    """The furnace, simulated: `seed` decides the spread of the zones, `faults` what fails ("broken-thermocouple:7",
+    "stuck-heater:3@90"). With `realtime` the tick keeps pace with the wall clock. Opened again, it is as hot as it was.
+    """
+
+    def __init__(self, *, seed: int = 0, realtime: bool = False, faults: Sequence[str] = ()) -> None:
+        self.realtime = realtime
+        self.ticker: Ticker | None = None
+        self._seed = seed
+        self._faults = [_fault(text) for text in faults]
+        self._count = 0
+        self._places: dict[int, tuple[Sequence[FurnaceChannel], IntArray]] = {}
+        self.temperatures = np.zeros(0)
+        """The truth, degC."""
+
+    # The five functions -------------------------------------------------------------------------
+
+    def channel(self, text: str) -> FurnaceChannel:
+        if text == "tick":
+            return FurnaceChannel(text, IN, 31)
+        name, _, zone = text.partition(":")
+        if name not in KINDS or not re.fullmatch(r"0|[1-9]\d{0,4}", zone):
+            raise ChannelError(text, FORMS)
+        self._count = max(self._count, int(zone) + 1)
+        return FurnaceChannel(text, *KINDS[name], list(KINDS).index(name), int(zone))
+
+    def read(self, channel: FurnaceChannel) -> int:
+        if channel.kind == TICK:
+            return self._tick()
+        if channel.kind != THERMOCOUPLE:
+            raise DriverError(f"{channel.text} is an output and cannot be read")
+        return int(self._levels[channel.kind, channel.zone])
+
+    def write(self, channel: FurnaceChannel, raw: int) -> None:
+        if channel.kind not in (HEATER, FAN):
+            raise DriverError(f"{channel.text} is an input and cannot be written")
+        self._levels[channel.kind, channel.zone] = raw
+
+    def read_many(self, channels: Sequence[FurnaceChannel], out: IntArray) -> None:
+        out[:] = self._levels.ravel()[self._of(channels)]
+
+    def write_many(self, channels: Sequence[FurnaceChannel], raws: IntArray) -> None:
+        self._levels.ravel()[self._of(channels)] = raws
+
+    def _of(self, channels: Sequence[FurnaceChannel]) -> IntArray:
+        """Where these channels stand among the levels; the same list of them comes in every period."""
+        known, places = self._places.get(id(channels), ((), np.zeros(0, np.int64)))
+        if known is not channels:
+            if len(self._places) > 8:  # parts are moved by lists of their own, each time another
+                self._places.clear()
+            places = np.array([channel.kind * self._count + channel.zone for channel in channels])
+            self._places[id(channels)] = channels, places
+        return places
+
+    # Opening and time ---------------------------------------------------------------------------
+
+    def open(self) -> None:
+        """Switch the circuits on; the first time, build the furnace."""
+        if self.realtime:
+            self.ticker = Ticker(self.period)
+            self.ticker.start()
+        if len(self.temperatures) != self._count:
+            self._build(self._count)
+        self._places.clear()
+        self._levels = np.zeros((3, self._count), np.int64)
+        self._measure()
+
+    def close(self) -> None:
+        if self.ticker is not None:
+            self.ticker.close()
+        self.ticker = None
+
+    def _build(self, count: int) -> None:
+        for kind, zone, _ in self._faults:
+            if zone >= count:
+                raise DriverError(f"fault {kind}:{zone}: the furnace has {count} zones")
+        self._random = np.random.default_rng(self._seed)
+        self._power, self._loss = (self._random.uniform(1 - s, 1 + s, count) for s in (0.05, 0.1))
+        self.temperatures = self._random.uniform(20.0, 30.0, count)
+        self._sensed = self.temperatures.copy()
+        self._time = self._energy = self._highest = 0.0
+
+    def _tick(self) -> int:
+        missed = 0 if self.ticker is None else self.ticker.wait()
+        self.advance(max(missed, 1))
+        return missed
+
+    def advance(self, periods: int = 1) -> None:
+        """Let so many periods pass under the levels as they are."""
+        span = periods * (self.period or LONGEST_STEP)
+        steps = ceil(span / LONGEST_STEP - 1e-9)
+        for _ in range(steps):
+            self._step(span / steps)
+        self._measure()
+
+    def _step(self, dt: float) -> None:
+        self._time += dt
+        duty = np.clip(self._levels[HEATER] / 1000.0, 0.0, 1.0)
+        duty[self._failed("stuck-heater")], duty[self._failed("dead-heater")] = 1.0, 0.0
+        t, power = self.temperatures, POWER * self._power * duty
+        losses = LOSS * self._loss + FAN_LOSS * self._levels[FAN]
+        flow = np.diff(t) * CONDUCTION
+        heat = power - losses * (t - AMBIENCE)
+        heat[:-1] += flow
+        heat[1:] -= flow
+        self.temperatures = t + heat * (dt / CAPACITY)
+        self._sensed += (self.temperatures - self._sensed) * (dt / LAG)
+        self._energy += float(power.sum()) * dt
+        self._highest = max(self._highest, float(self.temperatures.max()))
+
+    def _measure(self) -> None:
+        """The converters' raw integers: 0.3 counts of noise, saturating below the mark of an open circuit."""
+        sensed = self._sensed.copy()
+        sensed[self._failed("shorted-thermocouple")] = AMBIENCE
+        counts = TYPE_K.to_inputs(sensed) / VOLTS + self._random.normal(0.0, 0.3, len(sensed))
+        self._levels[THERMOCOUPLE] = np.clip(np.rint(counts), -OPEN, OPEN - 1)
+        self._levels[THERMOCOUPLE, self._failed("broken-thermocouple")] = OPEN
+        if self._time % 5.0 < 1.0:
+            self._levels[THERMOCOUPLE, self._failed("loose-thermocouple")] = OPEN
+
+    def _failed(self, kind: str) -> list[int]:
+        return [zone for name, zone, start in self._faults if name == kind and self._time >= start]
+
+    # Truth, for tests and observers -------------------------------------------------------------
+
+    def report(self) -> dict[str, Any]:
+        """Highest temperature so far, the range of the last ones, energy: of the model, not of the thermocouples."""
+        last = [round(float(end), 1) for end in (self.temperatures.min(), self.temperatures.max())]
+        highest, energy = round(self._highest, 1), round(self._energy / 3.6e6, 1)
+        return {"highest_degC": highest, "last_degC": last, "energy_kWh": energy}
+
+
+def _fault(text: str) -> tuple[str, int, float]:
+    """Kind, zone, and the time in s from which on."""
+    kind, found = text.partition(":")[0], re.fullmatch(r"[a-z-]+:(\d+)(?:@(\d+(?:\.\d+)?))?", text)
+    if kind not in FAULTS:
+        raise WiringError(f"no fault {kind!r}{did_you_mean(kind, FAULTS)}; the faults are: {', '.join(FAULTS)}")
+    if found is None:
+        raise WiringError(f"fault {text!r} is not KIND:ZONE or KIND:ZONE@SECONDS, such as {kind}:7@90")
+    return kind, int(found[1]), float(found[2] or 60.0)
