@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -159,13 +160,21 @@ class Bare(Driver):
 '''
 
 
+@pytest.fixture
+def card(tank: Path) -> Iterator[Path]:
+    """A station with a driver of its own, of which nothing stays imported."""
+    (tank / "card.py").write_text(CARD)
+    yield tank
+    for name in ("card", "tank", "tank.card"):
+        sys.modules.pop(name, None)
+
+
 @pytest.mark.parametrize("name", ["card:Card", ".card:Card", "tank.card:Card"])
 def test_any_driver_is_described_by_its_module_and_class(
-    umo: Umo, tank: Path, name: str, monkeypatch: pytest.MonkeyPatch
+    umo: Umo, card: Path, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tank / "card.py").write_text(CARD)
     if not name.startswith("tank"):
-        monkeypatch.chdir(tank)
+        monkeypatch.chdir(card)
     assert lines(umo("drivers", name)) == [
         f"driver {name}",
         "Card  A card with one DAC.",
@@ -176,10 +185,9 @@ def test_any_driver_is_described_by_its_module_and_class(
 
 
 def test_a_driver_without_a_docstring_does_not_take_that_of_its_base(
-    umo: Umo, tank: Path, monkeypatch: pytest.MonkeyPatch
+    umo: Umo, card: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tank / "card.py").write_text(CARD)
-    monkeypatch.chdir(tank)
+    monkeypatch.chdir(card)
     assert lines(umo("drivers", ".card:Bare"))[1:3] == ["Bare", "options: bus, timeout, watchdog"]
 
 

@@ -32,7 +32,7 @@ LONGEST = 40
 CHARACTER = 0.065
 """Inches of a character of the texts above the panels."""
 
-Shown = Atomic | Signal
+Curve = Atomic | Signal
 
 
 @dataclass
@@ -42,7 +42,7 @@ class Panel:
     label: str
     name: str = ""
     """Of the family that they are; empty: they have names of their own."""
-    curves: list[Shown] = field(default_factory=list)
+    curves: list[Curve] = field(default_factory=list)
 
 
 def save_plot(trace: Trace, path: Path, title: str) -> str:
@@ -112,7 +112,7 @@ def _panels(shown: Sequence[Any]) -> list[Panel]:
     return list(panels.values())
 
 
-def _kind(shown: Shown) -> str:
+def _kind(shown: Curve) -> str:
     if isinstance(shown, Signal):
         return "signals"
     return "sensors" if isinstance(shown, DigitalSensor) else "actuators"
