@@ -278,6 +278,16 @@ def test_a_drive_that_does_not_slow_down_is_found_as_well(monkeypatch: pytest.Mo
         periods(m, 900)
 
 
+def test_after_a_jam_the_same_machine_sorts_again() -> None:
+    m = machine()
+    with pytest.raises(Jam), connect(m, wiring(), faults=["jam"]):
+        drive(m, main)
+    connection = connect(m, wiring())
+    with connection:
+        drive(m, main)
+    assert connection.driver("plant").report()["wrongly_sorted"] == 0
+
+
 # The emergency stop --------------------------------------------------------------------------------
 
 

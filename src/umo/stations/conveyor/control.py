@@ -129,6 +129,7 @@ class Conveyor(Compound):
         for barrier in (self.entry, self.exit):
             if covered(barrier):
                 raise BarrierStuck(f"the {barrier.path} barrier is covered at the start: stuck, or a part lies there")
+        self.setup()  # nothing is left of a run before
         self.belt.run_at(speed)
         for sequence in (self._watch_stop(), self._watch_entry(), self._watch_exit()):
             self.start(sequence)
