@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from bench import figures, forms, live, native, report, scan
+from bench import figures, forms, live, native, report, scan, zones
 from bench.kills import campaign, show
 
 ROUNDS, QUICK_ROUNDS = 400, 60
-FIGURES_TAKE, ROUND_TAKES, FORMS_ROUND_TAKES = 25.0, 0.09, 0.05
+FIGURES_TAKE, ROUND_TAKES, FORMS_ROUND_TAKES = 35.0, 0.09, 0.05
 """s, about, on two shared cores."""
 
 
@@ -61,13 +61,14 @@ def _all(console: Console, rounds: int, options: argparse.Namespace) -> int:
     seconds = FIGURES_TAKE + rounds * ROUND_TAKES + (0.0 if options.quick else live.SHORT.takes)
     console.print(f"about {show.text(seconds)} (--live: {show.text(live.FULL.takes)}; --kills says it by itself)")
     console.print(f"{platform.machine()}, Python {platform.python_version()}, numpy {np.__version__}, {_compiler()}")
-    with console.status("memory, import, connecting, the stations"):
+    with console.status("memory, import, connecting, many zones, the stations"):
         others = report.Others(
             *figures.bytes_per_object(),
             *figures.seconds_to_connect(),
             figures.seconds_to_import(),
             figures.control_period(),
             figures.axis_period(),
+            zones.measure(max(rounds // 2, 1)),
             {name: figures.station_ratio(name, *words) for name, (words, _) in report.STATIONS.items()},
         )
     with console.status(f"{rounds} rounds of every case in turns"):

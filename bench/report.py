@@ -25,7 +25,11 @@ Objects: as in the z-theta station, of 13 are 1 digital and 7 binary actuators, 
 Figures: us per period, minimum / median of batches run in turns; garbage collection off; ratios are of minima."""
 
 
-STATIONS: dict[str, tuple[tuple[str, ...], float]] = {"ztheta": (("--parts", "1"), 25.0), "conveyor": ((), 25.0)}
+STATIONS: dict[str, tuple[tuple[str, ...], float]] = {
+    "ztheta": (("--parts", "1"), 25.0),
+    "conveyor": ((), 25.0),
+    "furnace": ((), 25.0),
+}
 """The stations that are run: their options, and how many times faster than real time they are to be."""
 
 
@@ -42,6 +46,8 @@ class Others:
     """us, least and median."""
     axis: tuple[float, float]
     """us, least and median."""
+    zones: dict[str, Figure]
+    """us a period of many zones under PI."""
     stations: dict[str, float | str]
     """How many times faster than real time, or why it did not run."""
 
@@ -92,8 +98,20 @@ def targets(table: Table, others: Others) -> list[Target]:
         found.append(upper(what, scan.minimum / paper.minimum, 1.0, "times", scan.median / paper.median))
     found.append(upper("z-theta's control in virtual time, a period", others.control[0], 12.0, "us", others.control[1]))
     found.append(upper("a servo axis in virtual time, a period", others.axis[0], 6.0, "us", others.axis[1]))
+    found += _of_zones(others.zones)
     found.append(upper("import umo", others.import_s, 0.25, "s", others.import_s))
     return found + [_against_real_time(name, ratio) for name, ratio in others.stations.items()]
+
+
+def _of_zones(zones: dict[str, Figure]) -> list[Target]:
+    found = []
+    for kind in sorted({name.partition(",")[0] for name in zones}):
+        umo, by_hand = zones[f"{kind}, umo"], zones[f"{kind}, numpy"]
+        what = f"1,000 zones under PI on Vectors, {kind}, a period"
+        found.append(upper(what, umo.minimum, 150.0, "us", umo.median))
+        ratio = umo.minimum / by_hand.minimum, umo.median / by_hand.median
+        found.append(upper("the same against plain numpy by hand", ratio[0], 1.5, "times", ratio[1]))
+    return found
 
 
 def target_grid(found: list[Target], title: str = "Targets") -> Grid:

@@ -11,7 +11,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from bench import forms, native, report, scan
+from bench import forms, native, report, scan, zones
 from bench.driver import Fill, Loop
 from bench.mix import commands, layout, readings
 
@@ -91,7 +91,7 @@ def test_a_short_run_fills_every_cell_of_the_table():
 
 
 def test_a_target_says_by_how_much_it_is_missed():
-    others = report.Others(500.0, 500.0, 0.1, 0.4, 0.3, (10.0, 11.0), (5.0, 5.5), {"ztheta": 8.0, "conveyor": 30.0})
+    others = report.Others(500.0, 500.0, 0.1, 0.4, 0.3, (10.0, 11.0), (5.0, 5.5), {}, {"ztheta": 8.0, "conveyor": 30.0})
     figures = {"a": scan.Figure(10.0, 12.0), "b": scan.Figure(20.0, 20.0), "d": scan.Figure(8.0, 8.0)}
     table = {
         (work, count, row): f
@@ -108,3 +108,21 @@ def test_both_forms_of_the_image_are_measured():
     found = forms.measure(1, sizes=(13,))
     assert {form for _, _, form in found} == {"lists", "arrays"}
     assert forms.grid(found).row_count == 1
+
+
+@pytest.mark.parametrize("kind", zones.KINDS)
+def test_zones_on_vectors_do_what_the_hand_written_numpy_does(kind):
+    with ExitStack() as stack:
+        on_vectors, in_numpy = zones.make(50, kind, stack)
+        for _ in range(100):
+            on_vectors.period(1)
+            in_numpy.period(1)
+            assert on_vectors.driver.outputs.tolist() == in_numpy.driver.outputs.tolist()
+        assert len(set(in_numpy.driver.outputs.tolist())) > 10
+
+
+def test_the_figures_of_the_zones_have_their_targets():
+    found = zones.measure(1, count=20)
+    assert list(found) == ["linear, umo", "linear, numpy", "type K, umo", "type K, numpy"]
+    targets = report._of_zones(found)
+    assert [target.target for target in targets] == ["at most 150 us", "at most 1.5 times"] * 2

@@ -62,11 +62,10 @@ def _check(sensor: DigitalSensor | BinarySensor[S], accept: Accept) -> None:
 
 
 def _check_all(vector: Vector[Any], accept: Accept, where: BoolArray | None) -> None:
-    qualities = vector.quality
-    if where is not None:
-        qualities = np.where(vector.mask(where), qualities, Quality.GOOD)
-    if not qualities.any():
+    chosen = None if where is None else vector.mask(where)
+    if vector.all_good:
         return
+    qualities = vector.quality if chosen is None else np.where(chosen, vector.quality, Quality.GOOD)
     accepted = [quality for quality in Quality if _accepts(accept, quality)]
     refused = np.flatnonzero(~np.isin(qualities, accepted))
     if len(refused):

@@ -132,7 +132,7 @@ class VectorPID:
         measurement: FloatArray,
         dt: float,
         *,
-        feed_forward: float | FloatArray = 0.0,
+        feed_forward: float | FloatArray | None = None,
         low: float | FloatArray = -inf,
         high: float | FloatArray = inf,
     ) -> FloatArray:
@@ -142,13 +142,17 @@ class VectorPID:
         growth = proportional * (dt / self.integral_time)
         wanted = proportional + self.integral
         wanted += growth
-        wanted += feed_forward
+        if feed_forward is not None:
+            wanted += feed_forward
         if self._has_derivative:
             wanted -= self.gain * self.derivative_time * self._filtered_rate(measurement, dt)
-        output: FloatArray = np.minimum(np.maximum(wanted, low), high)
-        self.limited = output != wanted
-        if self.limited.any():  # what would lead further out is left out
-            growth[self.limited & ((wanted - output) * growth > 0)] = 0.0
+        output: FloatArray = np.maximum(wanted, low)
+        np.minimum(output, high, out=output)
+        excess = np.subtract(wanted, output, out=wanted)
+        self.limited = excess != 0.0
+        if np.count_nonzero(self.limited):  # a third of the time of any()
+            excess *= growth
+            growth[excess > 0.0] = 0.0  # what would lead further out is left out
         self.integral = self.integral + growth
         return output
 

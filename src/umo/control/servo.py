@@ -119,7 +119,7 @@ class VectorServo(VectorPID):
         if enabled is not None:
             self._hold(~enabled, integral)
         if taken:
-            return not self.limited.any()
+            return not np.count_nonzero(self.limited)
         self.integral = np.where(self.actuators.pending == output, self.integral, integral)
         return False
 

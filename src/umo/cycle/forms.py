@@ -101,9 +101,13 @@ class _Columns:
         self.values = np.zeros(len(scales))
         self.view = self.values.data
         self.inside, self.below = np.zeros((2, len(scales)), np.bool_)
+        self._unshifted = not self.zero_offset.any() and bool((self.resolution > 0).all())  # raw 0 is 0.0, not -0.0
 
     def fill(self, raws: IntArray) -> FloatArray:
         """The values of these raws, in `values`."""
+        if self._unshifted:
+            np.multiply(raws, self.resolution, out=self.values)
+            return self.values
         return to_values(raws, self.resolution, self.zero_offset, self.values)
 
 

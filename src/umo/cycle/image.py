@@ -69,7 +69,7 @@ class Image(ABC):
         self.inputs = self._blocks(Direction.INPUT)
         self.outputs = self._blocks(Direction.OUTPUT)
         self.transfer.bind(self.inputs, self.outputs)
-        self._good: bool | None = None
+        self.sampled_good: bool | None = None
         """Whether all of `sampled` are GOOD; None: a quality has changed since the last check."""
         self.sampled = slice(0, self.inputs[-1].stop if self.inputs else 0)
         for block in self.inputs:
@@ -137,9 +137,9 @@ class Image(ABC):
                 self._settle(block, outside, now, failures)
         if failures:
             raise DriverError("could not be read", failures)
-        if self._good is None:
-            self._good = not any(self.quality[self.sampled])
-        return self._good
+        if self.sampled_good is None:
+            self.sampled_good = not any(self.quality[self.sampled])
+        return self.sampled_good
 
     def update(self) -> bool:
         """Send every synchronous actuator, written or not since the last period; one transfer per driver."""
@@ -393,7 +393,7 @@ class Image(ABC):
 
     def _set_quality(self, slot: int, quality: Quality) -> None:
         self.quality[slot] = int(quality)
-        self._good = None
+        self.sampled_good = None
         if quality is not self.base[slot]:
             for block in (*self.inputs, *self.outputs):
                 if block.start <= slot < block.stop:

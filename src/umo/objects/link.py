@@ -42,6 +42,8 @@ class Image(Protocol):
     quality: Live
     times: Live
     """Seconds on the cycle's clock."""
+    sampled_good: bool | None
+    """Whether all synchronous sensors are GOOD; None: not known."""
 
     def command(self, slot: int, value: float) -> bool:
         """A value was written to an actuator that the image itself does not take directly; it is within its range."""

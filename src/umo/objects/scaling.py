@@ -45,8 +45,8 @@ def to_values(
     return np.add(out, zero_offset, out=out)
 
 
-def to_raws(values: FloatArray, resolution: FloatArray, zero_offset: FloatArray) -> IntArray:
-    scaled = np.subtract(values, zero_offset)
-    np.divide(scaled, resolution, out=scaled)
+def to_raws(values: FloatArray, resolution: FloatArray, zero_offset: FloatArray | None) -> IntArray:
+    """Without a zero offset nothing is subtracted: values - 0.0 would be the same."""
+    scaled = np.divide(values if zero_offset is None else np.subtract(values, zero_offset), resolution)
     np.rint(scaled, out=scaled)
     return scaled.astype(np.int64)

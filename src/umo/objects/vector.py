@@ -74,6 +74,13 @@ class Vector(Generic[A]):
         return qualities
 
     @property
+    def all_good(self) -> bool:
+        """Whether the quality of every object is GOOD."""
+        slots = self._located()
+        sampled = self._objects[0].synchronous and self._objects[0].direction is Direction.INPUT
+        return (sampled and slots.image.sampled_good is True) or not np.count_nonzero(self.quality)
+
+    @property
     def pending(self) -> FloatArray:
         """Actuators: the values last written, sent by the next `update`; a new array of shape (n,)."""
         slots = self._located()
@@ -181,7 +188,7 @@ class _Slots:
         if isinstance(objects[0], Digital):
             digitals = cast("Sequence[Digital]", objects)
             self.resolution = np.array([item.resolution for item in digitals])
-            self.zero_offset = np.array([item.zero_offset for item in digitals])
+            self.zero_offset = _unless_zero(np.array([item.zero_offset for item in digitals]))
             self.limits = _Limits(digitals)
             self.linearizations = Linearizations([item.linearization for item in digitals]) or None
         else:
@@ -192,8 +199,13 @@ class _Slots:
             self.alike = all(cast("Binary[Any]", item).one is first.one for item in objects)
 
     def raws(self, values: FloatArray) -> IntArray:
+        """The raw integers of values within the range."""
         inputs = self.linearizations.to_inputs(values) if self.linearizations else values
         return to_raws(inputs, self.resolution, self.zero_offset)
+
+
+def _unless_zero(offsets: FloatArray) -> FloatArray | None:
+    return offsets if offsets.any() else None
 
 
 class _Limits:
