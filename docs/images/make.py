@@ -32,10 +32,10 @@ def photograph() -> None:
         umo.drive(m, main)
 
 
-def plot(station: str, picture: str) -> None:
+def plot(picture: str, *words: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         subprocess.run(
-            [sys.executable, "-c", "from umo.cli import main; main()", "run", station], cwd=folder, check=True
+            [sys.executable, "-c", "from umo.cli import main; main()", "run", *words], cwd=folder, check=True
         )
         (made,) = Path(folder).glob("runs/*/plot.png")
         shutil.copy(made, HERE / picture)
@@ -43,5 +43,6 @@ def plot(station: str, picture: str) -> None:
 
 if __name__ == "__main__":
     photograph()
-    plot("ztheta", "run.png")
-    plot("conveyor", "conveyor.png")
+    plot("run.png", "ztheta")
+    plot("conveyor.png", "conveyor")
+    plot("furnace.png", "furnace", "--zones", "8", "--faults", "broken-thermocouple:3")
