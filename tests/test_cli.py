@@ -174,7 +174,7 @@ def test_whoever_would_drive_a_device_that_is_held_is_told_who_holds_it(umo, tan
         (["run", "."], "no objects.py (`umo new DIR` makes one)"),
         (["run", "ztheta", "-w", "simulatd"], "no wiring 'simulatd' (did you mean 'simulated'?)"),
         (["get", "ztheta", "z.encodr"], "no object 'z.encodr' in Manipulator (did you mean 'z.encoder'?)"),
-        (["get", "ztheta", "z"], "z is a compound object; name one of its parts: motor, encoder, encoder_zero"),
+        (["get", "ztheta", "z"], "z is a compound object; name one of its parts: encoder, motor, encoder_zero"),
         (["set", "ztheta", "z.encoder", "1"], "z.encoder is a sensor; only actuators can be set"),
         (["set", "ztheta", "gripper.vacuum", "OFFF"], "has no state 'OFFF' (did you mean 'OFF'?)"),
         (["set", "ztheta", "z.motor", "much"], "'much' is not a number in V"),
