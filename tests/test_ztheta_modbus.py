@@ -152,8 +152,9 @@ def test_killed_at_random_the_guardian_stops_the_station_and_z_stays(tmp_path: P
     """The box has no watchdog of its own here."""
     with box(tmp_path, "--watchdog", "0", "--seed", str(period)) as served:
         with umo.start("ztheta", served.wiring, parts=1) as station:
-            while station.frames is None or station.frames.head < period:
+            while station.outcome is None and (station.frames is None or station.frames.head < period):
                 station.poll(0.01)
+            assert station.outcome is None, station.outcome
             assert station.pid is not None
             os.kill(station.pid, signal.SIGKILL)
             with pytest.raises(umo.RunFailed, match="the guardian reset every actuator"):

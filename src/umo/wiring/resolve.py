@@ -19,7 +19,6 @@ import numpy as np
 
 from umo.drivers import registry
 from umo.drivers.contract import Channel, Direction, Driver
-from umo.drivers.paced import PacedTimer
 from umo.errors import DeclarationError, Fault, WiringError
 from umo.objects import Atomic, BinaryActuator, Compound, Digital, DigitalActuator, DigitalSensor, Node
 from umo.objects.atomic import Calibration
@@ -83,8 +82,7 @@ class _Resolver:
         wires = [wire for path, item in self.items.items() if (wire := self._wire(path, item)) is not None]
         for wire in wires:  # after all channels were made, which then lie side by side in memory
             self._check_place(wire)
-        if self.realtime:
-            wires = self._paced(wires, timer)
+        paced = bool(self.realtime) and self._pace(wires, timer)
         for path in sorted(self.source.entries.keys() - self.items.keys()):
             self.source.fault(f'wire."{path}"', f"the machine has no such object{self.source.near(path, self.items)}")
         self._check_periods(period)
@@ -95,7 +93,9 @@ class _Resolver:
             self.source.fault("", f"no driver of this wiring has the option {name!r}")
         wired = Wired(drivers, wires, period, timer, parameters, watchdogs, self.hardware)
         self._check_time(wired)
-        return dataclasses.replace(wired, process=self._process(wired)), collapsed(self.source.faults, origin)
+        return dataclasses.replace(wired, process=self._process(wired), paced=paced), collapsed(
+            self.source.faults, origin
+        )
 
     # Drivers -------------------------------------------------------------------------------------------
 
@@ -307,20 +307,19 @@ class _Resolver:
             self.source.fault(f"{key}.period", 'is missing; give for example "1 ms"')
         return self._duration(f"{key}.period", wired.period)
 
-    def _paced(self, wires: list[Wire], timer: Atomic | None) -> list[Wire]:
-        """The wires with the timer in real time, whatever its driver does."""
+    def _pace(self, wires: list[Wire], timer: Atomic | None) -> bool:
+        """Bring the timer's wire to real time; False if its driver runs in real time by itself."""
+        from umo.drivers.paced import PacedTimer
+
         if self.realtime is not True:
             self.source.fault("", f"the option realtime is true or false, not {self.realtime!r}")
         elif timer is None:
             self.source.fault("", "real time needs a timer, and the machine has no object `timer`")
-        else:
-            return [
-                dataclasses.replace(wire, driver=PacedTimer(wire.driver))
-                if wire.item is timer and not wire.driver.realtime
-                else wire
-                for wire in wires
-            ]
-        return wires
+        for i, wire in enumerate(wires):
+            if wire.item is timer and not wire.driver.realtime:
+                wires[i] = dataclasses.replace(wire, driver=PacedTimer(wire.driver))
+                return True
+        return False
 
     def _duration(self, key: str, value: Any) -> float | None:
         if value is None:

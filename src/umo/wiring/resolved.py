@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from umo.drivers.contract import Channel, Driver
-from umo.drivers.paced import PacedTimer
 from umo.objects import Compound
 from umo.objects.atomic import Atomic, Binary, Calibration, Digital
 from umo.objects.linearization import Linearization
@@ -147,6 +146,8 @@ class Wired:
     hardware: dict[str, tuple[str, ...]] = field(default_factory=dict)
     """The devices that each driver takes, by its name; drivers that take none are left out."""
     process: Process = Process()
+    paced: bool = False
+    """Whether the timer runs in virtual time by itself, and in real time because of the option `realtime`."""
 
     @property
     def devices(self) -> list[str]:
@@ -162,8 +163,3 @@ class Wired:
     def realtime(self) -> bool:
         """Whether the timer keeps the pace of the wall clock."""
         return self.timer_wire is not None and self.timer_wire.driver.realtime
-
-    @property
-    def paced(self) -> bool:
-        """Whether it does so only because the run was asked to (the option `realtime`)."""
-        return self.timer_wire is not None and isinstance(self.timer_wire.driver, PacedTimer)
