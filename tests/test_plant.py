@@ -173,6 +173,21 @@ def test_equal_scales_pass_raw_integers_unchanged_and_others_go_through_the_valu
     assert found["force"].to_plant(2000 + 2 * 321) == 321
 
 
+def test_a_linearization_of_either_side_and_an_invalid_reading_go_through_the_value() -> None:
+    """The plant has a Pt100 behind a table, the box a transmitter in 0.01 degC that marks an open circuit."""
+    plant, bus = simulated(Plant()), modbus()
+    curve = {"table": [[80.0, 100.0, 138.5, 177.0], [-50.0, 0.0, 100.0, 200.0]]}  # ohm, degC
+    plant["wire"]["oil"] |= {"resolution": 0.01, "zero_offset": 0.0, "linearization": curve, "invalid_raws": [0x7FFF]}
+    bus["wire"]["oil"] |= {"zero_offset": 0.0, "invalid_raws": [-32768]}
+    found = {p.path: p for each in register_maps(resolve(press(), plant), resolve(press(), bus)) for p in each.points}
+    assert found["oil"].to_bus(10_000) == 0
+    assert found["oil"].to_bus(13_850) == 10_000  # 138.5 ohm, 100 degC
+    assert found["oil"].to_bus(0x7FFF) == -32768
+    bus["wire"]["oil"] |= {"resolution": 0.01, "linearization": curve}
+    found = {p.path: p for each in register_maps(resolve(press(), plant), resolve(press(), bus)) for p in each.points}
+    assert found["oil"].to_bus(9_000) == 9_000
+
+
 @given(st.integers(-(2**31), 2**31 - 1))
 def test_words_hold_every_raw_integer_of_32_bits_in_the_order_of_the_driver(raw: int) -> None:
     angle = points(Plant())["angle"]

@@ -18,8 +18,9 @@ from umo.wiring import Wire, Wired
 class Point:
     """One object between its channel of the plant and its cells in a table of the box.
 
-    The raw integer passes unchanged if both wirings give the object one scale (resolution and zero offset, or
-    inversion); otherwise the box converts it through the value. `slot` is the index of the plant's wire.
+    The raw integer passes unchanged if both wirings give the object one scale (resolution, zero offset and
+    linearization, or inversion); otherwise the box converts it through the value, and a raw integer that is invalid at
+    the plant becomes the one that is invalid at the bus. `slot` is the index of the plant's wire.
     """
 
     def __init__(self, slot: int, plant: Wire, bus: Wire) -> None:
@@ -34,7 +35,7 @@ class Point:
         """The raw integer of an output's register at power-up."""
         self.plant_default = plant.raw(default) if self.output else 0
         self._plant, self._bus = plant, bus
-        self._equal = plant.scale == bus.scale
+        self._equal = (plant.scale, plant.linearization) == (bus.scale, bus.linearization)
         self._high_first = channel.high < channel.low
 
     def to_plant(self, raw: int) -> int:
@@ -43,11 +44,13 @@ class Point:
 
     def to_bus(self, raw: int) -> int:
         """The box's raw integer for one of the plant; OverflowError if it does not fit the register."""
+        if raw in self._plant.invalid_raws and self._bus.invalid_raws:
+            return self._bus.invalid_raws[0]
         return self._converted(raw, self._plant, self._bus)
 
     def _converted(self, raw: int, here: Wire, there: Wire) -> int:
         if not self._equal:
-            raw = to_raw(to_value(raw, *here.scale), *there.scale)
+            raw = _raw(_value(raw, here), there)
         return _fitting(raw, there.channel)
 
     def words(self, raw: int) -> list[int]:
@@ -64,6 +67,15 @@ class Point:
             raw = raw << 16 | word
         bits = self._bus.channel.bits
         return raw - (1 << bits) if self._bus.channel.signed and raw >> (bits - 1) else raw
+
+
+def _value(raw: int, wire: Wire) -> float:
+    x = to_value(raw, *wire.scale)
+    return x if wire.linearization is None else wire.linearization.to_value(x)
+
+
+def _raw(value: float, wire: Wire) -> int:
+    return to_raw(value if wire.linearization is None else wire.linearization.to_input(value), *wire.scale)
 
 
 def _fitting(raw: int, channel: Channel) -> int:
