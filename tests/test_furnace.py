@@ -272,5 +272,5 @@ def test_umo_run_shows_the_results(umo: Any) -> None:
     assert "zones faulted" in result.output
     assert "zone 1" in result.output
     assert umo("run", "furnace", "--zones", "0").exit_code == 2
-    assert umo("run", "furnace", "--zones", "3", "--peak", "20").exit_code == 2
+    assert umo("run", "furnace", "--zones", "3", "--peak", "20").exit_code == 1
     assert umo("run", "furnace", "--zones", "3", "--faults", "dead-heater:1@1").exit_code == 1

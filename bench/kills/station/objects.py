@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, OnOff, Quality, ZeroOne
@@ -11,10 +12,10 @@ from .cells import PERIODS, WRONG
 
 class Machine(Compound):
     timer: DigitalSensor
-    motors: list[DigitalActuator]
-    valves: list[BinaryActuator[OnOff]]
-    switches: list[BinarySensor[ZeroOne]]
-    counts: list[DigitalSensor]
+    motors: Sequence[DigitalActuator]
+    valves: Sequence[BinaryActuator[OnOff]]
+    switches: Sequence[BinarySensor[ZeroOne]]
+    counts: Sequence[DigitalSensor]
 
     cells: Any = None
 

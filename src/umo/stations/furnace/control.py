@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -39,7 +39,7 @@ class Zone(Compound):
 
 
 class Furnace(Compound):
-    zones: list[Zone]
+    zones: Sequence[Zone]
     timer: DigitalSensor
     gain: float = 4.0  # of each zone's PI, percent per K
     integral_time: float = 40.0  # of each zone's PI, s

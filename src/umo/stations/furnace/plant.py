@@ -23,7 +23,6 @@ from typing import Any
 import numpy as np
 
 from umo.drivers.contract import Channel, Direction, Driver, IntArray
-from umo.drivers.timerfd import Ticker
 from umo.errors import ChannelError, DriverError, WiringError
 from umo.objects import Thermocouple
 from umo.text import did_you_mean
@@ -48,12 +47,9 @@ class FurnaceChannel(Channel):
 
 class Plant(Driver[FurnaceChannel]):
     """The furnace, simulated: `seed` decides the spread of the zones, `faults` what fails ("broken-thermocouple:7",
-    "stuck-heater:3@90"). With `realtime` the tick keeps pace with the wall clock. Opened again, it is as hot as it was.
-    """
+    "stuck-heater:3@90"). Opened again, it is as hot as it was."""
 
-    def __init__(self, *, seed: int = 0, realtime: bool = False, faults: Sequence[str] = ()) -> None:
-        self.realtime = realtime
-        self.ticker: Ticker | None = None
+    def __init__(self, *, seed: int = 0, faults: Sequence[str] = ()) -> None:
         self._seed = seed
         self._faults = [_fault(text) for text in faults]
         self._count = 0
@@ -74,7 +70,8 @@ class Plant(Driver[FurnaceChannel]):
 
     def read(self, channel: FurnaceChannel) -> int:
         if channel.kind == TICK:
-            return self._tick()
+            self.advance()
+            return 0
         if channel.kind != THERMOCOUPLE:
             raise DriverError(f"{channel.text} is an output and cannot be read")
         return int(self._levels[channel.kind, channel.zone])
@@ -104,19 +101,11 @@ class Plant(Driver[FurnaceChannel]):
 
     def open(self) -> None:
         """Switch the circuits on; the first time, build the furnace."""
-        if self.realtime:
-            self.ticker = Ticker(self.period)
-            self.ticker.start()
         if len(self.temperatures) != self._count:
             self._build(self._count)
         self._places.clear()
         self._levels = np.zeros((3, self._count), np.int64)
         self._measure()
-
-    def close(self) -> None:
-        if self.ticker is not None:
-            self.ticker.close()
-        self.ticker = None
 
     def _build(self, count: int) -> None:
         for kind, zone, _ in self._faults:
@@ -127,11 +116,6 @@ class Plant(Driver[FurnaceChannel]):
         self.temperatures = self._random.uniform(20.0, 30.0, count)
         self._sensed = self.temperatures.copy()
         self._time = self._energy = self._highest = 0.0
-
-    def _tick(self) -> int:
-        missed = 0 if self.ticker is None else self.ticker.wait()
-        self.advance(max(missed, 1))
-        return missed
 
     def advance(self, periods: int = 1) -> None:
         """Let so many periods pass under the levels as they are."""
