@@ -307,6 +307,12 @@ def test_set_holds_then_resets(umo, tank: Path) -> None:
     assert said(umo("set", "tank", "inlet", "open", "--hold", "0.05")) == "inlet OPEN raw 1 GOOD inlet reset to CLOSED"
 
 
+def test_set_says_that_a_limited_rate_takes_its_time(umo) -> None:
+    result = umo("set", "conveyor", "belt.setpoint", "200 mm/s", "--hold", "0.01")
+    assert result.exit_code == 0
+    assert "(on its way to 0.2 m/s: its slew rate is limited)" in result.output
+
+
 def test_set_keeps_up_a_command_that_expires(umo, tank: Path, caplog: pytest.LogCaptureFixture) -> None:
     objects = tank / "objects.py"
     objects.write_text(objects.read_text().replace("CLOSED),", 'CLOSED, expires="0.5 s"),'))

@@ -18,8 +18,9 @@ from machines import actuator, bench, wired
 from umo import Cancelled, Compound, DeclarationError, DigitalActuator, PassFail, TaskFailed, TimeExpired, connect
 from umo.control import next_period, timeout, together, until, wait
 from umo.cycle.clock import Clock
-from umo.cycle.sequences import Sequences
+from umo.cycle.sequences import Sequences, Task
 from umo.testing import Scripted, VirtualTimer, periods, put
+from umo.text import place_of
 
 
 class Cycle:
@@ -1001,6 +1002,15 @@ def test_a_sleep_of_asyncio_is_a_type_error_though_it_yields_nothing():
 def test_only_a_coroutine_is_a_sequence(wrong):
     with Cycle() as cycle, pytest.raises(TypeError, match="is not a sequence; call an `async def` function"):
         cycle.start(wrong)
+
+
+def test_a_longer_sleep_of_asyncio_is_a_type_error_at_the_users_line():
+    async def sequence():
+        await asyncio.sleep(1.0)
+
+    with pytest.raises(TypeError, match="asyncio cannot be used in a sequence") as caught:
+        Task(sequence()).advance(None)
+    assert "test_sequences.py" in place_of(caught.value)
 
 
 def test_umo_needs_no_asyncio_loop():

@@ -24,11 +24,16 @@ app = typer.Typer(
 )
 
 StationName = Annotated[
-    str, typer.Argument(metavar="STATION", help="Directory of a station, or the name of a shipped one (ztheta, conveyor, furnace).")
+    str,
+    typer.Argument(
+        metavar="STATION", help="Directory of a station, or the name of a shipped one (ztheta, conveyor, furnace)."
+    ),
 ]
 OptionalStation = Annotated[
     str | None,
-    typer.Argument(metavar="STATION", help="Directory of a station, or the name of a shipped one (ztheta, conveyor, furnace)."),
+    typer.Argument(
+        metavar="STATION", help="Directory of a station, or the name of a shipped one (ztheta, conveyor, furnace)."
+    ),
 ]
 """Of commands that show the options of the station in their help."""
 NO_STATION = "give the directory of a station, or the name of a shipped one"

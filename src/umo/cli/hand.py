@@ -111,12 +111,20 @@ def _hold(machine: Compound, file: Path | None, item: Any, value: Any, hold: flo
         taken = item.write(value)
         m.update()
         shown = f"{item.path}  {_text(item, item.read(), None)}  raw {item.raw}  {item.quality}"
-        why = "" if taken else f"  (inhibited: {item.inhibited})" if item.inhibited else "  (clamped)"
-        out.print(shown + why, markup=False)
+        out.print(shown + _remark(item, taken), markup=False)
         pause = 0.0 if connection.wired.realtime else connection.wired.period or PAUSE
         _loop(m, hold, pause, partial(item.write, value) if item.expires is not None else None)
     out.print(f"{item.path}  reset to {item.default}", markup=False)
     return 128 + connection.stop.signal if connection.stop.signal and hold is not None else 0
+
+
+def _remark(item: Any, taken: bool) -> str:
+    """Why the value that is shown is not the one that was written."""
+    if not taken:
+        return f"  (inhibited: {item.inhibited})" if item.inhibited else "  (clamped)"
+    if item.read() != item.pending:
+        return f"  (on its way to {_text(item, item.pending, None)}: its slew rate is limited)"
+    return ""
 
 
 def _loop(m: Compound, hold: float | None, pause: float, again: Callable[[], object] | None) -> None:

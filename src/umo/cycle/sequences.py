@@ -33,6 +33,7 @@ Sequence = Coroutine[Any, Any, Any]
 
 _PERIOD = object()
 """The only object that a sequence may yield to the cycle; anything else, even None, is an error."""
+ONLY_OURS = "a sequence can await only the functions of umo.control"
 _ADVANCING: list[Task] = []
 """The sequences that take a step just now, the innermost last."""
 
@@ -219,11 +220,14 @@ class Task:
         except BaseException as error:
             self.done = True
             self._refuse_exit(error)
+            if isinstance(error, RuntimeError) and str(error) == "no running event loop":  # asyncio.sleep, for one
+                mistake = TypeError(f"asyncio cannot be used in a sequence; {ONLY_OURS}")
+                raise mistake.with_traceback(error.__traceback__) from error
             raise
         finally:
             _ADVANCING.pop()
         if awaited is not _PERIOD:
-            text = f"a sequence awaited {awaited!r}; a sequence can await only the functions of umo.control"
+            text = f"a sequence awaited {awaited!r}; {ONLY_OURS}"
             raise _with_notes(TypeError(f"{text}{in_brackets(self._place)}"), _cancel_all([self]))
 
     @property
