@@ -25,7 +25,7 @@ from umo import (
     check,
     connect,
 )
-from umo.objects.linearization import Linearization
+from umo.objects.linearization import Linearization, Linearizations
 from umo.testing import Scripted, periods, put
 
 K_TABLE = {
@@ -86,6 +86,22 @@ def test_beyond_its_range_the_tangent_of_a_polynomial_goes_on() -> None:
     assert [square.to_value(x) for x in (0.5, 1.5, 3.0)] == pytest.approx([0.0, 2.25, 8.0])
 
 
+def test_many_different_functions_are_one_calculation() -> None:
+    """Sensors that were calibrated one by one; the numbers are those of each."""
+    each: list[Linearization | None] = [
+        Polynomial([0.01 * i, 1.0, 0.0005 * i], (-9.0, 9.0)).over(-5.0, 5.0) if i % 5 else None for i in range(1, 60)
+    ]
+    each += [K, FALLING, Thermocouple("K"), LookupTable(FALLING.inputs, FALLING.values)]
+    xs = np.linspace(-9.0, 9.0, len(each))
+    many = Linearizations(each)
+    assert bool(many) is True
+    pairs = list(zip(xs.tolist(), each, strict=True))
+    assert many.to_values(xs).tolist() == [x if one is None else one.to_value(x) for x, one in pairs]
+    assert many.to_inputs(xs).tolist() == [x if one is None else one.to_input(x) for x, one in pairs]
+    assert xs.tolist() == np.linspace(-9.0, 9.0, len(each)).tolist()
+    assert bool(Linearizations([None, None])) is False
+
+
 def test_a_polynomial_is_what_its_coefficients_say() -> None:
     xs = np.linspace(-13.0, 8.0, 1000)
     assert SQUARE.to_values(xs) == pytest.approx(0.5 + xs + 0.02 * xs**2, abs=1e-9)
@@ -105,8 +121,8 @@ def test_a_polynomial_is_what_its_coefficients_say() -> None:
         (lambda: Polynomial("12"), "coefficients must be a list"),  # type: ignore[arg-type]
         (lambda: Polynomial([0, 1], (2, 1)), r"the domain of a polynomial is \[from, to\], not \[2.0, 1.0\]"),
         (lambda: Polynomial([0, 0, 1]).over(1, 4), "at x = -2 to -1 and 1 to 2; name one as `domain`"),
-        (lambda: Polynomial([0, 0, 1]).over(-1, 4), "is not strictly monotonic from -1 to 4"),
-        (lambda: Polynomial([5, 0]).over(-1, 4), "is not strictly monotonic from -1 to 4"),
+        (lambda: Polynomial([0, 0, 1]).over(-1, 4), "does not cover -1 to 4, or is not strictly monotonic there"),
+        (lambda: Polynomial([5, 0]).over(-1, 4), "does not cover -1 to 4, or is not strictly monotonic there"),
         (lambda: LookupTable([0, 1], [0, 10]).over(0, 11), "the table of 2 points covers 0 to 10, not 0 to 11"),
         (lambda: K.over(-270, 100), "the thermocouple K covers -200 to 1372, not -270 to 100"),
     ],

@@ -327,7 +327,9 @@ def test_zones_that_are_not_enabled_are_left_alone() -> None:
         assert law.error.tolist() == [500.0, 0.0, 500.0]
         assert law.control(1e6, dt=m.dt, enabled=some) is False
         assert law.limited.tolist() == [True, False, True]
+        law.integral = np.full(3, -1.0)  # would be limited
         assert law.control(1e6, dt=m.dt, enabled=np.zeros(3, np.bool_)) is True
+        law.integral = np.array(before)
         put(m.zones[1].temperature, 0.0)
         periods(m)
         assert law.control(500.0, dt=m.dt, enabled=np.ones(3, np.bool_)) is True

@@ -186,3 +186,8 @@ def test_a_job_makes_the_same_machine_in_every_process(row: Path) -> None:
     assert len(list(Plan(job).machine.atoms())) == 7
     with pytest.raises(StationError, match="--gauge: neither the machine, nor the application, nor a driver"):
         Plan(Job(str(row), options={"gauge": 7}))
+
+
+def test_a_function_that_makes_the_machine_takes_options_too() -> None:
+    plan = Plan(Job(machine="umo.stations.furnace.objects:machine", options={"zones": 3}))
+    assert len(list(plan.machine.atoms())) == 10

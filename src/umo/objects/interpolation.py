@@ -7,14 +7,14 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from math import floor
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
-from umo.objects.scaling import FloatArray
+from umo.objects.scaling import FloatArray, IntArray
 
-CELLS = 2048
 NEWTON_STEPS = 6
 Function = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Values and derivatives at an array of x."""
@@ -42,55 +42,102 @@ class Segments:
 
 
 class Cubics:
-    """Cubic Hermite interpolation of a smooth function in `CELLS` equal cells."""
+    """Cubic Hermite interpolation of a smooth function in equal cells."""
 
     def __init__(self, xs: FloatArray, ys: FloatArray, slopes: FloatArray) -> None:
-        """`xs` are `CELLS` + 1 equidistant points, ascending."""
-        step = (xs[-1] - xs[0]) / CELLS
-        self._first, self._per_x = float(xs[0]), float(1.0 / step)
+        """`xs` are equidistant points, ascending."""
+        self.cells = len(xs) - 1
+        step = (xs[-1] - xs[0]) / self.cells
+        self.first, self.per_x = float(xs[0]), float(1.0 / step)
         chord = np.diff(ys) / step
         a2 = (3.0 * chord - 2.0 * slopes[:-1] - slopes[1:]) / step
         a3 = (slopes[:-1] + slopes[1:] - 2.0 * chord) / step**2
         ends = [0.0]
-        self._table = (  # with a cell before the first and one after the last, which are straight lines
+        self.table = (  # with a cell before the first and one after the last, which are straight lines
             np.concatenate([xs[:1], xs]),
             np.concatenate([ys[:1], ys]),
             np.concatenate([slopes[:1], slopes]),
             np.concatenate([ends, a2, ends]),
             np.concatenate([ends, a3, ends]),
         )
-        self._rows = list(zip(*(column.tolist() for column in self._table), strict=True))
 
     @classmethod
-    def both_ways(cls, function: Function, low: float, high: float) -> tuple[Self, Self]:
+    def both_ways(cls, function: Function, low: float, high: float, cells: int) -> tuple[Self, Self]:
         """A strictly monotonic function from `low` to `high`, and its inverse, which Newton's method finds."""
-        xs = np.linspace(low, high, CELLS + 1)
+        xs = np.linspace(low, high, cells + 1)
         ys, slopes = function(xs)
         start = Segments(ys.tolist(), xs.tolist())
-        targets = np.linspace(ys.min(), ys.max(), CELLS + 1)
+        targets = np.linspace(ys.min(), ys.max(), cells + 1)
         found = start.many(targets)
         for _ in range(NEWTON_STEPS):
             values, steepness = function(found)
             found = found - (values - targets) / steepness
         return cls(xs, ys, slopes), cls(targets, found, 1.0 / function(found)[1])
 
+    @cached_property
+    def _rows(self) -> list[tuple[float, ...]]:
+        return list(zip(*(column.tolist() for column in self.table), strict=True))
+
     def one(self, x: float) -> float:
-        cell = floor(min(max((x - self._first) * self._per_x, -1.0), CELLS))
+        cell = floor(min(max((x - self.first) * self.per_x, -1.0), self.cells))
         at, a0, a1, a2, a3 = self._rows[cell + 1]
         away = x - at
-        return ((a3 * away + a2) * away + a1) * away + a0  # type: ignore[no-any-return]
+        return ((a3 * away + a2) * away + a1) * away + a0
 
     def many(self, xs: FloatArray) -> FloatArray:
-        place = xs - self._first
-        place *= self._per_x
-        np.maximum(place, -1.0, out=place)
-        np.minimum(place, CELLS, out=place)
-        cells = np.floor(place).astype(np.int64)
-        cells += 1
-        at, a0, a1, a2, a3 = self._table
-        away = xs - at.take(cells)
-        found = a3.take(cells)
-        for column in (a2, a1, a0):
-            found *= away
-            found += column.take(cells)
-        return found
+        return _evaluate(xs, self.first, self.per_x, self.cells, 1, self.table)
+
+
+class CubicsOfMany:
+    """Different ones for the elements of an array, in one calculation."""
+
+    def __init__(self, each: Sequence[Cubics]) -> None:
+        begins: dict[Cubics, int] = {}
+        end = 0
+        for one in each:
+            if one not in begins:
+                begins[one] = end
+                end += one.cells + 2
+        self._begins = np.array([begins[one] + 1 for one in each])
+        self._first, self._per_x, self._cells = np.array([(one.first, one.per_x, one.cells) for one in each]).T.copy()
+        self._table = tuple(map(np.concatenate, zip(*(one.table for one in begins), strict=True)))
+
+    def many(self, xs: FloatArray) -> FloatArray:
+        return _evaluate(xs, self._first, self._per_x, self._cells, self._begins, self._table)
+
+
+def _evaluate(
+    xs: FloatArray, first: Any, per_x: Any, cells: Any, begins: Any, table: tuple[FloatArray, ...]
+) -> FloatArray:
+    """Each x in its cell; `begins` is the row of the first cell."""
+    place = xs - first
+    place *= per_x
+    np.maximum(place, -1.0, out=place)
+    np.minimum(place, cells, out=place)
+    rows = np.floor(place).astype(np.int64)
+    rows += begins
+    at, a0, a1, a2, a3 = table
+    away = xs - at.take(rows)
+    found: FloatArray = a3.take(rows)
+    for column in (a2, a1, a0):
+        found *= away
+        found += column.take(rows)
+    return found
+
+
+Group = tuple[Any, IntArray | None]
+"""Something with `many`, and the places in an array that are its; None: all."""
+
+
+def groups_of(each: Sequence[Cubics | Segments | None]) -> list[Group]:
+    """What calculates the elements of an array of which each has its own function, or none."""
+    cubics = [(place, one) for place, one in enumerate(each) if isinstance(one, Cubics)]
+    segments: dict[Segments, list[int]] = {}
+    for place, one in enumerate(each):
+        if isinstance(one, Segments):
+            segments.setdefault(one, []).append(place)
+    found: list[tuple[Any, list[int]]] = list(segments.items())
+    if cubics:
+        places, ones = zip(*cubics, strict=True)
+        found.append((ones[0] if len(set(ones)) == 1 else CubicsOfMany(ones), list(places)))
+    return [(many, None if len(places) == len(each) else np.array(places)) for many, places in found]

@@ -12,15 +12,15 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import product
 from math import inf, isfinite
-from typing import Any, Self
+from typing import Any, Self, cast
 
 import numpy as np
 
 from umo.errors import DeclarationError
-from umo.objects.interpolation import Cubics, Segments
+from umo.objects.interpolation import Cubics, Group, Segments, groups_of
 from umo.objects.scaling import FloatArray
 from umo.objects.units import same_unit
 from umo.text import did_you_mean
@@ -130,26 +130,18 @@ class Polynomial(Linearization):
             if low < high and not any(low <= x <= high for x in turns)
         }
         if not found:
-            raise DeclarationError(f"the {self} is not strictly monotonic from {minimum:g} to {maximum:g}")
+            what = f"does not cover {minimum:g} to {maximum:g}, or is not strictly monotonic there"
+            raise DeclarationError(f"the {self} {what}")
         if len(found) > 1:
             parts = " and ".join(f"{low:g} to {high:g}" for low, high in sorted(found))
             raise DeclarationError(f"the {self} covers {minimum:g} to {maximum:g} at x = {parts}; name one as `domain`")
-        return replace(self, domain=found.pop())._checked()
-
-    def _checked(self) -> Self:
-        with np.errstate(all="ignore"):
-            xs = np.linspace(self.domain[0], self.domain[1], 5003)
-            values = horner(self.coefficients, xs)
-            for found, exact in ((self.to_values(xs), values), (self.to_inputs(values), xs)):
-                if not np.allclose(found, exact, rtol=0, atol=1e-9 * np.ptp(exact)):
-                    raise DeclarationError(
-                        f"the {self} is too uneven from {values[0]:g} to {values[-1]:g}; use a LookupTable"
-                    )
-        return self
+        bound = replace(self, domain=found.pop())
+        bound._both  # noqa: B018  (DeclarationError if it is too uneven)
+        return bound
 
     @cached_property
     def _both(self) -> tuple[Cubics, Cubics]:
-        return Cubics.both_ways(self._at, self.domain[0], self.domain[1])
+        return _both_ways(self)
 
     def _at(self, xs: FloatArray) -> tuple[FloatArray, FloatArray]:
         return horner(self.coefficients, xs), horner(self._derivative, xs)
@@ -164,6 +156,20 @@ class Polynomial(Linearization):
 
     def __str__(self) -> str:
         return f"polynomial of degree {len(self.coefficients) - 1}"
+
+
+@lru_cache(maxsize=1000)
+def _both_ways(polynomial: Polynomial) -> tuple[Cubics, Cubics]:
+    """In as few cells as keep it within 1e-9 of the range, both ways."""
+    with np.errstate(all="ignore"):
+        xs = np.linspace(polynomial.domain[0], polynomial.domain[1], 5003)
+        values = horner(polynomial.coefficients, xs)
+        for cells in (16, 64, 256, 1024, 4096):
+            forward, inverse = Cubics.both_ways(polynomial._at, polynomial.domain[0], polynomial.domain[1], cells)
+            pairs = ((forward.many(xs), values), (inverse.many(values), xs))
+            if all(np.abs(found - exact).max() <= 1e-9 * np.ptp(exact) for found, exact in pairs):
+                return forward, inverse
+    raise DeclarationError(f"the {polynomial} is too uneven over the range; use a LookupTable")
 
 
 def horner(coefficients: Sequence[float], xs: FloatArray) -> FloatArray:
@@ -184,34 +190,35 @@ def fitted(linearization: object, units: str, minimum: float, maximum: float) ->
 
 
 class Linearizations:
-    """Those of neighbouring objects, as one function on arrays: equal ones in one calculation."""
+    """Those of neighbouring objects, as one function on arrays."""
 
     def __init__(self, each: Sequence[Linearization | None]) -> None:
-        places: dict[Linearization, list[int]] = {}
-        for place, linearization in enumerate(each):
-            if linearization is not None:
-                places.setdefault(linearization, []).append(place)
-        self._groups = [(key, None if len(of) == len(each) else np.array(of)) for key, of in places.items()]
+        same = {one: one for one in each if one is not None}  # equal ones are one
+        ones = [None if one is None else same[one] for one in each]
+        self._forward = groups_of([None if one is None else one._forward for one in ones])
+        self._inverse = groups_of([None if one is None else one._inverse for one in ones])
 
     def __bool__(self) -> bool:
-        return bool(self._groups)
+        return bool(self._forward)
 
     def to_values(self, xs: FloatArray) -> FloatArray:
-        """Electrical quantities to values, in place where only some have a linearization."""
-        for linearization, places in self._groups:
-            if places is None:
-                return linearization.to_values(xs)
-            xs[places] = linearization.to_values(xs[places])
-        return xs
+        """Electrical quantities to values, in a new array."""
+        return _by_groups(self._forward, xs)
 
     def to_inputs(self, values: FloatArray) -> FloatArray:
         """Values to electrical quantities, in a new array."""
-        xs = values.copy()
-        for linearization, places in self._groups:
-            if places is None:
-                return linearization.to_inputs(values)
-            xs[places] = linearization.to_inputs(values[places])
-        return xs
+        return _by_groups(self._inverse, values)
+
+
+def _by_groups(groups: Sequence[Group], xs: FloatArray) -> FloatArray:
+    found = xs
+    for function, places in groups:
+        if places is None:
+            return cast(FloatArray, function.many(xs))
+        if found is xs:
+            found = xs.copy()
+        found[places] = function.many(xs[places])
+    return found
 
 
 def _real_roots(coefficients: Sequence[float], value: float) -> list[float]:

@@ -67,6 +67,7 @@ _K = (
         (0.118597600000, -0.118343200000e-03, 0.126968600000e03),
     ),
 )
+CELLS = 2048
 KINDS = {"K": (_K, 1372.0)}
 """Reference functions by ranges, and the end of the last one in degC."""
 
@@ -107,7 +108,7 @@ class Thermocouple(Linearization):
 def _both_ways(kind: str) -> tuple[Cubics, Cubics]:
     """mV from degC, and degC from mV."""
     pieces, end = KINDS[kind]
-    return Cubics.both_ways(lambda t: _reference(pieces, t), pieces[0].start, end)
+    return Cubics.both_ways(lambda t: _reference(pieces, t), pieces[0].start, end, CELLS)
 
 
 def _reference(pieces: tuple[Reference, ...], t: FloatArray) -> tuple[FloatArray, FloatArray]:
