@@ -236,7 +236,7 @@ def test_a_machine_that_was_stopped_unsafely_wants_to_be_acknowledged(tmp_path: 
     os.kill(run.control, signal.SIGKILL)
     run.outcome()
     (ended,) = standing()
-    assert "was killed (SIGKILL) (at 0.0" in str(ended)
+    assert "was killed (SIGKILL)" in str(ended)
     refused = Run(wiring).outcome()
     assert refused.status == 2
     assert refused.failure is not None
