@@ -1,15 +1,19 @@
 """The parts on the courier, as bodies of the physics.
 
-A part that lies still, away from the cup, sleeps: it has no weight and no contacts (these take most of the time of a
-step) and rides along with the courier. The part under the cup wakes when the cup comes near.
+A part that lies still, away from the cup, sleeps: it has no weight and no contacts, and rides along with the courier.
+The part under the cup wakes when the cup comes near. While all sleep, MuJoCo looks for no contacts: these take most of
+a step.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
+import mujoco
 import numpy as np
 
+NO_CONTACTS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_SENSOR)  # type: ignore[attr-defined]
+"""Flags of MuJoCo: no search for contacts, and none for the contact of the cup."""
 NEAR_UM = 65_000.0
 """Below this height of the cup's tip the part under it is awake. Its top stands at 60 mm."""
 STILL = 1e-3
@@ -23,7 +27,7 @@ class Parts:
 
     def __init__(self, model: Any, data: Any, count: int) -> None:
         names = [f"part{i}" for i in range(count)]
-        self._model, self._qpos, self._qvel = model, data.qpos, data.qvel
+        self._model, self._qpos, self._qvel, self._lip = model, data.qpos, data.qvel, data.sensordata
         self.places = [int(model.joint(name).qposadr[0]) for name in names]
         self._speeds = [int(model.joint(name).dofadr[0]) for name in names]
         self._bodies = [int(model.body(name).id) for name in names]
@@ -37,6 +41,8 @@ class Parts:
         for part, start in enumerate(self._speeds):
             self._qvel[start : start + 6] = 0.0
             self._set_contacts(part, False)
+        self._model.opt.disableflags |= NO_CONTACTS
+        self._lip[:] = 0.0
         self._awake, self._quiet = None, 0
         self._riders = np.array(self.places, np.int64)
 
@@ -60,6 +66,7 @@ class Parts:
         self._awake = part
         self._riders = np.array([place for i, place in enumerate(self.places) if i != part], np.int64)
         self._set_contacts(part, True)
+        self._model.opt.disableflags &= ~NO_CONTACTS
 
     def _set_contacts(self, part: int, awake: bool) -> None:
         model, geom = self._model, self._geoms[part]
