@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable
 from enum import Enum
-from math import copysign, inf
+from math import copysign, inf, nan
 from typing import Protocol
 
 from umo.control.claim import Claim
@@ -224,8 +224,8 @@ class Axis(Compound):
 
     @property
     def setpoint(self) -> float:
-        """The position that the axis follows."""
-        return self.profile.setpoint.position
+        """The position that the axis follows; NaN while it is not enabled."""
+        return self.profile.setpoint.position if self.enabled else nan
 
     @abstractmethod
     def _stand(self) -> None:
