@@ -12,7 +12,7 @@ import pytest
 from typer.testing import Result
 
 from machines import bench
-from umo import Channel, Direction, Driver, WiringError, connect
+from umo import Channel, Direction, Driver, DriverError, WiringError, connect
 from umo.drivers.paced import PacedTimer
 from umo.testing import VirtualTimer
 from umo.wiring import Wired, resolve
@@ -83,6 +83,21 @@ def test_the_plants_periods_pass_at_the_pace_of_the_wall_clock_the_missed_ones_t
         assert plant.periods == 1 + 3 + 1 + 1
     assert ticker == [0.002, "start", "close"]
     assert {"initialize tick", "finalize tick"} <= set(plant.calls)
+
+
+@pytest.mark.parametrize("call", ["initialize", "read"])
+def test_a_paced_timer_that_fails_is_named_as_its_plant(ticker: list[Any], call: str) -> None:
+    plant = Plant()
+
+    def explode(channel: Channel, *default: int | None) -> int:
+        if channel.text == "tick":
+            raise OSError("it has exploded")
+        return 0
+
+    setattr(plant, call, explode)
+    with pytest.raises(DriverError, match="plant: it has exploded; timer"):
+        with connect(bench(), wiring(plant), realtime=True) as m:
+            m.timer.read()
 
 
 def test_in_virtual_time_nothing_waits(ticker: list[Any]) -> None:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import io
 
+import numpy as np
 import pytest
 from rich.console import Console
 
 from umo import Compound, DigitalSensor, RangeError, connect
 from umo.cli.progress_line import Shown
+from umo.cycle.progress import Progress
 
 
 class Machine(Compound):
@@ -60,3 +62,8 @@ def test_numbers_that_are_not_given_stay() -> None:
 def test_progress_counts_in_whole_numbers(name: str, number: object) -> None:
     with connect(machine()) as m, pytest.raises(RangeError, match=f"progress: {name}="):
         m.progress("homing", **{name: number})  # type: ignore[arg-type]
+
+
+def test_counts_of_numpy_are_whole_numbers() -> None:
+    shown = Progress().then("half", np.int64(3), np.uint8(6))
+    assert (shown.done, shown.total, type(shown.done)) == (3, 6, int)

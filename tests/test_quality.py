@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import pytest
 
@@ -324,7 +325,7 @@ def test_whatever_a_driver_raises_comes_out_as_a_driver_error(box, error):
     machine = inputs()
     with connect(machine, wired(machine, box)) as m:
         box.at(len(box.calls), error)
-        with pytest.raises(DriverError, match=r"; one, two$") as caught:
+        with pytest.raises(DriverError, match=r"; one and two$") as caught:
             m.sample()
         assert failed(caught.value) == ["one", "two"]
 
@@ -510,7 +511,38 @@ def test_a_failure_that_is_marked_makes_the_value_bad_and_the_others_go_on(box, 
                 with pytest.raises(BadInput, match="one is BAD"):
                     value_of(m.one)
     assert seen == [(True, 10.0, GOOD, GOOD), *[(False, 10.0, BAD, GOOD)] * 2, (True, 20.0, GOOD, GOOD)]
-    assert [record.message for record in caplog.records] == ["one is BAD: open circuit"]  # said once
+    assert [record.message for record in caplog.records] == ["marked BAD: box: open circuit; one"]  # said once
+
+
+def test_many_marked_failures_are_one_line_of_the_log_and_not_again_at_each_flap(caplog):
+    box = Scripted({f"many.{i}": 20 for i in range(100)})
+
+    class Many(Compound):
+        many: Sequence[DigitalSensor]
+        timer: DigitalSensor
+
+    m = Many(many=[sensor(**MARK) for _ in range(100)], timer=timer())
+    with connect(m, wired(m, box)):
+        for failure in (OSError("cut"), None, OSError("cut"), None):
+            box.broken = failure
+            m.timer.read()
+            m.sample()
+    (record,) = caplog.records
+    assert record.message == "marked BAD: box: cut; many.0, many.1 and 98 others"
+
+
+def test_a_software_reference_during_a_held_failure_takes_the_held_value(box):
+    machine = inputs(sensor(incremental=True, invalid_raws=[0x7FFF], **HOLD))
+    with connect(machine, wired(machine, box)) as m:
+        box.set("one", [100, 100, 0x7FFF, 200])
+        period(m)
+        period(m)
+        period(m)
+        assert m.one.quality is UNREF
+        m.one.referenced(at=5000.0)
+        assert m.one.read() == 5000.0
+        period(m)
+        assert m.one.read() == 5050.0  # 100 counts of 0.5
 
 
 def test_an_asynchronous_sensor_marks_a_failure_too(box):

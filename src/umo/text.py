@@ -108,7 +108,7 @@ def shown_path(file: str) -> str:
 def some(names: Sequence[str]) -> str:
     """`a, b and 38 others`; up to three are all named."""
     if len(names) <= NAMED + 1:
-        return ", ".join(names)
+        return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
     return f"{', '.join(names[:NAMED])} and {len(names) - NAMED} others"
 
 

@@ -166,7 +166,7 @@ def _strip(axis: Any, trace: Trace, strip: list[list[Binary[Any]]]) -> None:
             continue
         step = max(1, len(time) // POINTS)
         share = trace.rows[::step, columns].mean(axis=1)[np.newaxis]
-        sides = (time[0], time[-1], row - 0.38, row + 0.38)
+        sides = (time[0], max(time[-1], time[0] + 1e-9), row - 0.38, row + 0.38)
         axis.imshow(share, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto", extent=sides, interpolation="nearest")
         labels.append(f"{_short(folded([each.path for each in group]))} {first.one}, share")
     axis.set_yticks(range(len(strip)), labels, fontsize=8, parse_math=False)

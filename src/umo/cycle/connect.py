@@ -35,7 +35,8 @@ class connect(Generic[C]):
     """Connect a machine: `with connect(machine, "wiring/simulated.toml") as m:`.
 
     `wiring` is a TOML file, its contents as a dict, or None (default: all objects on simulated channels, period
-    1 ms). `options` are passed to every driver that has an option of this name (`seed=1`).
+    1 ms). `options` are passed to every driver that has an option of this name (`seed=1`); `realtime=True`
+    lets a timer in virtual time keep the pace of the wall clock.
 
     On entry: check the wiring (WiringError lists every fault); reserve the devices (DeviceHeld names the owner;
     StandsStopped if the last run on a device ended unsafely, unless `acknowledge`); open the drivers; initialise

@@ -21,7 +21,7 @@ from umo.drivers.contract import Direction
 from umo.errors import BadInput, DriverError, Failure
 from umo.objects import Binary, BinaryActuator, BinarySensor, DigitalActuator, DigitalSensor, Quality
 from umo.objects.atomic import Digital
-from umo.objects.scaling import FloatArray, IntArray, to_value
+from umo.objects.scaling import FloatArray, IntArray, to_raw, to_value
 from umo.text import reported
 from umo.wiring.resolved import Wire, Wired
 
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from umo.cycle.commands import Command, Commands
 
 log = logging.getLogger("umo")
+TELL_AGAIN = 10.0
+"""Time in s for which a sensor that is marked BAD again is not logged again."""
 Actuator = BinaryActuator[Any] | DigitalActuator
 Sensor = BinarySensor[Any] | DigitalSensor
 
@@ -49,6 +51,9 @@ class Image(ABC):
         self.timer = -1 if wired.timer is None else self.slot_of[id(wired.timer)]
         self.transfer = Transfer(self.wires, wired, self.timer)
         self.commands: Commands
+        self._marked: list[Failure] = []
+        """Sensors that were marked BAD and not logged yet."""
+        self._tell_again: dict[int, float] = {}
         self._slewing: list[Command]
         count = len(self.wires)
         self.raws: Any = self.transfer.raws
@@ -135,9 +140,10 @@ class Image(ABC):
             outside = block.convert(block, now)
             if outside or block.unsettled:
                 self._settle(block, outside, now, failures)
-        if failures:
-            raise DriverError("could not be read", failures)
-        if self.sampled_good is None:
+        if failures or self.sampled_good is None:
+            self._tell_marked()
+            if failures:
+                raise DriverError("could not be read", failures)
             self.sampled_good = not any(self.quality[self.sampled])
         return self.sampled_good
 
@@ -196,6 +202,7 @@ class Image(ABC):
             if slot == self.timer:
                 self.clock.advance(raw)
             self._accept(slot, raw, failures)
+        self._tell_marked()
         if failures:
             raise DriverError("could not be read", failures)
         return cast(float, self.values[slot])
@@ -207,6 +214,7 @@ class Image(ABC):
                 self._fail_input(slot, found, failures)
             else:
                 self._accept(slot, found, failures)
+        self._tell_marked()
         if failures:
             raise DriverError("could not be read", failures)
         return all(self.quality[slot] == Quality.GOOD for slot in slots)
@@ -225,8 +233,8 @@ class Image(ABC):
         return True
 
     def command(self, slot: int, value: float) -> bool:
-        """A value within its range was written to an actuator that is guarded, asynchronous, or whose range its raw
-        integers do not meet."""
+        """A value within its range was written to an actuator that is guarded, or asynchronous, or whose range ends
+        between two raw integers."""
         if not self.commands.take(slot, value):
             return False
         self.pending[slot] = value
@@ -300,11 +308,12 @@ class Image(ABC):
         item = cast(Digital, self.items[slot])
         if self.quality[slot] == Quality.BAD:
             raise BadInput(item.path, Quality.BAD)
-        resolution, _, low, high = self.scales[slot]
-        zero_offset = value - self.raws[slot] * resolution
+        resolution, before, low, high = self.scales[slot]
+        raw = to_raw(self.values[slot], resolution, before)  # `raws` may be of a reading that failed
+        zero_offset = value - raw * resolution
         item._calibrate(item.calibration._replace(zero_offset=zero_offset))
         self.scales[slot] = resolution, zero_offset, low, high
-        self.values[slot] = self.value_of(slot, self.raws[slot])
+        self.values[slot] = to_value(raw, resolution, zero_offset)
         for block in self.inputs:
             if block.start <= slot < block.stop:
                 self._prepare(block)
@@ -315,7 +324,7 @@ class Image(ABC):
         held = item._max_age is not None and item.synchronous and self.times[slot] < self.clock.now
         if quality != Quality.BAD and not (held and referenced):
             self._set_quality(slot, self._judge(slot, self.values[slot]))
-        elif quality == Quality.UNREFERENCED:  # what is held now is known, and is no newer for that
+        elif quality == Quality.UNREFERENCED:  # the held value is referenced from now on, but it is still old
             self._set_quality(slot, Quality.STALE)
 
     # Inside --------------------------------------------------------------------------------------------
@@ -382,10 +391,18 @@ class Image(ABC):
                 self._set_quality(slot, Quality.STALE)
         elif item._marks:
             if self.quality[slot] != Quality.BAD:
-                log.warning("%s is BAD: %s", item.path, cause)
                 self._set_quality(slot, Quality.BAD)
+                if self.clock.now >= self._tell_again.get(slot, 0.0):
+                    self._tell_again[slot] = self.clock.now + TELL_AGAIN
+                    self._marked.append(self.transfer.failure(slot, cause))
         else:
             self._fail_output(slot, cause, failures)
+
+    def _tell_marked(self) -> None:
+        """Log together what was marked BAD together: a thousand lines would take longer than a period."""
+        if self._marked:
+            log.warning("%s", DriverError("marked BAD", self._marked))
+            self._marked = []
 
     def _fail_output(self, slot: int, cause: str, failures: list[Failure]) -> None:
         self._set_quality(slot, Quality.BAD)

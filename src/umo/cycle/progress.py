@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from operator import index
 from typing import NamedTuple
 
 from umo.errors import RangeError
@@ -17,12 +18,23 @@ class Progress(NamedTuple):
 
     def then(self, text: str, done: int | None, total: int | None) -> Progress:
         """The next one; numbers that are None stay. RangeError unless they are whole and 0 or more."""
-        for name, number in (("done", done), ("total", total)):
-            if number is not None and (isinstance(number, bool) or not isinstance(number, int) or number < 0):
-                raise RangeError(f"progress: {name}={number!r} is not a whole number from 0 on")
-        return Progress(str(text), self.done if done is None else done, self.total if total is None else total)
+        return Progress(
+            str(text),
+            self.done if done is None else _count("done", done),
+            self.total if total is None else _count("total", total),
+        )
 
     @property
     def share(self) -> float:
         """Of the work that is done, from 0 to 1; 0 if the total is not known."""
         return min(self.done / self.total, 1.0) if self.total else 0.0
+
+
+def _count(name: str, number: int) -> int:
+    try:
+        count = -1 if isinstance(number, bool) else index(number)
+    except TypeError:
+        count = -1
+    if count < 0:
+        raise RangeError(f"progress: {name}={number!r} is not a whole number from 0 on")
+    return count

@@ -54,4 +54,8 @@ def _of(owner: Any, path: str) -> Iterator[Signal]:
         full = f"{path}.{name}".lstrip(".")
         if getattr_static(owner, name, _MISSING) is _MISSING:  # a property may need the machine connected
             raise DeclarationError(f"signal {full}: {type(owner).__name__} has no attribute {name!r}")
-        yield Signal(full, check_unit(unit), owner, name)
+        try:
+            check_unit(unit)
+        except DeclarationError as error:
+            raise DeclarationError(f"signal {full}: {error}") from None
+        yield Signal(full, unit, owner, name)

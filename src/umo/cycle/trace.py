@@ -17,6 +17,8 @@ from umo.objects import Atomic, Binary, Digital
 ROWS = 100_000
 MOST = 32_000_000
 """Bytes that a trace may take, with the copy that is made while it grows or is thinned."""
+NOTES = 4096
+"""The most texts of the progress that are kept; of more, every second one is dropped."""
 HALVINGS = 6
 """It begins with a 64th of its rows."""
 
@@ -65,6 +67,8 @@ class Trace:
         rows = self._begin(frame) if self._rows is None else self._rows
         if (text := frame.progress.text) != (self.notes[-1][1] if self.notes else ""):
             self.notes.append((frame.time, text))
+            if len(self.notes) > NOTES:
+                del self.notes[1:-1:2]
         self._seen += 1
         if self._used == len(rows):
             rows = self._grow(rows) if self._used < self._capacity else self._thin(rows)

@@ -51,6 +51,9 @@ class Transfer:
             id(driver): f"{name}{in_brackets(some(wired.hardware.get(name, ())))}"
             for name, driver in wired.drivers.items()
         }
+        if (timer_wire := wired.timer_wire) is not None:  # a paced timer stands in the place of its driver
+            driver = timer_wire.driver
+            self._names.setdefault(id(driver), self._names.get(id(getattr(driver, "timer", None)), "timer"))
         self.raws_array = np.zeros(len(wires), np.int64)
         self.raws: Any = self.raws_array.data  # a memoryview: quicker than numpy's items
         """The raw value that each object last had at the hardware."""

@@ -18,26 +18,27 @@ class PacedTimer(TimerFd):
 
     def __init__(self, timer: Driver[Any]) -> None:
         super().__init__()
-        self._timer = timer
+        self.timer = timer
+        """The driver whose timer it paces."""
         self.period, self.timeout = timer.period, timer.timeout
 
     def channel(self, text: str) -> Channel:
-        channel: Channel = self._timer.channel(text)
+        channel: Channel = self.timer.channel(text)
         return channel
 
     def initialize(self, channel: Channel, default: int | None) -> None:
-        self._timer.initialize(channel, default)
+        self.timer.initialize(channel, default)
         super().initialize(channel, default)
 
     def finalize(self, channel: Channel) -> None:
         super().finalize(channel)
-        self._timer.finalize(channel)
+        self.timer.finalize(channel)
 
     def reset(self, channel: Channel, default: int | None) -> None:
-        self._timer.reset(channel, default)
+        self.timer.reset(channel, default)
 
     def read(self, channel: Channel) -> int:
         missed = super().read(channel)
         for _ in range(max(missed, 1)):
-            self._timer.read(channel)
+            self.timer.read(channel)
         return missed

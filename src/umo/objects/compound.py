@@ -97,7 +97,8 @@ class Compound(Node):
 
     def setup(self) -> None:
         """Called at the end of construction, and again on connect if a wiring sets fields of the machine
-        (`[parameters]`), the parts' before. Override it to create the class's own attributes, such as control laws."""
+        (`[parameters]`). The `setup` of the parts is called first. Override it to create the class's own attributes,
+        such as control laws."""
 
     def _set_up(self) -> None:
         """`setup` of the parts, then its own."""
@@ -252,13 +253,16 @@ def _holds_objects(value: object) -> bool:
 def _check_type(where: str, value: object, hint: Any) -> None:
     """Declaration mistakes that a type checker would have found, for those who run none."""
     origin, args = get_origin(hint) or hint, get_args(hint)
-    if origin in (list, tuple, Sequence) and isinstance(value, tuple):
+    if origin is tuple and args and args[-1] is not Ellipsis and isinstance(value, tuple) and len(args) == len(value):
+        for item, each in zip(value, args, strict=True):
+            _check_type(where, item, each)
+    elif origin in (list, tuple, Sequence) and isinstance(value, tuple):
         for item in value:
-            _check_type(where, item, args[0] if args else object)
+            _check_type(where, item, args[0] if args else Any)
     elif origin in (dict, Mapping) and isinstance(value, MappingProxyType):
         for item in value.values():
-            _check_type(where, item, args[1] if args else object)
-    elif origin in CONTAINERS and isinstance(value, tuple | MappingProxyType):
+            _check_type(where, item, args[1] if args else Any)
+    elif isinstance(origin, type) and origin in CONTAINERS and isinstance(value, tuple | MappingProxyType):
         raise DeclarationError(f"{where} is annotated {hint}, not as a {CONTAINERS[type(value)]}")
     elif isinstance(origin, type) and issubclass(origin, Node):
         if not isinstance(value, origin):

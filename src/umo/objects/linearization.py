@@ -240,8 +240,8 @@ def check_covers(what: Linearization, minimum: float, maximum: float, least: flo
 
 
 def _numbers(name: str, numbers: Any) -> tuple[float, ...]:
-    plain = isinstance(numbers, Sequence | np.ndarray) and not isinstance(numbers, str)
-    each = list(numbers) if plain else []
+    given = numbers.tolist() if isinstance(numbers, np.ndarray) else numbers
+    each = list(given) if isinstance(given, Sequence) and not isinstance(given, str) else []
     if len(each) < 2 or any(isinstance(x, bool) or not isinstance(x, int | float) or not isfinite(x) for x in each):
         raise DeclarationError(f"{name} must be a list of at least two finite numbers, not {numbers!r}")
     return tuple(map(float, each))

@@ -56,7 +56,8 @@ class DigitalSensor(Digital):
     `on_error` is what a failed reading does. "raise" (default): the quality is BAD, DriverError. "hold": the last value
     is kept for `max_age` (s, or a text such as "50 ms") with the quality STALE, which control laws accept; then as
     "raise". "mark": with or without such a `max_age` before it, the quality is BAD, and nothing is raised: control laws
-    refuse the value, `quality` tells, the other sensors and the run go on.
+    refuse the value, `quality` tells, the other sensors and the run go on. `read` then returns the last value: in
+    conditions, such as those of interlocks, use `value_of` of `umo.control`, which raises.
     """
 
     __slots__ = ("_incremental", "_marks", "_max_age")

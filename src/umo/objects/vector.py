@@ -120,9 +120,8 @@ class Vector(Generic[A]):
         if slots.limits is None:
             numbers, taken = self._levels(values)
         else:
-            given = np.asarray(values)
-            chosen = np.where(where, given, slots.limits.minimum) if given.shape in ((), where.shape) else given
-            numbers, taken = slots.limits.check(self._objects, chosen)
+            given = slots.limits.numbers(values)
+            numbers, taken = slots.limits.check(self._objects, np.where(where, given, slots.limits.minimum))
         each = [slot for slot, wanted in zip(slots.all_slots, where.tolist(), strict=True) if wanted]
         raws = slots.raws(numbers)[where]
         free = slots.image.write_many(np.array(each, np.int64), each, numbers[where], raws)
@@ -217,12 +216,16 @@ class _Limits:
         """Of actuators; None if none of them is limited."""
         self.clamps = np.array([isinstance(item, DigitalActuator) and item.limits == "clamp" for item in objects])
 
+    def numbers(self, values: Any) -> FloatArray:
+        """One number for each object; RangeError for anything else."""
+        given, count = np.asarray(values), len(self.minimum)
+        if given.dtype.kind not in "fiu" or given.shape not in ((), self.minimum.shape):
+            raise RangeError(f"{given.dtype} of shape {given.shape} is not an array of {count} numbers")
+        return given.astype(np.float64, copy=False) if given.shape else np.full(count, given, np.float64)
+
     def check(self, objects: Sequence[Atomic], values: Any) -> tuple[FloatArray, bool]:
         """The values to take and whether they are those given."""
-        given = np.asarray(values)
-        if given.dtype.kind not in "fiu" or given.shape not in ((), self.minimum.shape):
-            raise RangeError(f"{given.dtype} of shape {given.shape} is not an array of {len(objects)} numbers")
-        numbers = given.astype(np.float64, copy=False) if given.shape else np.full(len(objects), given, np.float64)
+        numbers = self.numbers(values)
         inside = (numbers >= self.minimum) & (numbers <= self.maximum)  # False for NaN
         if np.count_nonzero(inside) == len(objects):  # a fifth of the time of all()
             return numbers, True

@@ -77,11 +77,8 @@ class Box:
             return bytes([request[0] | 0x80, DEVICE_FAILURE])
 
     def watch(self) -> None:
-        """Drop the outputs if the watchdog has expired.
-
-        Only here does it expire. A request that lies waiting is read before, so a slow turn of the box itself is not
-        held against its client.
-        """
+        """Drop the outputs if the watchdog has expired. Called when all waiting requests have been read, so a slow
+        plant does not make the watchdog expire."""
         if self.watchdog.expired(self._simulation.clock()):
             for point in self._levels:
                 self._simulation.write(point.slot, point.plant_default)

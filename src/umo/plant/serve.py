@@ -114,14 +114,15 @@ async def _keep_pace(
                 with contextlib.suppress(DriverError):  # it is written again, and said, at the end
                     report.write(summary)
         await asyncio.sleep(simulation.pace.left(clock()))
+        await asyncio.sleep(0)  # requests that lay waiting are read before the watchdogs are looked at
 
 
 def turn(simulation: Simulation, boxes: Sequence[Box]) -> None:
     """Let the time pass that is due. Raises what the plant raised, also in a request."""
     if simulation.failure is None:
-        simulation.catch_up()
         for box in boxes:
             box.watch()
+        simulation.catch_up()
     if simulation.failure is not None:
         raise simulation.failure
 

@@ -130,10 +130,11 @@ class Outcome:
 
 
 def plain(result: Any, longest: int = LONGEST) -> Any:
-    """The same if it is plain data of a moderate size; else its text, cut."""
+    """A copy of plain data as JSON has them, if it is of a moderate size; else its text, cut."""
     with suppress(BaseException):
-        if len(json.dumps(result)) <= longest:
-            return result
+        text = json.dumps(result)
+        if len(text) <= longest:
+            return json.loads(text)
     try:
         return repr(result)[:longest]
     except BaseException:
@@ -156,7 +157,9 @@ def message_of(failure: BaseException) -> str:
     """What, when and where, in one line; in a second one what else failed. The faults of a wiring have a line each."""
     if isinstance(failure, StopError) and failure.__cause__ is not None:
         return "\n".join([message_of(failure.__cause__).partition("\n")[0], _in_a_line(text_of(failure))])
-    text = text_of(failure) if isinstance(failure, UmoError) else f"{type(failure).__name__}: {text_of(failure)}"
+    text = text_of(failure)
+    if not isinstance(failure, UmoError):
+        text = f"{type(failure).__name__}: {text}" if text else type(failure).__name__
     first, _, more = text.partition("\n")
     first += in_brackets(_moment(failure), place_of(failure))
     if isinstance(failure, WiringError) and more:

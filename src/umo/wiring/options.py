@@ -16,8 +16,7 @@ REALTIME = "realtime"
 
 
 def driver_options(wiring: Path | str | Mapping[str, Any] | None) -> dict[str, tuple[str, inspect.Parameter]]:
-    """All options of all drivers in use by name: the driver's type and the parameter. What is wrong with the wiring is
-    for `check` to say."""
+    """All options of all drivers in use by name: the driver's type and the parameter. Faults are left to `check`."""
     if wiring is None:
         return {}
     source = read(wiring)

@@ -147,7 +147,7 @@ class Wired:
     """The devices that each driver takes, by its name; drivers that take none are left out."""
     process: Process = Process()
     paced: bool = False
-    """Whether the timer runs in virtual time by itself, and in real time because of the option `realtime`."""
+    """Whether the option `realtime` paces a timer that runs in virtual time."""
 
     @property
     def devices(self) -> list[str]:
