@@ -95,9 +95,9 @@ def test_a_paced_timer_that_fails_is_named_as_its_plant(ticker: list[Any], call:
         return 0
 
     setattr(plant, call, explode)
-    with pytest.raises(DriverError, match="plant: it has exploded; timer"):
-        with connect(bench(), wiring(plant), realtime=True) as m:
-            m.timer.read()
+    failing = pytest.raises(DriverError, match="plant: it has exploded; timer")
+    with failing, connect(bench(), wiring(plant), realtime=True) as m:
+        m.timer.read()
 
 
 def test_in_virtual_time_nothing_waits(ticker: list[Any]) -> None:

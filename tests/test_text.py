@@ -66,7 +66,7 @@ def test_a_path_is_relative_to_the_current_folder_where_that_is_shorter(
 
 def test_a_list_of_names_ends_with_the_number_of_the_others() -> None:
     assert some([]) == ""
-    assert some(["a", "b", "c"]) == "a, b, c"
+    assert some(["a", "b", "c"]) == "a, b and c"
     assert some([f"z.{i}" for i in range(40)]) == "z.0, z.1 and 38 others"
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from enum import Enum
-from math import copysign, inf, nan
+from math import copysign, inf, isfinite, nan
 from typing import Protocol
 
 from umo.control.claim import Claim
@@ -15,11 +15,11 @@ from umo.cycle.sequences import next_period, together
 from umo.errors import AxisError, DeclarationError, RangeError
 from umo.objects import Compound, DigitalSensor, Quality
 
-REFERENCED = Quality.OUT_OF_RANGE
+ACCEPTED = Quality.OUT_OF_RANGE
 """Accepted of a referenced encoder: at an end of its range an axis may stand a little outside. The setpoint is within
 the range, and the axis within `following_error` of it."""
-CREEP = 1 / 20
-"""Part of the stall distance: an axis that gains less stands still."""
+STILL = 1 / 20
+"""An axis that advances by less than this share of `stall` stands still."""
 
 
 class Met(Enum):
@@ -47,7 +47,9 @@ class Axis(Compound):
 
     Positions are in the units of the encoder, speeds in units per s. The range of `move_to` and `jog` is the declared
     range of the encoder. While an interlock inhibits the axis, a motion waits; afterwards it goes on to its target from
-    where the axis then stands. A motion that is cancelled decelerates to standstill.
+    where the axis then stands. An axis without a motion then stays where it is. A `move_to` that is cancelled
+    decelerates to standstill. Homing that fails or is cancelled disables the axis. The numbers are read by `setup`;
+    later change those of `profile` and, of a servo axis, `servo`.
     """
 
     encoder: DigitalSensor
@@ -78,9 +80,9 @@ class Axis(Compound):
 
     def setup(self) -> None:
         self.profile = Profile(velocity=self.velocity, acceleration=self.acceleration, jerk=self.jerk)
-        self._accept: Accept = REFERENCED
+        self._accept: Accept = ACCEPTED
         """The qualities of the encoder that are accepted besides GOOD and STALE."""
-        self._again: Callable[[], object] = self._stand
+        self._replan: Callable[[], object] = self._stand
 
     # Motions -------------------------------------------------------------------------------------------
 
@@ -90,7 +92,7 @@ class Axis(Compound):
             raise DeclarationError(f"{self.path} does not declare how it is homed (`homing`)")
         with self.claim.of("home"):
             self.encoder.referenced(False)
-            self.searching, self._accept = True, HOMING
+            self._set_searching(True)
             try:
                 await self._settle()
                 self.enable()
@@ -99,7 +101,7 @@ class Axis(Compound):
                 self.disable()
                 raise
             finally:
-                self.searching, self._accept = False, REFERENCED
+                self._set_searching(False)
             await self._settle()
 
     async def move_to(self, position: float, *, speed: float = inf, duration: float = 0.0) -> None:
@@ -113,19 +115,22 @@ class Axis(Compound):
             low, high = self.encoder.minimum, self.encoder.maximum
             raise RangeError(f"{self.path}: {position:g} {self.encoder.units} is outside {low:g} to {high:g}")
         with self.claim.of("move_to"):
-            self._accept = REFERENCED
+            value_of(self.encoder, ACCEPTED)
+            self._accept = ACCEPTED
             self.enable()
             await self.travel(position, speed=speed, duration=duration)
 
     def jog(self, velocity: float) -> None:
         """Move at this velocity (units per s) until the next call; 0: decelerate to standstill. A referenced axis stops
-        at the end of its range. Busy during another motion."""
+        at the end of its range. Busy during another motion, RangeError for NaN and infinity."""
+        if not isfinite(velocity):
+            raise RangeError(f"{self.path}: {velocity} is not a velocity")
         if self.claim.holder not in (None, "jog"):
             raise self.claim.busy("jog")
-        self._accept = HOMING if self.encoder.quality is Quality.UNREFERENCED else REFERENCED
+        self._accept = HOMING if self.encoder.quality is Quality.UNREFERENCED else ACCEPTED
         self.enable()
-        self.claim.holder = "jog" if velocity else None
         self._go(lambda: self._jog(velocity))
+        self.claim.holder = "jog" if velocity else None
 
     def _jog(self, velocity: float) -> None:
         end = self.encoder.maximum if velocity > 0 else self.encoder.minimum
@@ -139,18 +144,21 @@ class Axis(Compound):
     def time_to(self, position: float) -> float:
         """How long a motion from standstill to a position takes, in s, at the largest speed."""
         ahead = Profile(velocity=self._speed(inf), acceleration=self.acceleration, jerk=self.jerk)
-        ahead.hold(self.setpoint if self.enabled else value_of(self.encoder, self._accept))
+        ahead.hold(self.setpoint if self.enabled else value_of(self.encoder, ACCEPTED))
         return ahead.to(position)
 
     def enable(self) -> None:
         """Follow the setpoint, from where the axis stands. BadInput if the encoder's quality is not accepted."""
         if not self.enabled:
             self._stand()
+            self._interrupted, self._replan = False, self._stand
             self.enabled = True
 
     def disable(self) -> None:
-        """Stop following: the actuators go to their defaults."""
+        """Stop following: the actuators go to their defaults. A motion under way ends with AxisError."""
         self.enabled = False
+        if self.claim.holder == "jog":
+            self.claim.holder = None
 
     # For homing ----------------------------------------------------------------------------------------
 
@@ -165,26 +173,29 @@ class Axis(Compound):
         until: Callable[[], bool] | None = None,
         *,
         jump: float = inf,
-        reach: float = inf,
+        reach: float | None = None,
     ) -> Met:
         """Move at a velocity until the condition is true, the reading jumps by more than `jump` in a period, the axis
-        stands still, or it was driven for the distance `reach`. Then the motion goes on, except at a standstill."""
+        stands still, or it was driven for the distance `reach` (default: three times the range of the encoder). Then
+        the motion goes on, except at a standstill."""
+        if reach is None:
+            reach = 3 * (self.encoder.maximum - self.encoder.minimum)
         self._go(lambda: self.profile.at(copysign(self._speed(abs(velocity)), velocity)))
         sign = copysign(1.0, velocity)
         driven = idle = 0.0
         last = best = self.reading
         while until is None or not until():
-            await next_period()
+            await self._next_period()
             reading = self.reading
-            distance = self._speed(abs(velocity)) * self.dt
             if self._interrupted:
-                last = reading
+                last, best, idle = reading, reading, 0.0
                 continue
             if abs(reading - last) > jump:
                 self._shift(reading - last)
                 return Met.JUMP
-            driven, idle, last = driven + distance, idle + distance, reading
-            if sign * (reading - best) > CREEP * self.stall:
+            distance = sign * self.profile.setpoint.velocity * self.period  # below 0 until a motion before has ended
+            driven, idle, last = driven + max(distance, 0.0), idle + distance, reading
+            if distance <= 0.0 or sign * (reading - best) > STILL * self.stall:
                 best, idle = reading, 0.0
             if idle > self.stall:
                 self._stand()
@@ -203,19 +214,25 @@ class Axis(Compound):
         """To a position, also beyond the range; ends when the encoder has arrived. AxisError if it does not."""
         try:
             self._go(lambda: self.profile.to(position, velocity=self._speed(speed), duration=duration))
-            late = 0.0
+            late, corrections = 0.0, 0
             while not self._arrived(position):
-                await next_period()
+                await self._next_period()
                 if self._interrupted or not self.profile.done:
                     late = 0.0
                 elif (late := late + self.dt) > self.settling_time:
-                    self._correct(position)
-                    late = 0.0
+                    late, corrections = 0.0, corrections + 1
+                    self._correct(position, corrections)
         except BaseException:
-            self._go(lambda: self.profile.at(0.0))
+            if self.enabled:
+                self._go(lambda: self.profile.at(0.0))
             raise
+        self._replan = self._stand
 
     # What the two kinds do in their own way ------------------------------------------------------------
+
+    @property
+    def signals(self) -> Mapping[str, str]:  # type: ignore[override]
+        return {"setpoint": self.encoder.units, "error": self.encoder.units}
 
     @property
     @abstractmethod
@@ -245,8 +262,8 @@ class Axis(Compound):
     def _arrived(self, position: float) -> bool:
         return self.profile.done and abs(self.error) < self.window and not self._interrupted
 
-    def _correct(self, position: float) -> None:
-        """The profile has ended, and the axis has not arrived in `settling_time`."""
+    def _correct(self, position: float, corrections: int) -> None:
+        """The profile has ended, and the axis has not arrived in `settling_time`: for the first time, or again."""
         away = f"{self.reading:g} {self.encoder.units}"
         raise AxisError(f"{self.path} did not arrive at {position:g}: it stands at {away}")
 
@@ -260,8 +277,16 @@ class Axis(Compound):
 
     def _go(self, plan: Callable[[], object]) -> None:
         """Plan a motion, now and again after an interruption."""
-        self._again = plan
         plan()
+        self._replan = plan
+
+    async def _next_period(self) -> None:
+        await next_period()
+        if not self.enabled:
+            raise AxisError(f"{self.path} was disabled during its motion")
+
+    def _set_searching(self, searching: bool) -> None:
+        self.searching, self._accept = searching, HOMING if searching else ACCEPTED
 
     def _interrupt(self) -> None:
         """An interlock inhibits the axis: the setpoint stays where the axis is."""
@@ -271,7 +296,7 @@ class Axis(Compound):
     def _go_on(self) -> None:
         self._interrupted = False
         self._stand()
-        self._again()
+        self._replan()
 
 
 async def move_together(*moves: tuple[Axis, float]) -> None:

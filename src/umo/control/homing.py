@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf
 from typing import Any
 
-from umo.control.axis import CREEP, Axis, Met
+from umo.control.axis import STILL, Axis, Met
 from umo.control.inputs import state_of
 from umo.errors import HomingError
 from umo.objects import BinaryActuator, BinarySensor, TwoState
@@ -16,8 +15,8 @@ from umo.objects import BinaryActuator, BinarySensor, TwoState
 class IndexPulse:
     """The circuit loads its counter at the encoder's index pulse, while it is enabled to.
 
-    The axis moves in `direction` until the reading jumps to `index`. If it meets the end stop first, it began beyond
-    the index, or the count was right already, from a run before: then it moves back across the index.
+    The axis moves in `direction` until the reading jumps to `index`. If it meets the end stop first, it moves back
+    across the index. Either it began beyond the index, or the count was right from an earlier run.
     """
 
     enable: BinaryActuator[Any]
@@ -36,20 +35,26 @@ class IndexPulse:
     """+1: to larger readings. -1: to smaller ones."""
 
     async def find(self, axis: Axis) -> None:
-        enable = self.enable
-        enable.write(enable.one if enable.default is enable.zero else enable.zero)
         try:
             if not await self._search(axis, self.direction):
                 await self._search_back(axis)
         finally:
-            enable.write(enable.default)
+            self.enable.write(self.enable.default)
         await axis.travel(self.index - self.direction * self.clearance, speed=axis.search_speed)
         axis.reference()
 
-    async def _search(self, axis: Axis, direction: int, reach: float = inf) -> bool:
+    def _keep_enabled(self) -> bool:
+        """Also after an interlock has reset it. Never true, as the condition of a search."""
+        enable = self.enable
+        enabled = enable.one if enable.default is enable.zero else enable.zero
+        if enable.read() is not enabled:
+            enable.write(enabled)
+        return False
+
+    async def _search(self, axis: Axis, direction: int, reach: float | None = None) -> bool:
         """Whether the index pulse was met. The counter may wrap on the way."""
         while True:
-            met = await axis.search(direction * axis.search_speed, jump=self.jump, reach=reach)
+            met = await axis.search(direction * axis.search_speed, self._keep_enabled, jump=self.jump, reach=reach)
             if met is not Met.JUMP:
                 return False
             if abs(axis.reading - self.index) <= self.tolerance:
@@ -62,7 +67,7 @@ class IndexPulse:
         here = axis.reading
         if abs(at_stop - self.stop) <= self.tolerance and self.direction * (self.index - here) > 0:
             return
-        if abs(here - at_stop) <= CREEP * axis.stall:
+        if abs(here - at_stop) <= STILL * axis.stall:
             raise HomingError(f"{axis.path} does not move, or its encoder is dead: the count stood still both ways")
         raise HomingError(
             f"{axis.path} found no index pulse: the encoder read {at_stop:g} {units} at the stop, then {here:g} {units}"
@@ -87,9 +92,9 @@ class HomeSwitch:
     async def find(self, axis: Axis) -> None:
         toward = self.direction * axis.search_speed
         if not self._is_active() and await axis.search(toward, self._is_active) is not Met.CONDITION:
-            raise HomingError(f"{axis.path} met its end stop, but {self.switch.path} did not become {self.active}")
+            raise HomingError(f"{axis.path} found no home switch: {self.switch.path} did not become {self.active}")
         if await axis.search(-self.direction * self.creep_speed, lambda: not self._is_active()) is not Met.CONDITION:
-            raise HomingError(f"{axis.path} stands still, and {self.switch.path} stays {self.active}")
+            raise HomingError(f"{axis.path} cannot leave its home switch: {self.switch.path} stays {self.active}")
         axis.reference(at=self.position)
         await axis.travel(self.position - self.direction * self.clearance, speed=axis.search_speed)
 
@@ -110,8 +115,7 @@ class EndStop:
     """Homing ends at this distance from the end stop."""
 
     async def find(self, axis: Axis) -> None:
-        reach = 3 * (axis.encoder.maximum - axis.encoder.minimum)
-        if await axis.search(self.direction * axis.search_speed, reach=reach) is not Met.STOP:
+        if await axis.search(self.direction * axis.search_speed) is not Met.STOP:
             raise HomingError(f"{axis.path} found no end stop")
         axis.reference(at=self.position)
         await axis.travel(self.position - self.direction * self.clearance, speed=axis.search_speed)

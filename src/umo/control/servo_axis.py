@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 from math import inf
+from types import MappingProxyType
 
 from umo.control.axis import Axis
 from umo.control.inputs import value_of
 from umo.control.servo import Servo
 from umo.errors import AxisError
 from umo.objects import DigitalActuator
+
+
+class AxisServo(Servo):
+    """The servo of an axis; setpoint and error are signals of the axis."""
+
+    signals = MappingProxyType({})
 
 
 class ServoAxis(Axis):
@@ -36,7 +43,7 @@ class ServoAxis(Axis):
 
     def setup(self) -> None:
         super().setup()
-        self.servo = Servo(
+        self.servo = AxisServo(
             self.encoder,
             self.motor,
             gain=self.gain,
@@ -55,9 +62,11 @@ class ServoAxis(Axis):
         if self._interrupted and self.motor.inhibited is None:
             self._go_on()
         dt, servo = self.dt, self.servo
-        if not servo.control(*self.profile.step(dt), dt=dt, accept=self._accept) and self.motor.inhibited is not None:
+        taken = servo.control(*self.profile.step(dt), dt=dt, accept=self._accept)
+        beyond = abs(servo.error) > self.following_error and not self.searching
+        if (beyond or not taken) and self.motor.inhibited is not None:
             self._interrupt()
-        elif abs(servo.error) > self.following_error and not self.searching:
+        elif beyond:
             units = self.encoder.units
             raise AxisError(f"{self.path} does not follow: {servo.error:g} {units} behind its setpoint")
 
@@ -65,8 +74,9 @@ class ServoAxis(Axis):
     def error(self) -> float:
         return self.servo.error
 
-    async def _settle(self) -> None:
-        self.servo.limit = self.search_output if self.searching else inf
+    def _set_searching(self, searching: bool) -> None:
+        super()._set_searching(searching)
+        self.servo.limit = self.search_output if searching else inf
 
     def _stand(self) -> None:
         self.servo.reset()

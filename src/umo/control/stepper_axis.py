@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from umo.control.axis import Axis
 from umo.control.inputs import value_of
 from umo.control.stepping import STEPS_PER_PERIOD, Stepping
@@ -11,8 +9,8 @@ from umo.cycle.sequences import wait
 from umo.errors import AxisError
 from umo.objects import BinaryActuator, Rotation, UpDown
 
-REST = 0.3
-"""Time in s in which the rotor comes to rest."""
+CORRECTIONS = 3
+"""How often a motion makes up lost steps."""
 
 
 class StepperAxis(Axis):
@@ -33,10 +31,8 @@ class StepperAxis(Axis):
     direction: BinaryActuator[Rotation]
     step_size: float
     """One step, units of the encoder."""
-
-    @property
-    def signals(self) -> Mapping[str, str]:  # type: ignore[override]
-        return {"setpoint": self.encoder.units, "error": self.encoder.units}
+    rest_time: float = 0.3
+    """Time in s in which the rotor comes to rest."""
 
     def setup(self) -> None:
         super().setup()
@@ -53,26 +49,31 @@ class StepperAxis(Axis):
         if not self.enabled:
             self.step.write(self.step.default)
             return
-        if self._interrupted and self.step.inhibited is None:
+        if self._interrupted and not self._inhibited:
             self._go_on()
         position = self.profile.step(self.period).position
         self.stepping.control((position - self._offset) / self.step_size)
         reading = value_of(self.encoder, self._accept)
         self._error = self.commanded - reading
-        if self.stepping.refused:
+        beyond = abs(self._error) > self.following_error and not self.searching
+        if (beyond or self.stepping.refused) and self._inhibited:
             self._interrupt()
-        elif abs(self._error) > self.following_error and not (self.searching or self._interrupted):
+        elif beyond:
             raise AxisError(
                 f"{self.path} lost steps: the encoder reads {reading:g} {self.encoder.units}, "
                 f"{self.commanded:g} were commanded"
             )
 
     @property
+    def _inhibited(self) -> bool:
+        return self.step.inhibited is not None or self.direction.inhibited is not None
+
+    @property
     def error(self) -> float:
         return self._error
 
     async def _settle(self) -> None:
-        await wait(REST)
+        await wait(self.rest_time)
         self._stand()
 
     def _stand(self) -> None:
@@ -89,10 +90,10 @@ class StepperAxis(Axis):
     def _arrived(self, position: float) -> bool:
         return super()._arrived(position) and abs(self.commanded - position) <= self.step_size
 
-    def _correct(self, position: float) -> None:
+    def _correct(self, position: float, corrections: int) -> None:
         lost = round(self.error / self.step_size)
-        if not lost:
-            super()._correct(position)
+        if not lost or corrections > CORRECTIONS:
+            super()._correct(position, corrections)
         self._offset -= lost * self.step_size
         self.profile.hold(self.commanded)
-        self._again()
+        self._replan()

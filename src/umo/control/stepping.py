@@ -23,7 +23,7 @@ class Stepping:
     count: int = field(default=0, init=False)
     """Sum of the steps sent, CW positive."""
     refused: bool = field(default=False, init=False)
-    """Whether an interlock inhibits the step output: this period's step was not made."""
+    """Whether an interlock inhibits the outputs: this period's write was not taken."""
 
     def control(self, position: float) -> bool:
         """One period towards `position` in steps; True once it is within half a step and the output is DOWN."""
@@ -36,7 +36,7 @@ class Stepping:
             return True
         wanted = Rotation.CW if due > 0 else Rotation.CCW
         if self.direction.read() is not wanted:
-            self.direction.write(wanted)
+            self.refused = not self.direction.write(wanted)
             return False
         self.refused = not self.step.write(UpDown.UP)
         if not self.refused:
