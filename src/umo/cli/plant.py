@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from umo.wiring.source import read
 
 from .console import out
 from .result import rows
-from .station_options import options_of_machine, parse
+from .station_options import machine_with, parse
 
 MODBUS = "modbus"
 """Name of the wiring that is served, and of its driver."""
@@ -35,8 +35,8 @@ def serve_plant(
     served = modbus_wiring(station, wiring)
     options = parse(station, plant_wiring, arguments, application=False)
     simulated = station.wiring(plant_wiring)
-    machine = station.machine(**_taken(options, (option.name for option in options_of_machine(station))))
-    plant = resolve(machine, simulated, _taken(options, driver_options(simulated)))
+    machine, drivers = machine_with(station, options), driver_options(simulated)
+    plant = resolve(machine, simulated, {name: value for name, value in options.items() if name in drivers})
     bus = resolve(machine, served)
     try:
         maps = register_maps(plant, bus)
@@ -48,10 +48,6 @@ def serve_plant(
 
     summary = serve_until_signal(plant, _changed(maps, changes), ready=announce, report=report)
     out.print(", ".join(f"{name} {value}" for name, value in rows("report", summary)), markup=False, soft_wrap=True)
-
-
-def _taken(options: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
-    return {name: options[name] for name in names if name in options}
 
 
 def modbus_wiring(station: Station, name: str | None) -> Path | None:

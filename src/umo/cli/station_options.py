@@ -4,23 +4,35 @@ from __future__ import annotations
 
 import argparse
 import inspect
-from collections.abc import Sequence
-from dataclasses import dataclass
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
-from types import NoneType, UnionType
-from typing import Any, Literal, NoReturn, Union, get_args, get_origin, get_type_hints
+from typing import Any, NoReturn
 
 from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
 from umo.objects import Compound
+from umo.process.parameters import (
+    arguments_for,
+    choices_of,
+    flag,
+    is_plain,
+    item_of,
+    parameters_of,
+    typed,
+    without_none,
+)
 from umo.process.station import Station, StationError
 from umo.text import did_you_mean
 from umo.wiring import driver_options
 
 TYPES = {int: "INTEGER", float: "NUMBER", str: "TEXT", Path: "PATH"}
+NEGATIVE = re.compile(r"-(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$", re.I)
+"""A value, not an option."""
 
 
 @dataclass(frozen=True)
@@ -33,35 +45,34 @@ class Option:
     default: Any
     taker: str
     """"machine", "application", or the type of the driver."""
+    required: bool = False
 
     @property
     def flag(self) -> str:
-        return f"--{self.name.replace('_', '-')}"
+        return flag(self.name)
 
     @property
     def metavar(self) -> str:
         """What the help shows for its value."""
         if self.kind is bool:
             return ""
-        item = _item(self.kind)
-        return "|".join(map(str, choices)) if (choices := _choices(item)) else TYPES.get(item, "TEXT")
-
-    @property
-    def is_plain(self) -> bool:
-        """Whether it is of a type that a text can give."""
-        item = _item(self.kind)
-        return item is bool or item in TYPES or bool(_choices(item))
+        item = item_of(self.kind)
+        return "|".join(map(str, choices)) if (choices := choices_of(item)) else TYPES.get(item, "TEXT")
 
     def add_to(self, parser: argparse.ArgumentParser) -> None:
-        item = _item(self.kind)
+        item = item_of(self.kind)
         how: dict[str, Any] = {"dest": self.name, "default": argparse.SUPPRESS}
         if item is bool:
             parser.add_argument(self.flag, action=argparse.BooleanOptionalAction, **how)
             return
         if item is not self.kind:
             how["action"] = "append"
-        choices = _choices(item)
-        parser.add_argument(self.flag, type=item if item in (int, float) else str, choices=choices or None, **how)
+        if choices := choices_of(item):
+            by_text = {str(choice): choice for choice in choices}
+            how |= {"choices": choices, "type": lambda text: by_text.get(text, text)}
+        elif item in (int, float):
+            how["type"] = item
+        parser.add_argument(self.flag, **how)
 
 
 def options_of(station: Station, wiring: str | None, *, application: bool = True) -> list[Option]:
@@ -69,16 +80,22 @@ def options_of(station: Station, wiring: str | None, *, application: bool = True
     `application` only those of the machine and the drivers."""
     found = {option.name: option for option in options_of_machine(station)}
     if application and station.main is not None:
-        found = _of_function(station.main, "application", skip=1) | found
+        found = {option.name: option for option in _of_function(station.main, "application", skip=1)} | found
     for name, (driver, parameter) in driver_options(station.wiring(wiring)).items():
-        if name not in found:
-            found[name] = _option(name, parameter, parameter.annotation, driver)
+        parameter = typed(parameter, {})
+        if name not in found and is_plain(parameter.annotation):
+            found[name] = _option(parameter, driver)
     return list(found.values())
 
 
 def options_of_machine(station: Station) -> list[Option]:
     """Those parameters of `machine` that a text can give."""
-    return [option for option in _of_function(station.make, "machine", skip=0).values() if option.is_plain]
+    return _of_function(station.make, "machine")
+
+
+def machine_with(station: Station, given: Mapping[str, Any]) -> Compound:
+    """The machine with those of the options that its function takes."""
+    return station.machine(**arguments_for(station.make, "machine", given))
 
 
 def parse(
@@ -108,11 +125,12 @@ def machine_and_words(station: Station, arguments: Sequence[str]) -> tuple[Compo
     for argument in others:
         if argument.startswith("--"):
             raise StationError(_unknown(station, options, argument))
-    return station.machine(**given), others
+    return machine_with(station, given), others
 
 
 def _parse(station: Station, options: Sequence[Option], arguments: Sequence[str]) -> tuple[dict[str, Any], list[str]]:
     parser = _Parser(prog=station.name, add_help=False, allow_abbrev=False)
+    parser._negative_number_matcher = NEGATIVE
     for option in options:
         option.add_to(parser)
     given, others = parser.parse_known_args(list(arguments))
@@ -133,6 +151,7 @@ def help_panel(station: Station, wiring: str | None, *, application: bool = True
     for option in options_of(station, wiring, application=application):
         default = option.default.value if isinstance(option.default, Enum) else option.default
         shown = "" if default is None or default == () else f"[default: {default}]"
+        shown = "[required]" if option.required else shown
         table.add_row(*map(Text, (option.flag, option.metavar, option.taker, shown)))
     return Panel(table, title=f"Options of {station.name}", title_align="left", border_style="dim")
 
@@ -142,39 +161,16 @@ class _Parser(argparse.ArgumentParser):
         raise StationError(f"{self.prog}: {message}")
 
 
-def _of_function(function: Any, taker: str, skip: int) -> dict[str, Option]:
-    parameters = list(inspect.signature(function).parameters.values())[skip:]
-    named = [each for each in parameters if each.kind in (each.POSITIONAL_OR_KEYWORD, each.KEYWORD_ONLY)]
-    try:
-        hints = get_type_hints(function)
-    except NameError:  # of a type that is imported for type checkers only
-        hints = {}
-    return {each.name: _option(each.name, each, hints.get(each.name, Any), taker) for each in named}
+def _of_function(function: Any, taker: str, skip: int = 0) -> list[Option]:
+    """The parameters that a text can give."""
+    found = parameters_of(function, skip).values()
+    return [
+        replace(_option(each, taker), required=each.default is each.empty)
+        for each in found
+        if is_plain(each.annotation)
+    ]
 
 
-def _option(name: str, parameter: inspect.Parameter, kind: Any, taker: str) -> Option:
+def _option(parameter: inspect.Parameter, taker: str) -> Option:
     default = None if parameter.default is parameter.empty else parameter.default
-    return Option(name, _without_none(kind), default, taker)
-
-
-def _without_none(kind: Any) -> Any:
-    """`int | None` is int; of other unions the first."""
-    if get_origin(kind) in (Union, UnionType):
-        return next((each for each in get_args(kind) if each is not NoneType), str)
-    return kind
-
-
-def _item(kind: Any) -> Any:
-    """The type of one value of a sequence; the type itself of anything else."""
-    origin = get_origin(kind)
-    if isinstance(origin, type) and issubclass(origin, Sequence) and get_args(kind):
-        return get_args(kind)[0]
-    return kind
-
-
-def _choices(kind: Any) -> list[Any]:
-    if get_origin(kind) is Literal:
-        return list(get_args(kind))
-    if isinstance(kind, type) and issubclass(kind, Enum):
-        return [each.value for each in kind]
-    return []
+    return Option(parameter.name, without_none(parameter.annotation), default, taker)

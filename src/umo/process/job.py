@@ -9,6 +9,7 @@ import runpy
 import sys
 from collections.abc import Callable, Coroutine, Mapping
 from dataclasses import asdict, dataclass, field
+from enum import Enum
 from functools import partial
 from pathlib import Path
 from types import ModuleType
@@ -17,6 +18,7 @@ from typing import Any
 from umo.cycle.run import Application
 from umo.errors import DeclarationError, UmoError
 from umo.objects import Compound
+from umo.process.parameters import arguments_for, parameters_of
 from umo.process.station import StationError, find
 from umo.text import reason_of
 from umo.wiring import Wired, driver_options, resolve
@@ -48,7 +50,7 @@ class Job:
 
     def dump(self) -> bytes:
         try:
-            return json.dumps(asdict(self)).encode()
+            return json.dumps(asdict(self), default=_plain).encode()
         except TypeError as error:
             raise DeclarationError(
                 f"options and wiring must be plain data (JSON) for another process: {error}"
@@ -57,6 +59,15 @@ class Job:
     @classmethod
     def load(cls, data: bytes) -> Job:
         return cls(**json.loads(data))
+
+
+def _plain(value: Any) -> Any:
+    """What stands for an Enum or a Path among the options; the function that takes it gets the object."""
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, Path):
+        return str(value)
+    raise TypeError(f"Object of type {type(value).__name__} is not JSON serializable")
 
 
 def reference(function: Callable[..., Any]) -> tuple[str, str | None]:
@@ -103,20 +114,21 @@ class Plan:
         self, make: Callable[..., Any], main: Callable[..., Any] | None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Hand each option to all who take one of that name: the function that makes the machine, the application's
-        main, the wiring. Those of the machine and those of the wiring."""
+        main, the wiring. Those of the machine and those of the wiring. StationError if one is missing or of a wrong
+        type."""
         given = self.job.options
-        machine = inspect.signature(make).parameters.keys()
-        taken = set() if main is None else set(list(inspect.signature(main).parameters)[1:])
+        machine = parameters_of(make).keys()
+        taken = set() if main is None else parameters_of(main, skip=1).keys()
         wiring = driver_options(self.wiring).keys() | {REALTIME}
         for name in given.keys() - machine - taken - wiring:
             raise StationError(
                 f"--{name}: neither the machine, nor the application, nor a driver of the wiring of {self.job.name} "
                 "has this option"
             )
-        for_main = {name: value for name, value in given.items() if name in taken}
+        for_main = {} if main is None else arguments_for(main, "application", given, skip=1)
         self.application: Application[Any] | None = None if main is None else partial(_call, main, for_main)
-        for_machine, for_wiring = ({k: v for k, v in given.items() if k in names} for names in (machine, wiring))
-        return for_machine, for_wiring
+        for_wiring = {name: value for name, value in given.items() if name in wiring}
+        return arguments_for(make, "machine", given), for_wiring
 
 
 def _call(main: Callable[..., Any], options: dict[str, Any], machine: Compound) -> Coroutine[Any, Any, Any]:

@@ -45,5 +45,10 @@ def _make(name: str, folder: Path) -> None:
         spec.submodule_search_locations = places
     assert spec is not None
     sys.modules[name] = module = importlib.util.module_from_spec(spec)
-    if spec.loader is not None:
+    if spec.loader is None:
+        return
+    try:
         spec.loader.exec_module(module)
+    except BaseException:
+        sys.modules.pop(name, None)  # so that it fails again, and is not used half made
+        raise

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from umo.drivers.contract import Driver
 from umo.errors import Fault
 from umo.system.packages import package_of, station_of
-from umo.text import did_you_mean
+from umo.text import did_you_mean, located
 
 if TYPE_CHECKING:
     from umo.wiring.entry import Entry
@@ -28,6 +28,8 @@ class WiringSource:
 
     file: str
     entries: dict[str, Entry] = field(default_factory=dict)
+    refused: set[str] = field(default_factory=set)
+    """Paths of the entries that are faulty."""
     drivers: dict[str, dict[str, Any]] = field(default_factory=dict)
     parameters: dict[str, Any] = field(default_factory=dict)
     process: dict[str, Any] = field(default_factory=dict)
@@ -99,18 +101,23 @@ def _read_drivers(source: WiringSource, tables: Mapping[str, Any]) -> None:
             source.fault(f"drivers.{name}.type", "is missing: a driver's name, or module:Class")
             source.drivers[name] = {}  # its objects need not be reported as well
         else:
-            source.drivers[name] = {**table, "type": _absolute(source, name, table["type"])}
+            kind = _absolute(source, name, table["type"])
+            source.drivers[name] = {} if kind is None else {**table, "type": kind}
 
 
-def _absolute(source: WiringSource, name: str, kind: str | Driver) -> str | Driver:
-    """`.plant:Plant` is a class in a module of the station that has this wiring."""
+def _absolute(source: WiringSource, name: str, kind: str | Driver) -> str | Driver | None:
+    """`.plant:Plant` is a class in a module of the station that has this wiring. None if there is not one."""
     if isinstance(kind, Driver) or not kind.startswith("."):
         return kind
     folder = station_of(Path(source.file))
     if folder is None:
         source.fault(f"drivers.{name}.type", f"{kind!r} is in a module of a station; {source.file} is not in a station")
-        return kind
-    return package_of(folder) + kind
+        return None
+    try:
+        return package_of(folder) + kind
+    except (Exception, SystemExit) as error:  # of the station's __init__.py
+        source.fault(f"drivers.{name}.type", f"{folder} cannot be imported: {located(error)}")
+        return None
 
 
 def _read_entry(source: WiringSource, path: str, table: Any) -> None:
@@ -120,6 +127,7 @@ def _read_entry(source: WiringSource, path: str, table: Any) -> None:
 
     key = f'wire."{path}"'
     if not isinstance(table, Mapping):
+        source.refused.add(path)
         source.fault(key, f'must be a table such as {{ driver = "simulated" }}, not {table!r}')
         return
     if path in source.entries:
@@ -128,6 +136,7 @@ def _read_entry(source: WiringSource, path: str, table: Any) -> None:
     try:
         source.entries[path] = Entry.model_validate(dict(table))
     except ValidationError as error:
+        source.refused.add(path)
         for name, message in faults_of(error, list(Entry.model_fields)):
             source.fault(f"{key}.{name}", message)
 
