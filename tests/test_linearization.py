@@ -306,6 +306,17 @@ def test_a_wiring_gives_replaces_or_removes_the_linearization(entry: Any, expect
     assert machine.encoder.linearization == declared
 
 
+def test_a_linearization_of_a_wiring_is_for_the_range_that_the_entry_narrows() -> None:
+    machine = bench(encoder=thermocouple(minimum=-200.0, maximum=1372.0))
+    entry = {"minimum": 0, "maximum": 100, "linearization": {"table": [[0, 5], [0, 100]]}}
+    with connect(machine, wired(machine, Scripted(), entries={"encoder": entry})) as m:
+        assert (m.encoder.minimum, m.encoder.maximum) == (0.0, 100.0)
+        assert m.encoder.linearization == LookupTable([0.0, 5.0], [0.0, 100.0])
+    for minimum, key in ((-1, "linearization"), (-300, "minimum"), (200, "")):
+        faults = check(machine, wired(machine, Scripted(), entries={"encoder": entry | {"minimum": minimum}}))
+        assert f'wire."encoder"{"." * bool(key)}{key}' in [fault.key for fault in faults]
+
+
 @pytest.mark.parametrize(
     ("entry", "message"),
     [

@@ -169,6 +169,39 @@ def test_what_is_wrong_with_a_pattern_of_parameters_is_named(parameters: dict[st
     assert any(message in text for _, text in faults(**parameters))
 
 
+@pytest.mark.parametrize("entry", [{"driver": "box", "chanel": "register:1"}, "box"])
+def test_a_faulty_pattern_is_one_fault_and_its_objects_are_not_reported_as_not_wired(entry: Any) -> None:
+    found = faults({"zones.*.fan": entry})
+    assert [key.partition('".')[0].rstrip('"') for key, _ in found] == ['wire."zones.*.fan']
+
+
+def test_a_faulty_single_entry_outranks_a_pattern() -> None:
+    assert [key for key, _ in faults({"zones.1.heater": {"driver": "box", "chanel": "register:1"}})] == [
+        'wire."zones.1.heater".chanel'
+    ]
+
+
+def test_patterns_that_overlap_are_one_fault_for_each_pair() -> None:
+    assert faults({"*.0.fan": {"driver": "simulated"}, "zones.*.*": {"driver": "simulated"}}) == [
+        ('wire."*.0.fan"', "zones.0.fan is wired by 'zones.*.fan' as well"),
+        ('wire."zones.*.*"', "zones.0.heater is wired by 'zones.*.heater' as well (and 2 more)"),
+        ('wire."zones.*.*"', "zones.0.temperature is wired by 'zones.*.temperature' as well (and 2 more)"),
+        ('wire."zones.*.*"', "zones.0.fan is wired by 'zones.*.fan' as well (and 2 more)"),
+    ]
+
+
+def test_patterns_of_parameters_are_checked_once() -> None:
+    assert faults(**{"zones.*.gain": "high"}) == [("parameters.'zones.*.gain'", "must be a finite number, not 'high'")]
+    assert faults(**{"zones.*.gain": 1.0, "*.*.gain": 2.0}) == [
+        ("parameters.'*.*.gain'", "zones.0.gain is set by 'zones.*.gain' as well (and 2 more)")
+    ]
+
+
+def test_parameters_of_single_names_outrank_patterns_that_overlap() -> None:
+    singles = {f"zones.{i}.gain": 5.0 for i in range(3)}
+    assert faults(**{"zones.*.gain": 1.0, "*.*.gain": 2.0, **singles}) == []
+
+
 NAMES = st.sampled_from(["z", "0", "12", "motor", "*"])
 
 

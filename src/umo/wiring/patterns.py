@@ -36,13 +36,16 @@ def matches(pattern: str, path: str) -> bool:
 
 
 def expand(source: WiringSource, paths: Iterable[str]) -> dict[str, str]:
-    """Replace every pattern among the entries by an entry for each object that matches; the pattern by path."""
+    """Replace every pattern among the entries by an entry for each object that matches; the pattern by path. The same
+    for the paths whose entries were refused."""
     paths = list(paths)
     patterns = {path: source.entries.pop(path) for path in list(source.entries) if is_pattern(path)}
-    singles = set(source.entries)
+    singles = source.entries.keys() | source.refused
+    source.refused |= {path for each in filter(is_pattern, singles) for path in paths if matches(each, path)}
     for path, entry in source.entries.items():
         _check_numbering(source, path, entry, single=True)
     origin: dict[str, str] = {}
+    twice: dict[tuple[str, str], list[str]] = {}
     for pattern, entry in patterns.items():
         _check_numbering(source, pattern, entry, single=False)
         found = [path for path in paths if matches(pattern, path)]
@@ -51,10 +54,12 @@ def expand(source: WiringSource, paths: Iterable[str]) -> dict[str, str]:
             source.fault(f'wire."{pattern}"', f"no object of the machine matches{near}")
         for number, path in enumerate(found):
             if path in origin:
-                source.fault(f'wire."{pattern}"', f"{path} is wired by {origin[path]!r} as well")
+                twice.setdefault((pattern, origin[path]), []).append(path)
             elif path not in singles:
                 origin[path] = pattern
                 source.entries[path] = _numbered(entry, number)
+    for (pattern, other), found in twice.items():
+        source.fault(f'wire."{pattern}"', _counted(f"{found[0]} is wired by {other!r} as well", len(found) - 1))
     return origin
 
 
@@ -63,6 +68,7 @@ def expand_parameters(source: WiringSource, known: Mapping[str, Any]) -> dict[st
     singles = {name: value for name, value in source.parameters.items() if not is_pattern(name)}
     found: dict[str, Any] = {}
     origin: dict[str, str] = {}
+    twice: dict[tuple[str, str], list[str]] = {}
     for pattern, value in source.parameters.items():
         if pattern in singles:
             continue
@@ -71,9 +77,11 @@ def expand_parameters(source: WiringSource, known: Mapping[str, Any]) -> dict[st
             near = source.near(pattern, dict.fromkeys(map(generalised, known)))
             source.fault(f"parameters.{pattern!r}", f"no such parameter{near}")
         for name in names:
-            if name in origin:
-                source.fault(f"parameters.{pattern!r}", f"{name} is set by {origin[name]!r} as well")
+            if name in origin and name not in singles:
+                twice.setdefault((pattern, origin[name]), []).append(name)
             origin[name], found[name] = pattern, value
+    for (pattern, other), names in twice.items():
+        source.fault(f"parameters.{pattern!r}", _counted(f"{names[0]} is set by {other!r} as well", len(names) - 1))
     return found | singles
 
 
@@ -86,7 +94,8 @@ def collapsed(faults: Iterable[Fault], origin: Mapping[str, str]) -> list[Fault]
             fault = Fault(fault.file, f'wire."{origin[path]}"{rest}', f"{path}: {fault.message}")
         alike = re.sub(r"\d+", "0", fault.message) if path in origin else f"{fault.message} {len(grouped)}"
         grouped.setdefault((fault.key, alike), []).append(fault)
-    return [_with_count(group[0], len(group) - 1) for group in grouped.values()]
+    firsts = [(group[0], len(group) - 1) for group in grouped.values()]
+    return [Fault(first.file, first.key, _counted(first.message, more)) for first, more in firsts]
 
 
 def _check_numbering(source: WiringSource, path: str, entry: Entry, single: bool) -> None:
@@ -116,5 +125,5 @@ def _path_of(key: str) -> tuple[str, str]:
     return (found[1], found[2]) if found else ("", "")
 
 
-def _with_count(fault: Fault, more: int) -> Fault:
-    return fault if not more else Fault(fault.file, fault.key, f"{fault.message} (and {more} more)")
+def _counted(message: str, more: int) -> str:
+    return message if not more else f"{message} (and {more} more)"

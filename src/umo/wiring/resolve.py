@@ -86,6 +86,7 @@ class _Resolver:
         for path in sorted(self.source.entries.keys() - self.items.keys()):
             self.source.fault(f'wire."{path}"', f"the machine has no such object{self.source.near(path, self.items)}")
         self._check_periods(period)
+        self._check_parameters()
         known = _parameters(self.root) if self.source.parameters else {}
         given = expand_parameters(self.source, known)
         parameters = [p for key, value in given.items() if (p := self._parameter(known, key, value))]
@@ -182,7 +183,7 @@ class _Resolver:
         key = f'wire."{path}"'
         entry = self.source.entries.get(path)
         if entry is None:
-            if not any(fault.key.startswith(key) for fault in self.source.faults):
+            if path not in self.source.refused:
                 self.source.fault(
                     key, 'is not wired; for hardware that does not exist yet use { driver = "simulated" }'
                 )
@@ -235,7 +236,9 @@ class _Resolver:
         declared = item.calibration
         override = {name: value for name in declared._fields if (value := getattr(entry, name)) is not None}
         if entry.linearization is not None:
-            override["linearization"] = self._linearization(key, item, entry.linearization, declared)
+            override["linearization"] = self._linearization(
+                key, item, entry.linearization, declared._replace(**override)
+            )
         if entry.invalid_raws is not None:
             override["invalid_raws"] = tuple(entry.invalid_raws)
         if override.get("resolution") == 0:
@@ -253,13 +256,19 @@ class _Resolver:
             self.source.fault(key, f"the default {item.default:g} {item.units} is outside the narrowed range")
         return calibration
 
-    def _linearization(self, key: str, item: Digital, given: dict[str, Any], declared: Calibration) -> Any:
-        """The entry's, None for an empty one; the declared one if it is faulty."""
+    def _linearization(self, key: str, item: Digital, given: dict[str, Any], calibration: Calibration) -> Any:
+        """The entry's over the range of this calibration, None for an empty one; the declared one if it is faulty."""
+        declared = item.linearization
+        if not given:
+            return None
+        low, high = calibration.minimum, calibration.maximum
+        if low >= high:
+            return declared  # the range is reported
         try:
-            return fitted(from_table(given), item.units, item.minimum, item.maximum) if given else None
+            return fitted(from_table(given), item.units, low, high)
         except DeclarationError as error:
             self.source.fault(f"{key}.linearization", str(error))
-            return declared.linearization
+            return declared
 
     def _check_raws(self, key: str, item: Digital, wire: Wire) -> None:
         calibration, channel = item.calibration if wire.calibration is None else wire.calibration, wire.channel
@@ -382,13 +391,17 @@ class _Resolver:
             return lowest
         return value
 
+    def _check_parameters(self) -> None:
+        """The values, before patterns are replaced by names; those that are faulty are left out."""
+        for key, value in list(self.source.parameters.items()):
+            if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
+                self.source.fault(f"parameters.{key!r}", f"must be a finite number, not {value!r}")
+                del self.source.parameters[key]
+
     def _parameter(self, known: Known, key: str, value: Any) -> Parameter | None:
         """A number on a compound, or on a control law that hangs on it, by dotted attribute path."""
         if key not in known:
             self.source.fault(f"parameters.{key!r}", f"no such parameter{self.source.near(key, known)}")
-            return None
-        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
-            self.source.fault(f"parameters.{key!r}", f"must be a finite number, not {value!r}")
             return None
         owner, law, name, now = known[key]
         whole = isinstance(value, int) and isinstance(now, int)
