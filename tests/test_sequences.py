@@ -429,6 +429,99 @@ def test_a_stop_within_a_block_is_not_its_timeout():
     assert log == ["cancelled 1", "left 1"]
 
 
+async def tidying(log, block):
+    """A block of 2 ms with a clean-up of 5 ms."""
+    async with block:
+        try:
+            await wait("1 s")
+        finally:
+            log.append("tidying")
+            await wait("5 ms")
+            log.append("tidy")
+
+
+def test_a_block_used_again_counts_from_the_start():
+    async def twice():
+        block = timeout("3 ms")
+        for _ in range(3):
+            async with block:
+                await wait("2 ms")
+        for _ in range(2):
+            with contextlib.suppress(TimeExpired):
+                async with block:
+                    await wait("1 s")
+        return "ended"
+
+    with Cycle() as cycle:
+        task = cycle.start(twice())
+        cycle.steps(13)
+        assert task.result == "ended"
+
+
+def test_a_block_that_is_in_use_cannot_be_used_once_more():
+    async def nested():
+        block = timeout("3 ms")
+        async with block, block:
+            pass
+
+    with Cycle() as cycle:
+        cycle.start(nested())
+        with pytest.raises(TaskFailed, match="in use"):
+            cycle.steps(1)
+
+
+@pytest.mark.parametrize("how", ["stop", "cancel"])
+def test_a_stop_while_an_expired_block_cleans_up_stops_it(how):
+    log = []
+    with Cycle() as cycle:
+        task = cycle.start(tidying(log, timeout("2 ms")))
+        cycle.steps(4)
+        assert log == ["tidying"]
+        if how == "cancel":
+            task.cancel()
+    assert log == ["tidying"]
+    assert task.done
+
+
+def test_an_outer_block_that_expires_while_an_inner_one_cleans_up_ends_the_inner_one():
+    log = []
+
+    async def nested():
+        try:
+            async with timeout("4 ms"):
+                with contextlib.suppress(TimeExpired):
+                    await tidying(log, timeout("2 ms"))
+                log.append("went on")
+                await wait("1 s")
+        except TimeExpired:
+            return "outer"
+
+    with Cycle() as cycle:
+        task = cycle.start(nested())
+        cycle.steps(6)
+        assert (task.result, log) == ("outer", ["tidying"])
+
+
+@pytest.mark.parametrize("started", ["before", "after"])
+def test_a_block_that_expires_cancels_the_started_sequence_that_it_awaits(started):
+    log, tasks = [], []
+
+    async def block(m):
+        if started == "after":
+            tasks.append(m.start(after(99, "child", log)))
+        async with timeout("2 ms"):
+            await tasks[0]
+
+    with Cycle() as cycle:
+        if started == "before":
+            tasks.append(cycle.start(after(99, "child", log)))
+        cycle.start(block(cycle.m))
+        with pytest.raises(TimeExpired):
+            cycle.steps(4)
+        assert log == ["cancelled child", "left child"]
+        assert tasks[0].done
+
+
 def test_a_block_outside_of_a_sequence_is_an_error():
     async def block():
         async with timeout("1 s"):
@@ -463,6 +556,43 @@ def test_to_wait_for_a_cancelled_task_is_an_error():
         cycle.start(parent(cycle.m))
         with pytest.raises(TaskFailed, match="sequence after was cancelled"):
             cycle.steps(3)
+
+
+@pytest.mark.parametrize("when", ["before", "after"])
+def test_to_wait_for_a_task_that_failed_is_an_error_with_its_cause(when):
+    """The error came out of `control` before, and the program went on."""
+
+    async def waits(task):
+        return await task
+
+    with Cycle() as cycle:
+        task = cycle.start(after(2, error=ValueError("broken")))
+        if when == "before":
+            cycle.start(waits(task))
+        with pytest.raises(ValueError, match="broken"):
+            cycle.steps(5)
+        if when == "after":
+            cycle.start(waits(task))
+        with pytest.raises(
+            TaskFailed, match=r"sequence after failed: ValueError: broken \(.*test_sequences.py"
+        ) as caught:
+            cycle.steps(5)
+        assert isinstance(caught.value.__cause__, ValueError)
+        assert task.error is caught.value.__cause__
+
+
+def test_two_sequences_that_wait_for_each_other_can_be_cancelled():
+    tasks = []
+
+    async def waits(other, block):
+        async with timeout(block):
+            await tasks[other]
+
+    with Cycle() as cycle:
+        tasks += [cycle.start(waits(1, "3 ms")), cycle.start(waits(0, "9 ms"))]
+        with contextlib.suppress(TimeExpired):
+            cycle.steps(6)
+        assert [task.done for task in tasks] == [True, True]
 
 
 def test_a_task_that_waits_for_itself_is_an_error():

@@ -105,8 +105,8 @@ class timeout:
             await axis.home()
             await gripper.open()
 
-    TimeExpired if the block has not ended after the time in s (or a text). What it awaits is cancelled. A block that
-    ends in the period of its limit is in time. Missed periods count.
+    TimeExpired if the block has not ended after the time in s (or a text). What it awaits is cancelled, a started
+    sequence as well. A block that ends in the period of its limit is in time. Missed periods count.
     """
 
     def __init__(self, duration: str | float) -> None:
@@ -115,19 +115,23 @@ class timeout:
         self._place = (caller.f_code.co_filename, caller.f_lineno)
         self._task: Task | None = None
         self._passed = 0.0
-        self._expired = False
+        self._expiry: Cancelled | None = None
+        """What the block was cancelled with when the time was over."""
 
     async def __aenter__(self) -> timeout:
         if not _ADVANCING:
             raise TaskFailed("timeout() can be used only in a sequence that the cycle advances")
-        self._task = _ADVANCING[-1]
+        if self._task is not None:
+            raise TaskFailed("a timeout() that is in use was used once more; make one for each block")
+        self._task, self._passed, self._expiry = _ADVANCING[-1], 0.0, None
         self._task.limits.append(self)
         return self
 
     async def __aexit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         assert self._task is not None
         self._task.limits.remove(self)
-        if self._expired and isinstance(error, Cancelled):
+        self._task = None
+        if error is not None and error is self._expiry:  # and not a stop, or an outer block, while it cleaned up
             file, line = self._place
             place = f"{shown_path(file)}:{line}"
             raise TimeExpired(f"the block did not end within {self._limit:g} s ({place})") from None
@@ -135,11 +139,12 @@ class timeout:
     def pass_(self, tick: Tick) -> None:
         self._passed += tick.ticks
 
-    def expires(self, tick: Tick) -> bool:
-        """Whether the time is over, for the first time."""
-        over = not self._expired and self._passed >= _whole_periods(self._limit, tick.period)
-        self._expired = self._expired or over
-        return over
+    def expires(self, tick: Tick) -> Cancelled | None:
+        """What to cancel the block with, if the time is over for the first time."""
+        if self._expiry is not None or self._passed < _whole_periods(self._limit, tick.period):
+            return None
+        self._expiry = Cancelled()
+        return self._expiry
 
 
 class _Together:
@@ -178,15 +183,24 @@ class Task:
         self._cancelling = self._cancelled = False
         self.done = False
         self.result: Any = None
+        self.error: BaseException | None = None
+        """What it failed with."""
         self.limits: list[timeout] = []
         """Of the blocks that it is in, the outermost first."""
 
     def __await__(self) -> Generator[object, Tick, Any]:
-        """Wait for its end in another sequence. Returns its result; TaskFailed if it was cancelled."""
+        """Wait for its end in another sequence. Returns its result; TaskFailed if it failed or was cancelled. If the
+        other one is cancelled meanwhile, so is this one (as in asyncio)."""
         if self in _ADVANCING:
             raise TaskFailed(f"{self._name} awaited itself")
-        while not self.done:
-            yield _PERIOD
+        try:
+            while not self.done:
+                yield _PERIOD
+        except Cancelled:
+            self.cancel()
+            raise
+        if self.error is not None:
+            raise TaskFailed(f"{self._name} failed: {located(self.error)}") from self.error
         if self._cancelled:
             raise TaskFailed(f"{self._name} was cancelled")
         return self.result
@@ -195,6 +209,14 @@ class Task:
         """One step; whether that was the last. The first needs no tick. What the sequence raises comes out here."""
         if self.done:
             return True
+        try:
+            self._advance(tick)
+        except BaseException as error:
+            self.error = error
+            raise
+        return self.done
+
+    def _advance(self, tick: Tick | None) -> None:
         if not self._begun:
             self._begin()
             tick = None
@@ -204,11 +226,10 @@ class Task:
             for each in self.limits:
                 each.pass_(tick)
             self._step(self._sequence.send, tick)
-            while any(each.expires(tick) for each in self.limits):
-                self._step(self._sequence.throw, Cancelled())
+            while expiry := next(filter(None, (each.expires(tick) for each in self.limits)), None):
+                self._step(self._sequence.throw, expiry)
         if self._cancelling:
             self.cancel()
-        return self.done
 
     def _step(self, resume: Callable[[Any], object], what: object) -> None:
         _ADVANCING.append(self)
