@@ -86,6 +86,37 @@ def test_a_target_that_is_not_finite_is_refused(target: float) -> None:
         limits().to(target)
 
 
+@pytest.mark.parametrize("velocity", [0.0, -1.0, float("nan")])
+def test_a_velocity_that_is_not_positive_is_refused_at_standstill_and_while_moving(velocity: float) -> None:
+    profile = limits()
+    for _ in range(2):
+        with pytest.raises(RangeError, match=r"^no profile to 5.0: the velocity must be positive, not \S+$"):
+            profile.to(5.0, velocity=velocity)
+        profile.to(100.0)
+        profile.step(0.3)
+
+
+@pytest.mark.parametrize("duration", [-1.0, float("nan"), float("inf")])
+def test_a_duration_that_is_negative_or_not_finite_is_refused(duration: float) -> None:
+    with pytest.raises(RangeError, match="the duration must be finite and not negative"):
+        limits().to(5.0, duration=duration)
+
+
+@pytest.mark.parametrize("dt", [float("nan"), float("inf")])
+def test_a_step_that_is_not_finite_is_refused_and_the_motion_goes_on(dt: float) -> None:
+    profile = limits()
+    profile.to(5.0)
+    with pytest.raises(RangeError, match="must be finite"):
+        profile.step(dt)
+    assert not profile.done
+    assert profile.step(10.0).position == pytest.approx(5.0)
+    assert profile.done
+    profile.hold(0.0, velocity=10.0)
+    with pytest.raises(RangeError, match="must be finite"):
+        profile.step(dt)
+    assert profile.step(1.0).position == pytest.approx(10.0)
+
+
 def test_a_limit_that_is_not_positive_is_refused() -> None:
     with pytest.raises(RangeError):
         Profile(velocity=0.0, acceleration=1.0, jerk=1.0).to(1.0)

@@ -17,6 +17,7 @@ from umo import (
     DeclarationError,
     DigitalActuator,
     DigitalSensor,
+    DriverError,
     Interlock,
     PassFail,
     Quality,
@@ -208,6 +209,37 @@ def test_a_bad_input_is_refused_unless_the_call_accepts_it() -> None:
         assert math.isfinite(m.motor.pending)
 
 
+def test_a_setpoint_that_is_not_finite_is_refused_and_the_next_period_is_as_if_it_had_not_been() -> None:
+    with connect(axis()) as m:
+        m.sample()
+        servo = Servo(m.encoder, m.motor, gain=0.01, integral_time=1.0, derivative_time=0.1)
+        servo.control(100.0, dt=0.1)
+        before = servo.integral
+        for bad in (math.nan, math.inf):
+            with pytest.raises(RangeError, match="the output is not finite"):
+                servo.control(bad, dt=0.1)
+            with pytest.raises(RangeError):
+                servo.control(1.0, velocity=bad, dt=0.1)
+        assert servo.integral == before > 0.0
+        assert servo.control(100.0, dt=0.1)
+        assert m.motor.pending == pytest.approx(1.2)
+
+
+def test_an_output_that_cannot_be_written_does_not_change_the_integral(monkeypatch: pytest.MonkeyPatch) -> None:
+    def write(actuator: DigitalActuator, value: float) -> bool:
+        raise DriverError("the line is dead")
+
+    with connect(axis()) as m:
+        m.sample()
+        servo = Servo(m.encoder, m.motor, gain=0.01, integral_time=1.0)
+        servo.control(100.0, dt=0.1)
+        before = servo.integral
+        monkeypatch.setattr(DigitalActuator, "write", write)
+        with pytest.raises(DriverError):
+            servo.control(100.0, dt=0.1)
+        assert servo.integral == before > 0.0
+
+
 # Many at once -------------------------------------------------------------------------------------------
 
 
@@ -298,6 +330,36 @@ def test_many_servos_refuse_what_one_would_refuse_and_write_nothing() -> None:
         with pytest.raises(BadInput, match=r"zones.2.temperature is OUT_OF_RANGE"):
             law.control(1000.0, dt=m.dt)
         assert heaters(m) == [0.0] * 3
+
+
+def test_a_setpoint_of_one_zone_that_is_not_finite_is_refused_unless_the_zone_is_not_enabled() -> None:
+    m = tunnel()
+    law = heating(m, gain=0.01, integral_time=1.0)
+    with connect(m, wired(m, Scripted())):
+        periods(m)
+        law.control(500.0, dt=m.dt)
+        before = law.integral.tolist()
+        wrong = np.array([500.0, math.nan, 500.0])
+        with pytest.raises(RangeError, match="element 1 is not finite"):
+            law.control(wrong, dt=m.dt)
+        assert law.integral.tolist() == before
+        assert law.control(wrong, dt=m.dt, enabled=np.array([True, False, True])) is True
+        assert law.error.tolist() == [500.0, 0.0, 500.0]
+        assert law.control(500.0, dt=m.dt) is True
+        assert all(math.isfinite(value) for value in heaters(m))
+
+
+def test_the_largest_error_of_the_enabled_zones_is_a_signal_in_the_units_of_the_sensors() -> None:
+    m = tunnel()
+    law = heating(m, gain=0.01)
+    assert law.signals == {"largest_error": "degC"}
+    with connect(m, wired(m, Scripted())):
+        put(m.zones[1].temperature, 1000.0)
+        periods(m)
+        law.control(300.0, dt=m.dt)
+        assert law.largest_error == pytest.approx(700.0)
+        law.control(300.0, dt=m.dt, enabled=np.array([True, False, True]))
+        assert law.largest_error == 300.0
 
 
 def test_as_many_sensors_as_actuators() -> None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import inf, nan
+from math import inf, isfinite, nan
 
 import numpy as np
 
+from umo.errors import RangeError
 from umo.objects.scaling import FloatArray
 from umo.objects.vector import BoolArray
 
@@ -55,10 +56,12 @@ class PID:
 
     def take_over(self, output: float, setpoint: float, measurement: float, feed_forward: float = 0.0) -> None:
         """Clear the state, and set the integral so that control goes on from this output without a step (bumpless
-        transfer)."""
+        transfer). RangeError if a number is not finite."""
+        integral = output - self.gain * (setpoint - measurement) - feed_forward
+        if not isfinite(integral):
+            raise RangeError(f"no control from output {output!r}, setpoint {setpoint!r}, measurement {measurement!r}")
         self.reset()
-        self._last = measurement
-        self.integral = output - self.gain * (setpoint - measurement) - feed_forward
+        self._last, self.integral = measurement, integral
 
     def shift(self, distance: float) -> None:
         """The origin of the measurement has moved by this distance: the derivative does not see it."""
@@ -76,12 +79,19 @@ class PID:
         high: float = inf,
     ) -> float:
         """The output of one period of `dt` s, from `low` to `high`. With `dt` = 0 (a machine without a timer) integral
-        and derivative do not contribute."""
-        self.setpoint = setpoint
-        error = self.error = setpoint - measurement
+        and derivative do not contribute. RangeError if a number is not finite; then the law is unchanged."""
+        error = setpoint - measurement
         growth = self.gain * error * dt / self.integral_time
         rate = self._filtered_rate(measurement, dt)
         output = self.gain * (error - self.derivative_time * rate) + self.integral + growth + feed_forward
+        if not isfinite(output):  # because one of the numbers that it is made of is not
+            raise RangeError(
+                f"the output is not finite: setpoint {setpoint!r}, measurement {measurement!r}, "
+                f"feed-forward {feed_forward!r}, period {dt!r} s"
+            )
+        self.setpoint, self.error, self._last = setpoint, error, measurement
+        if dt:
+            self._rate = rate
         if output > high:
             self.limited = True
             self.integral += min(growth, 0.0)
@@ -95,12 +105,10 @@ class PID:
         return output
 
     def _filtered_rate(self, measurement: float, dt: float) -> float:
-        last, self._last = self._last, measurement
         if not dt:
             return 0.0
-        rate = 0.0 if last is None else (measurement - last) / dt
-        self._rate += (rate - self._rate) * dt / (self.filter_time + dt)
-        return self._rate
+        rate = 0.0 if self._last is None else (measurement - self._last) / dt
+        return self._rate + (rate - self._rate) * dt / (self.filter_time + dt)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -126,6 +134,15 @@ class VectorPID:
         self.error, self.integral, self._rate = np.zeros((3, 1))
         self.limited, self._last = np.zeros(1, np.bool_), None
 
+    @property
+    def signals(self) -> Mapping[str, str]:
+        return {"largest_error": ""}
+
+    @property
+    def largest_error(self) -> float:
+        """The largest magnitude of the last errors."""
+        return float(np.abs(self.error).max())
+
     def step(
         self,
         setpoint: float | FloatArray,
@@ -136,8 +153,10 @@ class VectorPID:
         low: float | FloatArray = -inf,
         high: float | FloatArray = inf,
     ) -> FloatArray:
-        """The outputs of one period of `dt` s, each from `low` to `high`."""
-        error = self.error = setpoint - measurement
+        """The outputs of one period of `dt` s, each from `low` to `high`. RangeError if a setpoint, measurement or
+        feed-forward is not finite; then the law is unchanged."""
+        error = setpoint - measurement
+        _check_finite(error if feed_forward is None else error + feed_forward)
         proportional = self.gain * error
         growth = proportional * (dt / self.integral_time)
         wanted = proportional + self.integral
@@ -145,11 +164,15 @@ class VectorPID:
         if feed_forward is not None:
             wanted += feed_forward
         if self._has_derivative:
-            wanted -= self.gain * self.derivative_time * self._filtered_rate(measurement, dt)
+            rate = self._filtered_rate(measurement, dt)
+            wanted -= self.gain * self.derivative_time * rate
+            self._last = measurement
+            if dt:
+                self._rate = rate
         output: FloatArray = np.maximum(wanted, low)
         np.minimum(output, high, out=output)
         excess = np.subtract(wanted, output, out=wanted)
-        self.limited = excess != 0.0
+        self.error, self.limited = error, excess != 0.0
         if np.count_nonzero(self.limited):  # a third of the time of any()
             excess *= growth
             growth[excess > 0.0] = 0.0  # what would lead further out is left out
@@ -161,9 +184,16 @@ class VectorPID:
         return bool(self.derivative_time if isinstance(self.derivative_time, float) else np.any(self.derivative_time))
 
     def _filtered_rate(self, measurement: FloatArray, dt: float) -> FloatArray:
-        last, self._last = self._last, measurement
         if not dt:
             return np.zeros(1)
-        rate = np.zeros(1) if last is None else np.nan_to_num((measurement - last) / dt)
-        self._rate = self._rate + (rate - self._rate) * (dt / (self.filter_time + dt))
-        return self._rate
+        rate = np.zeros(1) if self._last is None else np.nan_to_num((measurement - self._last) / dt)
+        filtered: FloatArray = self._rate + (rate - self._rate) * (dt / (self.filter_time + dt))
+        return filtered
+
+
+def _check_finite(numbers: FloatArray) -> None:
+    finite = np.isfinite(numbers)
+    if np.count_nonzero(finite) != finite.size:
+        places = np.flatnonzero(~finite)
+        more = f", and of {len(places) - 1} more" if len(places) > 1 else ""
+        raise RangeError(f"the setpoint, measurement or feed-forward of element {places[0]}{more} is not finite")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import inf
+from math import inf, isfinite
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -51,9 +51,15 @@ class Profile:
         """Plan a profile from the current setpoint to standstill at the target. Returns its duration in s.
 
         `velocity` lowers the largest speed for this profile. `duration` is the least time in s that it takes: several
-        axes with the duration of the slowest arrive together (`synchronize`). RangeError if a number is not finite or a
-        limit is not positive.
+        axes with the duration of the slowest arrive together (`synchronize`). RangeError if the target is not finite, a
+        limit is not positive, or the duration is negative or not finite.
         """
+        if not velocity > 0.0:
+            raise RangeError(f"no profile to {target!r}: the velocity must be positive, not {velocity!r}")
+        if not 0.0 <= duration < inf:
+            raise RangeError(
+                f"no profile to {target!r}: the duration must be finite and not negative, not {duration!r}"
+            )
         plan = self._plan()
         plan.target_position = [target]
         plan.max_velocity = [min(velocity, self.velocity)]
@@ -99,19 +105,22 @@ class Profile:
 
     def step(self, dt: float) -> Setpoint:
         """Advance the profile by `dt` s and return the setpoint. After the end it stands at the target, or moves on at
-        the velocity."""
+        the velocity. `dt` must not be negative; RangeError if it is not finite."""
         if self._duration:
-            self._elapsed = elapsed = self._elapsed + dt
-            if elapsed >= self._duration:
+            elapsed = self._elapsed + dt
+            if not elapsed < self._duration:  # NaN as well, with which ruckig would read beyond its memory
                 return self._end(elapsed - self._duration)
+            self._elapsed = elapsed
             (position,), (velocity,), (acceleration,) = self._trajectory.at_time(elapsed)
             self.setpoint = Setpoint(position + self._origin, velocity, acceleration)
         elif moving := self.setpoint.velocity:
+            _check_time(dt)
             self.setpoint = Setpoint(self.setpoint.position + moving * dt, moving, 0.0)
         return self.setpoint
 
     def _end(self, beyond: float) -> Setpoint:
         """The setpoint at a time in s beyond the end of the trajectory."""
+        _check_time(beyond)
         (position,), *_ = self._trajectory.at_time(self._duration)
         self._duration = 0.0
         self.setpoint = Setpoint(position + self._origin + self._final * beyond, self._final, 0.0)
@@ -125,6 +134,11 @@ def synchronize(*moves: tuple[Profile, float]) -> float:
     for profile, target in moves:
         profile.to(target, duration=longest)
     return longest
+
+
+def _check_time(time: float) -> None:
+    if not isfinite(time):
+        raise RangeError(f"no step of {time!r} s: it must be finite")
 
 
 def _ruckig() -> ModuleType:

@@ -53,7 +53,8 @@ class Servo(PID):
     ) -> bool:
         """One period of `dt` s: read, compute, write. False if the output was limited or the actuator is inhibited.
 
-        Raises BadInput if the sensor's quality is not accepted.
+        Raises BadInput if the sensor's quality is not accepted, RangeError if a number is not finite. After an error
+        the integral is what it was before.
         """
         measurement = value_of(self.sensor, accept)
         feed_forward = self.feed_forward * velocity + self.inertia * acceleration
@@ -62,10 +63,13 @@ class Servo(PID):
         low, high = self._reach(dt)
         integral = self.integral
         output = self.step(setpoint, measurement, dt, feed_forward=feed_forward, low=low, high=high)
-        if self.actuator.write(output):
-            return not self.limited
-        self.integral = integral
-        return False
+        taken = False
+        try:
+            taken = self.actuator.write(output)
+        finally:
+            if not taken:
+                self.integral = integral
+        return taken and not self.limited
 
     def _reach(self, dt: float) -> tuple[float, float]:
         """The lowest and highest output of this period."""
@@ -96,13 +100,18 @@ class VectorServo(VectorPID):
         if len(self.sensors) != len(self.actuators):
             raise DeclarationError(f"{len(self.sensors)} sensors for {len(self.actuators)} actuators")
 
+    @property
+    def signals(self) -> Mapping[str, str]:
+        units = {sensor.units for sensor in self.sensors}
+        return {"largest_error": units.pop() if len(units) == 1 else ""}
+
     def control(
         self, setpoint: float | FloatArray, *, dt: float, accept: Accept = (), enabled: BoolArray | None = None
     ) -> bool:
         """One period of `dt` s: read, compute, write. False if an output was limited or an actuator is inhibited.
 
         `setpoint` is an array of shape (n,) or one number for all. Raises BadInput if the quality of one of the sensors
-        is not accepted; then nothing is written.
+        is not accepted, RangeError if a number is not finite; then nothing is written and the law is unchanged.
 
         `enabled`: booleans of shape (n,). Where it is False, the quality of the sensor is not checked, the actuator is
         not written, the integral is held and the error is 0. Default: all are enabled.
@@ -111,17 +120,19 @@ class VectorServo(VectorPID):
             enabled = None
         measurement = value_of(self.sensors, accept, where=enabled)
         if enabled is not None:
-            measurement = np.where(enabled, measurement, setpoint)
+            measurement, setpoint = np.where(enabled, measurement, 0.0), np.where(enabled, setpoint, 0.0)
         low, high = self._reach(dt)
         integral = self.integral
         output = self.step(setpoint, measurement, dt, low=low, high=high)
-        taken = self.actuators.write(output, where=enabled)
-        if enabled is not None:
-            self._hold(~enabled, integral)
-        if taken:
-            return not np.count_nonzero(self.limited)
-        self.integral = np.where(self.actuators.pending == output, self.integral, integral)
-        return False
+        taken = False
+        try:
+            taken = self.actuators.write(output, where=enabled)
+        finally:
+            if enabled is not None:
+                self._hold(~enabled, integral)
+            if not taken:
+                self.integral = np.where(self.actuators.pending == output, self.integral, integral)
+        return taken and not np.count_nonzero(self.limited)
 
     def _hold(self, excluded: BoolArray, integral: FloatArray) -> None:
         self.integral = np.where(excluded, integral, self.integral)
