@@ -91,6 +91,20 @@ def test_frames_and_trace_hold_the_signals_of_each_period(tmp_path: Path) -> Non
     assert trace.rows[:, trace.place(trace.signals[0])].tolist() == [1.5, 2.0]
 
 
+def test_the_laws_in_lists_tuples_and_dicts_are_found_once_each() -> None:
+    class Cascade(Axis):
+        def setup(self) -> None:
+            super().setup()
+            self.all = [self.inner, PID(gain=1.0)]
+            self.pair = (PID(gain=1.0),)
+            self.named = {"outer": PID(gain=1.0), "note": "text"}
+            self._spare = [PID(gain=1.0)]
+
+    m = Press(timer=timer(), axes=[Cascade(motor=actuator(), encoder=sensor())])
+    laws = [signal.path.removeprefix("axes.0.") for signal in signals_of(m) if signal.name == "error"]
+    assert laws == ["servo.error", "inner.error", "all.1.error", "pair.0.error", "named.outer.error"]
+
+
 def test_the_screen_shows_the_signals_below_the_objects() -> None:
     m = press()
     connection = connect(m, wired(m, Scripted()))

@@ -15,7 +15,8 @@ _MISSING = object()
 
 
 class Signal(NamedTuple):
-    """One number: an attribute of a compound or of a law that is an attribute of a compound."""
+    """One number: an attribute of a compound, or of a law that is an attribute of a compound or in a list, tuple or
+    dict that is one."""
 
     path: str
     """Such as `z.servo.error`."""
@@ -41,9 +42,24 @@ def _all(root: Compound) -> Iterator[Signal]:
     for node in [root, *root.walk()]:
         if isinstance(node, Compound):
             yield from _of(node, node.path)
-            for name, law in vars(node).items():
-                if not name.startswith("_") and not isinstance(law, Compound):
+            found: set[int] = set()  # a law that is in a list as well is shown once
+            for name, law in _public(node):
+                if not isinstance(law, Compound) and id(law) not in found:
+                    found.add(id(law))
                     yield from _of(law, f"{node.path}.{name}".lstrip("."))
+
+
+def _public(node: Compound) -> Iterator[tuple[str, Any]]:
+    """Its attributes with public names, of lists, tuples and dicts what is in them."""
+    for name, value in vars(node).items():
+        if name.startswith("_"):
+            continue
+        if isinstance(value, list | tuple):
+            yield from ((f"{name}.{number}", each) for number, each in enumerate(value))
+        elif isinstance(value, dict):
+            yield from ((f"{name}.{key}", each) for key, each in value.items())
+        else:
+            yield name, value
 
 
 def _of(owner: Any, path: str) -> Iterator[Signal]:
