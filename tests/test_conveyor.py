@@ -148,6 +148,10 @@ def test_the_belt_may_stand_still_with_parts_on_it() -> None:
     assert run.length_error() <= 0.7
 
 
+def test_parts_that_are_pushed_one_right_after_the_other_are_sorted_rightly() -> None:
+    Run(at(1.0, parts=20, nominal=40.0), parts=20, seed=3, nominal=40.0).assert_sorted(20)
+
+
 def test_a_part_that_has_slipped_on_the_belt_is_met_by_the_diverter_all_the_same() -> None:
     async def slip(plant: Plant) -> None:
         await until(lambda: bool(plant.belt) and plant.belt[0].rear > 50.0)
@@ -276,6 +280,16 @@ def test_a_drive_that_does_not_slow_down_is_found_as_well(monkeypatch: pytest.Mo
         monkeypatch.setattr(connection.driver("plant"), "write", lambda channel, raw: None)
         m.belt.run_at(0.2)
         periods(m, 900)
+
+
+@pytest.mark.parametrize("speed", [0.01, 0.05])
+def test_a_dead_drive_is_found_at_a_low_speed(speed: float) -> None:
+    run = Run(at(speed), faults=["drive-dead"], fault_at=0.0)
+    assert isinstance(run.error, DriveError)
+
+
+def test_a_low_speed_is_not_a_fault_of_the_drive() -> None:
+    Run(at(0.02, parts=1), parts=1).assert_sorted(1)
 
 
 def test_after_a_jam_the_same_machine_sorts_again() -> None:

@@ -139,6 +139,7 @@ def test_a_thermocouple_that_is_broken_from_the_start_is_faulted_at_once() -> No
             TooManyFaults,
             "2 of 19 zones are faulted: zones 1, 18",
         ),
+        (1, ["broken-thermocouple:0"], TooManyFaults, "1 of 1 zones are faulted: zone 0"),
     ],
 )
 def test_each_end_is_a_clear_end(zones: int, faults: list[str], error: type[Exception], message: str) -> None:
@@ -155,6 +156,21 @@ def test_a_zone_above_its_limit_is_inhibited_and_cooled_before_the_run_ends() ->
     fans = [fans[2] for *_, fans in run.states[10:]]
     assert fans[0] == 0.0
     assert fans[-20:] == [1.0] * 20
+
+
+def test_a_second_run_of_the_same_machine_begins_anew() -> None:
+    m, runs = machine(4), []
+    for faults in (["broken-thermocouple:1@20"], []):
+        phases = []
+        connection = umo.connect(m, SIMULATED, faults=faults)
+        with connection:
+            connection.machine.observers.append(lambda frame, phases=phases: phases.append(frame.progress.text))
+            runs.append(umo.drive(m, lambda m: main(m, peak=200.0, soak=2.0)))
+    assert [run["zones_faulted"] for run in runs] == ["zone 1", "none"]
+    assert runs[1]["zones_good"] == 4
+    assert not any("faulted" in text for text in phases)
+    alone = Run(4, peak=200.0, soak=2.0)
+    assert runs[1] == alone.result
 
 
 def test_a_tenth_of_the_zones_may_be_faulted() -> None:

@@ -55,7 +55,7 @@ class Belt(Compound):
     setpoint: DigitalActuator
     speed: DigitalSensor
     deviation: float = 0.05
-    """Largest difference between setpoint and speed, m/s."""
+    """Largest difference between setpoint and speed, m/s; while the belt is to move, at most half of the setpoint."""
     settling_time: float = 0.5
     """How long it may be larger, s."""
 
@@ -68,7 +68,8 @@ class Belt(Compound):
         before, self._speed = self._speed, value_of(self.speed)
         self.position += 1000.0 * (before + self._speed) / 2 * self.dt
         commanded = self.setpoint.read()
-        self._deviating = self._deviating + self.dt if abs(self._speed - commanded) > self.deviation else 0.0
+        largest = min(self.deviation, commanded / 2) if commanded else self.deviation
+        self._deviating = self._deviating + self.dt if abs(self._speed - commanded) > largest else 0.0
         if self._deviating > self.settling_time:
             raise DriveError(f"the drive runs at {self._speed:.3f} m/s, {commanded:.3f} m/s were commanded")
 
@@ -117,6 +118,7 @@ class Conveyor(Compound):
         self.length = nan  # of the last part measured
         self._between: deque[Part] = deque()  # the parts between the barriers, the foremost first
         self._measured: deque[Part] = deque()  # for `next_part`
+        self._pushes = 0  # under way; they overlap when parts follow each other closely
 
     def interlocks(self) -> Iterator[Interlock]:
         yield Interlock(self._stop_pressed, [self.belt, self.diverter], "the emergency stop was pressed", latched=True)
@@ -178,9 +180,11 @@ class Conveyor(Compound):
         middle = part.front + self.diverter_at + part.length / 2
         await until(lambda: self.belt.position + 1000.0 * value_of(self.belt.speed) * self.push_time >= middle)
         if not part.accepted:
+            self._pushes += 1
             self.diverter.write(OnOff.ON)
             await wait(1.5 * self.push_time)
-            self.diverter.write(OnOff.OFF)
+            self._pushes -= 1
+            self.diverter.write(OnOff.ON if self._pushes else OnOff.OFF)
         await until(lambda: self.belt.position >= middle + part.length / 2 + self.window)
         part.gone = True
 

@@ -7,9 +7,7 @@ from .control import Furnace
 
 async def main(m: Furnace, peak: float = 850.0, soak: float = 120.0, ramp: float = 3.0) -> dict[str, Any]:
     """Heat up to `peak` degC, the highest temperature of the profile, at `ramp` K/s, and keep it for `soak` s."""
-    m.say("heating up", done=0)
     await m.heat_up(peak, ramp)
-    m.say("soaking", done=1)
     await m.soak(soak)
     m.say("done", done=2)
     return m.results()

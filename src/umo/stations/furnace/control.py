@@ -46,9 +46,9 @@ class Furnace(Compound):
     tolerance: float = 5.0  # a zone has arrived when it is within this of its set temperature, K
     following_error: float = 60.0  # a zone that is further below its setpoint does not heat, K
     margin: float = 25.0  # a zone that is further above its limit cannot be switched off, K
-    most_faulted: float = 0.1  # share of the zones that may be faulted; one may be in any case
+    most_faulted: float = 0.1  # share of the zones that may be faulted; one of several may be in any case
 
-    signals = {"setpoint": "degC", "largest_error": "K", "faulted_zones": ""}
+    signals = {"setpoint": "degC", "faulted_zones": ""}
     max_period = "1 s"
 
     def setup(self) -> None:
@@ -56,13 +56,17 @@ class Furnace(Compound):
         self.fans = Vector(zone.fan for zone in self.zones)
         self.temperatures = Vector(zone.temperature for zone in self.zones)
         self.heating = VectorServo(self.temperatures, self.heaters, gain=self.gain, integral_time=self.integral_time)
-        count = len(self.zones)
         self.limits = np.array([zone.limit for zone in self.zones])
-        self.setpoints = self.targets = np.zeros(count)
+        self._clear()
+
+    def _clear(self) -> None:
+        """Nothing is left of a run before."""
+        self.heating.reset()
+        self.setpoints = self.targets = np.zeros(len(self.zones))
         self.ramp = 0.0  # K/s
-        self.faulted = np.zeros(count, np.bool_)
+        self.faulted = np.zeros(len(self.zones), np.bool_)
         self.soak_errors: Any = None  # the largest error of each zone since the soak began, K; None before
-        self.setpoint, self.largest_error, self.faulted_zones, self.phase = 0.0, 0.0, 0, ""
+        self.setpoint, self.faulted_zones, self.phase = 0.0, 0, ""
 
     def control(self) -> None:
         if not self.ramp:
@@ -73,10 +77,9 @@ class Furnace(Compound):
         self.setpoints = self.setpoints + np.clip(self.targets - self.setpoints, -step, step)
         self.heating.control(self.setpoints, dt=self.dt, enabled=~self.faulted)
         self.fans.write((self.faulted | (temperatures > self.limits)).astype(np.float64))
-        errors = np.abs(self.heating.error)
         if self.soak_errors is not None:
-            self.soak_errors = np.maximum(self.soak_errors, errors)
-        self.setpoint, self.largest_error = float(self.setpoints.max()), float(errors.max())
+            self.soak_errors = np.maximum(self.soak_errors, np.abs(self.heating.error))
+        self.setpoint = float(self.setpoints.max())
         if (cold := self.heating.error > self.following_error).any():
             raise HeatingError(f"{_named(cold)}: {self.heating.error.max():.0f} K below the setpoint")
 
@@ -93,7 +96,7 @@ class Furnace(Compound):
         self.faulted_zones = int(self.faulted.sum())
         self.heaters.write(0.0, where=found)
         self.say(self.phase)
-        if self.faulted_zones > max(1, int(self.most_faulted * len(self.zones))):
+        if self.faulted.all() or self.faulted_zones > max(1, int(self.most_faulted * len(self.zones))):
             raise TooManyFaults(f"{self.faulted_zones} of {len(self.zones)} zones are faulted: {_named(self.faulted)}")
 
     def say(self, phase: str, done: int | None = None) -> None:
@@ -107,6 +110,8 @@ class Furnace(Compound):
         most = self.limits.min() - self.margin
         if not (100.0 <= peak <= most and 0.1 <= ramp <= 4.0):
             raise RangeError(f"peak must be 100 to {most:g} degC, not {peak:g}, and ramp 0.1 to 4 K/s, not {ramp:g}")
+        self._clear()
+        self.say("heating up", done=0)
         places = np.linspace(0.0, 1.0, len(self.zones)) if len(self.zones) > 1 else np.array([0.5])
         self.setpoints = self.temperatures.read()
         self.targets, self.ramp = peak * np.interp(places, PLACES, SHARES), ramp
@@ -117,6 +122,7 @@ class Furnace(Compound):
 
     async def soak(self, duration: float) -> None:
         """Keep the profile for `duration` s."""
+        self.say("soaking", done=1)
         self.soak_errors = np.zeros(len(self.zones))
         await wait(duration)
 
