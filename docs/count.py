@@ -17,6 +17,7 @@ from types import CodeType, FrameType
 from typing import Any
 
 import umo
+import umo.control
 from umo import Compound
 from umo.objects import Atomic
 from umo.process.station import Station, find
@@ -99,11 +100,11 @@ def parts(station: Station) -> list[str]:
     nodes = [machine, *machine.walk()]
     kinds = Counter(_base(node) for node in nodes if isinstance(node, Atomic))
     laws = Counter(
-        type(law).__name__
+        name
         for node in nodes
         if isinstance(node, Compound)
         for law in vars(node).values()
-        if type(law).__module__.startswith(("umo.control", "umo.objects.vector")) and not isinstance(law, Atomic)
+        for name in _kind_of_law(law)
     )
     axes = Counter(
         base.__name__
@@ -114,8 +115,14 @@ def parts(station: Station) -> list[str]:
     declared = [each for node in nodes if isinstance(node, Compound) for each in node.interlocks()]
     interlocks = Counter({"Interlock": len(declared)})
     found = kinds + axes + laws + interlocks
-    del found["Claim"], found["Compound"]
+    del found["Compound"]
     return [f"{count} {kind}" for kind, count in found.items()]
+
+
+def _kind_of_law(law: object) -> list[str]:
+    """The public class that it is of; none if it is not a law."""
+    public = {*umo.control.__all__, "Vector"} - {"Axis", "ServoAxis", "StepperAxis", "Claim"}
+    return [base.__name__ for base in type(law).__mro__ if base.__name__ in public][:1]
 
 
 def _base(item: Atomic) -> str:

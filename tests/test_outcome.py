@@ -153,7 +153,7 @@ def test_a_mistake_in_the_code_of_a_driver_is_named_with_its_place() -> None:
                 raise KeyError("adc:7")
             super().read_many(channels, out)
 
-    what = rf"could not be read: box: KeyError: 'adc:7' \({HERE} in read_many\); encoder, limit"
+    what = rf"could not be read: box: KeyError: 'adc:7' \({HERE} in read_many\); encoder and limit"
     assert re.match(rf"{what} \(at 0\.0\d+ s, ", failed(None, box=Careless()).message)
 
 

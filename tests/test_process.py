@@ -290,9 +290,9 @@ def test_a_device_that_stays_away_is_named_with_status_3(tmp_path: Path, cells: 
     assert sorted(outcome.unreached) == ["motor", "valve"]
     assert outcome.failure is not None
     what = f"driver box (file {tmp_path / 'box'}) could not be opened: no route to the device"
-    assert f"not reached: valve, motor: {what}" in outcome.failure.message
+    assert f"not reached: valve and motor: {what}" in outcome.failure.message
     (record,) = standing()
-    assert "not reached: valve, motor" in str(record)
+    assert "not reached: valve and motor" in str(record)
 
 
 def test_a_device_that_comes_back_is_reset_after_all(tmp_path: Path, cells: Cells, away: Path) -> None:
@@ -300,7 +300,7 @@ def test_a_device_that_comes_back_is_reset_after_all(tmp_path: Path, cells: Cell
     message = run.channel.receive(30)
     assert message is not None
     assert message["kind"] == "notice"
-    assert "retrying for up to 10 s: valve, motor: driver box (file " in message["text"]
+    assert "retrying for up to 10 s: valve and motor: driver box (file " in message["text"]
     assert "could not be opened: no route to the device" in message["text"]
     assert cells.levels["motor"] != 0
     away.unlink()
