@@ -779,3 +779,44 @@ def test_a_jog_that_is_refused_does_not_hold_the_axis(make: Callable[..., Axis])
         await m.x.move_to(42.0)
 
     run(m, slide, work)
+
+
+@pytest.mark.parametrize("name", ["velocity", "jerk", "window", "search_speed", "stall", "step_size"])
+@pytest.mark.parametrize("number", [0.0, -1.0, math.nan, "300 mm/s", True])
+def test_a_number_of_an_axis_that_is_not_above_0_is_refused(name: str, number: Any) -> None:
+    with pytest.raises(DeclarationError, match=rf"Stepper\.{name} must be above 0, not "):
+        stepper(**{name: number})
+
+
+def test_homing_that_cannot_work_is_refused() -> None:
+    with pytest.raises(DeclarationError, match="direction is -1 or 1, not -2"):
+        EndStop(position=0.0, direction=-2)
+    m = machine(servo(stall=math.inf))
+    m.x.homing = EndStop(position=0.0)
+    with pytest.raises(DeclarationError, match="x: homing on an end stop requires `stall`"):
+        run(m, Slide(), lambda m: m.x.home())
+
+
+def test_a_target_that_is_not_a_number_is_refused_by_both() -> None:
+    async def work(m: Machine) -> None:
+        await next_period()
+        m.x.reference(at=40.0)
+        await move_together((m.x, math.nan))
+
+    with pytest.raises(RangeError, match="x: nan mm is outside 0 to 100"):
+        run(machine(servo()), Slide(), work)
+
+
+def test_a_motion_ends_when_the_axis_has_stayed_in_its_window() -> None:
+    m, slide = machine(servo(window_time=0.05, gain=8.0, integral_time=0.03)), Slide(40.0)
+    errors: list[float] = []
+
+    def watch(m: Machine) -> None:
+        errors.append(abs(m.x.error))
+
+    async def work(m: Machine) -> None:
+        await at_home(m, slide)
+        await m.x.move_to(60.0)
+        assert max(errors[-45:]) < 0.05
+
+    run(m, slide, work, watch)

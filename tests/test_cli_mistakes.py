@@ -357,3 +357,11 @@ def test_text_of_is_a_text_whatever_the_exception_does() -> None:
             return 5  # type: ignore[return-value]
 
     assert text_of(Odd()) == "Odd (its text cannot be shown)"
+
+
+def test_an_application_without_main_is_named(umo: Umo, tank: Path) -> None:
+    file = tank / "application.py"
+    file.write_text(file.read_text().replace("async def main(", "async def mian("))
+    result = umo("run", str(tank))
+    assert result.exit_code == 2
+    assert "application.py has no main() (did you mean 'mian'?)" in result.stderr.replace("\n", "")

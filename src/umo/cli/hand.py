@@ -112,6 +112,8 @@ def _hold(machine: Compound, file: Path | None, item: Any, value: Any, hold: flo
         m.update()
         shown = f"{item.path}  {_text(item, item.read(), None)}  raw {item.raw}  {item.quality}"
         out.print(shown + _remark(item, taken), markup=False)
+        if hold is None:
+            err.print("held until Ctrl-C; --hold SECONDS ends it", soft_wrap=True)
         pause = 0.0 if connection.wired.realtime else connection.wired.period or PAUSE
         _loop(m, hold, pause, partial(item.write, value) if item.expires is not None else None)
     out.print(f"{item.path}  reset to {item.default}", markup=False)

@@ -60,9 +60,12 @@ class Axis(Compound):
     jerk: float
     """Largest jerk, units per s cubed."""
     window: float
-    """A motion ends when the encoder is within this distance of the target."""
+    """A motion ends when the setpoint is at the target and the encoder has been within this distance of it for
+    `window_time`."""
     following_error: float
     """Largest distance between setpoint and encoder. Beyond it AxisError is raised."""
+    window_time: float = 0.02
+    """Time in s for which the encoder must be within `window` (CiA 402: position window time)."""
     settling_time: float = 1.0
     """Largest time in s from the end of the profile until the encoder is within `window`."""
     search_speed: float = inf
@@ -79,6 +82,8 @@ class Axis(Compound):
     _interrupted = False
 
     def setup(self) -> None:
+        names = ("velocity", "acceleration", "jerk", "window", "following_error", "settling_time")
+        self._check_positive(*names, "search_speed", "stall")
         self.profile = Profile(velocity=self.velocity, acceleration=self.acceleration, jerk=self.jerk)
         self._accept: Accept = ACCEPTED
         """The qualities of the encoder that are accepted besides GOOD and STALE."""
@@ -111,9 +116,7 @@ class Axis(Compound):
         RangeError if the position is outside the encoder's range, BadInput if the encoder is not referenced, AxisError
         if the axis does not arrive, Busy during another motion.
         """
-        if not self.encoder.minimum <= position <= self.encoder.maximum:
-            low, high = self.encoder.minimum, self.encoder.maximum
-            raise RangeError(f"{self.path}: {position:g} {self.encoder.units} is outside {low:g} to {high:g}")
+        self._check_target(position)
         with self.claim.of("move_to"):
             value_of(self.encoder, ACCEPTED)
             self._accept = ACCEPTED
@@ -143,6 +146,7 @@ class Axis(Compound):
 
     def time_to(self, position: float) -> float:
         """How long a motion from standstill to a position takes, in s, at the largest speed."""
+        self._check_target(position)
         ahead = Profile(velocity=self._speed(inf), acceleration=self.acceleration, jerk=self.jerk)
         ahead.hold(self.setpoint if self.enabled else value_of(self.encoder, ACCEPTED))
         return ahead.to(position)
@@ -214,9 +218,13 @@ class Axis(Compound):
         """To a position, also beyond the range; ends when the encoder has arrived. AxisError if it does not."""
         try:
             self._go(lambda: self.profile.to(position, velocity=self._speed(speed), duration=duration))
-            late, corrections = 0.0, 0
-            while not self._arrived(position):
+            late, corrections, steady = 0.0, 0, -inf
+            while steady < self.window_time:
                 await self._next_period()
+                if self._arrived(position):
+                    steady = max(steady + self.dt, 0.0)
+                    continue
+                steady = -inf
                 if self._interrupted or not self.profile.done:
                     late = 0.0
                 elif (late := late + self.dt) > self.settling_time:
@@ -272,6 +280,17 @@ class Axis(Compound):
         super()._disconnect()
         self.claim = Claim(self)
         self.enabled = self.searching = self._interrupted = False
+
+    def _check_positive(self, *names: str) -> None:
+        for name in names:
+            number = getattr(self, name)
+            if isinstance(number, bool) or not isinstance(number, int | float) or not number > 0:
+                raise DeclarationError(f"{self.path or type(self).__name__}.{name} must be above 0, not {number!r}")
+
+    def _check_target(self, position: float) -> None:
+        low, high = self.encoder.minimum, self.encoder.maximum
+        if not low <= position <= high:
+            raise RangeError(f"{self.path}: {position:g} {self.encoder.units} is outside {low:g} to {high:g}")
 
     # Inside --------------------------------------------------------------------------------------------
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isinf
 from typing import Any
 
 from umo.control.axis import STILL, Axis, Met
 from umo.control.inputs import state_of
-from umo.errors import HomingError
+from umo.errors import DeclarationError, HomingError
 from umo.objects import BinaryActuator, BinarySensor, TwoState
 
 
@@ -33,6 +34,9 @@ class IndexPulse:
     """Homing ends at this distance before the index."""
     direction: int = 1
     """+1: to larger readings. -1: to smaller ones."""
+
+    def __post_init__(self) -> None:
+        _check(self)
 
     async def find(self, axis: Axis) -> None:
         try:
@@ -89,6 +93,11 @@ class HomeSwitch:
     clearance: float = 0.0
     """Homing ends at this distance from the edge."""
 
+    def __post_init__(self) -> None:
+        _check(self)
+        if not self.creep_speed > 0:
+            raise DeclarationError(f"creep_speed must be above 0, not {self.creep_speed!r}")
+
     async def find(self, axis: Axis) -> None:
         toward = self.direction * axis.search_speed
         if not self._is_active() and await axis.search(toward, self._is_active) is not Met.CONDITION:
@@ -114,8 +123,18 @@ class EndStop:
     clearance: float = 0.0
     """Homing ends at this distance from the end stop."""
 
+    def __post_init__(self) -> None:
+        _check(self)
+
     async def find(self, axis: Axis) -> None:
+        if isinf(axis.stall):
+            raise DeclarationError(f"{axis.path}: homing on an end stop requires `stall`")
         if await axis.search(self.direction * axis.search_speed) is not Met.STOP:
             raise HomingError(f"{axis.path} found no end stop")
         axis.reference(at=self.position)
         await axis.travel(self.position - self.direction * self.clearance, speed=axis.search_speed)
+
+
+def _check(strategy: IndexPulse | HomeSwitch | EndStop) -> None:
+    if strategy.direction not in (-1, 1):
+        raise DeclarationError(f"{type(strategy).__name__}: direction is -1 or 1, not {strategy.direction!r}")

@@ -43,6 +43,7 @@ class ServoAxis(Axis):
 
     def setup(self) -> None:
         super().setup()
+        self._check_positive("search_output")
         self.servo = AxisServo(
             self.encoder,
             self.motor,

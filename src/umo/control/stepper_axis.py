@@ -22,9 +22,9 @@ class StepperAxis(Axis):
             window=0.1, following_error=3.0, homing=..., search_speed=60.0, stall=20.0,
         )
 
-    CW increases the position. Lost steps that the encoder shows at the end of a motion are made up. At most
-    `STEPS_PER_PERIOD` steps are made in a period, which limits the speed. After missed periods the motion is as much
-    later: a stepper cannot catch up.
+    CW increases the position. `window` is at least half a step. Lost steps that the encoder shows at the end of a
+    motion are made up. At most 0.4 steps are made in a period (`STEPS_PER_PERIOD`), which limits the speed. After
+    missed periods the motion is as much later: a stepper cannot catch up.
     """
 
     step: BinaryActuator[UpDown]
@@ -36,6 +36,7 @@ class StepperAxis(Axis):
 
     def setup(self) -> None:
         super().setup()
+        self._check_positive("step_size", "rest_time")
         self.stepping = Stepping(self.step, self.direction)
         self._offset = 0.0  # the position at which the step count is 0
         self._error = 0.0

@@ -132,7 +132,7 @@ class Outcome:
 def plain(result: Any, longest: int = LONGEST) -> Any:
     """A copy of plain data as JSON has them, if it is of a moderate size; else its text, cut."""
     with suppress(BaseException):
-        text = json.dumps(result)
+        text = json.dumps(result, allow_nan=False)
         if len(text) <= longest:
             return json.loads(text)
     try:

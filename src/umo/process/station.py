@@ -73,8 +73,15 @@ class Station:
 
     @property
     def main(self) -> Callable[..., Any] | None:
-        """`main` of application.py; None where there is none."""
-        return getattr(self.module("application"), "main", None)
+        """`main` of application.py; None without this file. StationError if the file has no `main`."""
+        module = self.module("application")
+        if module is None:
+            return None
+        main: Callable[..., Any] | None = getattr(module, "main", None)
+        if main is None:
+            names = [name for name, value in vars(module).items() if callable(value)]
+            raise StationError(f"{self.path / 'application.py'} has no main(){did_you_mean('main', names)}")
+        return main
 
     @cached_property
     def wirings(self) -> dict[str, Path]:
