@@ -69,7 +69,7 @@ def test_what_an_application_returns_cannot_change_how_a_run_ends(tmp_path: Path
 def test_an_exception_that_is_shown_slowly_does_not_count_as_hanging(tmp_path: Path, cells: Cells) -> None:
     outcome = Run(process_box.wiring(tmp_path / "box", process={"hang_timeout": "200 ms"}), "fails_slowly").outcome()
     assert outcome.failure is not None
-    assert outcome.failure.message.startswith("SlowError: said slowly (at 0.0")
+    assert outcome.failure.message.startswith("SlowError: said slowly (at 0.")
     assert (outcome.status, outcome.unsafe) == (1, False)
 
 
@@ -125,7 +125,7 @@ def test_a_broken_report_is_a_reason_to_step_in(tmp_path: Path, cells: Cells, mo
     monkeypatch.setattr(Outcome, "encode", lambda self: b"{")
     outcome = Run(process_box.wiring(tmp_path / "box")).outcome()
     assert outcome.failure is not None
-    assert "without resetting the machine (at 0.0" in outcome.failure.message
+    assert "without resetting the machine (at 0." in outcome.failure.message
     assert "the guardian reset every actuator" in outcome.failure.message
     assert_safe(cells)
 

@@ -163,10 +163,15 @@ class Bare(Driver):
 @pytest.fixture
 def card(tank: Path) -> Iterator[Path]:
     """A station with a driver of its own, of which nothing stays imported."""
+
+    def forget() -> None:  # another test may have a module of this name too
+        for name in ("card", "tank", "tank.card"):
+            sys.modules.pop(name, None)
+
     (tank / "card.py").write_text(CARD)
+    forget()
     yield tank
-    for name in ("card", "tank", "tank.card"):
-        sys.modules.pop(name, None)
+    forget()
 
 
 @pytest.mark.parametrize("name", ["card:Card", ".card:Card", "tank.card:Card"])
