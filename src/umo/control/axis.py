@@ -138,11 +138,14 @@ class Axis(Compound):
     def _jog(self, velocity: float) -> None:
         end = self.encoder.maximum if velocity > 0 else self.encoder.minimum
         if self.encoder.quality is Quality.UNREFERENCED:
-            self.profile.at(copysign(self._speed(abs(velocity)), velocity))
+            self._cruise(velocity)
         elif velocity * (end - self.setpoint) > 0:
             self.profile.to(end, velocity=self._speed(abs(velocity)))
         else:
             self.profile.at(0.0)
+
+    def _cruise(self, velocity: float) -> None:
+        self.profile.at(copysign(self._speed(abs(velocity)), velocity))
 
     def time_to(self, position: float) -> float:
         """How long a motion from standstill to a position takes, in s, at the largest speed."""
@@ -184,7 +187,7 @@ class Axis(Compound):
         the motion goes on, except at a standstill."""
         if reach is None:
             reach = 3 * (self.encoder.maximum - self.encoder.minimum)
-        self._go(lambda: self.profile.at(copysign(self._speed(abs(velocity)), velocity)))
+        self._go(lambda: self._cruise(velocity))
         sign = copysign(1.0, velocity)
         driven = idle = 0.0
         last = best = self.reading
@@ -218,7 +221,8 @@ class Axis(Compound):
         """To a position, also beyond the range; ends when the encoder has arrived. AxisError if it does not."""
         try:
             self._go(lambda: self.profile.to(position, velocity=self._speed(speed), duration=duration))
-            late, corrections, steady = 0.0, 0, -inf
+            late, corrections = 0.0, 0
+            steady = -inf  # how long it has been in the window; -inf: it is not
             while steady < self.window_time:
                 await self._next_period()
                 if self._arrived(position):

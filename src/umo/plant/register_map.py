@@ -11,7 +11,6 @@ from umo.drivers._modbus_plan import ModbusChannel
 from umo.drivers.contract import Channel, Direction
 from umo.drivers.modbus import Modbus
 from umo.errors import WiringError
-from umo.objects.scaling import to_raw, to_value
 from umo.wiring import Wire, Wired
 
 
@@ -50,7 +49,7 @@ class Point:
 
     def _converted(self, raw: int, here: Wire, there: Wire) -> int:
         if not self._equal:
-            raw = _raw(_value(raw, here), there)
+            raw = there.nearest(here.value(raw))
         return _fitting(raw, there.channel)
 
     def words(self, raw: int) -> list[int]:
@@ -67,15 +66,6 @@ class Point:
             raw = raw << 16 | word
         bits = self._bus.channel.bits
         return raw - (1 << bits) if self._bus.channel.signed and raw >> (bits - 1) else raw
-
-
-def _value(raw: int, wire: Wire) -> float:
-    x = to_value(raw, *wire.scale)
-    return x if wire.linearization is None else wire.linearization.to_value(x)
-
-
-def _raw(value: float, wire: Wire) -> int:
-    return to_raw(value if wire.linearization is None else wire.linearization.to_input(value), *wire.scale)
 
 
 def _fitting(raw: int, channel: Channel) -> int:

@@ -8,7 +8,7 @@ from umo.drivers.contract import Channel, Driver
 from umo.objects import Compound
 from umo.objects.atomic import Atomic, Binary, Calibration, Digital
 from umo.objects.linearization import Linearization
-from umo.objects.scaling import raw_bounds, to_raw
+from umo.objects.scaling import raw_bounds, to_raw, to_value
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,9 +74,16 @@ class Wire:
     def raw(self, value: float) -> int:
         """The raw integer nearest to an actuator's value, of those within its range."""
         least, greatest = self.raw_bounds
-        if self.linearization is not None:
-            value = self.linearization.to_input(value)
-        return min(max(to_raw(value, *self.scale), least), greatest)
+        return min(max(self.nearest(value), least), greatest)
+
+    def nearest(self, value: float) -> int:
+        """The raw integer nearest to a value, also outside the range."""
+        return to_raw(value if self.linearization is None else self.linearization.to_input(value), *self.scale)
+
+    def value(self, raw: int) -> float:
+        """The value that a raw integer stands for."""
+        x = to_value(raw, *self.scale)
+        return x if self.linearization is None else self.linearization.to_value(x)
 
     @property
     def name(self) -> str:
