@@ -1,0 +1,87 @@
+"""Device files such as /dev/ttyUSB0: an error says what the user can do about it. For drivers of serial lines, GPIO
+chips, I2C and SPI buses."""
+
+from __future__ import annotations
+
+import errno
+import getpass
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from umo.errors import DriverError
+from umo.text import did_you_mean
+
+_MISSING = (errno.ENOENT, errno.ENODEV, errno.ENXIO)
+_REFUSED = (errno.EACCES, errno.EPERM)
+_MOST_LISTED = 8
+
+
+@contextmanager
+def opening(path: str) -> Iterator[None]:
+    """Any OSError within becomes a DriverError that names the file and what to do (`explained`)."""
+    try:
+        yield
+    except DriverError:
+        raise
+    except OSError as error:
+        raise DriverError(explained(path, error)) from error
+
+
+def explained(path: str, error: OSError) -> str:
+    """A missing file with those that exist, a refused one with the group to join, a busy one with who holds it."""
+    if error.errno in _MISSING:
+        others = similar(path)
+        known = f"; there are: {', '.join(others[:_MOST_LISTED])}" if others else "; there is none of its kind"
+        return f"no device {path}{did_you_mean(path, others)}{known}"
+    if error.errno in _REFUSED:
+        return f"no permission to open {path}{_remedy(path)}"
+    if error.errno in (errno.EBUSY, errno.EAGAIN):
+        held = ", ".join(holders(path))
+        return f"{path} is in use{f' by {held}' if held else ''}"
+    return f"{path}: {error.strerror or error}"
+
+
+def similar(path: str) -> list[str]:
+    """The existing files of the same folder whose names differ from this one in digits only, in natural order."""
+    stem = re.sub(r"\d+", "", os.path.basename(path))
+    try:
+        names = os.listdir(os.path.dirname(path) or ".")
+    except OSError:
+        return []
+    found = [name for name in names if re.sub(r"\d+", "", name) == stem]
+    found.sort(key=lambda name: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name)])
+    return [os.path.join(os.path.dirname(path), name) for name in found]
+
+
+def holders(path: str) -> list[str]:
+    """The processes that have the file open, as `pid 123 (minicom)`; those of other users are seen by root only."""
+    real = os.path.realpath(path)
+    found = []
+    for process in sorted(Path("/proc").glob("[0-9]*"), key=lambda folder: int(folder.name)):
+        with suppress(OSError):
+            if any(_target(link) == real for link in (process / "fd").iterdir()):
+                found.append(f"pid {process.name} ({(process / 'comm').read_text().strip()})")
+    return found
+
+
+def _target(link: Path) -> str:
+    with suppress(OSError):  # closed in the meantime
+        return os.readlink(link)
+    return ""
+
+
+def _remedy(path: str) -> str:
+    """The group to join, if its members may read and write the file."""
+    try:
+        import grp
+
+        status = os.stat(path)
+        group = grp.getgrgid(status.st_gid).gr_name
+    except (ImportError, OSError, KeyError):
+        return ""
+    if status.st_mode & 0o060 != 0o060 or group == "root":
+        return "; its permissions are " + oct(status.st_mode & 0o777)[2:] + ", a udev rule can give it to a group"
+    return f": join its group (sudo usermod -aG {group} {getpass.getuser()}) and log in again"
