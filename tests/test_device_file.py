@@ -63,5 +63,5 @@ def test_opening_maps_an_os_error_and_leaves_a_driver_error_alone(tmp_path: Path
     path = str(tmp_path / "i2c-1")
     with pytest.raises(DriverError, match="no device"), opening(path):
         os.open(path, os.O_RDWR)
-    with pytest.raises(DriverError, match="^another$"), opening(path):
+    with pytest.raises(DriverError, match=r"^another$"), opening(path):
         raise DriverError("another")
