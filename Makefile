@@ -1,15 +1,24 @@
-# make demo | test | lint | bench | docs; each makes .venv first. PYTHON=python3.12 make test picks another Python.
+# make demo | test | lint | bench | docs | kernel | test-kernel; each makes .venv first. PYTHON=python3.12 make test picks another Python.
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/installed
 
-.PHONY: demo test lint bench docs clean
+.PHONY: demo test lint bench docs kernel test-kernel clean
 
 demo: $(STAMP)
 	$(BIN)/umo run ztheta
 
 test: $(STAMP)
 	$(BIN)/python -m pytest -n auto --dist worksteal
+
+# A user-mode Linux kernel with simulated GPIO, I2C, SPI, IIO, counters, CAN: built once, in 5 to 10 minutes, into ~/.cache/umo.
+kernel:
+	tests/kernel/build
+
+# The drivers for interfaces of the kernel, in that kernel: make test-kernel ARGS="-k gpio". KERNEL_PYTHON picks another environment.
+KERNEL_PYTHON ?= $(BIN)/python
+test-kernel: kernel $(if $(filter $(BIN)/python,$(KERNEL_PYTHON)),$(STAMP))
+	tests/kernel/boot $(KERNEL_PYTHON) -m pytest -p no:cacheprovider tests/kernel $(ARGS)
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

@@ -1,0 +1,1 @@
+"""Tests of drivers for interfaces of the kernel, in the test kernel."""

@@ -1,0 +1,35 @@
+"""The tests of drivers for interfaces of the kernel run in the test kernel (make test-kernel), and nowhere else."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from .gpio_sim import Chip
+
+HERE = Path(__file__).parent
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    if os.environ.get("UMO_KERNEL") == "1":
+        return
+    for item in items:
+        if HERE in item.path.parents:
+            item.add_marker(pytest.mark.skip(reason="runs in the test kernel: make test-kernel"))
+
+
+@pytest.fixture
+def gpio_chip(request: pytest.FixtureRequest) -> Iterator[Callable[..., Chip]]:
+    """Makes simulated chips: `gpio_chip(lines=8, names={3: "PUMP"})`."""
+    made: list[Chip] = []
+
+    def make(lines: int = 8, **options: object) -> Chip:
+        made.append(Chip(f"sim{len(made)}", lines, **options))  # type: ignore[arg-type]
+        return made[-1]
+
+    yield make
+    for chip in made:
+        chip.remove()

@@ -1,0 +1,96 @@
+"""Simulated GPIO chips of the kernel (gpio-sim): made, driven and seen without the driver under test.
+
+An input is driven by the `pull` of its line; the level of an output is seen in its `value`. Source:
+Documentation/admin-guide/gpio/gpio-sim.rst of the Linux kernel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+CONFIGFS = Path("/sys/kernel/config/gpio-sim")
+
+
+class Line:
+    """One line, seen from the circuit's side."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def pull(self, level: int) -> None:
+        """The level that an input sees."""
+        (self._folder / "pull").write_text("pull-up" if level else "pull-down")
+
+    @property
+    def pulled(self) -> int:
+        return int((self._folder / "pull").read_text() == "pull-up\n")
+
+    @property
+    def value(self) -> int:
+        """The level on the line: an output's, or the pull."""
+        return int((self._folder / "value").read_text())
+
+    def pulse(self, times: int = 1) -> None:
+        """Rising and falling edges."""
+        for _ in range(times):
+            self.pull(1)
+            self.pull(0)
+
+
+class Chip:
+    """One chip. `go` and `come` take it away and bring it back, as unplugging does."""
+
+    def __init__(self, name: str, lines: int, names: Mapping[int, str] = {}, hogs: Mapping[int, str] = {}) -> None:
+        self._device = CONFIGFS / name
+        self._device.mkdir()
+        self._bank = self._device / "bank0"
+        self._bank.mkdir()
+        self.label = name
+        self.count = lines
+        (self._bank / "num_lines").write_text(str(lines))
+        (self._bank / "label").write_text(name)
+        for number in names.keys() | hogs.keys():
+            (self._bank / f"line{number}").mkdir()
+        for number, text in names.items():
+            (self._bank / f"line{number}" / "name").write_text(text)
+        for number, consumer in hogs.items():  # lines that a driver of the kernel uses
+            hog = self._bank / f"line{number}" / "hog"
+            hog.mkdir()
+            (hog / "name").write_text(consumer)
+            (hog / "direction").write_text("input")
+        self.come()
+
+    def come(self) -> None:
+        (self._device / "live").write_text("1")
+
+    def go(self) -> None:
+        (self._device / "live").write_text("0")
+
+    @property
+    def path(self) -> str:
+        """Its device file, such as /dev/gpiochip1."""
+        return "/dev/" + (self._bank / "chip_name").read_text().strip()
+
+    def line(self, number: int) -> Line:
+        device = (self._device / "dev_name").read_text().strip()
+        chip = (self._bank / "chip_name").read_text().strip()
+        return Line(Path(f"/sys/devices/platform/{device}/{chip}/sim_gpio{number}"))
+
+    def levels(self) -> list[int]:
+        return [self.line(number).value for number in range(self.count)]
+
+    def remove(self) -> None:
+        if (self._device / "live").read_text().strip() == "1":
+            self.go()
+        for folder in sorted(self._bank.glob("line*/hog")) + sorted(self._bank.glob("line*")):
+            if folder.is_dir():
+                folder.rmdir()
+        self._bank.rmdir()
+        self._device.rmdir()
+
+
+def fixed(number: int) -> Line:
+    """A line of the chip in the kernel's device tree (devices.dts)."""
+    (chip,) = (path.parent for path in Path("/sys/devices/platform/gpio-sim").glob("gpiochip*/sim_gpio0"))
+    return Line(chip / f"sim_gpio{number}")
