@@ -1,15 +1,21 @@
 """Simulated GPIO chips of the kernel (gpio-sim): made, driven and seen without the driver under test.
 
 An input is driven by the `pull` of its line; the level of an output is seen in its `value`. Source:
-Documentation/admin-guide/gpio/gpio-sim.rst of the Linux kernel.
+Documentation/admin-guide/gpio/gpio-sim.rst of the Linux kernel. Every change of any line is seen in the kernel's trace.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
+from time import sleep
 
 CONFIGFS = Path("/sys/kernel/config/gpio-sim")
+TRACING = Path("/sys/kernel/tracing")
+TICK = 0.012
+"""s. User-mode Linux passes an interrupt of the simulator on at its next tick, 100 times a second; until then further
+edges of the line are one with it."""
 
 
 class Line:
@@ -32,24 +38,32 @@ class Line:
         return int((self._folder / "value").read_text())
 
     def pulse(self, times: int = 1) -> None:
-        """Rising and falling edges."""
+        """Rising and falling edges, each of which makes an interrupt."""
         for _ in range(times):
-            self.pull(1)
-            self.pull(0)
+            for level in (1, 0):
+                self.pull(level)
+                sleep(TICK)
 
 
 class Chip:
     """One chip. `go` and `come` take it away and bring it back, as unplugging does."""
 
-    def __init__(self, name: str, lines: int, names: Mapping[int, str] = {}, hogs: Mapping[int, str] = {}) -> None:
+    def __init__(
+        self,
+        name: str,
+        lines: int,
+        names: Mapping[int, str] = {},
+        hogs: Mapping[int, str] = {},
+        label: str = "",
+    ) -> None:
         self._device = CONFIGFS / name
         self._device.mkdir()
         self._bank = self._device / "bank0"
         self._bank.mkdir()
-        self.label = name
+        self.label = label or name
         self.count = lines
         (self._bank / "num_lines").write_text(str(lines))
-        (self._bank / "label").write_text(name)
+        (self._bank / "label").write_text(self.label)
         for number in names.keys() | hogs.keys():
             (self._bank / f"line{number}").mkdir()
         for number, text in names.items():
@@ -94,3 +108,26 @@ def fixed(number: int) -> Line:
     """A line of the chip in the kernel's device tree (devices.dts)."""
     (chip,) = (path.parent for path in Path("/sys/devices/platform/gpio-sim").glob("gpiochip*/sim_gpio0"))
     return Line(chip / f"sim_gpio{number}")
+
+
+class Trace:
+    """What the drivers of the kernel did to the lines of a chip within the block, as the kernel's trace tells it."""
+
+    def __init__(self, label: str) -> None:
+        chips = Path("/sys/class/gpio").glob("gpiochip*")
+        self._base = next(int(path.name[8:]) for path in chips if (path / "label").read_text().strip() == label)
+
+    def __enter__(self) -> Trace:
+        (TRACING / "trace").write_text("")
+        (TRACING / "events/gpio/enable").write_text("1")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        (TRACING / "events/gpio/enable").write_text("0")
+
+    def events(self) -> list[tuple[int, str]]:
+        """The line with "set 0", "set 1", "get 0", "get 1", "in" or "out", in order."""
+        found = re.findall(
+            r": gpio_(?:value|direction): +(\d+) +(set \d|get \d|in|out)", (TRACING / "trace").read_text()
+        )
+        return [(int(number) - self._base, what) for number, what in found if int(number) >= self._base]
