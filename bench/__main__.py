@@ -16,9 +16,11 @@ import numpy as np
 from rich.console import Console
 
 from bench import figures, forms, live, native, report, scan, zones
+from bench.drivers import table as drivers
 from bench.kills import campaign, show
 
 ROUNDS, QUICK_ROUNDS = 400, 60
+DRIVER_ROUNDS, QUICK_DRIVER_ROUNDS = 20, 5
 FIGURES_TAKE, ROUND_TAKES, FORMS_ROUND_TAKES = 35.0, 0.09, 0.05
 """s, about, on two shared cores."""
 
@@ -34,6 +36,8 @@ def main() -> int:
         console.print(f"about {show.text(rounds / 2 * FORMS_ROUND_TAKES)}")
         console.print(forms.grid(forms.measure(rounds // 2)))
         return 0
+    if options.drivers:
+        return _drivers(console, QUICK_DRIVER_ROUNDS if options.quick else DRIVER_ROUNDS, options.json)
     if options.live:
         size = live.SHORT if options.quick else live.FULL
         console.print(f"about {show.text(size.takes)}")
@@ -51,10 +55,21 @@ def _options() -> argparse.Namespace:
     alone.add_argument(
         "--kills", action="store_true", help="kills and faults by the hundred against a box on libmodbus"
     )
+    alone.add_argument("--drivers", action="store_true", help="the drivers alone, beside their libraries by hand")
     alone.add_argument("--forms", action="store_true", help="compare the two forms of the process image, no more")
     parser.add_argument("--only", default="", metavar="TEXT", help="of --kills: the kinds with this in their name")
     parser.add_argument("--seed", type=int, default=campaign.SEED, help="of --kills: other random moments")
     return parser.parse_args()
+
+
+def _drivers(console: Console, rounds: int, file: Path | None) -> int:
+    rows, reasons = drivers.measure(rounds)
+    console.print(drivers.grid(rows))
+    for missing in reasons:
+        console.print(missing)
+    if file:
+        file.write_text(json.dumps({"drivers": drivers.as_json(rows)}, indent=2) + "\n")
+    return 0
 
 
 def _all(console: Console, rounds: int, options: argparse.Namespace) -> int:
@@ -79,10 +94,14 @@ def _all(console: Console, rounds: int, options: argparse.Namespace) -> int:
     beside = [] if options.quick else live.measure(live.SHORT, console)
     if beside:
         console.print(report.target_grid(beside, live.TITLE))
-    if (missing := native.missing()) is not None:
+    rows, reasons = ([], []) if options.quick else drivers.measure(QUICK_DRIVER_ROUNDS)
+    if rows:
+        console.print(drivers.grid(rows))
+    for missing in (*reasons, *filter(None, [native.missing()])):
         console.print(missing)
     if options.json:
-        options.json.write_text(json.dumps(report.as_json(table, others, found + beside), indent=2) + "\n")
+        found_all = report.as_json(table, others, found + beside) | {"drivers": drivers.as_json(rows)}
+        options.json.write_text(json.dumps(found_all, indent=2) + "\n")
     failed = {name: ratio for name, ratio in others.stations.items() if isinstance(ratio, str)}
     for name, reason in failed.items():
         print(f"the station {name} did not run: {reason}", file=sys.stderr)

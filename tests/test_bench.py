@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from contextlib import ExitStack
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -13,6 +14,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from bench import forms, native, report, scan, zones
 from bench.driver import Fill, Loop
+from bench.drivers import table as drivers
+from bench.drivers.case import SIZES, Case, NotHere
 from bench.mix import commands, layout, readings
 
 needs_compiler = pytest.mark.skipif(native.missing() is not None, reason=str(native.missing()))
@@ -126,3 +129,33 @@ def test_the_figures_of_the_zones_have_their_targets():
     assert list(found) == ["linear, umo", "linear, numpy", "type K, umo", "type K, numpy"]
     targets = report._of_zones(found)
     assert [target.target for target in targets] == ["at most 150 us", "at most 1.5 times"] * 2
+
+
+def test_the_rows_of_a_driver_are_measured_beside_its_library_and_counted_on_the_wire():
+    pytest.importorskip("pymodbus")
+    with ExitStack() as stack:
+        try:
+            rows = [row for count in (2, 13) for row in drivers.module("modbus").cases(count, stack)]
+        except NotHere as error:
+            pytest.skip(str(error))
+        for row in rows:
+            row.measure(2)
+            assert [len(times) for times in row.times.values()] == [2, 2]
+            assert row.transfers == 2, "all registers of a table lie side by side"
+    assert "modbus, TCP" in {row.driver for row in rows}
+
+
+def test_a_driver_whose_device_is_not_here_is_named_and_the_others_are_measured(monkeypatch):
+    def cases(channels, stack):
+        raise NotHere("there is no chip")
+
+    def one(channels, stack):
+        yield Case("one", "library", channels, lambda: None, lambda: None, 3)
+
+    modules = {"gone": cases, "there": one}
+    monkeypatch.setattr(drivers, "names", lambda: list(modules))
+    monkeypatch.setattr(drivers, "module", lambda name: SimpleNamespace(cases=modules[name]))
+    figures, missing = drivers.measure(rounds=1)
+    assert missing == ["gone: not measured: there is no chip"]
+    assert [(row.driver, row.channels, row.transfers) for row in figures] == [("one", n, 3) for n in SIZES]
+    assert drivers.grid(figures).row_count == len(SIZES)

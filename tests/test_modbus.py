@@ -4,16 +4,12 @@ other end. Its channels and plans as pure functions are in test_modbus_plan.py."
 from __future__ import annotations
 
 import logging
-import os
-import select
-import shutil
 import socket
 import struct
-import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from typing import Any
 from unittest.mock import patch
 
@@ -23,6 +19,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import umo.drivers.modbus as modbus
+from peers.modbus_device import PATIENT, Peer, running
 from peers.modbus_map import CELL, coil, discrete, holding, input_register, value
 from umo.drivers import _hosts, _modbus_link
 from umo.drivers._modbus_plan import plan_reads
@@ -30,84 +27,20 @@ from umo.drivers.contract import Driver
 from umo.drivers.modbus import Modbus
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, WiringError
 
-SOURCE = Path(__file__).parent / "peers" / "modbus_peer.c"
-PATIENT = 10.0  # for calls that are to succeed, on however busy a machine
 HASTY = 0.05  # for calls that are to time out
 
 
 # The peer -----------------------------------------------------------------------------------------
 
-
-class Peer:
-    """A running modbus_peer and what it logged."""
-
-    def __init__(self, program: Path, faults: Sequence[str], port: int) -> None:
-        self.process = subprocess.Popen([program, str(port), *faults], stdout=subprocess.PIPE)
-        assert self.process.stdout is not None
-        self._pipe = self.process.stdout.fileno()
-        self._text = ""
-        self.port = int(self.wait_for("port").split()[1])
-
-    def wait_for(self, word: str) -> str:
-        """The first line that begins with the word; waits until it is there."""
-        while True:
-            for line in self._text.split("\n")[:-1]:
-                if line.startswith(word):
-                    return line
-            self._take(PATIENT)
-
-    def requests(self) -> list[tuple[int, ...]]:
-        """All requests so far: function, address, count and the values of a write."""
-        while self._take(0.0):
-            pass
-        lines = (line.split() for line in self._text.split("\n")[:-1])
-        return [tuple(map(int, words)) for first, *words in lines if first == "request"]
-
-    def stop(self) -> None:
-        self.process.kill()
-        self.process.wait()
-        assert self.process.stdout is not None
-        self.process.stdout.close()
-
-    def _take(self, timeout: float) -> bool:
-        if not select.select([self._pipe], [], [], timeout)[0]:
-            assert timeout == 0.0, f"the peer said no more than {self._text!r}"
-            return False
-        data = os.read(self._pipe, 65536)
-        assert data or timeout == 0.0, f"the peer ended after {self._text!r}"
-        self._text += data.decode()
-        return bool(data)
-
-
 Start = Callable[..., Peer]
 Connect = Callable[..., Modbus]
 
 
-@pytest.fixture(scope="session")
-def peer_program(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    compiler = shutil.which("cc") or shutil.which("gcc")
-    if compiler is None or shutil.which("pkg-config") is None:
-        pytest.skip("the libmodbus peer needs a C compiler and pkg-config")
-    flags = subprocess.run(["pkg-config", "--cflags", "--libs", "libmodbus"], capture_output=True, text=True)
-    if flags.returncode:
-        pytest.skip("the libmodbus peer needs Debian's libmodbus-dev")
-    program = tmp_path_factory.mktemp("peer") / "modbus_peer"
-    subprocess.run([compiler, "-O1", "-o", program, SOURCE, *flags.stdout.split()], check=True)
-    return program
-
-
 @pytest.fixture
-def start(peer_program: Path) -> Iterator[Callable[..., Peer]]:
+def start() -> Iterator[Callable[..., Peer]]:
     """start(*faults, port=0): a peer, stopped at the end."""
-    peers: list[Peer] = []
-
-    def start(*faults: str, port: int = 0) -> Peer:
-        peers.append(Peer(peer_program, faults, port))
-        return peers[-1]
-
-    yield start
-    for peer in peers:
-        peer.stop()
+    with ExitStack() as stack:
+        yield lambda *faults, port=0: stack.enter_context(running(port, *faults))
 
 
 @pytest.fixture
@@ -637,7 +570,7 @@ def test_all_the_requests_of_a_call_share_one_deadline(start: Start, connected: 
         read(driver, "input:0", "discrete:0")
 
 
-def test_a_device_that_does_not_take_the_connection_times_out(peer_program: Path) -> None:
+def test_a_device_that_does_not_take_the_connection_times_out() -> None:
     with socket.socket() as silent, socket.socket() as filler, socket.socket() as second:
         silent.bind(("127.0.0.1", 0))
         silent.listen(0)  # a queue for one: what comes after it hears nothing

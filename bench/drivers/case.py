@@ -1,0 +1,72 @@
+"""A row of the table: one driver with a number of channels, and the bare library with the same channels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from time import perf_counter_ns
+from typing import Any
+
+import numpy as np
+
+from umo.drivers.contract import Channel, Driver
+
+SIZES = (2, 13, 100)
+"""Numbers of channels, inputs and outputs together."""
+
+
+class NotHere(Exception):
+    """The rows of this driver cannot be measured on this computer; says why in one sentence."""
+
+
+@dataclass
+class Case:
+    """One row. A cycle reads all inputs and writes all outputs once.
+
+    `by_hand` does a cycle with the bare library: the same channels, on an equal device, as a person would write it; the
+    values read may be left in whatever form the library gives. It must raise if the device answers wrongly.
+    """
+
+    driver: str
+    """The driver and its bus, such as "modbus, TCP"."""
+    library: str
+    """The bare library, such as "pymodbus"."""
+    channels: int
+    umo: Callable[[], object]
+    """A cycle through the driver; `cycle` makes it."""
+    by_hand: Callable[[], object]
+    transfers: int | None
+    """Transfers on the wire in a cycle of the driver, counted by the counterpart; None: no transfer, or not counted."""
+    times: dict[str, list[float]] = field(default_factory=lambda: {"umo": [], "by_hand": []})
+    """us for each cycle, by `measure`."""
+
+    def measure(self, cycles: int) -> None:
+        """Some cycles of either, in turns."""
+        for name, run in (("umo", self.umo), ("by_hand", self.by_hand)):
+            for _ in range(cycles):
+                start = perf_counter_ns()
+                run()
+                self.times[name].append((perf_counter_ns() - start) * 1e-3)
+
+
+def cycle(driver: Driver[Any], inputs: Sequence[Channel], outputs: Sequence[Channel]) -> Callable[[], None]:
+    """A cycle of an open driver as the process image calls it; the outputs change from cycle to cycle."""
+    inputs, outputs = tuple(inputs), tuple(outputs)
+    read = np.zeros(len(inputs), np.int64)
+    written = [np.full(len(outputs), value, np.int64) for value in (0, 1)]
+    turn = 0
+
+    def run() -> None:
+        nonlocal turn
+        turn = 1 - turn
+        if inputs:
+            driver.read_many(inputs, read)
+        if outputs:
+            driver.write_many(outputs, written[turn])
+
+    return run
+
+
+def split(channels: int) -> tuple[int, int]:
+    """How many inputs and outputs: half and half, of an odd number one input less."""
+    return channels // 2, channels - channels // 2
