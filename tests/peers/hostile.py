@@ -1,12 +1,12 @@
-"""A device that misbehaves, on TCP or on a pseudo-terminal. It knows bytes only: the protocol is a function of the test.
+"""A device that misbehaves, on TCP or on a pseudo-terminal. It knows bytes only; the protocol is a function of the test:
 
-    def answer(data: bytes) -> tuple[int, bytes]: ...      # how many bytes are a request (0: not whole yet), its right answer
+    def answer(data: bytes) -> tuple[int, bytes]: ...  # how many bytes are a request (0: not whole yet), the right answer
 
     with hostile(answer, ["right", "random bytes", "late"], line=True) as peer:
-        driver = Text(serial=peer.path, ...)                # or line=False: host 127.0.0.1, port peer.port
+        driver = Text(serial=peer.path, ...)           # with line=False: host 127.0.0.1, port peer.port
 
-Each request meets the next behaviour of the script, which begins anew at its end; `peer.met` counts them. `fuzz(seed)` is
-an endless script. A behaviour that does not end by itself is ended by the next connection, or on a line after `LONGEST`.
+Each request meets the next behaviour of the script, which begins anew at its end; `peer.met` counts them. `fuzz(seed)`
+is an endless script. A behaviour without an end is ended by the client that leaves, on a line after `LONGEST`.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import select
 import socket
 import threading
 import time
+import tty
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -124,10 +125,12 @@ class Hostile:
         self._earlier: deque[bytes] = deque(maxlen=MOST_KEPT)
         self._stopped = threading.Event()
         self._line = line
-        self._threads = [threading.Thread(target=self._serve_line if line else self._listen, daemon=True)]
+        self._threads = [threading.Thread(target=self._converse_on_line if line else self._listen, daemon=True)]
         if line:
             self._master, self._slave = os.openpty()
             self.path = os.ttyname(self._slave)
+            tty.setraw(self._slave)
+            os.set_blocking(self._master, False)
         else:
             self._server = socket.create_server(("127.0.0.1", 0))
             self.port = self._server.getsockname()[1]
@@ -146,11 +149,7 @@ class Hostile:
             os.close(self._master)
             os.close(self._slave)
 
-    def _serve_line(self) -> None:
-        import tty
-
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
+    def _converse_on_line(self) -> None:
         self._converse(self._master)
 
     def _listen(self) -> None:
