@@ -1,6 +1,6 @@
-"""A device that misbehaves, on TCP or on a pseudo-terminal. It knows bytes only; the protocol is a function of the test:
+"""A device that misbehaves, on TCP or on a pseudo-terminal. Bytes only; the protocol is a function of the test:
 
-    def answer(data: bytes) -> tuple[int, bytes]: ...  # how many bytes are a request (0: not whole yet), the right answer
+    def answer(data: bytes) -> tuple[int, bytes]: ...  # the size of a request (0: not all of it yet), its answer
 
     with hostile(answer, ["right", "random bytes", "late"], line=True) as peer:
         driver = Text(serial=peer.path, ...)           # with line=False: host 127.0.0.1, port peer.port
