@@ -18,13 +18,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import umo.drivers.modbus as modbus
 from peers.modbus_device import PATIENT, Peer, running
 from peers.modbus_map import CELL, coil, discrete, holding, input_register, value
-from umo.drivers import _hosts, _modbus_link
-from umo.drivers._modbus_plan import plan_reads
+from umo.drivers import _hosts
 from umo.drivers.contract import Driver
 from umo.drivers.modbus import Modbus
+from umo.drivers.modbus import driver as modbus
+from umo.drivers.modbus.plan import plan_reads
+from umo.drivers.modbus.tcp import Tcp
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, WiringError
 
 HASTY = 0.05  # for calls that are to time out
@@ -273,7 +274,7 @@ def test_a_value_that_does_not_fit_sends_nothing_at_all(start: Start, connected:
     driver = connected(peer)
     with pytest.raises(DriverError, match="65536 does not fit"):
         write(driver, coil_0=1, holding_0=65536)
-    with pytest.raises(DriverError, match="2 does not fit coil 0: it takes 0 to 1"):
+    with pytest.raises(DriverError, match="2 does not fit coil:0: it takes 0 to 1"):
         write(driver, coil_0=2)
     with pytest.raises(DriverError, match="discrete:0 is an input"):
         write(driver, discrete_0=1)
@@ -438,7 +439,7 @@ def test_requests_beside_one_that_the_device_refuses_are_carried_out(start: Star
         "coil:3": f"{where}coil 3: exception 4, device failure",
     }
     assert out.tolist() == [-99, -99, discrete(0), -99, coil(9), holding(5)]
-    with patch.object(_modbus_link._Client, "_dial", side_effect=AssertionError):
+    with patch.object(Tcp, "_dial", side_effect=AssertionError):
         assert read(driver, *MIXED)[2:] == [discrete(0), coil(3), coil(9), holding(5)]
 
 
@@ -507,7 +508,7 @@ def test_an_exception_answer_keeps_the_connection(start: Start, connected: Conne
     driver = connected(start("1:exception=2"))
     with pytest.raises(DriverError):
         read(driver, *READING)
-    with patch.object(_modbus_link._Client, "_dial", side_effect=AssertionError):
+    with patch.object(Tcp, "_dial", side_effect=AssertionError):
         assert read(driver, *READING)
 
 
@@ -630,8 +631,8 @@ def test_a_driver_that_is_not_open_says_so() -> None:
 def test_without_pymodbus_the_driver_names_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in [*(name for name in sys.modules if name.startswith("pymodbus.")), "pymodbus"]:
         monkeypatch.setitem(sys.modules, name, None)
-    monkeypatch.delitem(sys.modules, "umo.drivers._modbus_link")
-    monkeypatch.delattr("umo.drivers._modbus_link")
+    monkeypatch.delitem(sys.modules, "umo.drivers.modbus.link")
+    monkeypatch.delattr("umo.drivers.modbus.link")
     with pytest.raises(DriverError, match=r'pip install "umo\[modbus\]"'):
         Modbus().open()
 
@@ -670,7 +671,7 @@ FRAMES = st.builds(
 def test_whatever_the_device_answers_is_a_value_or_a_driver_error(answer: bytes, writing: bool) -> None:
     near, far = socket.socketpair()
 
-    client, send = _modbus_link._Client, _modbus_link._Client._send
+    client, send = Tcp, Tcp._send
 
     def reply(client: Any, request: bytes) -> None:
         send(client, request)

@@ -11,9 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from peers.modbus_map import CELL, value
-from umo.drivers._modbus_plan import FORMS, TABLES, ModbusChannel, Request, parse, plan_reads, plan_writes
 from umo.drivers.contract import Direction
 from umo.drivers.modbus import Modbus
+from umo.drivers.modbus.channel import FORMS, TABLES, ModbusChannel, parse
+from umo.drivers.modbus.plan import Request, plan_reads, plan_writes
 from umo.errors import ChannelError, DriverError
 
 # Channels -----------------------------------------------------------------------------------------
@@ -161,7 +162,7 @@ def test_a_plan_follows_the_order_of_the_declaration() -> None:
 
 def test_a_value_that_does_not_fit_is_refused_and_not_cut_off() -> None:
     (request,) = plan_writes([parse("holding:0:int16")])
-    with pytest.raises(DriverError, match="-32769 does not fit holding register 0: it takes -32768 to 32767"):
+    with pytest.raises(DriverError, match="-32769 does not fit holding:0:int16: it takes -32768 to 32767"):
         request.encode([-32769])
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 
-from umo.drivers._modbus_plan import ModbusChannel
+from umo.drivers.modbus.channel import ModbusChannel
 
 
 def coil(i: int) -> int:

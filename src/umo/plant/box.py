@@ -133,8 +133,8 @@ def _raw_and_level(point: Point | None, cells: Sequence[int]) -> tuple[int, int]
     """What these cells mean to the box, and to the plant."""
     if point is None:
         return cells[0], 0
-    raw = point.raw(cells)
     try:
+        raw = point.raw(cells)
         return raw, point.to_plant(raw)
     except OverflowError:
         raise ExceptionAnswer(ILLEGAL_VALUE) from None

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import struct
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from umo.drivers._modbus_plan import ModbusChannel
 from umo.drivers.contract import Channel, Direction
-from umo.drivers.modbus import Modbus
+from umo.drivers.modbus import Host, Modbus, ModbusChannel
 from umo.errors import WiringError
 from umo.wiring import Wire, Wired
 
@@ -35,7 +35,7 @@ class Point:
         self.plant_default = plant.raw(default) if self.output else 0
         self._plant, self._bus = plant, bus
         self._equal = (plant.scale, plant.linearization) == (bus.scale, bus.linearization)
-        self._high_first = channel.high < channel.low
+        self._little, self._scale = channel.little, channel.scale
 
     def to_plant(self, raw: int) -> int:
         """The plant's raw integer for one of the box; OverflowError if it does not fit the plant's channel."""
@@ -56,16 +56,28 @@ class Point:
         """The raw integer in this point's cells, in the order of their addresses."""
         if self.cells == 1:
             return [raw & 0xFFFF]
-        words = [raw >> 16 & 0xFFFF, raw & 0xFFFF]
-        return words if self._high_first else words[::-1]
+        packed = struct.pack(self._packing, raw * self._scale if self._scale else raw)
+        words = list(struct.unpack(f">{self.cells}H", packed))
+        return words[::-1] if self._little else words
 
     def raw(self, words: Sequence[int]) -> int:
-        """The raw integer that these cells hold."""
-        raw = 0
-        for word in words if self._high_first else reversed(words):
-            raw = raw << 16 | word
-        bits = self._bus.channel.bits
-        return raw - (1 << bits) if self._bus.channel.signed and raw >> (bits - 1) else raw
+        """The raw integer that these cells hold; OverflowError if it is none."""
+        if self.cells == 1:
+            bits = self._bus.channel.bits
+            return words[0] - (1 << bits) if self._bus.channel.signed and words[0] >> (bits - 1) else words[0]
+        packed = struct.pack(f">{self.cells}H", *(reversed(words) if self._little else words))
+        value: float = struct.unpack(self._packing, packed)[0]
+        try:
+            return round(value / self._scale) if self._scale else int(value)
+        except ValueError:
+            raise OverflowError(f"{value:g} is not a number") from None
+
+    @property
+    def _packing(self) -> str:
+        if self._scale:
+            return ">f" if self.cells == 2 else ">d"
+        code = "i" if self.cells == 2 else "q"
+        return ">" + (code if self._bus.channel.signed else code.upper())
 
 
 def _fitting(raw: int, channel: Channel) -> int:
@@ -103,10 +115,12 @@ def register_maps(plant: Wired, bus: Wired) -> list[RegisterMap]:
     maps = []
     for name, driver in bus.drivers.items():
         if isinstance(driver, Modbus):
+            if not isinstance(driver.place, Host):
+                raise WiringError(f"driver {name} is on a serial line; a box serves Modbus TCP")
             wires = [wire for wire in bus.wires if wire.driver is driver]
             points = [Point(slot := slots[wire.item.path], plant.wires[slot], wire) for wire in wires]
             register, watchdog = driver.watchdog_register, bus.watchdogs.get(name, 0.0)
-            maps.append(RegisterMap(name, driver.host, driver.port, tuple(points), register, watchdog))
+            maps.append(RegisterMap(name, driver.place.host, driver.place.port, tuple(points), register, watchdog))
     _check_maps(maps)
     return maps
 

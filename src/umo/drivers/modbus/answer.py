@@ -1,0 +1,85 @@
+"""Checks the answer to a request: pure functions, no line.
+
+pymodbus does not check lengths and confirmations; values for a machine need these checks. Requests and answers are
+unit, function and data here: what TCP and serial lines have in common.
+"""
+
+from __future__ import annotations
+
+from umo.errors import DriverError
+
+EXCEPTION_SIZE = 3
+READ_WRITE = 23
+
+
+class Lost(Exception):
+    """The connection is of no more use; says why."""
+
+
+class TimedOut(Lost):
+    """The deadline has passed; says what came in place of the answer, if anything did."""
+
+
+class Recovering(Lost):
+    """The unit is not asked yet; says why."""
+
+
+class Refused(DriverError):
+    """The device answered by an exception: it is alive, and its other channels may be well."""
+
+
+def answer_size(request: bytes) -> int:
+    """Bytes of the answer to a request that is not an exception answer."""
+    return 3 + _data_size(request) if _reads(request) else 6
+
+
+def check(request: bytes, answer: bytes) -> None:
+    """Lost if the answer does not fit the request in everything; an exception answer does."""
+    check_start(request, answer)
+    if answer[1] & 0x80:
+        _check_length("an exception answer", answer, EXCEPTION_SIZE)
+    elif _reads(request):
+        _check_length("an answer", answer, answer_size(request))
+    else:
+        _check_echo(request, answer)
+
+
+def check_start(request: bytes, answer: bytes) -> None:
+    """Lost if the answer, of which this is the beginning, belongs to another request."""
+    unit, function = request[0], request[1]
+    if answer and answer[0] != unit:
+        raise Lost(f"an answer of unit {answer[0]} in place of {unit}")
+    if len(answer) > 1 and answer[1] not in (function, function | 0x80):
+        raise Lost(f"an answer to function {answer[1] & 0x7F} in place of {function}")
+    if len(answer) > 2 and answer[1] == function and _reads(request) and answer[2] != _data_size(request):
+        raise Lost(f"a byte count of {answer[2]} in place of {_data_size(request)}")
+
+
+def _reads(request: bytes) -> bool:
+    return request[1] <= 4 or request[1] == READ_WRITE
+
+
+def _data_size(request: bytes) -> int:
+    count = _word(request, 4)
+    return (count + 7) // 8 if request[1] <= 2 else 2 * count
+
+
+def _check_echo(request: bytes, answer: bytes) -> None:
+    """One cell's address and value come back as they were sent, of many the address and their number."""
+    _check_length("an answer", answer, 6)
+    if answer[1:] != request[1:6]:
+        raise Lost(f"the answer confirms {_confirmed(answer)} in place of {_confirmed(request)}")
+
+
+def _confirmed(frame: bytes) -> str:
+    kind = "value" if frame[1] < 15 else "count"
+    return f"address {_word(frame, 2)}, {kind} {_word(frame, 4):#x}"
+
+
+def _check_length(what: str, answer: bytes, length: int) -> None:
+    if len(answer) != length:
+        raise Lost(f"{what} of {len(answer) - 1} bytes in place of {length - 1}")
+
+
+def _word(data: bytes, place: int) -> int:
+    return data[place] << 8 | data[place + 1]

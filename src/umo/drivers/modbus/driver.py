@@ -1,0 +1,253 @@
+"""Modbus devices: fieldbus couplers, PLCs, drives, meters, and the plants that `umo plant` serves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from time import monotonic
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from umo.drivers.contract import Driver, IntArray
+from umo.drivers.modbus.answer import Refused
+from umo.drivers.modbus.channel import HIGHEST_ADDRESS, HOLDING, ModbusChannel, parse
+from umo.drivers.modbus.place import Host, duration, place_of, within
+from umo.drivers.modbus.plan import Request, Requests, plan_reads, plan_writes
+from umo.drivers.modbus.unchanged import Unchanged
+from umo.errors import ChannelsFailed, DriverError, WiringError
+
+if TYPE_CHECKING:
+    from umo.drivers.modbus.link import Link
+
+_MOST_PLANS = 256
+_LONGEST_WATCHDOG = 65.535
+_MOST_REGISTERS, _MOST_READ_BACK = 123, 121
+"""Registers of one write by function 16, and by function 23."""
+
+
+def _find_link(serial: bool) -> type[Link] | None:
+    """The protocol's side, None without pymodbus, or pyserial: a wiring can be checked all the same."""
+    try:
+        from umo.drivers.modbus.link import Link
+
+        if serial:
+            import umo.drivers.modbus.rtu  # noqa: F401
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] not in ("pymodbus", "serial"):
+            raise
+        return None
+    return Link
+
+
+class _NoWatchdog(DriverError, NotImplementedError):
+    """This device has no watchdog, as any driver without one says it, and a DriverError besides."""
+
+
+class Modbus(Driver[ModbusChannel]):
+    """One unit of a Modbus device, on TCP or on a serial line (RTU). Several units: one driver for each.
+
+    Channels: `coil:N` and `holding:N[:TYPE]` (both directions), `discrete:N` and `input:N[:TYPE]` (inputs). TYPE is
+    uint16 (default), int16, uint32, int32, uint64, int64, or float32:SCALE and float64:SCALE, whose raw integer is the
+    value divided by the scale, rounded. 32 bits take the registers N and N + 1, 64 bits N to N + 3. N is the protocol's
+    address, 0 to 65535, counted from 0; many manuals count from 1 and put the table before it.
+
+    Options:
+        host, port: a TCP device or gateway; a host name is resolved once, by `open`. Default: 127.0.0.1, 502.
+        serial: the device file of a serial line, in place of host and port.
+        baudrate, parity, stop_bits: its settings. Default: 19200, "even" (or "odd", "none"), 1.
+        rs485: the kernel switches the direction of the line, for UARTs that cannot by themselves.
+        unit: 1 to 247. TCP takes 0 to 255: a device that is not a gateway often has 0 or 255.
+        word_order: which word of a wider value has the lowest address, the "big" (high) or the "little".
+        watchdog_register: the holding register that takes the watchdog's time in ms, if there is one.
+        bridge_gaps: read over up to 16 unused registers or 64 unused bits where that saves a request. Default:
+            off, since a device may answer exception 2 to an address that it does not have.
+        read_write: write registers by function 23, which reads them back: a value that the unit did not take is
+            an error. Default: off, since many devices do not have the function.
+        skip_unchanged: a request of a period whose values are those that were confirmed less than this time ago is
+            not sent, such as "200 ms". Default: every period sends everything.
+        recovery: serial lines: a unit that did not answer is not asked again for this time. It must be longer than
+            the unit ever takes to answer. Default: "500 ms".
+
+    All channels of a period move in as few requests as their addresses allow: the cells of one table that
+    follow each other in one request, up to the protocol's maxima. Only addressed cells are written.
+    A single coil or register is written with function 5 or 6, several with 15 or 16: the functions that most
+    devices support.
+
+    Each call returns within `timeout`, including all of its requests and a reconnection if needed. There is no
+    retry: after a write timed out, it is not known whether the device carried it out. On TCP, after any failure except
+    an exception answer the connection is closed, and the next call opens it again; on a serial line the unit recovers.
+
+    Where a block takes several requests, one that is answered by an exception fails for its own channels and
+    the others go on; one that loses the connection fails for its own and those of all later requests, as
+    ChannelsFailed says. A timeout is a DeviceTimeout of the whole block, whatever was read or written
+    before it: the time of the call is used up, and the device may be disconnected.
+    """
+
+    def __init__(
+        self,
+        *,
+        host: str | None = None,
+        port: int | None = None,
+        serial: str | None = None,
+        baudrate: int | None = None,
+        parity: Literal["even", "odd", "none"] | None = None,
+        stop_bits: Literal[1, 2] | None = None,
+        rs485: bool = False,
+        unit: int = 1,
+        word_order: Literal["big", "little"] = "big",
+        watchdog_register: int | None = None,
+        bridge_gaps: bool = False,
+        read_write: bool = False,
+        skip_unchanged: str | float | None = None,
+        recovery: str | float = 0.5,
+    ) -> None:
+        self.place = place_of(host, port, serial, baudrate, parity, stop_bits, rs485)
+        if isinstance(self.place, Host):
+            within("unit", unit, 0, 255)
+        else:
+            within("unit", unit, 1, 247, " on a serial line (0 is a broadcast, which no unit confirms)")
+        if word_order not in ("big", "little"):
+            raise WiringError(f"word_order must be 'big' or 'little', not {word_order!r}")
+        if watchdog_register is not None:
+            within("watchdog_register", watchdog_register, 0, HIGHEST_ADDRESS)
+        self._unit = unit
+        self._little = word_order == "little"
+        self.watchdog_register = watchdog_register
+        self._bridge_gaps = bridge_gaps
+        self._read_write = read_write
+        self._skip = 0.0 if skip_unchanged is None else duration("skip_unchanged", skip_unchanged)
+        self._recovery = duration("recovery", recovery)
+        self._unchanged = Unchanged(self._skip)
+        self._link_type = _find_link(
+            not isinstance(self.place, Host)
+        )  # here and not in `open`: a guardian has no time for imports
+        self._link: Link | None = None
+        self._reads: dict[tuple[ModbusChannel, ...], Requests] = {}
+        self._writes: dict[tuple[ModbusChannel, ...], Requests] = {}
+
+    def channel(self, text: str) -> ModbusChannel:
+        return parse(text, little=self._little, unit=self._unit)
+
+    def devices(self) -> Sequence[str]:
+        """The host's addresses and port, or the device file; without the unit, as units share it."""
+        return self.place.devices()
+
+    def open(self) -> None:
+        """Connect, within `timeout`."""
+        if self._link_type is None:
+            library = "pymodbus" if isinstance(self.place, Host) else "pymodbus and pyserial"
+            raise DriverError(f'the modbus driver needs {library}: pip install "umo[modbus]"')
+        self._link = self._link_type(self.place, self._unit, self._recovery)
+        self._link.open(self.timeout)
+
+    def close(self) -> None:
+        self._unchanged.forget()
+        if self._link is not None:
+            self._link.close()
+            self._link = None
+
+    def read(self, channel: ModbusChannel) -> int:
+        out = np.empty(1, np.int64)
+        self.read_many((channel,), out)
+        return int(out[0])
+
+    def write(self, channel: ModbusChannel, raw: int) -> None:
+        self._write((channel,), [raw], self._read_write)
+
+    def read_many(self, channels: Sequence[ModbusChannel], out: IntArray) -> None:
+        plan = _planned(self._reads, channels, self._plan_reads)
+        link = self._begin()
+        with self._unchanged.until_failure():
+            _each(plan, lambda _, request: request.decode(link.read(request), out))
+
+    def write_many(self, channels: Sequence[ModbusChannel], raws: IntArray) -> None:
+        self._write(channels, raws.tolist(), self._read_write, self._skip > 0)
+
+    def watchdog(self, seconds: float) -> None:
+        """Write the time, in ms, into the watchdog's register; 0 turns most watchdogs off."""
+        if self.watchdog_register is None:
+            raise _NoWatchdog("a watchdog needs the option watchdog_register")
+        if not 0 <= seconds <= _LONGEST_WATCHDOG:
+            raise DriverError(f"a watchdog of {seconds:g} s does not fit its register (0 to 65.535 s)")
+        if seconds and self._skip and self._skip + self.period >= seconds:
+            text = f"skip_unchanged and a period, {(self._skip + self.period) * 1000:g} ms"
+            raise DriverError(f"{text}, are not shorter than the watchdog, {seconds * 1000:g} ms")
+        milliseconds = max(round(seconds * 1000), 1 if seconds else 0)
+        self._write((self.channel(f"holding:{self.watchdog_register}"),), [milliseconds])
+
+    def _write(
+        self, channels: Sequence[ModbusChannel], raws: list[int], read_back: bool = False, skip: bool = False
+    ) -> None:
+        plan = _planned(self._writes, channels, self._plan_writes)
+        # All values are encoded before the first is sent: one that does not fit leaves the device alone.
+        cells = [request.encode(raws) for request in plan]
+        link, now = self._begin(), monotonic()
+        if skip:
+            sent = [i for i, request in enumerate(plan) if not self._unchanged.covers(request, cells[i], now)]
+            plan, cells = tuple(plan[i] for i in sent), [cells[i] for i in sent]
+
+        def carry_out(i: int, request: Request) -> None:
+            self._unchanged.begins(request)
+            if read_back and request.table is HOLDING:
+                request.check_taken(cells[i], link.write_and_read(request, cells[i]))
+            else:
+                link.write(request, cells[i])
+            self._unchanged.confirmed(request, cells[i], now)
+
+        with self._unchanged.until_failure():
+            _each(plan, carry_out)
+
+    def _begin(self) -> Link:
+        if self._link is None:
+            raise DriverError("it is not open")
+        with self._unchanged.until_failure():
+            if self._link.begin(self.timeout):
+                self._unchanged.forget()
+        return self._link
+
+    def _plan_reads(self, channels: Sequence[ModbusChannel]) -> Requests:
+        return plan_reads(channels, bridge_gaps=self._bridge_gaps)
+
+    def _plan_writes(self, channels: Sequence[ModbusChannel]) -> Requests:
+        return plan_writes(channels, most_registers=_MOST_READ_BACK if self._read_write else _MOST_REGISTERS)
+
+
+def _planned(
+    plans: dict[tuple[ModbusChannel, ...], Requests],
+    channels: Sequence[ModbusChannel],
+    make: Callable[[Sequence[ModbusChannel]], Requests],
+) -> Requests:
+    """The plan for these channels, made once; a machine has few groups of them, the bound is for others."""
+    key = tuple(channels)
+    plan = plans.get(key)
+    if plan is None:
+        if len(plans) >= _MOST_PLANS:
+            plans.clear()
+        plan = plans[key] = make(key)
+    return plan
+
+
+def _each(plan: Requests, carry_out: Callable[[int, Request], None]) -> None:
+    """Carry out request after request, as far as the device is there; what failed is told at the end."""
+    if len(plan) == 1:
+        carry_out(0, plan[0])
+        return
+    failed: dict[str, Exception | str] = {}
+    for i, request in enumerate(plan):
+        try:
+            carry_out(i, request)
+        except Refused as refused:
+            failed.update(_blamed([request], refused))
+        except ChannelsFailed as error:
+            failed.update(error.causes)
+        except DriverError as error:
+            if i == 0 or isinstance(error, TimeoutError):
+                raise
+            failed.update(_blamed(plan[i:], error))
+            break
+    if failed:
+        raise ChannelsFailed(failed)
+
+
+def _blamed(requests: Sequence[Request], error: Exception) -> dict[str, Exception]:
+    return {item.channel.text: error for request in requests for item in request.items}

@@ -1,0 +1,188 @@
+"""The requests to one unit, through pymodbus; imported only when a driver is made.
+
+pymodbus builds the requests and decodes the answers. What lies between is umo's (tcp.py, rtu.py): pymodbus's own
+transactions wait for a time each, of which one call may have several, and pass over what is wrong. Here everything in a
+call ends by one deadline, and nothing is decoded that does not answer the request in everything.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from time import monotonic
+from typing import Protocol
+
+from pymodbus.client.mixin import ModbusClientMixin
+from pymodbus.framer import FramerBase
+from pymodbus.pdu import ModbusPDU
+
+from umo.drivers.modbus.answer import Lost, Recovering, Refused, TimedOut
+from umo.drivers.modbus.channel import COIL, DISCRETE, HOLDING, INPUT
+from umo.drivers.modbus.place import Host, Serial
+from umo.drivers.modbus.plan import Request
+from umo.drivers.modbus.tcp import Tcp
+from umo.errors import DeviceTimeout, DriverError
+
+EXCEPTIONS = {
+    1: "illegal function",
+    2: "illegal data address",
+    3: "illegal data value",
+    4: "device failure",
+    5: "acknowledge",
+    6: "device busy",
+    8: "memory parity error",
+    10: "gateway path unavailable",
+    11: "gateway target failed to respond",
+}
+
+
+class Transport(Protocol):
+    """The way to one unit: Tcp or Rtu. `open`, `begin` and `exchange` raise Lost."""
+
+    @property
+    def framer(self) -> FramerBase: ...
+
+    def open(self, deadline: float) -> None: ...
+
+    def begin(self, deadline: float) -> bool: ...
+
+    def exchange(self, request: ModbusPDU) -> bytes: ...
+
+    def failed(self, error: Lost) -> None: ...
+
+    def close(self) -> None: ...
+
+
+class _Client(ModbusClientMixin[ModbusPDU]):
+    """pymodbus's requests over a transport of umo's; every method raises Lost."""
+
+    def __init__(self, transport: Transport) -> None:
+        super().__init__()  # type: ignore[no-untyped-call]
+        self._transport = transport
+        self._decode = transport.framer.decoder.decode
+
+    def execute(self, no_response_expected: bool, request: ModbusPDU) -> ModbusPDU:
+        """Send the request; its answer, which may be an exception answer."""
+        answer = self._decode(self._transport.exchange(request)[1:])
+        if answer is None:
+            raise Lost("a malformed answer")
+        return answer
+
+
+class Link:
+    """One unit. After any failure but an exception answer the transport makes sure that an answer that comes late is
+    never taken for a later one."""
+
+    def __init__(self, place: Host | Serial, unit: int, recovery: float) -> None:
+        _be_quiet()
+        self._unit = unit
+        self._name = f"unit {unit}"
+        self._timeout = 0.0
+        self._transport: Transport = _transport(place, unit, recovery)
+        client = self._client = _Client(self._transport)
+        self._readers = {
+            COIL: client.read_coils,
+            DISCRETE: client.read_discrete_inputs,
+            HOLDING: client.read_holding_registers,
+            INPUT: client.read_input_registers,
+        }
+
+    def open(self, timeout: float) -> None:
+        """Connect within `timeout` s."""
+        self._timeout = timeout
+        try:
+            self._transport.open(monotonic() + timeout)
+        except Lost as lost:
+            raise self._broken("connecting", lost) from None
+
+    def begin(self, timeout: float) -> bool:
+        """Begin one call of the driver: connected, nothing left over, all of it to end within `timeout` s. True if the
+        connection is a new one: the device may have been off."""
+        self._timeout = timeout
+        try:
+            return self._transport.begin(monotonic() + timeout)
+        except Lost as lost:
+            raise self._broken("connecting", lost) from None
+
+    def close(self) -> None:
+        self._transport.close()
+
+    def read(self, request: Request) -> Sequence[int]:
+        """The cells of the answer, at least as many as were asked for."""
+        try:
+            answer = self._readers[request.table](request.address, count=request.count, device_id=self._unit)
+        except Lost as error:
+            raise self._broken(f"reading {request.what}", error) from None
+        if answer.isError():
+            raise self._refused(f"reading {request.what}", answer.exception_code)
+        return answer.bits or answer.registers
+
+    def write(self, request: Request, cells: list[int]) -> None:
+        """Write; the device must confirm what it was sent."""
+        self._confirmed(request, self._write, cells)
+
+    def write_and_read(self, request: Request, cells: list[int]) -> Sequence[int]:
+        """Write registers by function 23; what they hold afterwards."""
+        return self._confirmed(request, self._write_and_read, cells).registers
+
+    def _confirmed(
+        self, request: Request, send: Callable[[Request, list[int]], ModbusPDU], cells: list[int]
+    ) -> ModbusPDU:
+        try:
+            answer = send(request, cells)
+        except Lost as error:
+            raise self._broken(f"writing {request.what}", error) from None
+        if answer.isError():
+            raise self._refused(f"writing {request.what}", answer.exception_code)
+        return answer
+
+    def _write(self, request: Request, cells: list[int]) -> ModbusPDU:
+        """By function 5 or 6, by 15 or 16 where there is more than one cell."""
+        client, unit, address = self._client, self._unit, request.address
+        if request.table is COIL:
+            bits = [bool(cell) for cell in cells]
+            if request.count == 1:
+                return client.write_coil(address, bits[0], device_id=unit)
+            return client.write_coils(address, bits, device_id=unit)
+        if request.count == 1:
+            return client.write_register(address, cells[0], device_id=unit)
+        return client.write_registers(address, cells, device_id=unit)
+
+    def _write_and_read(self, request: Request, cells: list[int]) -> ModbusPDU:
+        return self._client.readwrite_registers(
+            read_address=request.address,
+            read_count=request.count,
+            write_address=request.address,
+            values=cells,
+            device_id=self._unit,
+        )
+
+    def _refused(self, what: str, code: int) -> DriverError:
+        """An exception answer; the connection stays as it is."""
+        return Refused(f"{self._name}: {what}: exception {code}, {EXCEPTIONS.get(code, 'of an unknown kind')}")
+
+    def _broken(self, what: str, error: Lost) -> DriverError:
+        """A failure after which the connection cannot be trusted."""
+        self._transport.failed(error)
+        if isinstance(error, Recovering):
+            return DriverError(f"{self._name} is recovering: {error}")
+        if not isinstance(error, TimedOut):
+            return DriverError(f"{self._name}: {what}: {error}")
+        limit = f"{self._timeout * 1000:g} ms"
+        why = f"{error} within {limit}" if str(error) else f"timed out ({limit})"
+        return DeviceTimeout(f"{self._name}: {what}: {why}")
+
+
+def _transport(place: Host | Serial, unit: int, recovery: float) -> Transport:
+    if isinstance(place, Host):
+        return Tcp(place)
+    from umo.drivers.modbus.rtu import Rtu  # needs pyserial
+
+    return Rtu(place, unit, recovery)
+
+
+def _be_quiet() -> None:
+    """pymodbus logs each failure, formatted, inside the period; a level that the user set is left alone."""
+    logger = logging.getLogger("pymodbus")
+    if logger.level == logging.NOTSET:
+        logger.setLevel(logging.CRITICAL)

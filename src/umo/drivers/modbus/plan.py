@@ -1,0 +1,162 @@
+"""The fewest requests that serve a period's channels: pure functions, no device."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+from umo.drivers.contract import IntArray
+from umo.drivers.modbus.channel import ModbusChannel, Table
+from umo.errors import ChannelsFailed, DriverError
+
+
+@dataclass(frozen=True)
+class Item:
+    """A channel, its place among the values of the call, and where its first cell lies in the request."""
+
+    place: int
+    offset: int
+    channel: ModbusChannel
+
+    @property
+    def within(self) -> slice:
+        return slice(self.offset, self.offset + self.channel.cells)
+
+
+@dataclass(frozen=True)
+class Request:
+    """One request: `count` cells of a table from `address`, and the channels among them."""
+
+    table: Table
+    address: int
+    count: int
+    items: tuple[Item, ...]
+    singles: tuple[tuple[int, int], ...] = field(default=(), compare=False)
+    """Of the channels with one cell: where it lies, and its bit of the sign or 0."""
+    places: slice | list[int] = field(default_factory=list, compare=False)
+    """Their places among the values."""
+    wides: tuple[Item, ...] = field(default=(), compare=False)
+    """The channels with more cells."""
+
+    @property
+    def what(self) -> str:
+        if self.count == 1:
+            return f"{self.table.cells} {self.address}"
+        return f"{self.table.cells}s {self.address} to {self.address + self.count - 1}"
+
+    def decode(self, cells: Sequence[int], out: IntArray) -> None:
+        """Put the values of an answer's cells into their places of `out`. ChannelsFailed names the channels whose cells
+        hold what is not a raw integer."""
+        # two's complement; sign 0 leaves the value alone
+        out[self.places] = [(cells[offset] ^ sign) - sign for offset, sign in self.singles]
+        if self.wides:
+            self._decode_wides(cells, out)
+
+    def _decode_wides(self, cells: Sequence[int], out: IntArray) -> None:
+        failed: dict[str, Exception | str] = {}
+        for item in self.wides:
+            try:
+                out[item.place] = item.channel.raw(cells[item.within])
+            except DriverError as error:
+                failed[item.channel.text] = error
+        if failed:
+            raise ChannelsFailed(failed)
+
+    def encode(self, raws: Sequence[int]) -> list[int]:
+        """The cells that carry these values; a value that does not fit is an error, never cut off."""
+        cells = [0] * self.count
+        for item in self.items:
+            channel, raw = item.channel, raws[item.place]
+            if channel.cells > 1 or not channel.lowest <= raw <= channel.highest:
+                cells[item.within] = channel.words(raw)
+            else:
+                cells[item.offset] = raw & 0xFFFF
+        return cells
+
+    def check_taken(self, cells: Sequence[int], read_back: Sequence[int]) -> None:
+        """ChannelsFailed names the channels whose cells were read back other than written."""
+        failed = {
+            item.channel.text: f"the unit reads back {read_back[item.within]} in place of {cells[item.within]}"
+            for item in self.items
+            if read_back[item.within] != cells[item.within]
+        }
+        if failed:
+            raise ChannelsFailed(failed)
+
+
+Requests = tuple[Request, ...]
+_Placed = tuple[int, ModbusChannel]
+
+
+def plan_reads(channels: Sequence[ModbusChannel], *, bridge_gaps: bool = False) -> Requests:
+    """The reads that serve all the channels: runs of one table, over small gaps too if `bridge_gaps`."""
+
+    def joins(end: int, channel: ModbusChannel) -> bool:
+        return channel.address <= end + (channel.table.bridge if bridge_gaps else 0)
+
+    return _plan(channels, joins, lambda table: table.most_read)
+
+
+def plan_writes(channels: Sequence[ModbusChannel], *, most_registers: int = 123) -> Requests:
+    """The writes that serve all the channels: runs without gaps, as nobody commanded the cells between.
+
+    Channels that share a cell are written one by one in the order given, so that the last one stands.
+    """
+    for channel in channels:
+        if not channel.table.most_written:
+            raise DriverError(f"{channel.text} is an input")
+    if _overlap(channels):
+        return tuple(_request([placed]) for placed in enumerate(channels))
+
+    def most(table: Table) -> int:
+        return table.most_written if table.cells == "coil" else most_registers
+
+    return _plan(channels, lambda end, channel: channel.address == end, most)
+
+
+def _plan(
+    channels: Sequence[ModbusChannel],
+    joins: Callable[[int, ModbusChannel], bool],
+    most: Callable[[Table], int],
+) -> Requests:
+    runs: list[list[_Placed]] = []
+    table: Table | None = None
+    start = end = 0
+    for index, channel in _by_place(enumerate(channels)):
+        reach = max(end, channel.end)
+        if channel.table is table and joins(end, channel) and reach - start <= most(table):
+            runs[-1].append((index, channel))
+            end = reach
+        else:
+            runs.append([(index, channel)])
+            table, start, end = channel.table, channel.address, channel.end
+    runs.sort(key=lambda run: min(index for index, _ in run))  # in the order of the declaration
+    return tuple(_request(run) for run in runs)
+
+
+def _request(run: Sequence[_Placed]) -> Request:
+    start = run[0][1].address
+    end = max(channel.end for _, channel in run)
+    items = tuple(Item(index, channel.address - start, channel) for index, channel in run)
+    narrow = [item for item in items if item.channel.cells == 1]
+    singles = tuple((item.offset, 1 << 15 if item.channel.signed else 0) for item in narrow)
+    wides = tuple(item for item in items if item.channel.cells > 1)
+    return Request(run[0][1].table, start, end - start, items, singles, _places(narrow), wides)
+
+
+def _places(items: Sequence[Item]) -> slice | list[int]:
+    """As a slice where they follow each other: numpy is then quicker."""
+    places = [item.place for item in items]
+    if places and places == list(range(places[0], places[0] + len(places))):
+        return slice(places[0], places[0] + len(places))
+    return places
+
+
+def _by_place(placed: Iterable[_Placed]) -> list[_Placed]:
+    return sorted(placed, key=lambda each: (each[1].table.name, each[1].address, each[0]))
+
+
+def _overlap(channels: Sequence[ModbusChannel]) -> bool:
+    ordered = [channel for _, channel in _by_place(enumerate(channels))]
+    return any(one.table is other.table and other.address < one.end for one, other in pairwise(ordered))

@@ -1,0 +1,207 @@
+"""The units of a serial line (Modbus over Serial Line V1.02, RTU).
+
+A frame has no number, so nothing in it tells a late answer from the answer to the next request of the same kind.
+Therefore a unit whose answer did not come, or came damaged, is not asked again for its `recovery` time, counted from
+the end of the request. What comes in meanwhile is discarded; the late answer itself ends the time early. Other units go
+on: an answer names its unit, so a late one is known from theirs. When the line is opened, the time runs for all units:
+another process, which has ended, may have asked them.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from time import monotonic, sleep
+from typing import ClassVar
+
+from pymodbus.framer import FramerRTU
+from pymodbus.pdu import DecodePDU, ModbusPDU
+
+from umo.drivers.modbus.answer import Lost, Recovering, TimedOut, answer_size
+from umo.drivers.modbus.place import Serial
+from umo.drivers.modbus.rtu_frame import SUM, answer_end, is_answer
+from umo.drivers.modbus.serial_port import Gone, SerialPort
+from umo.errors import DriverError
+
+_LONGEST = 256
+_MOST = 16
+_STEP = 0.005
+"""s between two looks at a line while a unit recovers."""
+
+
+@dataclass(frozen=True)
+class Owed:
+    """An answer that may still come: to this request, sent at this time. No request: to whoever had the line before."""
+
+    request: bytes
+    since: float
+
+
+class Line:
+    """A serial line of this process, shared by the drivers of its units; open while one of them is."""
+
+    _lines: ClassVar[dict[tuple[int, str], Line]] = {}
+
+    def __init__(self, place: Serial, key: tuple[int, str]) -> None:
+        self.place = place
+        self._key = key
+        self._users = 0
+        self._port: SerialPort | None = None
+        self.opened = 0.0
+        """When the port was."""
+        self._units: dict[int, Owed | None] = {}
+        """What the units owe that were asked since the line was opened."""
+        self._last = 0.0
+        """When the last byte was on the line."""
+        self._stray = b""
+        """What came in unasked since the line was last silent."""
+
+    @classmethod
+    def join(cls, place: Serial) -> Line:
+        """The line of this device file; a child process has its own."""
+        key = (os.getpid(), os.path.realpath(place.path))
+        line = cls._lines.setdefault(key, cls(place, key))
+        if str(line.place) != str(place):
+            raise DriverError(f"{place.path} is open at {line.place} for another unit, and here it is {place}")
+        line._users += 1
+        return line
+
+    def leave(self) -> None:
+        self._users -= 1
+        if not self._users:
+            self.close()
+            self._lines.pop(self._key, None)
+
+    @property
+    def port(self) -> SerialPort:
+        if self._port is None:
+            raise Gone("the serial line is closed")
+        return self._port
+
+    def open(self, deadline: float) -> None:
+        """If it is not, or has failed since. DriverError, in words of its own."""
+        if self._port is None:
+            self._port = SerialPort(self.place, deadline)
+            self.opened = self._last = monotonic()
+            self._units.clear()
+
+    def close(self) -> None:
+        if self._port is not None:
+            self._port.close()
+        self._port = None
+
+    def owed(self, unit: int) -> Owed | None:
+        return self._units.get(unit, Owed(b"", self.opened))
+
+    def settle(self, unit: int) -> None:
+        """The unit owes nothing: it has answered, or its time is over."""
+        self._units[unit] = None
+
+    def exchange(self, frame: bytes, deadline: float) -> bytes:
+        """Send a frame; unit, function and data of its answer."""
+        self._wait_for_silence(deadline)
+        request, unit = frame[:-SUM], frame[0]
+        self._last = monotonic() + len(frame) * self.place.character  # it is on its way for so long
+        self._units[unit] = Owed(request, self._last)
+        self.port.send(frame, deadline)
+        answer = self._answer(request, deadline)
+        self.settle(unit)
+        return answer
+
+    def discard(self) -> None:
+        """Whatever has come in unasked, at most `_MOST` times 4 KiB. A late answer settles its unit."""
+        for _ in range(_MOST):
+            data = self.port.waiting()
+            if not data:
+                return
+            self._last = monotonic()
+            self._stray = (self._stray + data)[-_LONGEST:]
+            for unit, owed in self._units.items():
+                if owed is not None and is_answer(owed.request, self._stray):
+                    self._units[unit] = None
+
+    def _wait_for_silence(self, deadline: float) -> None:
+        """Until nobody has sent anything for 3.5 characters."""
+        self.discard()
+        while (pause := self._last + self.place.silence - monotonic()) > 0:
+            if monotonic() + pause > deadline:
+                raise TimedOut("the line was not silent")
+            sleep(pause)
+            self.discard()
+        self._stray = b""
+
+    def _answer(self, request: bytes, deadline: float) -> bytes:
+        data = b""
+        while True:
+            asked = self._asked(request, data)
+            end = answer_end(asked, data)
+            if not end:
+                data += self._receive(request, data, deadline)
+            elif asked is not request:
+                self.settle(asked[0])
+                data = data[end:]
+            elif len(data) > end:
+                raise Lost(f"an answer of {len(data)} bytes in place of {end}")
+            else:
+                return data[:-SUM]
+
+    def _asked(self, request: bytes, data: bytes) -> bytes:
+        """The request that the data begins to answer: this one, or one that another unit still owes an answer to."""
+        owed = self._units.get(data[0]) if data and data[0] != request[0] else None
+        return request if owed is None else owed.request
+
+    def _receive(self, request: bytes, data: bytes, deadline: float) -> bytes:
+        try:
+            more = self.port.receive(deadline)
+        except TimedOut:
+            size = answer_size(request) + SUM
+            raise TimedOut(f"{len(data)} of {size} bytes of an answer came" if data else "") from None
+        self._last = monotonic()
+        return more
+
+
+class Rtu:
+    """One unit of a serial line, for one driver. Every method but `close` raises Lost."""
+
+    def __init__(self, place: Serial, unit: int, recovery: float) -> None:
+        self.framer = FramerRTU(DecodePDU(False))
+        self._line = Line.join(place)
+        self._unit = unit
+        self._recovery = recovery
+        self._deadline = 0.0
+        self._known = 0.0
+        """When the line was opened that was last used."""
+
+    def open(self, deadline: float) -> None:
+        self._line.open(deadline)
+
+    def close(self) -> None:
+        self._line.leave()
+
+    def begin(self, deadline: float) -> bool:
+        """The line is open and the unit owes nothing; everything until the next `begin` ends by this time. A call waits
+        for the end of the unit's recovery if that leaves it half of its time. True if the line was opened anew."""
+        self._deadline = deadline
+        line = self._line
+        line.open(deadline)
+        latest = (monotonic() + deadline) / 2
+        while (owed := line.owed(self._unit)) is not None:
+            line.discard()
+            left = owed.since + self._recovery - monotonic()
+            if left <= 0:
+                line.settle(self._unit)
+            elif owed.since + self._recovery > latest and line.owed(self._unit) is not None:
+                raise Recovering(f"a late answer may still come, for {left * 1000:.0f} ms")
+            else:
+                sleep(min(left, _STEP))
+        known, self._known = self._known, line.opened
+        return known != line.opened
+
+    def exchange(self, request: ModbusPDU) -> bytes:
+        """Send the request; unit, function and data of its answer, which may be an exception answer."""
+        return self._line.exchange(self.framer.buildFrame(request), self._deadline)
+
+    def failed(self, error: Lost) -> None:
+        """The line itself, or its unit, which then still owes its answer."""
+        if isinstance(error, Gone):
+            self._line.close()
