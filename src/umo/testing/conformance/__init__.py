@@ -1,0 +1,41 @@
+"""The conformance kit: proves that a driver keeps its contract, and says in words what is broken.
+
+    with TcpTap("127.0.0.1", 5020) as tap:
+        certificate = conform(
+            Subject(
+                name="my driver",
+                make=lambda: MyDriver(host=tap.host, port=tap.port),
+                outputs=(Output("dac:0", default=0, least=0, greatest=4095),),
+                inputs=(Input("adc:0"),),
+                loopbacks=(("dac:0", "adc:0"),),
+                line=tap,
+            )
+        )
+    assert certificate.passed, certificate
+
+`umo conform` does this with a wiring; docs/howto-prove-a-driver.md describes both.
+"""
+
+from umo.testing.conformance.certificate import Certificate, Finding, TransferTime, Verdict
+from umo.testing.conformance.examine import conform
+from umo.testing.conformance.pty_tap import PtyTap
+from umo.testing.conformance.rules import Rule, all_rules
+from umo.testing.conformance.subject import Input, Output, Subject
+from umo.testing.conformance.taps import Tap
+from umo.testing.conformance.tcp_tap import TcpTap
+
+__all__ = [
+    "Certificate",
+    "Finding",
+    "Input",
+    "Output",
+    "PtyTap",
+    "Rule",
+    "Subject",
+    "Tap",
+    "TcpTap",
+    "TransferTime",
+    "Verdict",
+    "all_rules",
+    "conform",
+]

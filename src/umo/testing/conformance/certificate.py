@@ -1,0 +1,120 @@
+"""The result of a run of the kit: a verdict for each rule, times, and what was tested."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field
+from enum import StrEnum
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+WIDTH = 140
+
+
+class Verdict(StrEnum):
+    """Of one rule."""
+
+    PASSED = "passed"
+    FAILED = "failed"
+    NOT_TRIED = "not tried"
+
+
+STYLES = {Verdict.PASSED: "green", Verdict.FAILED: "bold red", Verdict.NOT_TRIED: "dim"}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The verdict on one rule. `why`: what is broken, why it was not tried, or a remark."""
+
+    rule: str
+    text: str
+    verdict: Verdict
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class TransferTime:
+    """Of one kind of transfer, in s."""
+
+    median: float
+    p99: float
+    count: int
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What the kit found; `str` is a table. Holds no paths or names of the computer, except those of `devices`."""
+
+    name: str
+    driver: str
+    """Module and class."""
+    devices: tuple[str, ...]
+    outputs: tuple[str, ...]
+    inputs: tuple[str, ...]
+    findings: tuple[Finding, ...]
+    times: dict[str, TransferTime] = field(default_factory=dict)
+    unreached: tuple[str, ...] = ()
+    """Outputs that could not be brought to their defaults at the end."""
+    cycles: int = 0
+    date: str = ""
+    versions: dict[str, str] = field(default_factory=dict)
+    platform: str = ""
+
+    @property
+    def passed(self) -> bool:
+        """No rule failed, at least one passed, and the outputs are at their defaults."""
+        return not self.failed and not self.unreached and any(each.verdict is Verdict.PASSED for each in self.findings)
+
+    @property
+    def failed(self) -> tuple[Finding, ...]:
+        return tuple(each for each in self.findings if each.verdict is Verdict.FAILED)
+
+    def finding(self, rule: str) -> Finding:
+        """The finding on this rule; KeyError if it was not chosen."""
+        return {each.rule: each for each in self.findings}[rule]
+
+    @property
+    def summary(self) -> str:
+        """One line."""
+        counts = [(sum(each.verdict is verdict for each in self.findings), verdict.value) for verdict in Verdict]
+        return f"{self.name}: {', '.join(f'{count} {what}' for count, what in counts)}"
+
+    def table(self) -> Table:
+        """For a rich console."""
+        table = Table(title=f"{self.name}: {', '.join(self.devices) or 'no device'}", title_justify="left")
+        for heading in ("rule", "verdict", "finding"):
+            table.add_column(heading, overflow="fold")
+        for each in self.findings:
+            about = Text(each.text, "dim") if not each.why else Text(each.why)
+            table.add_row(each.rule, Text(each.verdict.value, STYLES[each.verdict]), about)
+        for kind, time in self.times.items():
+            figures = f"median {time.median * 1e6:.0f} us, p99 {time.p99 * 1e6:.0f} us, {time.count} calls"
+            table.add_row(f"time of {kind}", "", figures)
+        table.caption = f"{self.summary}; {self.date}, {', '.join(f'{k} {v}' for k, v in self.versions.items())}"
+        table.caption_justify = "left"
+        return table
+
+    def __str__(self) -> str:
+        console = Console(width=WIDTH, no_color=True)
+        with console.capture() as captured:
+            console.print(self.table())
+        return "\n" + captured.get()
+
+    def to_json(self) -> str:
+        return json.dumps(asdict(self), indent=1, ensure_ascii=False) + "\n"
+
+    def save(self, folder: Path) -> Path:
+        """Write NAME.json into the folder, which is made if it does not exist."""
+        folder.mkdir(parents=True, exist_ok=True)
+        file = folder / f"{self.name.replace('/', '-').replace(' ', '-')}.json"
+        file.write_text(self.to_json(), encoding="utf-8")
+        return file
+
+    @classmethod
+    def from_json(cls, text: str) -> Certificate:
+        from pydantic import TypeAdapter
+
+        return TypeAdapter(cls).validate_json(text)

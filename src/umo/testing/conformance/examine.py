@@ -1,0 +1,164 @@
+"""Runs the rules, each in a thread of its own, so that a driver that hangs does not hang the kit."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Callable, Iterable
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from threading import Thread
+from time import monotonic
+
+from umo.testing.conformance.certificate import Certificate, Finding, Verdict
+from umo.testing.conformance.hand import Watch
+from umo.testing.conformance.rules import NotTried, Rule, RuleBroken, chosen_rules
+from umo.testing.conformance.subject import Subject
+from umo.testing.conformance.trial import Trial
+from umo.text import reported
+
+Progress = Callable[[str, float], object]
+"""Called with the rule and the share of the whole that is done, ten times a second."""
+INTERVAL = 0.1
+HANG = 2.0
+"""s, and four times its timeout, after which a call counts as hanging."""
+on_certificate: list[Callable[[Certificate], object]] = []
+"""Called with each certificate."""
+
+
+class Hangs(Exception):
+    """A call of the driver does not return."""
+
+
+def conform(
+    subject: Subject, *, only: Iterable[str] | None = None, cycles: int = 10_000, progress: Progress | None = None
+) -> Certificate:
+    """Try every rule (or `only` these) on the driver. Takes about a second and the time of `cycles` transfers, each
+    with one read and one write of every channel.
+
+    Outputs are driven within the limits of the subject, and are at their defaults at the end, also after an exception
+    or Ctrl-C. A rule that fails does not keep the others from being tried, unless the driver hangs: a call that
+    does not return within four times its timeout and 2 s.
+    """
+    rules = chosen_rules(only)
+    trial = Trial(subject, cycles)
+    findings: list[Finding] = []
+    hangs = ""
+    try:
+        for number, rule in enumerate(rules):
+            if hangs:
+                findings.append(Finding(rule.id, rule.text, Verdict.NOT_TRIED, f"the driver hangs in {hangs}"))
+                continue
+            try:
+                findings.append(_supervised(trial, rule, _part(progress, rule, number, len(rules))))
+            except Hangs as error:
+                hangs = trial.watch.doing
+                findings.append(Finding(rule.id, rule.text, Verdict.FAILED, str(error)))
+    finally:
+        _bring_to_defaults(trial)
+    certificate = _certificate(trial, findings)
+    for call in on_certificate:
+        call(certificate)
+    return certificate
+
+
+def _supervised(trial: Trial, rule: Rule, progress: Callable[[float], object]) -> Finding:
+    """The finding on one rule. Hangs if a call does not return."""
+    found: list[Finding] = []
+    errors: list[BaseException] = []
+
+    def work() -> None:
+        try:
+            found.append(_tried(trial, rule))
+        except BaseException as error:
+            errors.append(error)
+
+    trial.share = 0.0
+    _in_thread(trial, work, lambda: progress(trial.share))
+    if errors:
+        raise errors[0]
+    return found[0]
+
+
+def _tried(trial: Trial, rule: Rule) -> Finding:
+    try:
+        verdict, why = Verdict.PASSED, rule.check(trial) or ""
+    except NotTried as reason:
+        verdict, why = Verdict.NOT_TRIED, str(reason)
+    except RuleBroken as broken:
+        verdict, why = Verdict.FAILED, str(broken)
+    except OSError as error:
+        verdict, why = Verdict.FAILED, f"{trial.watch.doing} failed: {reported(error)}"
+    trial.restore()
+    return Finding(rule.id, rule.text, verdict, why)
+
+
+def _in_thread(trial: Trial, work: Callable[[], None], look: Callable[[], object]) -> None:
+    """Carry out the work. Hangs if a call of the driver does not return. An exception here, such as KeyboardInterrupt,
+    ends the work at its next call of the driver."""
+    thread = Thread(target=work, name="umo conformance", daemon=True)
+    thread.start()
+    try:
+        while thread.is_alive():
+            thread.join(INTERVAL)
+            look()
+            _check_hang(trial)
+    except Hangs:
+        raise
+    except BaseException:
+        trial.watch.stopped = True
+        thread.join(4 * trial.patience + HANG)
+        trial.watch.stopped = False
+        raise
+
+
+def _check_hang(trial: Trial) -> None:
+    watch = trial.watch
+    began, limit = watch.began, watch.limit
+    if began is not None and (took := monotonic() - began) > 4 * limit + HANG:
+        raise Hangs(f"{watch.doing} did not end within {took:.1f} s; its timeout is {limit * 1e3:g} ms")
+
+
+def _bring_to_defaults(trial: Trial) -> None:
+    """Even if the driver hangs: with a new driver and a new watch, as the old one may still be in its call."""
+    if trial.watch.began is not None:
+        trial.watch.stopped = True
+        trial.watch = Watch()
+    if trial.subject.line is not None:
+        trial.subject.line.heal()
+    try:
+        _in_thread(trial, lambda: trial.restore(always=True), lambda: None)
+    except Hangs:
+        trial.unreached = [output.channel for output in trial.subject.outputs]
+
+
+def _part(progress: Progress | None, rule: Rule, number: int, count: int) -> Callable[[float], object]:
+    """The progress of one rule as that of the whole."""
+    if progress is None:
+        return lambda share: None
+    return lambda share: progress(rule.id, (number + share) / count)
+
+
+def _certificate(trial: Trial, findings: Iterable[Finding]) -> Certificate:
+    subject = trial.subject
+    driver = subject.make()
+    return Certificate(
+        name=subject.name,
+        driver=f"{type(driver).__module__}:{type(driver).__qualname__}",
+        devices=(subject.device,) if subject.device else tuple(map(str, driver.devices())),
+        outputs=tuple(f"{each.channel} {each.least} to {each.greatest}" for each in subject.outputs),
+        inputs=tuple(each.channel for each in subject.inputs),
+        findings=tuple(findings),
+        times=trial.times,
+        unreached=tuple(trial.unreached),
+        cycles=trial.cycles,
+        date=datetime.now(UTC).strftime("%Y-%m-%d"),
+        versions={"umo": _version(), "Python": platform.python_version()},
+        platform=f"{platform.system()} {platform.machine()}",
+    )
+
+
+def _version() -> str:
+    try:
+        return version("umo")
+    except PackageNotFoundError:  # run from its sources
+        return "?"

@@ -1,0 +1,125 @@
+"""A driver under test: every call of it is watched, and noted in words."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from operator import index
+from time import monotonic
+from typing import Any, TypeVar
+
+import numpy as np
+
+from umo.drivers.contract import Channel, Driver, IntArray
+from umo.text import cause_of, located
+
+T = TypeVar("T")
+
+
+class Watch:
+    """What the driver is doing now; read by another thread, which finds a call that hangs."""
+
+    def __init__(self) -> None:
+        self.doing = "make the driver"
+        self.began: float | None = None
+        self.limit = 0.0
+        """Timeout in s of the call that is under way."""
+        self.took = 0.0
+        """Duration in s of the last call."""
+        self.stopped = False
+        """No call is to be made any more, as the user wants the kit to end."""
+        self.wrong_kinds: list[str] = []
+        """Calls that raised something else than an OSError."""
+        self.wrong_types: list[str] = []
+        """Readings that are not an int within the bits of their channel."""
+
+
+class Stopped(BaseException):
+    """The kit was asked to end."""
+
+
+class WrongKind(OSError):
+    """The driver raised something else; it is noted in the watch and taken for an OSError."""
+
+
+class Hand:
+    """The functions of one driver, with texts for channels."""
+
+    def __init__(self, driver: Driver[Any], watch: Watch) -> None:
+        self.driver = driver
+        self.watch = watch
+        self.opened: list[str] = []
+        """Channels that were initialised and not finalised."""
+
+    def channel(self, text: str) -> Channel:
+        channel: Channel = self.call(f"channel({text!r})", self.driver.channel, text)
+        return channel
+
+    def open(self) -> None:
+        self.call("open", self.driver.open)
+
+    def close(self) -> None:
+        self.call("close", self.driver.close)
+
+    def initialize(self, text: str, default: int | None) -> None:
+        self.opened.append(text)
+        self.call(f"initialize of {text}", self.driver.initialize, self.channel(text), default)
+
+    def finalize(self, text: str) -> None:
+        if text in self.opened:
+            self.opened.remove(text)
+        self.call(f"finalize of {text}", self.driver.finalize, self.channel(text))
+
+    def reset(self, text: str, default: int | None) -> None:
+        self.call(f"reset of {text}", self.driver.reset, self.channel(text), default)
+
+    def read(self, text: str) -> int:
+        channel = self.channel(text)
+        return self._checked(channel, self.call(f"read of {text}", self.driver.read, channel))
+
+    def write(self, text: str, raw: int) -> None:
+        self.call(f"write of {raw} to {text}", self.driver.write, self.channel(text), raw)
+
+    def read_many(self, texts: Sequence[str], out: IntArray | None = None) -> list[int]:
+        """Into `out`, which is filled with a value that no channel should have, or into a new array."""
+        channels = tuple(map(self.channel, texts))
+        out = np.empty(len(texts), np.int64) if out is None else out
+        self.call(f"read_many of {', '.join(texts)}", self.driver.read_many, channels, out)
+        return [self._checked(channel, raw) for channel, raw in zip(channels, out.tolist(), strict=True)]
+
+    def write_many(self, texts: Sequence[str], raws: Sequence[int] | IntArray) -> None:
+        channels = tuple(map(self.channel, texts))
+        array = np.array(raws, np.int64) if not isinstance(raws, np.ndarray) else raws
+        array = array.view()
+        array.setflags(write=False)  # as the image hands it over
+        self.call(f"write_many to {', '.join(texts)}", self.driver.write_many, channels, array)
+
+    def call(self, what: str, function: Callable[..., T], *arguments: Any) -> T:
+        """Any call of the driver. Its OSErrors pass; other exceptions are noted and become OSErrors."""
+        watch = self.watch
+        if watch.stopped:
+            raise Stopped
+        watch.doing, watch.limit = what, self.driver.timeout
+        watch.began = began = monotonic()
+        try:
+            return function(*arguments)
+        except OSError:
+            raise
+        except BaseException as error:
+            watch.wrong_kinds.append(f"{what} raised {located(error)}")
+            raise WrongKind(cause_of(error)) from error
+        finally:
+            watch.took = monotonic() - began
+            watch.began = None
+
+    def _checked(self, channel: Channel, raw: Any) -> int:
+        note = self.watch.wrong_types.append
+        try:
+            value = index(raw)
+        except TypeError:
+            note(f"{self.watch.doing} returned {raw!r}, a {type(raw).__name__}")
+            return int(raw) if isinstance(raw, float) and raw.is_integer() else -(1 << 62)
+        if type(raw) is not int:
+            note(f"{self.watch.doing} returned {raw!r}, a {type(raw).__name__}")
+        elif not channel.lowest <= value <= channel.highest:
+            note(f"{self.watch.doing} returned {value}; {channel.text} has {channel.lowest} to {channel.highest}")
+        return value

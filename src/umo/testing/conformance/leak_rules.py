@@ -1,0 +1,197 @@
+"""Rules of what adds up over many calls: descriptors, threads, memory; the time per transfer."""
+
+from __future__ import annotations
+
+import gc
+import os
+import threading
+import tracemalloc
+from collections.abc import Callable
+from contextlib import suppress
+from itertools import pairwise
+from time import monotonic, perf_counter, sleep
+from typing import Any
+
+import numpy as np
+
+from umo.testing.conformance.certificate import TransferTime
+from umo.testing.conformance.hand import Hand
+from umo.testing.conformance.rules import NotTried, RuleBroken, rule
+from umo.testing.conformance.trial import Trial
+
+DESCRIPTORS = "/proc/self/fd"
+RARE = 100
+"""Cycles for each time that the driver is opened and closed, and that its connection is dropped."""
+FADE = 2.0
+"""s until what was closed has ended at the other end too."""
+ROUNDS = 3
+"""Measurements of memory: a cache may still fill in the first ones."""
+PER_CYCLE = 4.0
+"""Bytes by which the memory may grow in each cycle: less than one entry of a list."""
+FREE = 16_384
+"""Bytes by which the memory may grow at any rate."""
+TIMED = 1000
+
+
+@rule("descriptors", "No descriptor is left open over many cycles, openings and lost connections.")
+def descriptors(trial: Trial) -> str:
+    if not os.path.isdir(DESCRIPTORS):
+        raise NotTried("the open descriptors can be counted on Linux only")
+    before, after = _churned(trial)["descriptors"]
+    if after > before:
+        raise RuleBroken(f"{after - before} more descriptors are open after {_openings(trial)} openings")
+    return f"{_openings(trial)} openings"
+
+
+@rule("threads", "No thread is left over.")
+def threads(trial: Trial) -> str:
+    before, after = _churned(trial)["threads"]
+    if after > before:
+        raise RuleBroken(f"{after - before} more threads run after {_openings(trial)} openings")
+    return f"{_openings(trial)} openings"
+
+
+def _openings(trial: Trial) -> int:
+    return max(3, trial.cycles // RARE)
+
+
+def _churned(trial: Trial) -> dict[str, tuple[int, int]]:
+    """Counts before and after the driver was opened, used, cut off and closed many times; once for both rules."""
+    if "churned" not in trial.kept:
+        _open_often(trial, 2)  # imports, caches
+        before = _counts(trial, None)
+        _open_often(trial, _openings(trial))
+        after = _counts(trial, before)
+        trial.kept["churned"] = {key: (before[key], after[key]) for key in before}
+    found: dict[str, tuple[int, int]] = trial.kept["churned"]
+    return found
+
+
+def _open_often(trial: Trial, count: int) -> None:
+    line = trial.subject.line
+    for number in range(count):
+        trial.share = number / count
+        with trial.opened() as hand:
+            for call, arguments in trial.transfers(hand):
+                call(*arguments)
+            if line is not None:
+                line.drop()
+                for _ in range(2):  # the first may find the end of the connection
+                    for call, arguments in trial.transfers(hand):
+                        trial.failure(call, *arguments)
+
+
+def _counts(trial: Trial, goal: dict[str, int] | None) -> dict[str, int]:
+    """Descriptors and threads, without those of the line. What is closing is waited for, as far as the goal."""
+    end = monotonic() + FADE
+    while True:
+        gc.collect()
+        found = {"descriptors": _descriptors(trial), "threads": threading.active_count()}
+        if goal is None or monotonic() >= end or all(found[key] <= goal[key] for key in found):
+            return found
+        sleep(0.01)
+
+
+def _descriptors(trial: Trial) -> int:
+    line = trial.subject.line
+    with suppress(OSError):
+        return len(os.listdir(DESCRIPTORS)) - (line.descriptors if line is not None else 0)
+    return 0
+
+
+@rule("memory", "The memory does not grow over many cycles.")
+def memory(trial: Trial) -> str:
+    cycles = max(20, trial.cycles // ROUNDS)
+    with trial.opened() as hand:
+        cycle = _cycle(trial, hand)
+        _repeat(trial, hand, cycle, max(10, cycles // 10))
+        growth = _growths(trial, hand, cycle, cycles)
+    allowed = FREE + PER_CYCLE * cycles
+    if growth > allowed:
+        raise RuleBroken(f"the memory grew by {growth} bytes in each {cycles} cycles, {growth / cycles:.0f} a cycle")
+    return f"{ROUNDS * cycles} cycles"
+
+
+def _growths(trial: Trial, hand: Hand, cycle: Callable[[], object], cycles: int) -> int:
+    """The least growth of some rounds, in bytes."""
+    own = not tracemalloc.is_tracing()
+    if own:
+        tracemalloc.start()
+    try:
+        sizes = []
+        for number in range(ROUNDS + 1):
+            gc.collect()
+            sizes.append(tracemalloc.get_traced_memory()[0])
+            if number < ROUNDS:
+                trial.share = number / ROUNDS
+                _repeat(trial, hand, cycle, cycles)
+        return min(after - before for before, after in pairwise(sizes))
+    finally:
+        if own:
+            tracemalloc.stop()
+
+
+def _repeat(trial: Trial, hand: Hand, cycle: Callable[[], object], count: int) -> None:
+    """In portions, each one call for the watch: it takes longer than the transfer itself."""
+    for _ in range(count):
+        hand.call("cycle", cycle)
+
+
+def _cycle(trial: Trial, hand: Hand) -> Callable[[], object]:
+    """One read and one write of every channel."""
+    driver = hand.driver
+    readable = tuple(map(hand.channel, trial.readable))
+    outputs = tuple(hand.channel(each.channel) for each in trial.subject.outputs)
+    out = np.zeros(len(readable), np.int64)
+    levels = [np.array([o.other(i) for o in trial.subject.outputs], np.int64) for i in (0, 1)]
+    levels.append(np.array([o.default for o in trial.subject.outputs], np.int64))
+    state = [0]
+
+    def cycle() -> None:
+        state[0] = (state[0] + 1) % len(levels)
+        if outputs:
+            driver.write_many(outputs, levels[state[0]])
+            driver.write(outputs[0], trial.subject.outputs[0].default)
+        if readable:
+            driver.read_many(readable, out)
+            driver.read(readable[0])
+
+    return cycle
+
+
+@rule("time", "The time per transfer, 99 of 100 within the timeout.")
+def time_per_transfer(trial: Trial) -> str:
+    count = max(20, min(trial.cycles, TIMED))
+    with trial.opened() as hand:
+        for kind, call in _kinds(trial, hand).items():
+            taken = np.zeros(count)
+            for number in range(count):
+                began = perf_counter()
+                hand.call(kind, call)
+                taken[number] = perf_counter() - began
+            median, p99 = (float(np.percentile(taken, share)) for share in (50, 99))
+            trial.times[kind] = TransferTime(median, p99, count)
+    if not trial.times:
+        raise NotTried("the subject has no channels")
+    slow = {kind: each.p99 for kind, each in trial.times.items() if each.p99 > trial.subject.timeout}
+    if slow and min(each.median for each in trial.times.values()) > trial.subject.timeout:
+        kind, p99 = next(iter(slow.items()))
+        raise RuleBroken(f"{kind} takes {p99 * 1e3:.1f} ms, its timeout is {trial.subject.timeout * 1e3:g} ms")
+    return ", ".join(f"{kind} {each.median * 1e6:.0f} us" for kind, each in trial.times.items())
+
+
+def _kinds(trial: Trial, hand: Hand) -> dict[str, Callable[[], Any]]:
+    """Each kind of transfer of the driver, without what the kit does around it."""
+    driver = hand.driver
+    kinds: dict[str, Callable[[], Any]] = {}
+    if trial.readable:
+        readable = tuple(map(hand.channel, trial.readable))
+        out = np.zeros(len(readable), np.int64)
+        kinds["read"] = lambda: driver.read(readable[0])
+        kinds[f"read_many of {len(readable)}"] = lambda: driver.read_many(readable, out)
+    if trial.subject.outputs:
+        outputs = tuple(hand.channel(each.channel) for each in trial.subject.outputs)
+        raws = np.array([each.default for each in trial.subject.outputs], np.int64)
+        kinds["write"] = lambda: driver.write(outputs[0], int(raws[0]))
+        kinds[f"write_many of {len(outputs)}"] = lambda: driver.write_many(outputs, raws)
+    return kinds

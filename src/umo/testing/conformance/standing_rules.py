@@ -1,0 +1,41 @@
+"""Rules of every call: what it returns and raises. They come last, as they judge the calls of the others too."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+from umo.testing.conformance.rules import NotTried, RuleBroken, rule
+from umo.testing.conformance.trial import Trial
+from umo.text import some
+
+
+@rule("readings", "A reading is an int, within the bits of its channel.")
+def readings(trial: Trial) -> None:
+    """Also of all readings of the rules before."""
+    if not trial.readable:
+        raise NotTried("the driver has no inputs")
+    with trial.opened() as hand:
+        for text in trial.readable:
+            hand.read(text)
+        hand.read_many(trial.readable)
+    if trial.watch.wrong_types:
+        raise RuleBroken(trial.watch.wrong_types[0])
+
+
+@rule("kind of errors", "A call that fails raises an OSError, whatever failed.")
+def kind_of_errors(trial: Trial) -> None:
+    """Also of all calls of the rules before."""
+    with trial.opened() as hand, suppress(NotTried):
+        trial.fail_some(hand)
+    if trial.watch.wrong_kinds:
+        raise RuleBroken(trial.watch.wrong_kinds[0])
+
+
+@rule("end", "At the end every output is at its default.")
+def end(trial: Trial) -> None:
+    """By a new driver, as far as calls tell."""
+    if not trial.subject.outputs:
+        raise NotTried("the driver has no outputs")
+    trial.restore(always=True)
+    if trial.unreached:
+        raise RuleBroken(f"{some(trial.unreached)} could not be brought to the default")

@@ -1,0 +1,83 @@
+"""What is tested: a driver, the channels that may be used, and what stands around them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from umo.drivers.contract import Driver
+
+if TYPE_CHECKING:
+    from umo.testing.conformance.taps import Tap
+
+
+@dataclass(frozen=True)
+class Output:
+    """A channel that the kit drives: only from `least` to `greatest`, raw and inclusive. Each rule leaves it at its
+    default."""
+
+    channel: str
+    default: int = 0
+    least: int = 0
+    greatest: int = 1
+
+    def __post_init__(self) -> None:
+        if not self.least <= self.default <= self.greatest:
+            raise ValueError(f"{self.channel}: the default {self.default} is not in {self.least} to {self.greatest}")
+
+    @property
+    def samples(self) -> tuple[int, ...]:
+        """Levels to try: the default, both ends, and some between."""
+        width = self.greatest - self.least
+        between = (self.least + width // 3, self.least + width // 2, self.greatest - width // 5)
+        return tuple(dict.fromkeys((self.default, self.greatest, self.least, *between)))
+
+    def other(self, number: int = 0) -> int:
+        """A level that is not the default; `number` chooses among the samples. The default if there is no other."""
+        others = self.samples[1:] or self.samples
+        return others[number % len(others)]
+
+
+@dataclass(frozen=True)
+class Input:
+    """A channel that the kit reads. `steady`: what it reads stays the same while nobody drives it."""
+
+    channel: str
+    steady: bool = True
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A driver under test."""
+
+    name: str
+    make: Callable[[], Driver[Any]]
+    """A new driver with its options, not opened; it connects through `line`, if there is one."""
+    outputs: tuple[Output, ...] = ()
+    inputs: tuple[Input, ...] = ()
+    loopbacks: tuple[tuple[str, str], ...] = ()
+    """Pairs of channels: the level of the output is what the input reads."""
+    timeout: float = 0.1
+    """s: `Driver.timeout` in calls that must time out. In all other calls it is 3 s at least."""
+    settle: float = 1.0
+    """s until a level has come through a loop-back at the latest."""
+    device: str = ""
+    """What the driver is connected to, for the certificate. Default: the driver's `devices()`."""
+    line: Tap | None = None
+    """A TcpTap or PtyTap between driver and device, which spoils answers."""
+    gone: Callable[[], AbstractContextManager[object]] | None = None
+    """`with gone():` takes the device away and brings it back. Default: the line does."""
+    levels: Callable[[str], Sequence[int]] | None = None
+    """The levels that an output (its channel's text) had since the last call of this function, oldest first; the
+    first is the level at that call, the last is the present one. For counterparts that record them."""
+    refused: tuple[str, ...] = ()
+    """Channels that the driver knows and the device answers with an error."""
+    checksum: bool = False
+    """Answers carry a checksum, so that any changed bit is noticed."""
+    period: float = 0.001
+    """s: `Driver.period`."""
+    agree: Callable[[str, int, str, int], bool] | None = None
+    """Whether an output at this raw level and an input with this reading are the same level of a loop-back, for those
+    with another scale or noise. Default: both raw values are equal."""

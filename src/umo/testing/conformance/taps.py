@@ -1,0 +1,284 @@
+"""Taps: each stands between a driver and its device, passes everything on, and spoils answers when it is told to.
+
+A tap knows no protocol. In a mode that spoils, an answer is what comes from the device until nothing more has come for
+`QUIET` s.
+"""
+
+from __future__ import annotations
+
+import os
+import selectors
+import threading
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from time import monotonic
+from types import TracebackType
+from typing import Self
+
+QUIET = 0.005
+STEP = 0.001
+"""s between two bytes of an endless answer."""
+KEPT = 64
+"""Exchanges that are remembered."""
+SIZE = 65536
+
+Change = Callable[[bytes], bytes]
+"""Makes what the driver gets out of what the device answered; nothing: no answer."""
+
+
+class Connection:
+    """A driver and its device: two descriptors, and the present exchange."""
+
+    def __init__(self, driver: int, device: int) -> None:
+        self.driver, self.device = driver, device
+        self.request, self.answer = b"", b""
+        self.held = b""
+        """Late answers."""
+        self.due: float | None = None
+        """When the answer counts as complete."""
+
+
+class Tap(ABC):
+    """Base of the taps. One thread moves the bytes.
+
+    with TcpTap("127.0.0.1", 502) as tap:
+        driver = Modbus(host=tap.host, port=tap.port)
+        ...
+        with tap.silent():
+            driver.read(channel)  # times out
+    """
+
+    ordered = True
+    """Whether a connection that the driver opens again begins without what was sent to the one before."""
+
+    def __init__(self) -> None:
+        self.exchanges: deque[tuple[bytes, bytes]] = deque(maxlen=KEPT)
+        """The last requests, each with what the device answered."""
+        self.connections = 0
+        """Connections that a driver has made so far."""
+        self.spoiled = 0
+        """Answers that were spoiled so far."""
+        self._change: Change | None = None
+        self._hangup = self._holding = self._endless = False
+        self._open: list[Connection] = []
+        self._lock = threading.RLock()
+        self._selector = selectors.DefaultSelector()
+        self._wake, self._waker = os.pipe()
+        self._selector.register(self._wake, selectors.EVENT_READ)
+        self._end = False
+        self._thread = threading.Thread(target=self._work, name="umo tap", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._appear()
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._end = True
+        self._nudge()
+        self._thread.join()
+        self._vanish()
+        self.drop()
+        self._selector.close()
+        os.close(self._wake)
+        os.close(self._waker)
+
+    # What a rule asks for ----------------------------------------------------------------------------
+
+    @contextmanager
+    def spoiling(self, change: Change, *, hangup: bool = False) -> Iterator[None]:
+        """Each answer is changed; `hangup`: then the connection is closed."""
+        with self._lock:
+            self._change, self._hangup = change, hangup
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._change, self._hangup = None, False
+
+    @contextmanager
+    def silent(self) -> Iterator[None]:
+        """Requests reach the device, answers get lost."""
+        with self.spoiling(lambda answer: b""):
+            yield
+
+    @contextmanager
+    def late(self, *, behind: bool = False) -> Iterator[None]:
+        """Answers within the block are delivered at its end; `behind`: with the answer to the request after it."""
+        with self._lock:
+            self._holding = True
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._holding = False
+                for each in self._open:
+                    self._finish(each, holding=True)
+                    if not behind:
+                        self._put(each, each.driver, each.held)
+                        each.held = b""
+
+    @contextmanager
+    def endless(self) -> Iterator[None]:
+        """In place of an answer, single bytes come without an end."""
+        self._endless = True
+        self._nudge()
+        try:
+            yield
+        finally:
+            self._endless = False
+
+    @contextmanager
+    def gone(self) -> Iterator[None]:
+        """The device is away: its connections end, and it takes no new ones."""
+        with self._lock:
+            self._vanish()
+            self.drop()
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._appear()
+
+    def drop(self) -> None:
+        """The device ends its connections. It takes new ones at once."""
+        with self._lock:
+            for each in tuple(self._open):
+                self._close(each)
+
+    def heal(self) -> None:
+        """Whatever was asked for ends, and so do the connections."""
+        with self._lock:
+            self._change, self._hangup, self._holding, self._endless = None, False, False, False
+            self.drop()
+
+    @property
+    def descriptors(self) -> int:
+        """Open descriptors of the connections."""
+        return 2 * len(self._open)
+
+    # What the kinds of taps differ in ----------------------------------------------------------------
+
+    @abstractmethod
+    def _appear(self) -> None:
+        """Begin to take connections."""
+
+    @abstractmethod
+    def _vanish(self) -> None:
+        """Take no connections any more."""
+
+    def _accept(self) -> None:
+        """A connection waits to be taken."""
+        raise NotImplementedError
+
+    def _mirror(self, connection: Connection) -> None:
+        """A request is about to be passed on."""
+        return
+
+    # Within ------------------------------------------------------------------------------------------
+
+    def _work(self) -> None:
+        while not self._end:
+            ready = self._selector.select(self._pause())
+            with self._lock:
+                for key, _ in ready:
+                    self._serve(key.fd)
+                self._look()
+
+    def _pause(self) -> float | None:
+        if self._endless:
+            return STEP
+        dues = [each.due for each in tuple(self._open) if each.due is not None]
+        return max(0.0, min(dues) - monotonic()) if dues else None
+
+    def _nudge(self) -> None:
+        os.write(self._waker, b"!")
+
+    def _serve(self, ready: int) -> None:
+        if ready == self._wake:
+            os.read(ready, SIZE)
+            return
+        connection = next((each for each in self._open if ready in (each.driver, each.device)), None)
+        if connection is None:
+            if ready in self._selector.get_map():  # else it was closed in the meantime
+                self._accept()
+            return
+        try:
+            data = os.read(ready, SIZE)
+        except OSError:
+            data = b""
+        if not data:
+            self._close(connection)
+        elif ready == connection.driver:
+            self._requested(connection, data)
+        else:
+            self._answered(connection, data)
+
+    def _requested(self, connection: Connection, data: bytes) -> None:
+        if connection.answer:  # of the request before
+            self._finish(connection)
+            connection.request = b""
+        connection.request += data
+        self._mirror(connection)
+        self._put(connection, connection.device, data)
+
+    def _answered(self, connection: Connection, data: bytes) -> None:
+        connection.answer += data
+        if self._change is not None or self._holding or self._endless or connection.due is not None:
+            connection.due = monotonic() + QUIET
+            return
+        self._put(connection, connection.driver, connection.held + data)
+        connection.held = b""
+
+    def _look(self) -> None:
+        now = monotonic()
+        for each in tuple(self._open):
+            if each.due is not None and now >= each.due:
+                self._finish(each)
+            if self._endless and each.request:
+                self._put(each, each.driver, b"\xff")
+
+    def _finish(self, connection: Connection, holding: bool = False) -> None:
+        """The answer is complete."""
+        answer, spoils = connection.answer, connection.due is not None
+        if not answer:
+            return
+        connection.due, connection.answer = None, b""
+        self.exchanges.append((connection.request, answer))
+        connection.request = b"" if not self._endless else connection.request
+        if not spoils:
+            return
+        self.spoiled += 1
+        if self._holding or holding:
+            connection.held += answer
+        elif self._change is not None:
+            self._put(connection, connection.driver, self._change(answer))
+            if self._hangup:
+                self._close(connection)
+        elif not self._endless:  # it began before the mode ended
+            self._put(connection, connection.driver, answer)
+
+    def _put(self, connection: Connection, to: int, data: bytes) -> None:
+        try:
+            while data:
+                data = data[os.write(to, data) :]
+        except OSError:
+            self._close(connection)
+
+    def _add(self, driver: int, device: int) -> None:
+        self._open.append(Connection(driver, device))
+        for each in (driver, device):
+            self._selector.register(each, selectors.EVENT_READ)
+
+    def _close(self, connection: Connection) -> None:
+        if connection not in self._open:
+            return
+        self._open.remove(connection)
+        for each in (connection.driver, connection.device):
+            with suppress(KeyError):
+                self._selector.unregister(each)
+            os.close(each)

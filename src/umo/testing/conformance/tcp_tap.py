@@ -1,0 +1,48 @@
+"""A tap for devices with a host and a port."""
+
+from __future__ import annotations
+
+import selectors
+import socket
+from contextlib import suppress
+
+from umo.testing.conformance.taps import Tap
+
+DIAL = 1.0
+"""s that connecting to the device may take."""
+
+
+class TcpTap(Tap):
+    """Listens at `host` and `port`, a free one of this computer, and connects to the device for each that connects."""
+
+    def __init__(self, host: str, port: int) -> None:
+        super().__init__()
+        self._device = (host, port)
+        self._listener: socket.socket | None = None
+        self.host, self.port = "127.0.0.1", 0
+
+    def _appear(self) -> None:
+        self._listener = socket.create_server((self.host, self.port), backlog=16)
+        self.port = self._listener.getsockname()[1]
+        self._selector.register(self._listener, selectors.EVENT_READ)
+
+    def _vanish(self) -> None:
+        if self._listener is not None:
+            self._selector.unregister(self._listener)
+            self._listener.close()
+            self._listener = None
+
+    def _accept(self) -> None:
+        assert self._listener is not None
+        driver, _ = self._listener.accept()
+        self.connections += 1
+        try:
+            device = socket.create_connection(self._device, DIAL)
+        except OSError:
+            driver.close()
+            return
+        for each in (driver, device):
+            each.settimeout(None)
+            with suppress(OSError):
+                each.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._add(driver.detach(), device.detach())

@@ -1,0 +1,308 @@
+"""What a rule works with: open drivers of the subject, levels of its outputs as they are seen from outside, and the way
+back to the defaults."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from functools import cached_property
+from threading import Event, Thread
+from time import monotonic, sleep
+from typing import Any
+
+from umo.drivers.contract import Direction, Driver
+from umo.testing.conformance.certificate import TransferTime
+from umo.testing.conformance.hand import Hand, Stopped, Watch
+from umo.testing.conformance.rules import NotTried, RuleBroken
+from umo.testing.conformance.subject import Output, Subject
+from umo.testing.conformance.taps import Tap
+from umo.text import some
+
+PATIENCE = 3.0
+"""s that a call may take which is to succeed, as `umo.cycle` gives when it initialises and resets."""
+LOOK = 0.001
+"""s between two looks at a level that has not come yet."""
+NO_VIEW = "the level of no output can be seen: it needs a loop-back, or a channel that can be read back"
+NO_LINE = "there is no line between driver and device that the kit can disturb"
+
+
+class Trial:
+    """The subject in use. `share` is how much of the present rule is done, for a progress line."""
+
+    def __init__(self, subject: Subject, cycles: int) -> None:
+        self.subject = subject
+        self.cycles = cycles
+        self.watch = Watch()
+        self.share = 0.0
+        self.times: dict[str, TransferTime] = {}
+        self.unreached: list[str] = []
+        """Outputs that could not be brought to their defaults."""
+        self.kept: dict[str, Any] = {}
+        """Results that several rules share."""
+        self._dirty = False
+
+    # Drivers -----------------------------------------------------------------------------------------
+
+    def new(self) -> Hand:
+        """A new driver, not opened."""
+        driver: Driver[Any] = self.subject.make()
+        driver.timeout, driver.period = self.patience, self.subject.period
+        return Hand(driver, self.watch)
+
+    @property
+    def patience(self) -> float:
+        return max(PATIENCE, self.subject.timeout)
+
+    @contextmanager
+    def opened(self, channels: Iterable[str] | None = None) -> Iterator[Hand]:
+        """An open driver with these channels initialised (default: all); at the end its outputs are reset, its channels
+        finalised, and it is closed."""
+        hand = self.new()
+        wanted = self.channels if channels is None else tuple(channels)
+        try:
+            hand.open()
+            for text in wanted:
+                hand.initialize(text, self.default(text))
+            yield hand
+        except BaseException:
+            with suppress(OSError, Stopped):
+                self.leave(hand)
+            raise
+        self.leave(hand)
+
+    def leave(self, hand: Hand) -> None:
+        """Reset, finalise and close. What fails is tried again with a new driver by `restore`; the first error is
+        raised at the end."""
+        hand.driver.timeout = self.patience
+        errors: list[BaseException] = []
+
+        def attempt(call: Callable[..., None], *arguments: Any) -> None:
+            try:
+                call(*arguments)
+            except (OSError, Stopped) as error:
+                self._dirty = True
+                errors.append(error)
+
+        initialised = list(hand.opened)
+        for text in initialised:
+            attempt(hand.reset, text, self.default(text))
+        for text in reversed(initialised):
+            attempt(hand.finalize, text)
+        attempt(hand.close)
+        if errors:
+            raise errors[0]
+
+    def restore(self, always: bool = False) -> None:
+        """With a new driver: every output to its default, if it may not be there."""
+        if not (self._dirty or always) or not self.subject.outputs:
+            return
+        self._dirty = False
+        self.unreached = [output.channel for output in self.subject.outputs]
+        hand = self.new()
+        with suppress(OSError):
+            hand.open()
+            for output in self.subject.outputs:
+                with suppress(OSError):
+                    hand.reset(output.channel, output.default)
+                    self.unreached.remove(output.channel)
+        with suppress(OSError):
+            hand.close()
+
+    def hurry(self, hand: Hand) -> None:
+        """Its calls have the subject's own timeout from now on."""
+        hand.driver.timeout = self.subject.timeout
+
+    # Channels ----------------------------------------------------------------------------------------
+
+    @cached_property
+    def channels(self) -> tuple[str, ...]:
+        """All channels, inputs first."""
+        inputs = [each.channel for each in self.subject.inputs]
+        return tuple(dict.fromkeys((*inputs, *self._defaults)))
+
+    @cached_property
+    def _defaults(self) -> dict[str, int]:
+        return {output.channel: output.default for output in self.subject.outputs}
+
+    def default(self, text: str) -> int | None:
+        return self._defaults.get(text)
+
+    @cached_property
+    def readable(self) -> tuple[str, ...]:
+        """Channels whose direction allows reading."""
+        hand = self.new()
+        return tuple(text for text in self.channels if Direction.INPUT in hand.channel(text).direction)
+
+    @property
+    def steady(self) -> tuple[str, ...]:
+        """Inputs that nothing drives and that do not change by themselves."""
+        looped = {text for _, text in self.subject.loopbacks}
+        return tuple(each.channel for each in self.subject.inputs if each.steady and each.channel not in looped)
+
+    @cached_property
+    def loops(self) -> dict[str, str]:
+        return dict(self.subject.loopbacks)
+
+    @cached_property
+    def seen(self) -> tuple[Output, ...]:
+        """Outputs whose level can be seen; NotTried if there is none."""
+        if not self.subject.outputs:
+            raise NotTried("the driver has no outputs")
+        by = self.loops.keys() if self.subject.levels is None else self._defaults.keys()
+        found = tuple(each for each in self.subject.outputs if each.channel in by or each.channel in self.readable)
+        if not found:
+            raise NotTried(NO_VIEW)
+        return found
+
+    @property
+    def remark(self) -> str | None:
+        """Which outputs the rule could not see."""
+        unseen = [each.channel for each in self.subject.outputs if each not in self.seen]
+        return f"except {some(unseen)}, whose level cannot be seen" if unseen else None
+
+    # Levels ------------------------------------------------------------------------------------------
+
+    def level(self, hand: Hand, output: Output) -> int:
+        """The level that the output has now: as the counterpart records it, at its loop-back, or read back."""
+        if self.subject.levels is not None:
+            return self.subject.levels(output.channel)[-1]
+        view = self.loops.get(output.channel, output.channel)
+        if view not in hand.opened:
+            hand.initialize(view, self.default(view))
+        return hand.read(view)
+
+    def is_at(self, hand: Hand, output: Output, raw: int) -> bool:
+        """Whether the output comes to this level within `settle`; sets `last_level`."""
+        end = monotonic() + self.subject.settle
+        while True:
+            self.last_level = self.level(hand, output)
+            if self.same(output, raw, self.last_level):
+                return True
+            if monotonic() >= end:
+                return False
+            sleep(LOOK)
+
+    def same(self, output: Output, raw: int, level: int) -> bool:
+        """Whether a level that was seen is the output's raw one."""
+        through = self.loops.get(output.channel)
+        if self.subject.levels is not None or through is None or self.subject.agree is None:
+            return raw == level
+        return self.subject.agree(output.channel, raw, through, level)
+
+    def expect(self, hand: Hand, output: Output, raw: int, after: str) -> None:
+        """RuleBroken if the output is not at this level."""
+        if not self.is_at(hand, output, raw):
+            raise RuleBroken(f"{output.channel} is at {self.last_level} after {after}, not at {raw}")
+
+    @contextmanager
+    def observing(self, output: Output, until: int) -> Iterator[list[int]]:
+        """The levels that an output had within the block, in the list after its end; the first is the level before.
+        A loop-back is watched on, until it shows the level `until`. Empty if only the driver under test can see it."""
+        found: list[int] = []
+        if self.subject.levels is not None:
+            self.subject.levels(output.channel)
+            yield found
+            found += self.subject.levels(output.channel)
+        elif output.channel in self.loops:
+            with self._polling(self.loops[output.channel], found):
+                yield found
+                end = monotonic() + self.subject.settle
+                while found and not self.same(output, until, found[-1]) and monotonic() < end:
+                    sleep(LOOK)
+        else:
+            yield found
+
+    @contextmanager
+    def _polling(self, text: str, found: list[int]) -> Iterator[None]:
+        """A second driver reads the input as quickly as it can; nothing if the device does not let it in."""
+        hand, end = self.new(), Event()
+        hand.watch = Watch()  # of another thread
+        try:
+            hand.open()
+            hand.initialize(text, None)
+            found.append(hand.read(text))
+        except OSError:
+            with suppress(OSError):
+                hand.close()
+            found.clear()
+            yield
+            return
+
+        def poll() -> None:
+            with suppress(OSError):
+                while not end.is_set():
+                    if (level := hand.read(text)) != found[-1]:
+                        found.append(level)
+
+        thread = Thread(target=poll, name="umo loop-back", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            end.set()
+            thread.join(self.patience)
+            with suppress(OSError):
+                hand.finalize(text)
+                hand.close()
+
+    # Failures ----------------------------------------------------------------------------------------
+
+    @property
+    def line(self) -> Tap:
+        """NotTried without one."""
+        if self.subject.line is None:
+            raise NotTried(NO_LINE)
+        return self.subject.line
+
+    @property
+    def loss(self) -> Callable[[], Any]:
+        """A function of a context in which the device is away; NotTried if the kit cannot take it away."""
+        return self.subject.gone or self.line.gone
+
+    def failure(self, call: Callable[..., object], *arguments: Any) -> OSError | None:
+        """The error of a call, None if it succeeded."""
+        try:
+            call(*arguments)
+        except OSError as error:
+            return error
+        return None
+
+    @contextmanager
+    def own_error_first(self) -> Iterator[None]:
+        """For the tidying up in a `finally`: an error of it does not replace one that is on its way."""
+        on_its_way = sys.exception()
+        try:
+            yield
+        except (OSError, Stopped):
+            if on_its_way is None:
+                raise
+
+    def fail_some(self, hand: Hand) -> None:
+        """Calls that fail, by whatever means there are; NotTried without any."""
+        if self.subject.refused:
+            self.failure(hand.write, self.subject.refused[0], 0)
+            self.failure(hand.read, self.subject.refused[0])
+        elif self.subject.line is None and self.subject.gone is None:
+            raise NotTried(f"no call can be made to fail: {NO_LINE}, and no channel that the device refuses")
+        self.hurry(hand)
+        if self.subject.line is not None:
+            with self.subject.line.silent():
+                for call, arguments in self.transfers(hand):
+                    self.failure(call, *arguments)
+        elif self.subject.gone is not None:
+            with self.subject.gone():
+                for call, arguments in self.transfers(hand):
+                    self.failure(call, *arguments)
+
+    def transfers(self, hand: Hand) -> Sequence[tuple[Callable[..., object], tuple[Any, ...]]]:
+        """One call of each kind of transfer: its function and arguments. Outputs are written their defaults."""
+        found: list[tuple[Callable[..., object], tuple[Any, ...]]] = []
+        if self.readable:
+            found += [(hand.read, (self.readable[0],)), (hand.read_many, (self.readable,))]
+        if self.subject.outputs:
+            texts = [output.channel for output in self.subject.outputs]
+            raws = [output.default for output in self.subject.outputs]
+            found += [(hand.write, (texts[0], raws[0])), (hand.write_many, (texts, raws))]
+            found += [(hand.reset, (texts[-1], raws[-1]))]
+        return found
