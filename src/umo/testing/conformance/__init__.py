@@ -16,7 +16,7 @@
 `umo conform` does this with a wiring; docs/howto-prove-a-driver.md describes both.
 """
 
-from umo.testing.conformance.certificate import Certificate, Finding, TransferTime, Verdict
+from umo.testing.conformance.certificate import Certificate, Finding, Judgement, TransferTime
 from umo.testing.conformance.examine import conform
 from umo.testing.conformance.pty_tap import PtyTap
 from umo.testing.conformance.rules import Rule, all_rules
@@ -28,6 +28,7 @@ __all__ = [
     "Certificate",
     "Finding",
     "Input",
+    "Judgement",
     "Output",
     "PtyTap",
     "Rule",
@@ -35,7 +36,6 @@ __all__ = [
     "Tap",
     "TcpTap",
     "TransferTime",
-    "Verdict",
     "all_rules",
     "conform",
 ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from umo.errors import ChannelsFailed
-from umo.testing.conformance.hand import Hand
+from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rules import NotTried, RuleBroken, rule
 from umo.testing.conformance.subject import Output
 from umo.testing.conformance.trial import Trial
@@ -18,20 +18,20 @@ def block_read(trial: Trial) -> None:
     texts = trial.readable
     if not texts:
         raise NotTried("the driver has no inputs")
-    with trial.opened() as hand:
+    with trial.opened() as probe:
         for number, output in enumerate(trial.subject.outputs):
-            hand.write(output.channel, output.other(number))
+            probe.write(output.channel, output.other(number))
         for order in dict.fromkeys((texts, texts[::-1], texts[1:] + texts[:1], texts[:1])):
-            _compare(hand, order)
-        hand.read_many(())
+            _compare(probe, order)
+        probe.read_many(())
 
 
-def _compare(hand: Hand, texts: tuple[str, ...]) -> None:
+def _compare(probe: Probe, texts: tuple[str, ...]) -> None:
     """Of channels that change meanwhile nothing is known."""
     for look in range(LOOKS):
-        before = [hand.read(text) for text in texts]
-        block = hand.read_many(texts)
-        after = [hand.read(text) for text in texts]
+        before = [probe.read(text) for text in texts]
+        block = probe.read_many(texts)
+        after = [probe.read(text) for text in texts]
         wrong = [i for i, raw in enumerate(block) if raw != before[i] == after[i]]
         if not wrong:
             return
@@ -42,32 +42,32 @@ def _compare(hand: Hand, texts: tuple[str, ...]) -> None:
 
 @rule("block write", "write_many brings each output to its own level, in any order of the channels.")
 def block_write(trial: Trial) -> str | None:
-    with trial.opened() as hand:
+    with trial.opened() as probe:
         for shift in range(3):
             for step in (1, -1):
                 outputs = trial.seen[::step]
                 raws = [output.other(number + shift) for number, output in enumerate(outputs)]
-                hand.write_many([output.channel for output in outputs], raws)
-                _check(trial, hand, outputs, raws, "write_many")
-        hand.write_many([], [])
+                probe.write_many([output.channel for output in outputs], raws)
+                _check(trial, probe, outputs, raws, "write_many")
+        probe.write_many([], [])
     return trial.remark
 
 
-def _check(trial: Trial, hand: Hand, outputs: tuple[Output, ...], raws: list[int], after: str) -> None:
+def _check(trial: Trial, probe: Probe, outputs: tuple[Output, ...], raws: list[int], after: str) -> None:
     for output, raw in zip(outputs, raws, strict=True):
-        trial.expect(hand, output, raw, f"{after} of {raw}")
+        trial.expect(probe, output, raw, f"{after} of {raw}")
 
 
 @rule("block buffers", "The arrays of a block belong to the caller: none is kept, and `raws` is not changed.")
 def block_buffers(trial: Trial) -> str | None:
-    with trial.opened() as hand:
-        _raws(trial, hand)
+    with trial.opened() as probe:
+        _raws(trial, probe)
         if trial.readable:
-            _outs(hand, trial.readable)
+            _outs(probe, trial.readable)
     return trial.remark
 
 
-def _raws(trial: Trial, hand: Hand) -> None:
+def _raws(trial: Trial, probe: Probe) -> None:
     """As the image uses it: one array, of which a part is handed over, with other levels in every period."""
     outputs = trial.seen
     texts = [output.channel for output in outputs]
@@ -76,22 +76,22 @@ def _raws(trial: Trial, hand: Hand) -> None:
     for number in range(4):
         raws = [output.other(number) if number % 2 else output.default for output in outputs]
         part[:] = raws
-        hand.write_many(texts, part)
+        probe.write_many(texts, part)
         if part.tolist() != raws:
             raise RuleBroken(f"write_many changed its array from {raws} to {part.tolist()}")
         part[:] = [output.other(number + 1) for output in outputs]  # for the next period; not sent yet
-        _check(trial, hand, outputs, raws, "write_many, whose array was changed later,")
+        _check(trial, probe, outputs, raws, "write_many, whose array was changed later,")
 
 
-def _outs(hand: Hand, texts: tuple[str, ...]) -> None:
+def _outs(probe: Probe, texts: tuple[str, ...]) -> None:
     whole = np.full(len(texts) + 2, -77, np.int64)
     part = whole[1:-1]
-    hand.read_many(texts, part)
+    probe.read_many(texts, part)
     if whole[0] != -77 or whole[-1] != -77:
         raise RuleBroken("read_many wrote beyond its array")
     part[:] = -77
-    hand.read_many(texts)
-    hand.read(texts[0])
+    probe.read_many(texts)
+    probe.read(texts[0])
     if part.tolist() != [-77] * len(texts):
         raise RuleBroken("read_many wrote into the array of an earlier call")
 
@@ -101,21 +101,21 @@ def block_failures(trial: Trial) -> str | None:
     if not trial.subject.refused:
         raise NotTried("no channel is known that the device refuses")
     bad = trial.subject.refused[0]
-    with trial.opened() as hand:
+    with trial.opened() as probe:
         if trial.readable:
-            _read_with(trial, hand, bad)
+            _read_with(trial, probe, bad)
         if trial.subject.outputs:
-            _write_with(trial, hand, bad)
+            _write_with(trial, probe, bad)
     return trial.remark if trial.subject.outputs else None
 
 
-def _read_with(trial: Trial, hand: Hand, bad: str) -> None:
-    expected = {text: hand.read(text) for text in trial.readable}
+def _read_with(trial: Trial, probe: Probe, bad: str) -> None:
+    expected = {text: probe.read(text) for text in trial.readable}
     texts = list(trial.readable)
     for place in (0, len(texts) // 2, len(texts)):
         block = [*texts[:place], bad, *texts[place:]]
         out = np.full(len(block), -1 << 40, np.int64)
-        named = _named(trial.failure(hand.read_many, block, out), block, bad, "read_many")
+        named = _named(trial.failure(probe.read_many, block, out), block, bad, "read_many")
         for text, raw in zip(block, out.tolist(), strict=True):
             if text not in named and text in trial.steady and raw != expected[text]:
                 raise RuleBroken(
@@ -123,19 +123,19 @@ def _read_with(trial: Trial, hand: Hand, bad: str) -> None:
                 )
 
 
-def _write_with(trial: Trial, hand: Hand, bad: str) -> None:
+def _write_with(trial: Trial, probe: Probe, bad: str) -> None:
     outputs = trial.seen
     for place in (0, len(outputs) // 2, len(outputs)):
         for output in outputs:
-            hand.write(output.channel, output.default)
+            probe.write(output.channel, output.default)
         raws = [output.other(place) for output in outputs]
         texts = [output.channel for output in outputs]
         block = [*texts[:place], bad, *texts[place:]]
         values = [*raws[:place], 0, *raws[place:]]
-        named = _named(trial.failure(hand.write_many, block, values), block, bad, "write_many")
+        named = _named(trial.failure(probe.write_many, block, values), block, bad, "write_many")
         for output, raw in zip(outputs, raws, strict=True):
             if output.channel not in named:
-                trial.expect(hand, output, raw, f"a write_many that failed for {', '.join(named)} only")
+                trial.expect(probe, output, raw, f"a write_many that failed for {', '.join(named)} only")
 
 
 def _named(error: OSError | None, block: list[str], bad: str, what: str) -> list[str]:

@@ -14,7 +14,7 @@ from rich.text import Text
 WIDTH = 140
 
 
-class Verdict(StrEnum):
+class Judgement(StrEnum):
     """Of one rule."""
 
     PASSED = "passed"
@@ -22,7 +22,7 @@ class Verdict(StrEnum):
     NOT_TRIED = "not tried"
 
 
-STYLES = {Verdict.PASSED: "green", Verdict.FAILED: "bold red", Verdict.NOT_TRIED: "dim"}
+STYLES = {Judgement.PASSED: "green", Judgement.FAILED: "bold red", Judgement.NOT_TRIED: "dim"}
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Finding:
 
     rule: str
     text: str
-    verdict: Verdict
+    verdict: Judgement
     why: str = ""
 
 
@@ -66,11 +66,13 @@ class Certificate:
     @property
     def passed(self) -> bool:
         """No rule failed, at least one passed, and the outputs are at their defaults."""
-        return not self.failed and not self.unreached and any(each.verdict is Verdict.PASSED for each in self.findings)
+        return (
+            not self.failed and not self.unreached and any(each.verdict is Judgement.PASSED for each in self.findings)
+        )
 
     @property
     def failed(self) -> tuple[Finding, ...]:
-        return tuple(each for each in self.findings if each.verdict is Verdict.FAILED)
+        return tuple(each for each in self.findings if each.verdict is Judgement.FAILED)
 
     def finding(self, rule: str) -> Finding:
         """The finding on this rule; KeyError if it was not chosen."""
@@ -79,7 +81,7 @@ class Certificate:
     @property
     def summary(self) -> str:
         """One line."""
-        counts = [(sum(each.verdict is verdict for each in self.findings), verdict.value) for verdict in Verdict]
+        counts = [(sum(each.verdict is verdict for each in self.findings), verdict.value) for verdict in Judgement]
         return f"{self.name}: {', '.join(f'{count} {what}' for count, what in counts)}"
 
     def table(self) -> Table:

@@ -8,8 +8,8 @@ from umo.cycle import connect
 from umo.errors import DriverError
 from umo.objects import Compound, DigitalActuator, DigitalSensor
 from umo.system.custody import Custody
-from umo.testing.conformance.hand import Hand
 from umo.testing.conformance.line_rules import in_time
+from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rules import NotTried, RuleBroken, rule
 from umo.testing.conformance.trial import Trial
 from umo.text import reported
@@ -21,44 +21,44 @@ WIDEST = 1 << 40
 @rule("vanish", "While the device is away each call fails in time; when it is back the next call works.")
 def vanish(trial: Trial) -> str | None:
     loss = trial.loss
-    with trial.opened() as hand:
-        trial.hurry(hand)
+    with trial.opened() as probe:
+        trial.hurry(probe)
         with loss():
-            for call, arguments in trial.transfers(hand):
-                if in_time(trial, hand, call, *arguments) is None:
+            for call, arguments in trial.transfers(probe):
+                if in_time(trial, probe, call, *arguments) is None:
                     raise RuleBroken(f"{trial.watch.doing} succeeded while the device was away")
             _not_opened(trial)
-        hand.driver.timeout = trial.patience
-        for call, arguments in trial.transfers(hand):
+        probe.driver.timeout = trial.patience
+        for call, arguments in trial.transfers(probe):
             if (error := trial.failure(call, *arguments)) is not None:
                 raise RuleBroken(f"the device is back, but {trial.watch.doing} failed: {reported(error)}")
         with loss():
             pass  # nobody has noticed
-        for call, arguments in trial.transfers(hand):
+        for call, arguments in trial.transfers(probe):
             if trial.failure(call, *arguments) is not None and (error := trial.failure(call, *arguments)) is not None:
                 raise RuleBroken(f"the device was away and is back, but {trial.watch.doing} fails: {reported(error)}")
-        return _right(trial, hand, "the device was away")
+        return _right(trial, probe, "the device was away")
 
 
 def _not_opened(trial: Trial) -> None:
     """Another driver cannot be opened, or not be used, and can be closed."""
-    hand = trial.new()
-    trial.hurry(hand)
-    error = in_time(trial, hand, hand.open)
+    probe = trial.new()
+    trial.hurry(probe)
+    error = in_time(trial, probe, probe.open)
     if error is None:
-        call, arguments = trial.transfers(hand)[0]
+        call, arguments = trial.transfers(probe)[0]
         if trial.failure(call, *arguments) is None:
             raise RuleBroken(f"{trial.watch.doing} of a new driver succeeded while the device was away")
-    hand.close()
+    probe.close()
 
 
-def _right(trial: Trial, hand: Hand, after: str) -> str | None:
+def _right(trial: Trial, probe: Probe, after: str) -> str | None:
     """The outputs obey."""
     if not trial.subject.outputs:
         return None
     for number, output in enumerate(trial.seen):
-        hand.write(output.channel, output.other(number))
-        trial.expect(hand, output, output.other(number), f"write({output.other(number)}), since {after},")
+        probe.write(output.channel, output.other(number))
+        trial.expect(probe, output, output.other(number), f"write({output.other(number)}), since {after},")
     return trial.remark
 
 
@@ -81,7 +81,7 @@ def two_clients(trial: Trial) -> str | None:
     return None if refusal is None else f"the second is refused: {reported(refusal)}"
 
 
-def _join(trial: Trial, second: Hand) -> None:
+def _join(trial: Trial, second: Probe) -> None:
     second.open()
     for text in trial.channels:
         second.initialize(text, trial.default(text))

@@ -9,14 +9,14 @@ from importlib.metadata import PackageNotFoundError, version
 from threading import Thread
 from time import monotonic
 
-from umo.testing.conformance.certificate import Certificate, Finding, Verdict
-from umo.testing.conformance.hand import Watch
+from umo.testing.conformance.certificate import Certificate, Finding, Judgement
+from umo.testing.conformance.probe import Watch
 from umo.testing.conformance.rules import NotTried, Rule, RuleBroken, chosen_rules
 from umo.testing.conformance.subject import Subject
 from umo.testing.conformance.trial import Trial
 from umo.text import reported
 
-Progress = Callable[[str, float], object]
+OnProgress = Callable[[str, float], object]
 """Called with the rule and the share of the whole that is done, ten times a second."""
 INTERVAL = 0.1
 HANG = 2.0
@@ -30,7 +30,7 @@ class Hangs(Exception):
 
 
 def conform(
-    subject: Subject, *, only: Iterable[str] | None = None, cycles: int = 10_000, progress: Progress | None = None
+    subject: Subject, *, only: Iterable[str] | None = None, cycles: int = 10_000, progress: OnProgress | None = None
 ) -> Certificate:
     """Try every rule (or `only` these) on the driver. Takes about a second and the time of `cycles` transfers, each
     with one read and one write of every channel.
@@ -46,13 +46,13 @@ def conform(
     try:
         for number, rule in enumerate(rules):
             if hangs:
-                findings.append(Finding(rule.id, rule.text, Verdict.NOT_TRIED, f"the driver hangs in {hangs}"))
+                findings.append(Finding(rule.id, rule.text, Judgement.NOT_TRIED, f"the driver hangs in {hangs}"))
                 continue
             try:
                 findings.append(_supervised(trial, rule, _part(progress, rule, number, len(rules))))
             except Hangs as error:
                 hangs = trial.watch.doing
-                findings.append(Finding(rule.id, rule.text, Verdict.FAILED, str(error)))
+                findings.append(Finding(rule.id, rule.text, Judgement.FAILED, str(error)))
     finally:
         _bring_to_defaults(trial)
     certificate = _certificate(trial, findings)
@@ -81,13 +81,13 @@ def _supervised(trial: Trial, rule: Rule, progress: Callable[[float], object]) -
 
 def _tried(trial: Trial, rule: Rule) -> Finding:
     try:
-        verdict, why = Verdict.PASSED, rule.check(trial) or ""
+        verdict, why = Judgement.PASSED, rule.check(trial) or ""
     except NotTried as reason:
-        verdict, why = Verdict.NOT_TRIED, str(reason)
+        verdict, why = Judgement.NOT_TRIED, str(reason)
     except RuleBroken as broken:
-        verdict, why = Verdict.FAILED, str(broken)
+        verdict, why = Judgement.FAILED, str(broken)
     except OSError as error:
-        verdict, why = Verdict.FAILED, f"{trial.watch.doing} failed: {reported(error)}"
+        verdict, why = Judgement.FAILED, f"{trial.watch.doing} failed: {reported(error)}"
     trial.restore()
     return Finding(rule.id, rule.text, verdict, why)
 
@@ -131,7 +131,7 @@ def _bring_to_defaults(trial: Trial) -> None:
         trial.unreached = [output.channel for output in trial.subject.outputs]
 
 
-def _part(progress: Progress | None, rule: Rule, number: int, count: int) -> Callable[[float], object]:
+def _part(progress: OnProgress | None, rule: Rule, number: int, count: int) -> Callable[[float], object]:
     """The progress of one rule as that of the whole."""
     if progress is None:
         return lambda share: None

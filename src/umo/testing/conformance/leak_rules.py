@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from umo.testing.conformance.certificate import TransferTime
-from umo.testing.conformance.hand import Hand
+from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rules import NotTried, RuleBroken, rule
 from umo.testing.conformance.trial import Trial
 
@@ -71,13 +71,13 @@ def _open_often(trial: Trial, count: int) -> None:
     line = trial.subject.line
     for number in range(count):
         trial.share = number / count
-        with trial.opened() as hand:
-            for call, arguments in trial.transfers(hand):
+        with trial.opened() as probe:
+            for call, arguments in trial.transfers(probe):
                 call(*arguments)
             if line is not None:
                 line.drop()
                 for _ in range(2):  # the first may find the end of the connection
-                    for call, arguments in trial.transfers(hand):
+                    for call, arguments in trial.transfers(probe):
                         trial.failure(call, *arguments)
 
 
@@ -102,17 +102,17 @@ def _descriptors(trial: Trial) -> int:
 @rule("memory", "The memory does not grow over many cycles.")
 def memory(trial: Trial) -> str:
     cycles = max(20, trial.cycles // ROUNDS)
-    with trial.opened() as hand:
-        cycle = _cycle(trial, hand)
-        _repeat(trial, hand, cycle, max(10, cycles // 10))
-        growth = _growths(trial, hand, cycle, cycles)
+    with trial.opened() as probe:
+        cycle = _cycle(trial, probe)
+        _repeat(trial, probe, cycle, max(10, cycles // 10))
+        growth = _growths(trial, probe, cycle, cycles)
     allowed = FREE + PER_CYCLE * cycles
     if growth > allowed:
         raise RuleBroken(f"the memory grew by {growth} bytes in each {cycles} cycles, {growth / cycles:.0f} a cycle")
     return f"{ROUNDS * cycles} cycles"
 
 
-def _growths(trial: Trial, hand: Hand, cycle: Callable[[], object], cycles: int) -> int:
+def _growths(trial: Trial, probe: Probe, cycle: Callable[[], object], cycles: int) -> int:
     """The least growth of some rounds, in bytes."""
     own = not tracemalloc.is_tracing()
     if own:
@@ -124,24 +124,24 @@ def _growths(trial: Trial, hand: Hand, cycle: Callable[[], object], cycles: int)
             sizes.append(tracemalloc.get_traced_memory()[0])
             if number < ROUNDS:
                 trial.share = number / ROUNDS
-                _repeat(trial, hand, cycle, cycles)
+                _repeat(trial, probe, cycle, cycles)
         return min(after - before for before, after in pairwise(sizes))
     finally:
         if own:
             tracemalloc.stop()
 
 
-def _repeat(trial: Trial, hand: Hand, cycle: Callable[[], object], count: int) -> None:
+def _repeat(trial: Trial, probe: Probe, cycle: Callable[[], object], count: int) -> None:
     """In portions, each one call for the watch: it takes longer than the transfer itself."""
     for _ in range(count):
-        hand.call("cycle", cycle)
+        probe.call("cycle", cycle)
 
 
-def _cycle(trial: Trial, hand: Hand) -> Callable[[], object]:
+def _cycle(trial: Trial, probe: Probe) -> Callable[[], object]:
     """One read and one write of every channel."""
-    driver = hand.driver
-    readable = tuple(map(hand.channel, trial.readable))
-    outputs = tuple(hand.channel(each.channel) for each in trial.subject.outputs)
+    driver = probe.driver
+    readable = tuple(map(probe.channel, trial.readable))
+    outputs = tuple(probe.channel(each.channel) for each in trial.subject.outputs)
     out = np.zeros(len(readable), np.int64)
     levels = [np.array([o.other(i) for o in trial.subject.outputs], np.int64) for i in (0, 1)]
     levels.append(np.array([o.default for o in trial.subject.outputs], np.int64))
@@ -162,12 +162,12 @@ def _cycle(trial: Trial, hand: Hand) -> Callable[[], object]:
 @rule("time", "The time per transfer, 99 of 100 within the timeout.")
 def time_per_transfer(trial: Trial) -> str:
     count = max(20, min(trial.cycles, TIMED))
-    with trial.opened() as hand:
-        for kind, call in _kinds(trial, hand).items():
+    with trial.opened() as probe:
+        for kind, call in _kinds(trial, probe).items():
             taken = np.zeros(count)
             for number in range(count):
                 began = perf_counter()
-                hand.call(kind, call)
+                probe.call(kind, call)
                 taken[number] = perf_counter() - began
             median, p99 = (float(np.percentile(taken, share)) for share in (50, 99))
             trial.times[kind] = TransferTime(median, p99, count)
@@ -180,17 +180,17 @@ def time_per_transfer(trial: Trial) -> str:
     return ", ".join(f"{kind} {each.median * 1e6:.0f} us" for kind, each in trial.times.items())
 
 
-def _kinds(trial: Trial, hand: Hand) -> dict[str, Callable[[], Any]]:
+def _kinds(trial: Trial, probe: Probe) -> dict[str, Callable[[], Any]]:
     """Each kind of transfer of the driver, without what the kit does around it."""
-    driver = hand.driver
+    driver = probe.driver
     kinds: dict[str, Callable[[], Any]] = {}
     if trial.readable:
-        readable = tuple(map(hand.channel, trial.readable))
+        readable = tuple(map(probe.channel, trial.readable))
         out = np.zeros(len(readable), np.int64)
         kinds["read"] = lambda: driver.read(readable[0])
         kinds[f"read_many of {len(readable)}"] = lambda: driver.read_many(readable, out)
     if trial.subject.outputs:
-        outputs = tuple(hand.channel(each.channel) for each in trial.subject.outputs)
+        outputs = tuple(probe.channel(each.channel) for each in trial.subject.outputs)
         raws = np.array([each.default for each in trial.subject.outputs], np.int64)
         kinds["write"] = lambda: driver.write(outputs[0], int(raws[0]))
         kinds[f"write_many of {len(outputs)}"] = lambda: driver.write_many(outputs, raws)

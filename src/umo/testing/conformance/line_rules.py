@@ -8,7 +8,7 @@ from time import sleep
 from typing import Any
 
 from umo.drivers.contract import Direction
-from umo.testing.conformance.hand import Hand
+from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rules import NotTried, RuleBroken, rule
 from umo.testing.conformance.taps import Change, Tap
 from umo.testing.conformance.trial import Trial
@@ -23,99 +23,99 @@ NO_ANSWER = "the device answers neither reads nor writes over the line"
 @rule("timeout", "A call ends within `timeout`, which it reads, by a TimeoutError; also if bytes come without end.")
 def timeout(trial: Trial) -> None:
     line = trial.line
-    with trial.opened() as hand:
-        trial.hurry(hand)
+    with trial.opened() as probe:
+        trial.hurry(probe)
         with line.silent():
-            for call, arguments in trial.transfers(hand):
+            for call, arguments in trial.transfers(probe):
                 before = line.spoiled
-                error = in_time(trial, hand, call, *arguments)
+                error = in_time(trial, probe, call, *arguments)
                 if error is None and line.spoiled > before:
                     raise RuleBroken(f"{trial.watch.doing} succeeded without an answer")
                 if error is not None and not isinstance(error, TimeoutError):
                     raise RuleBroken(f"{trial.watch.doing} raised {type(error).__name__}, not a TimeoutError: {error}")
         with line.endless():
-            for call, arguments in trial.transfers(hand):
-                in_time(trial, hand, call, *arguments)
+            for call, arguments in trial.transfers(probe):
+                in_time(trial, probe, call, *arguments)
     with line.silent():
-        hand = trial.new()
-        trial.hurry(hand)
-        in_time(trial, hand, hand.open)
-        hand.close()
+        probe = trial.new()
+        trial.hurry(probe)
+        in_time(trial, probe, probe.open)
+        probe.close()
 
 
-def in_time(trial: Trial, hand: Hand, call: Callable[..., object], *arguments: Any) -> OSError | None:
+def in_time(trial: Trial, probe: Probe, call: Callable[..., object], *arguments: Any) -> OSError | None:
     """The error of a call that has to end within its timeout, and half of it and 50 ms for the computer."""
-    limit = 1.5 * hand.driver.timeout + 0.05
+    limit = 1.5 * probe.driver.timeout + 0.05
     for _ in range(TRIES):
         error = trial.failure(call, *arguments)
         if trial.watch.took <= limit:
             return error
-    took, allowed = trial.watch.took * 1e3, hand.driver.timeout * 1e3
+    took, allowed = trial.watch.took * 1e3, probe.driver.timeout * 1e3
     raise RuleBroken(f"{trial.watch.doing} took {took:.0f} ms, its timeout is {allowed:g} ms")
 
 
 @rule("patience", "A longer `timeout`, set after `open`, holds at once: initialise and reset get one.")
 def patience(trial: Trial) -> None:
     line = trial.line
-    hand = trial.new()
-    trial.hurry(hand)
+    probe = trial.new()
+    trial.hurry(probe)
 
     def slow(answer: bytes) -> bytes:
         sleep(2 * trial.subject.timeout)
         return answer
 
     try:
-        hand.open()
-        hand.driver.timeout = trial.patience
+        probe.open()
+        probe.driver.timeout = trial.patience
         for text in trial.channels:
-            hand.initialize(text, trial.default(text))
+            probe.initialize(text, trial.default(text))
         with line.spoiling(slow):
-            for call, arguments in trial.transfers(hand):
+            for call, arguments in trial.transfers(probe):
                 if (error := trial.failure(call, *arguments)) is not None:
                     raise RuleBroken(f"{trial.watch.doing} failed with a timeout of {trial.patience:g} s: {error}")
     finally:
         with trial.own_error_first():
-            trial.leave(hand)
+            trial.leave(probe)
 
 
 @rule("late answer", "After a timeout, the late answer is never taken for that of a later request.")
 def late_answer(trial: Trial) -> None:
     line = trial.line
-    with trial.opened() as hand:
-        values = apart(trial, hand)
+    with trial.opened() as probe:
+        values = apart(trial, probe)
         tried = False
         for behind in (False, True) if line.ordered else (False,):
             for asked in values:
-                for call, arguments in _asking(trial, hand, asked):
-                    trial.hurry(hand)
+                for call, arguments in _asking(trial, probe, asked):
+                    trial.hurry(probe)
                     before = line.spoiled
                     with line.late(behind=behind):
                         error = trial.failure(call, *arguments)
-                    hand.driver.timeout = trial.patience
+                    probe.driver.timeout = trial.patience
                     if line.spoiled == before:
                         continue
                     tried = True
                     if error is None:
                         raise RuleBroken(f"{trial.watch.doing} succeeded before its answer came")
                     after = f"a timeout of {asked}"
-                    recovers(trial, hand, {text: raw for text, raw in values.items() if text != asked}, after)
+                    recovers(trial, probe, {text: raw for text, raw in values.items() if text != asked}, after)
         if not tried:
             raise NotTried(NO_ANSWER)
 
 
-def _asking(trial: Trial, hand: Hand, text: str) -> Iterator[tuple[Callable[..., object], tuple[Any, ...]]]:
-    yield hand.read, (text,)
-    yield hand.read_many, ((text,),)
+def _asking(trial: Trial, probe: Probe, text: str) -> Iterator[tuple[Callable[..., object], tuple[Any, ...]]]:
+    yield probe.read, (text,)
+    yield probe.read_many, ((text,),)
     if (default := trial.default(text)) is not None:
-        yield hand.write, (text, hand.read(text) if text in trial.readable else default)
+        yield probe.write, (text, probe.read(text) if text in trial.readable else default)
 
 
-def apart(trial: Trial, hand: Hand) -> dict[str, int]:
+def apart(trial: Trial, probe: Probe) -> dict[str, int]:
     """Two or more channels that read different values, as far as possible: outputs are brought to different levels."""
     for number, output in enumerate(trial.subject.outputs):
-        hand.write(output.channel, output.other(number))
+        probe.write(output.channel, output.other(number))
     texts = {*trial.steady, *(each.channel for each in trial.subject.outputs), *trial.loops.values()}
-    values = {text: hand.read(text) for text in trial.readable if text in texts}
+    values = {text: probe.read(text) for text in trial.readable if text in texts}
     if len(set(values.values())) < 2:
         raise NotTried("no two channels can be read that have different values")
     found: dict[str, int] = {}
@@ -125,12 +125,12 @@ def apart(trial: Trial, hand: Hand) -> dict[str, int]:
     return found
 
 
-def recovers(trial: Trial, hand: Hand, values: dict[str, int], after: str) -> None:
+def recovers(trial: Trial, probe: Probe, values: dict[str, int], after: str) -> None:
     """Each channel reads its value, at the third call at the latest, and no other one before."""
     for text, raw in values.items():
         for left in range(TRIES - 1, -1, -1):
             try:
-                found = hand.read(text)
+                found = probe.read(text)
             except OSError as error:
                 if not left:
                     raise RuleBroken(f"read of {text} still fails after {after}: {error}") from error
@@ -143,24 +143,24 @@ def recovers(trial: Trial, hand: Hand, values: dict[str, int], after: str) -> No
 @rule("old answer", "An earlier answer in place of the right one is an error, where requests carry a number.")
 def old_answer(trial: Trial) -> None:
     line = trial.line
-    with trial.opened() as hand:
-        values = apart(trial, hand)
+    with trial.opened() as probe:
+        values = apart(trial, probe)
         for asked in values:
-            old = _answers(line, hand, asked)
+            old = _answers(line, probe, asked)
             for text in values:
                 if text != asked:
-                    _spoiled_read(trial, hand, text, values[text], _replaced(old), "an earlier answer")
+                    _spoiled_read(trial, probe, text, values[text], _replaced(old), "an earlier answer")
 
 
 def _replaced(old: bytes) -> Change:
     return lambda answer: old
 
 
-def _answers(line: Tap, hand: Hand, text: str) -> bytes:
+def _answers(line: Tap, probe: Probe, text: str) -> bytes:
     """The answer to a read of the channel; NotTried if two requests for it are alike."""
     line.exchanges.clear()
     for _ in range(4):
-        hand.read(text)
+        probe.read(text)
     requests = [request for request, _ in line.exchanges]
     if len(requests) < 2:
         raise NotTried(NO_ANSWER)
@@ -170,47 +170,47 @@ def _answers(line: Tap, hand: Hand, text: str) -> bytes:
 
 
 def _spoiled_read(
-    trial: Trial, hand: Hand, text: str, raw: int, change: Change, what: str, hangup: bool = False
+    trial: Trial, probe: Probe, text: str, raw: int, change: Change, what: str, hangup: bool = False
 ) -> bool:
     """The read must fail or be right. Whether there was an answer to spoil."""
     line, before = trial.line, trial.line.spoiled
-    hand.driver.timeout = trial.patience
-    hand.read(text)  # connected, and alive
-    trial.hurry(hand)
+    probe.driver.timeout = trial.patience
+    probe.read(text)  # connected, and alive
+    trial.hurry(probe)
     with line.spoiling(change, hangup=hangup):
         try:
-            found = hand.read(text)
+            found = probe.read(text)
         except OSError:
             found = raw
-    hand.driver.timeout = trial.patience
+    probe.driver.timeout = trial.patience
     if line.spoiled > before and found != raw:
         raise RuleBroken(f"{text} read {found} from {what}; it is at {raw}")
-    recovers(trial, hand, {text: raw}, what)
+    recovers(trial, probe, {text: raw}, what)
     return line.spoiled > before
 
 
-def _spoiled_write(trial: Trial, hand: Hand, change: Change, what: str, hangup: bool = False) -> bool:
+def _spoiled_write(trial: Trial, probe: Probe, change: Change, what: str, hangup: bool = False) -> bool:
     """The write must fail, if it has an answer: it is not known whether it was carried out."""
     line = trial.line
     if not trial.subject.outputs:
         return False
     output, before = trial.subject.outputs[0], trial.line.spoiled
-    hand.driver.timeout = trial.patience
-    hand.write(output.channel, output.default)
-    trial.hurry(hand)
+    probe.driver.timeout = trial.patience
+    probe.write(output.channel, output.default)
+    trial.hurry(probe)
     with line.spoiling(change, hangup=hangup):
-        error = trial.failure(hand.write, output.channel, output.other())
-    hand.driver.timeout = trial.patience
+        error = trial.failure(probe.write, output.channel, output.other())
+    probe.driver.timeout = trial.patience
     if error is None and line.spoiled > before:
         raise RuleBroken(f"{trial.watch.doing} succeeded with {what}")
-    _rewrite(trial, hand, what)
+    _rewrite(trial, probe, what)
     return line.spoiled > before
 
 
-def _rewrite(trial: Trial, hand: Hand, after: str) -> None:
+def _rewrite(trial: Trial, probe: Probe, after: str) -> None:
     output = trial.subject.outputs[0]
     for left in range(TRIES - 1, -1, -1):
-        error = trial.failure(hand.write, output.channel, output.other())
+        error = trial.failure(probe.write, output.channel, output.other())
         if error is None:
             return
         if not left:
@@ -220,21 +220,21 @@ def _rewrite(trial: Trial, hand: Hand, after: str) -> None:
 def _each_spoiled(trial: Trial, variants: list[tuple[str, Change, bool]]) -> None:
     """All reads and a write with each of the answers: in words, how it is made, and whether the line hangs up."""
     tried = False
-    with trial.opened() as hand:
-        values = _values(trial, hand)
+    with trial.opened() as probe:
+        values = _values(trial, probe)
         for what, change, hangup in variants:
             for text, raw in list(values.items())[:MOST]:
-                tried |= _spoiled_read(trial, hand, text, raw, change, what, hangup)
-            tried |= _spoiled_write(trial, hand, change, what, hangup)
+                tried |= _spoiled_read(trial, probe, text, raw, change, what, hangup)
+            tried |= _spoiled_write(trial, probe, change, what, hangup)
     if not tried:
         raise NotTried(NO_ANSWER)
 
 
-def _values(trial: Trial, hand: Hand) -> dict[str, int]:
+def _values(trial: Trial, probe: Probe) -> dict[str, int]:
     for number, output in enumerate(trial.subject.outputs):
-        hand.write(output.channel, output.other(number))
+        probe.write(output.channel, output.other(number))
     texts = (*(output.channel for output in trial.subject.outputs), *trial.loops.values(), *trial.steady)
-    return {text: hand.read(text) for text in texts if text in trial.readable}
+    return {text: probe.read(text) for text in texts if text in trial.readable}
 
 
 @rule("short answer", "An answer that is cut short, with or without the end of the connection, is an error.")
@@ -246,10 +246,10 @@ def short_answer(trial: Trial) -> None:
         ("the first byte of an answer and the end of the connection", lambda answer: answer[:1], True),
     ]
     _each_spoiled(trial, cut)
-    with trial.opened() as hand:
-        for text, raw in list(_values(trial, hand).items())[:MOST]:
+    with trial.opened() as probe:
+        for text, raw in list(_values(trial, probe).items())[:MOST]:
             for hangup in (False, True):
-                _spoiled_read(trial, hand, text, raw, lambda answer: answer[:-1], "an answer without its end", hangup)
+                _spoiled_read(trial, probe, text, raw, lambda answer: answer[:-1], "an answer without its end", hangup)
 
 
 @rule(
@@ -291,23 +291,23 @@ def _flipped(place: int, bit: int) -> Change:
 def error_answer(trial: Trial) -> None:
     if not trial.subject.refused:
         raise NotTried("no channel is known that the device refuses")
-    with trial.opened() as hand:
-        values = _values(trial, hand)
+    with trial.opened() as probe:
+        values = _values(trial, probe)
         for text in trial.subject.refused:
-            for call, arguments in _transfers_of(hand, text):
+            for call, arguments in _transfers_of(probe, text):
                 error = trial.failure(call, *arguments)
                 if error is None:
                     raise RuleBroken(f"{trial.watch.doing} succeeded; the device refuses it")
                 if isinstance(error, TimeoutError):
                     raise RuleBroken(f"{trial.watch.doing} timed out; the device answers it with an error")
-                recovers(trial, hand, values, "an error answer")
+                recovers(trial, probe, values, "an error answer")
 
 
-def _transfers_of(hand: Hand, text: str) -> Iterator[tuple[Callable[..., object], tuple[Any, ...]]]:
-    direction = hand.channel(text).direction
+def _transfers_of(probe: Probe, text: str) -> Iterator[tuple[Callable[..., object], tuple[Any, ...]]]:
+    direction = probe.channel(text).direction
     if Direction.INPUT in direction:
-        yield hand.read, (text,)
-        yield hand.read_many, ((text,),)
+        yield probe.read, (text,)
+        yield probe.read_many, ((text,),)
     if Direction.OUTPUT in direction:
-        yield hand.write, (text, 0)
-        yield hand.write_many, ((text,), (0,))
+        yield probe.write, (text, 0)
+        yield probe.write_many, ((text,), (0,))

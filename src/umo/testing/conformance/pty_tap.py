@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from umo.testing.conformance.taps import Connection, Tap
+from umo.testing.conformance.taps import Tap, Tapped
 
 
 class PtyTap(Tap):
@@ -53,7 +53,7 @@ class PtyTap(Tap):
             if os.path.lexists(self.serial) and not self._end:
                 self._appear()
 
-    def _mirror(self, connection: Connection) -> None:
+    def _mirror(self, connection: Tapped) -> None:
         import termios
 
         settings = termios.tcgetattr(self._driver_side)

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 from umo.drivers.contract import Channel, Direction
 from umo.errors import ChannelError
-from umo.testing.conformance.hand import Hand
+from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rules import NotTried, RuleBroken, rule
 from umo.testing.conformance.subject import Output
 from umo.testing.conformance.trial import Trial
@@ -17,21 +17,21 @@ UNKNOWN = "no such channel \N{REPLACEMENT CHARACTER}"
 
 @rule("channels", "A channel's text means one channel of fixed direction and bits; another text raises ChannelError.")
 def channels(trial: Trial) -> None:
-    hand, other = trial.new(), trial.new()
+    probe, other = trial.new(), trial.new()
     for text in trial.channels:
-        channel = hand.channel(text)
+        channel = probe.channel(text)
         if not isinstance(channel, Channel):
             raise RuleBroken(f"channel({text!r}) returned {channel!r}, not a Channel")
         if channel != other.channel(text) or hash(channel) != hash(other.channel(text)):
             raise RuleBroken(f"channel({text!r}) returned two channels that are not equal")
     for each in trial.subject.outputs:
-        channel = hand.channel(each.channel)
+        channel = probe.channel(each.channel)
         if Direction.OUTPUT not in channel.direction:
             raise RuleBroken(f"{each.channel} is an input")
         if not channel.lowest <= each.least <= each.greatest <= channel.highest:
             raise RuleBroken(f"{each.channel} takes {channel.lowest} to {channel.highest}, not {each.greatest}")
     try:
-        hand.driver.channel(UNKNOWN)
+        probe.driver.channel(UNKNOWN)
     except ChannelError:
         return
     except BaseException as error:
@@ -41,10 +41,10 @@ def channels(trial: Trial) -> None:
 @rule("before open", "Before `open` a driver accesses no hardware; `devices` names it alike for two drivers.")
 def before_open(trial: Trial) -> None:
     before = trial.subject.line.connections if trial.subject.line is not None else 0
-    hand, other = trial.new(), trial.new()
+    probe, other = trial.new(), trial.new()
     for text in trial.channels:
-        hand.channel(text)
-    devices = hand.call("devices", lambda: list(hand.driver.devices()))
+        probe.channel(text)
+    devices = probe.call("devices", lambda: list(probe.driver.devices()))
     if devices != other.call("devices", lambda: list(other.driver.devices())):
         raise RuleBroken(f"devices() returned {devices} and then another answer")
     if not all(isinstance(each, str) for each in devices):
@@ -65,62 +65,62 @@ def initialise(trial: Trial) -> str | None:
 
 def _leave_at(trial: Trial, output: Output, raw: int) -> None:
     """As a process that died leaves it."""
-    hand = trial.new()
+    probe = trial.new()
     try:
-        hand.open()
-        hand.initialize(output.channel, output.default)
-        hand.write(output.channel, raw)
+        probe.open()
+        probe.initialize(output.channel, output.default)
+        probe.write(output.channel, raw)
     finally:
-        hand.close()
+        probe.close()
 
 
 def _initialise(trial: Trial, output: Output, left: int) -> None:
-    hand = trial.new()
+    probe = trial.new()
     try:
         with trial.observing(output, until=output.default) as levels:
-            hand.open()
-            hand.initialize(output.channel, output.default)
+            probe.open()
+            probe.initialize(output.channel, output.default)
         for level in levels[1:]:
             if not any(trial.same(output, raw, level) for raw in (left, output.default)):
                 shown = ", ".join(map(str, levels))
                 raise RuleBroken(f"{output.channel} was at {shown} while it was initialised at {output.default}")
-        trial.expect(hand, output, output.default, f"initialize({output.default})")
+        trial.expect(probe, output, output.default, f"initialize({output.default})")
     finally:
         with trial.own_error_first():
-            trial.leave(hand)
+            trial.leave(probe)
 
 
 @rule("reset", "Reset brings an output to its default from any level; of an input it changes nothing.")
 def reset(trial: Trial) -> str | None:
-    with trial.opened() as hand:
-        _check_inputs(trial, hand)
+    with trial.opened() as probe:
+        _check_inputs(trial, probe)
         for output in trial.seen:
             for raw in output.samples:
-                hand.write(output.channel, raw)
-                hand.reset(output.channel, output.default)
-                trial.expect(hand, output, output.default, f"reset({output.default}) from {raw}")
+                probe.write(output.channel, raw)
+                probe.reset(output.channel, output.default)
+                trial.expect(probe, output, output.default, f"reset({output.default}) from {raw}")
     return trial.remark
 
 
-def _check_inputs(trial: Trial, hand: Hand) -> None:
+def _check_inputs(trial: Trial, probe: Probe) -> None:
     for text in trial.steady:
-        before = hand.read(text)
-        hand.reset(text, None)
-        if (after := hand.read(text)) != before:
+        before = probe.read(text)
+        probe.reset(text, None)
+        if (after := probe.read(text)) != before:
             raise RuleBroken(f"{text} read {before} before its reset and {after} after it")
 
 
 @rule("reset after failure", "Reset reaches the default also after calls that failed.")
 def reset_after_failure(trial: Trial) -> str | None:
     outputs = trial.seen
-    with trial.opened() as hand:
+    with trial.opened() as probe:
         for output in outputs:
-            hand.write(output.channel, output.other())
-        trial.fail_some(hand)
-        hand.driver.timeout = trial.patience
+            probe.write(output.channel, output.other())
+        trial.fail_some(probe)
+        probe.driver.timeout = trial.patience
         for output in outputs:
-            hand.reset(output.channel, output.default)
-            trial.expect(hand, output, output.default, "reset after failed calls")
+            probe.reset(output.channel, output.default)
+            trial.expect(probe, output, output.default, "reset after failed calls")
     return trial.remark
 
 
@@ -129,47 +129,47 @@ def finalise(trial: Trial) -> None:
     if len(trial.channels) < 2:
         raise NotTried("the subject has one channel only")
     for order in (trial.channels, trial.channels[::-1]):
-        with trial.opened() as hand:
+        with trial.opened() as probe:
             for gone, text in pairwise(order):
-                hand.reset(gone, trial.default(gone))
-                hand.finalize(gone)
+                probe.reset(gone, trial.default(gone))
+                probe.finalize(gone)
                 try:
-                    _use(trial, hand, text)
+                    _use(trial, probe, text)
                 except OSError as error:
                     raise RuleBroken(f"{text} failed after {gone} was finalised: {reported(error)}") from error
 
 
-def _use(trial: Trial, hand: Hand, text: str) -> None:
+def _use(trial: Trial, probe: Probe, text: str) -> None:
     default = trial.default(text)
     if default is not None:
-        hand.write(text, default)
+        probe.write(text, default)
     if text in trial.readable:
-        hand.read(text)
+        probe.read(text)
 
 
 @rule("reopen", "A closed driver can be opened again, and one that is not open can be closed.")
 def reopen(trial: Trial) -> None:
-    hand = trial.new()
-    hand.close()
+    probe = trial.new()
+    probe.close()
     for _ in range(3):
         try:
-            hand.open()
+            probe.open()
             for text in trial.channels:
-                hand.initialize(text, trial.default(text))
+                probe.initialize(text, trial.default(text))
             for text in trial.channels:
-                _use(trial, hand, text)
+                _use(trial, probe, text)
         except OSError as error:
             raise RuleBroken(f"opened again, {trial.watch.doing} failed: {reported(error)}") from error
         finally:
             with trial.own_error_first():
-                trial.leave(hand)
-        hand.close()
+                trial.leave(probe)
+        probe.close()
     _open_in_turns(trial)
 
 
 def _open_in_turns(trial: Trial) -> None:
     """Another driver of the same device after each other."""
     for _ in range(3):
-        with trial.opened() as hand:
+        with trial.opened() as probe:
             for text in trial.channels:
-                _use(trial, hand, text)
+                _use(trial, probe, text)

@@ -14,10 +14,10 @@ def readings(trial: Trial) -> None:
     """Also of all readings of the rules before."""
     if not trial.readable:
         raise NotTried("the driver has no inputs")
-    with trial.opened() as hand:
+    with trial.opened() as probe:
         for text in trial.readable:
-            hand.read(text)
-        hand.read_many(trial.readable)
+            probe.read(text)
+        probe.read_many(trial.readable)
     if trial.watch.wrong_types:
         raise RuleBroken(trial.watch.wrong_types[0])
 
@@ -25,8 +25,8 @@ def readings(trial: Trial) -> None:
 @rule("kind of errors", "A call that fails raises an OSError, whatever failed.")
 def kind_of_errors(trial: Trial) -> None:
     """Also of all calls of the rules before."""
-    with trial.opened() as hand, suppress(NotTried):
-        trial.fail_some(hand)
+    with trial.opened() as probe, suppress(NotTried):
+        trial.fail_some(probe)
     if trial.watch.wrong_kinds:
         raise RuleBroken(trial.watch.wrong_kinds[0])
 

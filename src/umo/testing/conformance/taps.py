@@ -28,7 +28,7 @@ Change = Callable[[bytes], bytes]
 """Makes what the driver gets out of what the device answered; nothing: no answer."""
 
 
-class Connection:
+class Tapped:
     """A driver and its device: two descriptors, and the present exchange."""
 
     def __init__(self, driver: int, device: int) -> None:
@@ -62,7 +62,7 @@ class Tap(ABC):
         """Answers that were spoiled so far."""
         self._change: Change | None = None
         self._hangup = self._holding = self._endless = False
-        self._open: list[Connection] = []
+        self._open: list[Tapped] = []
         self._lock = threading.RLock()
         self._selector = selectors.DefaultSelector()
         self._wake, self._waker = os.pipe()
@@ -175,7 +175,7 @@ class Tap(ABC):
         """A connection waits to be taken."""
         raise NotImplementedError
 
-    def _mirror(self, connection: Connection) -> None:
+    def _mirror(self, connection: Tapped) -> None:
         """A request is about to be passed on."""
         return
 
@@ -218,7 +218,7 @@ class Tap(ABC):
         else:
             self._answered(connection, data)
 
-    def _requested(self, connection: Connection, data: bytes) -> None:
+    def _requested(self, connection: Tapped, data: bytes) -> None:
         if connection.answer:  # of the request before
             self._finish(connection)
             connection.request = b""
@@ -226,7 +226,7 @@ class Tap(ABC):
         self._mirror(connection)
         self._put(connection, connection.device, data)
 
-    def _answered(self, connection: Connection, data: bytes) -> None:
+    def _answered(self, connection: Tapped, data: bytes) -> None:
         connection.answer += data
         if self._change is not None or self._holding or self._endless or connection.due is not None:
             connection.due = monotonic() + QUIET
@@ -242,7 +242,7 @@ class Tap(ABC):
             if self._endless and each.request:
                 self._put(each, each.driver, b"\xff")
 
-    def _finish(self, connection: Connection, holding: bool = False) -> None:
+    def _finish(self, connection: Tapped, holding: bool = False) -> None:
         """The answer is complete."""
         answer, spoils = connection.answer, connection.due is not None
         if not answer:
@@ -262,7 +262,7 @@ class Tap(ABC):
         elif not self._endless:  # it began before the mode ended
             self._put(connection, connection.driver, answer)
 
-    def _put(self, connection: Connection, to: int, data: bytes) -> None:
+    def _put(self, connection: Tapped, to: int, data: bytes) -> None:
         try:
             while data:
                 data = data[os.write(to, data) :]
@@ -270,11 +270,11 @@ class Tap(ABC):
             self._close(connection)
 
     def _add(self, driver: int, device: int) -> None:
-        self._open.append(Connection(driver, device))
+        self._open.append(Tapped(driver, device))
         for each in (driver, device):
             self._selector.register(each, selectors.EVENT_READ)
 
-    def _close(self, connection: Connection) -> None:
+    def _close(self, connection: Tapped) -> None:
         if connection not in self._open:
             return
         self._open.remove(connection)

@@ -13,7 +13,7 @@ from typing import Any
 
 from umo.drivers.contract import Direction, Driver
 from umo.testing.conformance.certificate import TransferTime
-from umo.testing.conformance.hand import Hand, Stopped, Watch
+from umo.testing.conformance.probe import Probe, Stopped, Watch
 from umo.testing.conformance.rules import NotTried, RuleBroken
 from umo.testing.conformance.subject import Output, Subject
 from umo.testing.conformance.taps import Tap
@@ -44,37 +44,37 @@ class Trial:
 
     # Drivers -----------------------------------------------------------------------------------------
 
-    def new(self) -> Hand:
+    def new(self) -> Probe:
         """A new driver, not opened."""
         driver: Driver[Any] = self.subject.make()
         driver.timeout, driver.period = self.patience, self.subject.period
-        return Hand(driver, self.watch)
+        return Probe(driver, self.watch)
 
     @property
     def patience(self) -> float:
         return max(PATIENCE, self.subject.timeout)
 
     @contextmanager
-    def opened(self, channels: Iterable[str] | None = None) -> Iterator[Hand]:
+    def opened(self, channels: Iterable[str] | None = None) -> Iterator[Probe]:
         """An open driver with these channels initialised (default: all); at the end its outputs are reset, its channels
         finalised, and it is closed."""
-        hand = self.new()
+        probe = self.new()
         wanted = self.channels if channels is None else tuple(channels)
         try:
-            hand.open()
+            probe.open()
             for text in wanted:
-                hand.initialize(text, self.default(text))
-            yield hand
+                probe.initialize(text, self.default(text))
+            yield probe
         except BaseException:
             with suppress(OSError, Stopped):
-                self.leave(hand)
+                self.leave(probe)
             raise
-        self.leave(hand)
+        self.leave(probe)
 
-    def leave(self, hand: Hand) -> None:
+    def leave(self, probe: Probe) -> None:
         """Reset, finalise and close. What fails is tried again with a new driver by `restore`; the first error is
         raised at the end."""
-        hand.driver.timeout = self.patience
+        probe.driver.timeout = self.patience
         errors: list[BaseException] = []
 
         def attempt(call: Callable[..., None], *arguments: Any) -> None:
@@ -84,12 +84,12 @@ class Trial:
                 self._dirty = True
                 errors.append(error)
 
-        initialised = list(hand.opened)
+        initialised = list(probe.opened)
         for text in initialised:
-            attempt(hand.reset, text, self.default(text))
+            attempt(probe.reset, text, self.default(text))
         for text in reversed(initialised):
-            attempt(hand.finalize, text)
-        attempt(hand.close)
+            attempt(probe.finalize, text)
+        attempt(probe.close)
         if errors:
             raise errors[0]
 
@@ -99,19 +99,19 @@ class Trial:
             return
         self._dirty = False
         self.unreached = [output.channel for output in self.subject.outputs]
-        hand = self.new()
+        probe = self.new()
         with suppress(OSError):
-            hand.open()
+            probe.open()
             for output in self.subject.outputs:
                 with suppress(OSError):
-                    hand.reset(output.channel, output.default)
+                    probe.reset(output.channel, output.default)
                     self.unreached.remove(output.channel)
         with suppress(OSError):
-            hand.close()
+            probe.close()
 
-    def hurry(self, hand: Hand) -> None:
+    def hurry(self, probe: Probe) -> None:
         """Its calls have the subject's own timeout from now on."""
-        hand.driver.timeout = self.subject.timeout
+        probe.driver.timeout = self.subject.timeout
 
     # Channels ----------------------------------------------------------------------------------------
 
@@ -131,8 +131,8 @@ class Trial:
     @cached_property
     def readable(self) -> tuple[str, ...]:
         """Channels whose direction allows reading."""
-        hand = self.new()
-        return tuple(text for text in self.channels if Direction.INPUT in hand.channel(text).direction)
+        probe = self.new()
+        return tuple(text for text in self.channels if Direction.INPUT in probe.channel(text).direction)
 
     @property
     def steady(self) -> tuple[str, ...]:
@@ -163,20 +163,20 @@ class Trial:
 
     # Levels ------------------------------------------------------------------------------------------
 
-    def level(self, hand: Hand, output: Output) -> int:
+    def level(self, probe: Probe, output: Output) -> int:
         """The level that the output has now: as the counterpart records it, at its loop-back, or read back."""
         if self.subject.levels is not None:
             return self.subject.levels(output.channel)[-1]
         view = self.loops.get(output.channel, output.channel)
-        if view not in hand.opened:
-            hand.initialize(view, self.default(view))
-        return hand.read(view)
+        if view not in probe.opened:
+            probe.initialize(view, self.default(view))
+        return probe.read(view)
 
-    def is_at(self, hand: Hand, output: Output, raw: int) -> bool:
+    def is_at(self, probe: Probe, output: Output, raw: int) -> bool:
         """Whether the output comes to this level within `settle`; sets `last_level`."""
         end = monotonic() + self.subject.settle
         while True:
-            self.last_level = self.level(hand, output)
+            self.last_level = self.level(probe, output)
             if self.same(output, raw, self.last_level):
                 return True
             if monotonic() >= end:
@@ -190,9 +190,9 @@ class Trial:
             return raw == level
         return self.subject.agree(output.channel, raw, through, level)
 
-    def expect(self, hand: Hand, output: Output, raw: int, after: str) -> None:
+    def expect(self, probe: Probe, output: Output, raw: int, after: str) -> None:
         """RuleBroken if the output is not at this level."""
-        if not self.is_at(hand, output, raw):
+        if not self.is_at(probe, output, raw):
             raise RuleBroken(f"{output.channel} is at {self.last_level} after {after}, not at {raw}")
 
     @contextmanager
@@ -216,15 +216,15 @@ class Trial:
     @contextmanager
     def _polling(self, text: str, found: list[int]) -> Iterator[None]:
         """A second driver reads the input as quickly as it can; nothing if the device does not let it in."""
-        hand, end = self.new(), Event()
-        hand.watch = Watch()  # of another thread
+        probe, end = self.new(), Event()
+        probe.watch = Watch()  # of another thread
         try:
-            hand.open()
-            hand.initialize(text, None)
-            found.append(hand.read(text))
+            probe.open()
+            probe.initialize(text, None)
+            found.append(probe.read(text))
         except OSError:
             with suppress(OSError):
-                hand.close()
+                probe.close()
             found.clear()
             yield
             return
@@ -232,7 +232,7 @@ class Trial:
         def poll() -> None:
             with suppress(OSError):
                 while not end.is_set():
-                    if (level := hand.read(text)) != found[-1]:
+                    if (level := probe.read(text)) != found[-1]:
                         found.append(level)
 
         thread = Thread(target=poll, name="umo loop-back", daemon=True)
@@ -243,8 +243,8 @@ class Trial:
             end.set()
             thread.join(self.patience)
             with suppress(OSError):
-                hand.finalize(text)
-                hand.close()
+                probe.finalize(text)
+                probe.close()
 
     # Failures ----------------------------------------------------------------------------------------
 
@@ -278,31 +278,31 @@ class Trial:
             if on_its_way is None:
                 raise
 
-    def fail_some(self, hand: Hand) -> None:
+    def fail_some(self, probe: Probe) -> None:
         """Calls that fail, by whatever means there are; NotTried without any."""
         if self.subject.refused:
-            self.failure(hand.write, self.subject.refused[0], 0)
-            self.failure(hand.read, self.subject.refused[0])
+            self.failure(probe.write, self.subject.refused[0], 0)
+            self.failure(probe.read, self.subject.refused[0])
         elif self.subject.line is None and self.subject.gone is None:
             raise NotTried(f"no call can be made to fail: {NO_LINE}, and no channel that the device refuses")
-        self.hurry(hand)
+        self.hurry(probe)
         if self.subject.line is not None:
             with self.subject.line.silent():
-                for call, arguments in self.transfers(hand):
+                for call, arguments in self.transfers(probe):
                     self.failure(call, *arguments)
         elif self.subject.gone is not None:
             with self.subject.gone():
-                for call, arguments in self.transfers(hand):
+                for call, arguments in self.transfers(probe):
                     self.failure(call, *arguments)
 
-    def transfers(self, hand: Hand) -> Sequence[tuple[Callable[..., object], tuple[Any, ...]]]:
+    def transfers(self, probe: Probe) -> Sequence[tuple[Callable[..., object], tuple[Any, ...]]]:
         """One call of each kind of transfer: its function and arguments. Outputs are written their defaults."""
         found: list[tuple[Callable[..., object], tuple[Any, ...]]] = []
         if self.readable:
-            found += [(hand.read, (self.readable[0],)), (hand.read_many, (self.readable,))]
+            found += [(probe.read, (self.readable[0],)), (probe.read_many, (self.readable,))]
         if self.subject.outputs:
             texts = [output.channel for output in self.subject.outputs]
             raws = [output.default for output in self.subject.outputs]
-            found += [(hand.write, (texts[0], raws[0])), (hand.write_many, (texts, raws))]
-            found += [(hand.reset, (texts[-1], raws[-1]))]
+            found += [(probe.write, (texts[0], raws[0])), (probe.write_many, (texts, raws))]
+            found += [(probe.reset, (texts[-1], raws[-1]))]
         return found

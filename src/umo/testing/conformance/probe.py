@@ -41,7 +41,7 @@ class WrongKind(OSError):
     """The driver raised something else; it is noted in the watch and taken for an OSError."""
 
 
-class Hand:
+class Probe:
     """The functions of one driver, with texts for channels."""
 
     def __init__(self, driver: Driver[Any], watch: Watch) -> None:

@@ -1,0 +1,121 @@
+"""A device on loopback TCP for the tests of the kit, with a record of the levels that its outputs had.
+
+A request: number (16 bits), function (1 read, 2 write), count (8 bits each); per channel its place (8 bits) and a level
+(32 bits); a checksum (16 bits). The answer is the same with a status (0, or an error) for the place; the high bit of
+its function says that a channel failed.
+"""
+
+from __future__ import annotations
+
+import selectors
+import socket
+import struct
+import threading
+import zlib
+from collections import deque
+
+HEADER = struct.Struct(">HBB")
+ITEM = struct.Struct(">Bi")
+CHECK = struct.Struct(">H")
+READ, WRITE, FAILED = 1, 2, 0x80
+PLACES = {"out": 0, "io": 16, "in": 32}
+HIGHEST = 48
+"""Places from here on are answered with status 2."""
+
+
+def frame(number: int, function: int, items: list[tuple[int, int]]) -> bytes:
+    body = HEADER.pack(number, function, len(items)) + b"".join(ITEM.pack(*item) for item in items)
+    return body + CHECK.pack(zlib.crc32(body) & 0xFFFF)
+
+
+def size(count: int) -> int:
+    return HEADER.size + count * ITEM.size + CHECK.size
+
+
+class Device:
+    """in:N reads what out:N is at; in:8 and above are constant. One thread serves all clients."""
+
+    def __init__(self, clients: int = 99) -> None:
+        self.raws = {place: 0 for place in range(HIGHEST)} | {40 + i: 1000 + 77 * i for i in range(8)}
+        self.host, self.port = "127.0.0.1", 0
+        self._clients = clients
+        self._levels = {place: deque([0], maxlen=1000) for place in range(32)}
+        self._selector = selectors.DefaultSelector()
+        self._listener: socket.socket | None = None
+        self._end = False
+        self._waker, wake = socket.socketpair()
+        self._wake = wake
+        self._selector.register(wake, selectors.EVENT_READ)
+        self._thread = threading.Thread(target=self._work, daemon=True)
+
+    def __enter__(self) -> Device:
+        self._listener = socket.create_server((self.host, self.port))
+        self.port = self._listener.getsockname()[1]
+        self._selector.register(self._listener, selectors.EVENT_READ)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._end = True
+        self._waker.send(b"!")
+        self._thread.join()
+        for key in list(self._selector.get_map().values()):
+            key.fileobj.close()  # type: ignore[union-attr]
+        self._waker.close()
+        self._selector.close()
+
+    def levels(self, text: str) -> list[int]:
+        """As Subject.levels wants them."""
+        kind, number = text.split(":")
+        kept = self._levels[PLACES[kind] + int(number)]
+        found = list(kept)
+        kept.clear()
+        kept.append(found[-1])
+        return found
+
+    def _work(self) -> None:
+        while not self._end:
+            for key, _ in self._selector.select():
+                if key.fileobj is self._listener:
+                    self._accept()
+                elif key.fileobj is not self._wake:
+                    self._serve(key.fileobj)  # type: ignore[arg-type]
+
+    def _accept(self) -> None:
+        assert self._listener is not None
+        client, _ = self._listener.accept()
+        if len(self._selector.get_map()) - 2 >= self._clients:
+            client.close()
+            return
+        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._selector.register(client, selectors.EVENT_READ)
+
+    def _serve(self, client: socket.socket) -> None:
+        try:
+            request = client.recv(65536)
+            if request:
+                client.sendall(self.answer(request))
+        except OSError:
+            request = b""
+        if not request:
+            self._selector.unregister(client)
+            client.close()
+
+    def answer(self, request: bytes) -> bytes:
+        """To one whole request."""
+        number, function, count = HEADER.unpack_from(request)
+        done = [self._carry_out(function, *ITEM.unpack_from(request, 4 + 5 * i)) for i in range(count)]
+        failed = FAILED if any(status for status, _ in done) else 0
+        return frame(number, function | failed, done)
+
+    def _carry_out(self, function: int, place: int, raw: int) -> tuple[int, int]:
+        if place >= HIGHEST or (function == WRITE and place >= 32):
+            return 2, 0
+        if function == WRITE:
+            self.raws[place] = raw
+            if raw != self._levels[place][-1]:
+                self._levels[place].append(raw)
+        looped = place - 32 if 32 <= place < 40 else place
+        return 0, self.raws[looped]
+
+
