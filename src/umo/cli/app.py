@@ -7,7 +7,7 @@ import os
 import signal
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -40,6 +40,18 @@ NO_STATION = "give the directory of a station, or the name of a shipped one"
 WiringName = Annotated[
     str | None,
     typer.Option("--wiring", "-w", metavar="NAME|FILE", help="Name of a wiring of the station, or a TOML file."),
+]
+Faults = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--fault",
+        metavar="TEXT",
+        help="Inject a fault: PATH KIND \\[amount] \\[at TIME] \\[for TIME], such as 'z.encoder stuck at 5 s'. May be "
+        "repeated. Kinds: stuck, noise, drift, bit flip, delay, drop-out, disconnect, exception, wrong length, out of range.",
+    ),
+]
+FaultSeed = Annotated[
+    int | None, typer.Option("--fault-seed", min=0, help="Seed of the random numbers of injected faults; default: 0.")
 ]
 OF_THE_MACHINE = {"allow_extra_args": True, "ignore_unknown_options": True}
 """For commands that take the options of the station's machine."""
@@ -84,7 +96,7 @@ def _finite(value: float | None) -> float | None:
 
 @app.command(
     epilog="Examples: umo run ztheta  |  umo run ztheta --parts 2 --turn 45  |  umo run ztheta -w modbus  |  "
-    "umo run ztheta --help",
+    "umo run ztheta --fault 'z.encoder stuck at 5 s'  |  umo run ztheta --help",
     context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
     add_help_option=False,
 )
@@ -98,6 +110,8 @@ def run(
     summary: Annotated[
         Path | None, typer.Option(metavar="FILE.json", help="Write a summary of the run to this file.")
     ] = None,
+    fault: Faults = None,
+    fault_seed: FaultSeed = None,
     acknowledge: Acknowledge = False,
     full_traceback: Annotated[
         bool, typer.Option("--traceback", help="Show the full traceback of an exception.")
@@ -125,11 +139,17 @@ def run(
         from .run import run_station
         from .station_options import parse
 
-        options = parse(find(station), wiring, context.args) | ({"realtime": True} if realtime else {})
+        options = parse(find(station), wiring, context.args) | _injected(fault, fault_seed)
+        options |= {"realtime": True} if realtime else {}
         job = Job(station, wiring=wiring, options=options, acknowledge=acknowledge)
         return run_station(job, summary=summary, full_traceback=full_traceback)
 
     guarded(work)
+
+
+def _injected(faults: list[str] | None, seed: int | None) -> dict[str, Any]:
+    """The options of a run for the faults to inject."""
+    return ({"fault": faults} if faults else {}) | ({} if seed is None else {"fault_seed": seed})
 
 
 def _show_options(station: str | None, wiring: str | None, application: bool = True) -> None:
@@ -345,6 +365,8 @@ def plant(
     report: Annotated[
         Path | None, typer.Option(metavar="FILE.json", help="Write the plant's own report to this file.")
     ] = None,
+    fault: Faults = None,
+    fault_seed: FaultSeed = None,
     help_: Annotated[bool, typer.Option("--help", help="Show this message, and the options of the plant.")] = False,
 ) -> None:
     """Serve a station's plant over Modbus TCP in real time, like the controller boxes of the machine.
@@ -365,7 +387,8 @@ def plant(
         from .plant import serve_plant
 
         changes = {"host": host, "port": port, "watchdog": watchdog}
-        serve_plant(find(station), wiring, plant_wiring, context.args, changes, report)
+        injected = _injected(fault, fault_seed)
+        serve_plant(find(station), wiring, plant_wiring, context.args, changes, report, injected)
 
     guarded(work)
 

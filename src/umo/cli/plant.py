@@ -29,6 +29,7 @@ def serve_plant(
     arguments: Sequence[str],
     changes: Mapping[str, Any],
     report: Path | None,
+    injected: Mapping[str, Any],
 ) -> None:
     """Serve until SIGINT or SIGTERM, then print the report in one line. `changes` are those of host, port and watchdog
     that are not None; `arguments` the options of the machine and of the plant's drivers."""
@@ -36,7 +37,8 @@ def serve_plant(
     options = parse(station, plant_wiring, arguments, application=False)
     simulated = station.wiring(plant_wiring)
     machine, drivers = machine_with(station, options), driver_options(simulated)
-    plant = resolve(machine, simulated, {name: value for name, value in options.items() if name in drivers})
+    given = {name: value for name, value in options.items() if name in drivers}
+    plant = resolve(machine, simulated, {**given, **injected})
     bus = resolve(machine, served)
     try:
         maps = register_maps(plant, bus)

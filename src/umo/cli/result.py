@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,8 @@ class Result:
     """As the machine said it last."""
     elapsed: float = 0.0
     """s of wall-clock time."""
+    faults: Sequence[str] = ()
+    """What was injected on purpose."""
 
     @property
     def realtime_factor(self) -> float | None:
@@ -36,7 +38,8 @@ class Result:
 
     def summary(self) -> dict[str, Any]:
         statistics = self.statistics
-        return {
+        injected = {"injected_faults": list(self.faults)} if self.faults else {}
+        return injected | {
             "progress": self.progress._asdict(),
             "periods": statistics.periods,
             "missed_periods": statistics.missed,
@@ -54,6 +57,8 @@ class Result:
 
     def table(self, title: str) -> Table:
         table = Table(title=title, title_justify="left", show_header=False)
+        for fault in self.faults:
+            table.add_row("injected fault", fault)
         if self.progress.total:
             table.add_row("progress", f"{self.progress.done} of {self.progress.total}, {self.progress.text}")
         statistics = self.statistics

@@ -35,7 +35,7 @@ def run_station(job: Job, *, summary: Path | None, full_traceback: bool = False)
     plan = Plan(job)
     if job.options.get("realtime") and not plan.wired.paced:
         err.print("umo: --realtime has no effect: the timer of this wiring is a real-time timer")
-    result = Result(Statistics())
+    result = Result(Statistics(), faults=() if plan.wired.injection is None else plan.wired.injection.texts)
     seen = Seen(plan.machine)
     trace = Trace()
     with Shown(err) as shown:

@@ -5,8 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from umo.drivers.contract import Channel, Driver
 from umo.objects.scaling import IntArray
+
+UNREAD = -0x7EAD_7EAD_7EAD_7EAD
+"""What a place of a buffer has until the driver fills it. A driver that leaves it there has not read the channel."""
 
 
 class Block:
@@ -23,6 +28,8 @@ class Block:
         """Inputs: what the driver fills. Outputs: the pending raws themselves."""
         self.view = buffer.data
         """The same as a memoryview: between two of these a copy takes a third of numpy's time."""
+        self.unread = np.full(len(channels), UNREAD).data
+        """Inputs: what the buffer has before a transfer."""
         self.transfer: Callable[[Any, IntArray], None]
         """The driver's block transfer, as the transfer stage calls it."""
         self.convert: Callable[[Block, float], list[tuple[int, float]]]

@@ -17,6 +17,7 @@ from umo.cycle.image import Image
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.stopping import StopFlag
 from umo.cycle.transfer import PATIENCE, settling, wait_for
+from umo.drivers.faulty import bare
 from umo.errors import DeclarationError, DriverError, Failure, StopError
 from umo.objects import Compound
 from umo.system.custody import Custody
@@ -36,7 +37,8 @@ class connect(Generic[C]):
 
     `wiring` is a TOML file, its contents as a dict, or None (default: all objects on simulated channels, period
     1 ms). `options` are passed to every driver that has an option of this name (`seed=1`); `realtime=True`
-    lets a timer in virtual time keep the pace of the wall clock.
+    lets a timer in virtual time keep the pace of the wall clock, `fault="z.encoder stuck at 5 s"` (or a list)
+    injects faults (`umo.testing.faults`).
 
     On entry: check the wiring (WiringError lists every fault); reserve the devices (DeviceHeld names the owner;
     StandsStopped if the last run on a device ended unsafely, unless `acknowledge`); open the drivers; initialise
@@ -84,7 +86,7 @@ class connect(Generic[C]):
 
     def driver(self, name: str) -> Any:
         """The open driver of that name in the wiring, of the class that the wiring names."""
-        return self.wired.drivers[name]
+        return bare(self.wired.drivers[name])
 
     def __enter__(self) -> C:
         with _ENTERING:
@@ -109,7 +111,9 @@ class connect(Generic[C]):
                 self._restore.append(wire.apply().apply)  # one by one: the next may fail
             self._set_parameters()
             clock = WallClock() if self.wired.period is None else Clock(self.wired.period)
-            self.machine = ConnectedMachine(self.root, make_image(self.wired, clock), self.stop)
+            if self.wired.injection is not None:
+                self.wired.injection.clock = clock
+            self.machine = ConnectedMachine(self.root, make_image(self.wired, clock), self.stop, self.wired.injection)
         except BaseException:
             self._give_back()
             if custody is not self.custody:

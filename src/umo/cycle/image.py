@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from umo.cycle.block import Block
+from umo.cycle.block import UNREAD, Block
 from umo.cycle.clock import Clock
 from umo.cycle.transfer import Transfer
 from umo.drivers.contract import Direction
@@ -132,6 +132,7 @@ class Image(ABC):
         failures: list[Failure] = []
         now = self.clock.now
         for block in self.inputs:
+            block.view[:] = block.unread
             try:
                 block.transfer(block.channels, block.buffer)
             except Exception as error:
@@ -347,6 +348,8 @@ class Image(ABC):
     def _refused(self, slot: int) -> str:
         """Why its raw value, which is in `raws`, is not a reading; empty if it is one."""
         raw = self.raws[slot]
+        if raw == UNREAD:
+            return "the driver returned fewer values than channels"
         if isinstance(self.items[slot], Binary):
             return "" if raw in (0, 1) else f"read {raw}, but a binary channel reads 0 or 1"
         return f"the circuit reports an invalid reading (raw {raw})" if raw in self.invalid_raws.get(slot, ()) else ""

@@ -13,18 +13,22 @@ from umo.cycle.commands import Commands, Event
 from umo.cycle.frame import Frame, Observer, show
 from umo.cycle.image import Image
 from umo.cycle.sequences import Sequences, Task
-from umo.cycle.signals import signals_of
+from umo.cycle.signals import Signal, signals_of
 from umo.cycle.stop_order import stop_sequence
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
+from umo.drivers.faulty import Injection
 from umo.errors import DriverError
 from umo.objects import Compound, Node
+
+INJECTED = "injected_faults"
+"""The signal of a run with faults: how many are in effect."""
 
 
 class ConnectedMachine:
     """Behind the compounds of one machine from `connect` to its end (`umo.objects.link.Machine`)."""
 
-    def __init__(self, root: Compound, image: Image, stop: StopFlag) -> None:
+    def __init__(self, root: Compound, image: Image, stop: StopFlag, injection: Injection | None = None) -> None:
         self.root = root
         self.image = image
         self.clock: Clock = image.clock
@@ -32,7 +36,8 @@ class ConnectedMachine:
         self.sequences = Sequences()
         self.observers: list[Observer] = []
         """Called after every period with its frame."""
-        self.frame = Frame(image, signals_of(root))
+        faults = () if injection is None else (Signal(INJECTED, "", injection, "active"),)
+        self.frame = Frame(image, (*signals_of(root), *faults))
         self.commands = Commands(root, image)
         self.stop_order = [image.slot_of[id(item)] for item in stop_sequence(root)]
         self._slots: dict[int, _PartSlots] = {}

@@ -14,7 +14,7 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 
-from umo.cycle.block import Block
+from umo.cycle.block import UNREAD, Block
 from umo.cycle.journal import Journal, Kind
 from umo.drivers.contract import Channel, Direction, Driver
 from umo.errors import ChannelsFailed, DriverError, Failure
@@ -145,7 +145,7 @@ class Transfer:
     def read_some(self, slots: Sequence[int]) -> Iterator[tuple[int, int | str]]:
         """Some sensors, one transfer a driver: each slot with its raw integer, or with the cause why there is none."""
         for driver, group in self.by_driver(slots):
-            out = np.empty(len(group), np.int64)
+            out = np.full(len(group), UNREAD)
             failed = self._some(driver.read_many, driver, group, out, False)
             for slot, raw in zip(group, out.tolist(), strict=True):
                 if slot in failed:

@@ -16,6 +16,8 @@ from typing_extensions import TypeVar
 from umo.errors import ChannelsFailed
 
 IntArray = npt.NDArray[np.int64]
+INT64 = np.iinfo(np.int64)
+"""The raw integers that a transfer can have."""
 
 
 class Direction(Flag):

@@ -44,6 +44,8 @@ def published(
         "started_monotonic": time.monotonic_ns(),
         "period": connection.wired.period or 0.0,
     }
+    if connection.wired.injection is not None:
+        about["injected_faults"] = list(connection.wired.injection.texts)
     observers = connection.machine.observers
     phases = Phases(connection.image, connection.wired.drivers)
     try:

@@ -63,10 +63,18 @@ class Simulation:
         """What the plant raised while time passed, or a mistake in its code: it cannot go on."""
         self._wired = wired
         self._timer = wired.wires.index(timer)
+        if wired.injection is not None:
+            wired.injection.clock = self
         self._transfer = Transfer(wired.wires, wired, self._timer)
         self._transfer.bind((), ())
+        self._periods = 0
         self._opened: list[str] = []
         self._initialized: list[int] = []
+
+    @property
+    def now(self) -> float:
+        """The time of the plant in s, for injected faults."""
+        return self._periods * (self._wired.period or 0.0)
 
     def __enter__(self) -> Simulation:
         try:
@@ -111,6 +119,7 @@ class Simulation:
         `failure` too."""
         try:
             for _ in range(self.pace.due(self.clock())):
+                self._periods += 1
                 self._transfer.read(self._timer)
         except Exception as error:
             self.failure = error

@@ -22,7 +22,8 @@ from umo.process.parameters import arguments_for, parameters_of
 from umo.process.station import StationError, find
 from umo.text import reason_of
 from umo.wiring import Wired, driver_options, resolve
-from umo.wiring.options import REALTIME
+from umo.wiring.injection import InjectedFault
+from umo.wiring.options import OF_WIRINGS
 
 MAIN = "__umo_main__"
 """The user's own script, imported again in the new process under this name."""
@@ -62,10 +63,10 @@ class Job:
 
 
 def _plain(value: Any) -> Any:
-    """What stands for an Enum or a Path among the options; the function that takes it gets the object."""
+    """What stands for an Enum, a Path or a fault among the options; the function that takes it gets the object."""
     if isinstance(value, Enum):
         return value.value
-    if isinstance(value, Path):
+    if isinstance(value, Path | InjectedFault):
         return str(value)
     raise TypeError(f"Object of type {type(value).__name__} is not JSON serializable")
 
@@ -119,7 +120,7 @@ class Plan:
         given = self.job.options
         machine = parameters_of(make).keys()
         taken = set() if main is None else parameters_of(main, skip=1).keys()
-        wiring = driver_options(self.wiring).keys() | {REALTIME}
+        wiring = driver_options(self.wiring).keys() | {*OF_WIRINGS}
         for name in given.keys() - machine - taken - wiring:
             raise StationError(
                 f"--{name}: neither the machine, nor the application, nor a driver of the wiring of {self.job.name} "

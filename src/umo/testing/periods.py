@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Protocol, cast, runtime_checkable
 
+from umo.drivers.faulty import bare
 from umo.errors import DeclarationError
 from umo.objects import Atomic, Binary, BinarySensor, Compound, DigitalSensor, TwoState
 from umo.objects.scaling import to_raw
@@ -25,13 +26,14 @@ def put(sensor: BinarySensor[Any] | DigitalSensor, value: float | TwoState) -> N
     """
     image = cast("Image", sensor._image)
     wire = image.wires[sensor._slot]
-    if not isinstance(wire.driver, _Settable):
-        raise DeclarationError(f"{sensor.path}: put() cannot set a {type(wire.driver).__name__} channel")
+    driver = bare(wire.driver)
+    if not isinstance(driver, _Settable):
+        raise DeclarationError(f"{sensor.path}: put() cannot set a {type(driver).__name__} channel")
     level = sensor._level(cast(Any, value)) if isinstance(sensor, Binary) else sensor._number(cast(float, value))
     if (linearization := image.linearizations[sensor._slot]) is not None:
         level = linearization.to_input(level)
     resolution, zero_offset, *_ = image.scales[sensor._slot]
-    wire.driver.set(wire.channel.text, to_raw(level, resolution, zero_offset))
+    driver.set(wire.channel.text, to_raw(level, resolution, zero_offset))
 
 
 def periods(machine: Compound, count: int = 1) -> None:

@@ -8,7 +8,7 @@ from itertools import chain, repeat
 from typing import Any, cast
 
 from umo.drivers.contract import Channel, Direction, Driver, IntArray
-from umo.errors import ChannelError
+from umo.errors import ChannelError, ChannelsFailed
 
 Reading = Any
 """What a channel reads: an integer, a sequence of readings (the last one stays), a callable, an exception."""
@@ -112,8 +112,14 @@ class Scripted(Driver):
 
     def read_many(self, channels: Sequence[Channel], out: IntArray) -> None:
         replaced = self._call("read_many", channels)
+        failed: dict[str, Exception | str] = {}
         for i, channel in enumerate(channels):
-            out[i] = self._reading(channel, replaced)
+            try:
+                out[i] = self._reading(channel, replaced)
+            except ChannelsFailed as error:  # the others are read, as the contract says
+                failed |= error.causes
+        if failed:
+            raise ChannelsFailed(failed)
 
     def write_many(self, channels: Sequence[Channel], raws: IntArray) -> None:
         self._call("write_many", channels, tuple(raws.tolist()))

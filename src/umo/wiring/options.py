@@ -13,6 +13,9 @@ from umo.wiring.source import read
 
 REALTIME = "realtime"
 """The option of a run that belongs to the wiring and not to a driver: its timer keeps the pace of the wall clock."""
+FAULT, FAULT_SEED = "fault", "fault_seed"
+"""Two more: faults to inject, in addition to those of the wiring, and the seed of their random numbers."""
+OF_WIRINGS = (REALTIME, FAULT, FAULT_SEED)
 
 
 def driver_options(wiring: Path | str | Mapping[str, Any] | None) -> dict[str, tuple[str, inspect.Parameter]]:
@@ -29,5 +32,5 @@ def driver_options(wiring: Path | str | Mapping[str, Any] | None) -> dict[str, t
         except (WiringError, TypeError, ValueError, NameError):  # ValueError: a class without a signature
             continue
         new = {key: (str(name), parameter) for key, parameter in parameters.items() if key not in taken}
-        taken |= {key: found for key, found in new.items() if key != REALTIME}
+        taken |= {key: found for key, found in new.items() if key not in OF_WIRINGS}
     return taken

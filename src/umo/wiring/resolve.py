@@ -11,14 +11,14 @@ import math
 import operator
 import sys
 from collections.abc import Hashable, Mapping
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from umo.drivers import registry
-from umo.drivers.contract import Channel, Direction, Driver
+from umo.drivers.contract import INT64, Channel, Direction, Driver
+from umo.drivers.faulty import Injection
 from umo.errors import DeclarationError, Fault, WiringError
 from umo.objects import Atomic, BinaryActuator, Compound, Digital, DigitalActuator, DigitalSensor, Node
 from umo.objects.atomic import Calibration
@@ -27,7 +27,8 @@ from umo.objects.scaling import to_raw
 from umo.objects.units import seconds
 from umo.system.packages import station_of
 from umo.text import cause_of, reason_of
-from umo.wiring.options import REALTIME
+from umo.wiring.injection import InjectedFault, inject
+from umo.wiring.options import FAULT, FAULT_SEED, OF_WIRINGS, REALTIME
 from umo.wiring.patterns import collapsed, expand, expand_parameters
 from umo.wiring.resolved import Parameter, Process, Wire, Wired
 from umo.wiring.source import WiringSource, read
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
     from umo.wiring.entry import Entry
 
 DEFAULT_PERIOD = "1 ms"
-INT64 = np.iinfo(np.int64)
 RESERVED = ("type", "timeout", "watchdog")
 
 
@@ -60,8 +60,9 @@ class _Resolver:
         self, root: Compound, wiring: Path | str | Mapping[str, Any] | None, options: Mapping[str, Any]
     ) -> None:
         self.root = root
-        self.options = {name: value for name, value in options.items() if name != REALTIME}
+        self.options = {name: value for name, value in options.items() if name not in OF_WIRINGS}
         self.realtime = options.get(REALTIME, False)
+        self.given = options
         self.unused = set(self.options)
         self.items = {item.path: item for item in root.atoms()}
         self.source: WiringSource = read(_all_simulated(self.items) if wiring is None else wiring)
@@ -82,6 +83,7 @@ class _Resolver:
         wires = [wire for path, item in self.items.items() if (wire := self._wire(path, item)) is not None]
         for wire in wires:  # after all channels were made, which then lie side by side in memory
             self._check_place(wire)
+        injection = self._inject(wires, drivers, timer)
         paced = bool(self.realtime) and self._pace(wires, timer)
         for path in sorted(self.source.entries.keys() - self.items.keys()):
             self.source.fault(f'wire."{path}"', f"the machine has no such object{self.source.near(path, self.items)}")
@@ -94,9 +96,8 @@ class _Resolver:
             self.source.fault("", f"no driver of this wiring has the option {name!r}")
         wired = Wired(drivers, wires, period, timer, parameters, watchdogs, self.hardware)
         self._check_time(wired)
-        return dataclasses.replace(wired, process=self._process(wired), paced=paced), collapsed(
-            self.source.faults, origin
-        )
+        wired = dataclasses.replace(wired, process=self._process(wired), paced=paced, injection=injection)
+        return wired, collapsed(self.source.faults, origin)
 
     # Drivers -------------------------------------------------------------------------------------------
 
@@ -315,6 +316,22 @@ class _Resolver:
         if wired.period is None:
             self.source.fault(f"{key}.period", 'is missing; give for example "1 ms"')
         return self._duration(f"{key}.period", wired.period)
+
+    def _inject(self, wires: list[Wire], drivers: dict[str, Driver[Any]], timer: Atomic | None) -> Injection | None:
+        """Put the faults that are asked for in front of their drivers."""
+        faults, seed = self.given.get(FAULT, ()), self.given.get(FAULT_SEED, self.source.seed)
+        faults = [*self.source.injected, *([faults] if isinstance(faults, str | InjectedFault) else faults)]
+        seed = self._whole("fault_seed", seed, 0, int(INT64.max))
+        if not faults:
+            return None
+        waits = bool(self.realtime) or any(wire.item is timer and wire.driver.realtime for wire in wires)
+        injection = inject(faults, seed, wires, drivers, waits, partial(self.source.fault, "faults"))
+        faulty = {id(each.driver): each for each in injection.drivers}
+        for i, wire in enumerate(wires):
+            wires[i] = dataclasses.replace(wire, driver=faulty.get(id(wire.driver), wire.driver))
+        for name, driver in drivers.items():
+            drivers[name] = faulty.get(id(driver), driver)
+        return injection
 
     def _pace(self, wires: list[Wire], timer: Atomic | None) -> bool:
         """Bring the timer's wire to real time; False if its driver runs in real time by itself."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from umo.drivers.contract import Channel, Driver
+from umo.drivers.faulty import Injection
 from umo.objects import Compound
 from umo.objects.atomic import Atomic, Binary, Calibration, Digital
 from umo.objects.linearization import Linearization
@@ -155,6 +156,8 @@ class Wired:
     process: Process = Process()
     paced: bool = False
     """Whether the option `realtime` paces a timer that runs in virtual time."""
+    injection: Injection | None = None
+    """The faults that are injected on purpose; None without any."""
 
     @property
     def devices(self) -> list[str]:

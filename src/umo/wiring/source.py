@@ -16,7 +16,7 @@ from umo.text import did_you_mean, located
 if TYPE_CHECKING:
     from umo.wiring.entry import Entry
 
-SECTIONS = ("drivers", "wire", "parameters", "process")
+SECTIONS = ("drivers", "wire", "parameters", "process", "faults", "fault_seed")
 SUGGESTIONS = 10
 """Names for which the nearest one is looked up: it takes 20 ms among a hundred, and a generated file may have a
 thousand wrong."""
@@ -33,6 +33,10 @@ class WiringSource:
     drivers: dict[str, dict[str, Any]] = field(default_factory=dict)
     parameters: dict[str, Any] = field(default_factory=dict)
     process: dict[str, Any] = field(default_factory=dict)
+    injected: list[Any] = field(default_factory=list)
+    """Faults to inject (`umo.testing.faults`)."""
+    seed: Any = 0
+    """Of their random numbers."""
     faults: list[Fault] = field(default_factory=list)
     suggested: int = 0
 
@@ -74,6 +78,11 @@ def _fill(source: WiringSource, data: Mapping[str, Any]) -> None:
         _read_entry(source, path, table)
     source.parameters = dict(_leaves(_table(source, data, "parameters")))
     source.process = dict(_table(source, data, "process"))
+    injected, source.seed = data.get("faults", []), data.get("fault_seed", 0)
+    if isinstance(injected, list | tuple):
+        source.injected = list(injected)
+    else:
+        source.fault("faults", f'must be a list such as ["z.encoder stuck at 5 s"], not {injected!r}')
 
 
 def _named(table: Mapping[Any, Any]) -> dict[str, Any]:

@@ -1,0 +1,229 @@
+"""Faults between a machine and one of its drivers (`umo.testing.faults`). Without faults a driver is not wrapped."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from umo.drivers._effects import Effect
+from umo.drivers.contract import Channel, Driver, IntArray
+from umo.errors import ChannelsFailed, DriverError
+
+log = logging.getLogger("umo")
+EARLY = 1e-9
+"""s; the machine's time is a sum of periods."""
+
+
+class HasNow(Protocol):
+    @property
+    def now(self) -> float: ...
+
+
+class Injection:
+    """The faults of one machine. None is in effect until the machine is connected and has given its clock: so the
+    guardian resets the machine without them."""
+
+    def __init__(self, texts: Sequence[str], seed: int) -> None:
+        self.texts, self.seed = tuple(texts), seed
+        self.clock: HasNow | None = None
+        self.drivers: list[Faulty] = []
+
+    @property
+    def active(self) -> int:
+        """How many faults are in effect now, counted on each channel; shown as a signal."""
+        return sum(len(driver.active()) for driver in self.drivers)
+
+
+class Faulty(Driver[Any]):
+    """A driver with faults on some of its channels. Everything else is the driver's own."""
+
+    def __init__(self, driver: Driver[Any], effects: Sequence[Effect], injection: Injection) -> None:
+        self.driver = driver
+        self.levels: dict[str, int] = {}
+        """The raw integers that were last written to the circuit, by channel."""
+        self._effects, self._injection = effects, injection
+        self._acting: list[Effect] = []
+        self._now = -1.0
+        injection.drivers.append(self)
+
+    # What is the driver's own --------------------------------------------------------------------------
+
+    @property
+    def timeout(self) -> float:
+        return self.driver.timeout
+
+    @timeout.setter
+    def timeout(self, seconds: float) -> None:
+        self.driver.timeout = seconds
+
+    @property
+    def period(self) -> float:  # type: ignore[override]
+        return self.driver.period
+
+    @property
+    def realtime(self) -> bool:  # type: ignore[override]
+        return self.driver.realtime
+
+    def channel(self, text: str) -> Any:
+        return self.driver.channel(text)
+
+    def devices(self) -> Iterable[str]:
+        return self.driver.devices()
+
+    def finalize(self, channel: Channel) -> None:
+        self.driver.finalize(channel)
+
+    def close(self) -> None:
+        self.driver.close()
+
+    def report(self) -> Mapping[str, Any]:
+        return self.driver.report()
+
+    # Which faults are in effect ------------------------------------------------------------------------
+
+    def active(self) -> list[Effect]:
+        """Those that are in effect at the time of the machine; logs what begins and ends."""
+        clock = self._injection.clock
+        if clock is None or clock.now == self._now:
+            return self._acting
+        self._now = now = clock.now
+        acting = [each for each in self._effects if each.begin - EARLY <= now < each.end - EARLY]
+        for effect in acting:
+            if effect not in self._acting:
+                effect.set_in(self.levels.get(_text(effect)) if effect.output else None)
+                _tell("begins", effect, now)
+        for effect in self._acting:
+            if effect not in acting:
+                _tell("ends", effect, now)
+        self._acting = acting
+        return acting
+
+    def _concerning(self, channels: Sequence[Channel], output: bool) -> list[Effect]:
+        acting = self.active()
+        if not acting:
+            return acting
+        texts = {channel.text for channel in channels}
+        return [each for each in acting if each.channel is None or (each.output is output and _text(each) in texts)]
+
+    def _begin(self, effects: Sequence[Effect]) -> dict[str, Exception | str]:
+        """A call: raises if it fails as a whole. The channels that are lost, each with its cause."""
+        for effect in effects:
+            effect.call(self)
+        lost: dict[str, Exception | str] = {}
+        for effect in effects:
+            if cause := effect.lost():
+                if effect.channel is None:
+                    raise DriverError(cause)
+                lost[_text(effect)] = cause
+        return lost
+
+    def _changed(self, raw: int, effects: Sequence[Effect], text: str) -> int:
+        for effect in effects:
+            if _text(effect) == text:
+                raw = effect.changed(raw, self._now - effect.begin)
+        return raw
+
+    # Calls with faults ---------------------------------------------------------------------------------
+
+    def open(self) -> None:
+        self.levels, self._acting, self._now = {}, [], -1.0
+        for effect in self._effects:
+            effect.start(self._injection.seed)
+        self._begin([each for each in self.active() if each.channel is None])
+        self.driver.open()
+
+    def watchdog(self, seconds: float) -> None:
+        self._begin([each for each in self.active() if each.channel is None])
+        self.driver.watchdog(seconds)
+
+    def read(self, channel: Channel) -> int:
+        effects = self._concerning((channel,), False)
+        self._lose(effects)
+        raw = self.driver.read(channel)
+        if any(effect.short for effect in effects):
+            return None  # type: ignore[return-value]  # as a driver whose answer has no value in it
+        return self._changed(raw, effects, channel.text)
+
+    def write(self, channel: Channel, raw: int) -> None:
+        self._put("write", channel, raw)
+
+    def initialize(self, channel: Channel, default: int | None) -> None:
+        self._put("initialize", channel, default)
+
+    def reset(self, channel: Channel, default: int | None) -> None:
+        self._put("reset", channel, default)
+
+    def _put(self, segment: str, channel: Channel, raw: int | None) -> None:
+        effects = self._concerning((channel,), raw is not None)
+        self._lose(effects)
+        if raw is None:
+            getattr(self.driver, segment)(channel, None)
+        elif not any(effect.short for effect in effects):
+            raw = self._changed(raw, effects, channel.text)
+            getattr(self.driver, segment)(channel, raw)
+            self.levels[channel.text] = raw
+
+    def _lose(self, effects: Sequence[Effect]) -> None:
+        for cause in self._begin(effects).values():
+            raise DriverError(str(cause))
+
+    # Blocks with faults --------------------------------------------------------------------------------
+
+    def read_many(self, channels: Sequence[Channel], out: IntArray) -> None:
+        effects = self._concerning(channels, False)
+        if not effects:
+            self.driver.read_many(channels, out)
+            return
+        lost = self._begin(effects)
+        kept = self._kept(channels, effects, lost)
+        raws = np.zeros(len(kept), np.int64)
+        if kept:
+            lost |= _partly(lambda: self.driver.read_many(tuple(channels[i] for i in kept), raws))
+        for i, raw in zip(kept, raws.tolist(), strict=True):
+            out[i] = self._changed(raw, effects, channels[i].text)
+        if lost:
+            raise ChannelsFailed(lost)
+
+    def write_many(self, channels: Sequence[Channel], raws: IntArray) -> None:
+        effects = self._concerning(channels, True)
+        lost = self._begin(effects)
+        kept = self._kept(channels, effects, lost)
+        moved = tuple(channels[i] for i in kept) if effects else channels
+        changed = [self._changed(raw, effects, each.text) for each, raw in zip(moved, raws[kept].tolist(), strict=True)]
+        if changed:
+            lost |= _partly(lambda: self.driver.write_many(moved, np.array(changed, np.int64)))
+        self.levels |= {each.text: raw for each, raw in zip(moved, changed, strict=True) if each.text not in lost}
+        if lost:
+            raise ChannelsFailed(lost)
+
+    def _kept(self, channels: Sequence[Channel], effects: Sequence[Effect], lost: Mapping[str, object]) -> list[int]:
+        """The places of the channels that are transferred."""
+        ends = {_text(effect) for effect in effects if effect.short}
+        stop = next((i for i, channel in enumerate(channels) if channel.text in ends), len(channels))
+        return [i for i in range(stop) if channels[i].text not in lost]
+
+
+def bare(driver: Driver[Any]) -> Driver[Any]:
+    """The driver itself, without injected faults."""
+    return driver.driver if isinstance(driver, Faulty) else driver
+
+
+def _partly(transfer: Any) -> Mapping[str, str]:
+    """Make a block transfer; the channels of it that failed."""
+    try:
+        transfer()
+    except ChannelsFailed as error:
+        return error.causes
+    return {}
+
+
+def _text(effect: Effect) -> str:
+    return "" if effect.channel is None else effect.channel.text
+
+
+def _tell(what: str, effect: Effect, now: float) -> None:
+    where = "" if effect.channel is None else f" (channel {effect.channel.text})"
+    log.warning("injected fault %s at %s s: %s%s", what, f"{now:.6g}", effect.text, where)
