@@ -1,0 +1,222 @@
+"""What the drivers of I2C and SPI have in common: a chip with registers, one transfer for each block of them."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache, partial
+from time import monotonic
+from typing import Any, TypeVar
+
+import numpy as np
+
+from umo.drivers._register_plan import Block, plan
+from umo.drivers._registers import Register, RegisterChannel, RegisterMap, whole
+from umo.drivers.contract import Direction, Driver, IntArray
+from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, WiringError
+
+T = TypeVar("T")
+
+
+class RegisterDriver(Driver[RegisterChannel]):
+    """A chip with a register map. A bus derives from it and transfers bytes.
+
+    A bit field is written by writing its whole register. The other bits are those that this driver wrote last; before
+    its first write, the register's `initial` value, or else what the register holds then.
+    """
+
+    longest = 32
+    """Bytes of a block."""
+
+    def __init__(
+        self,
+        registers: Mapping[str, Mapping[str, Any]],
+        page_register: int | None,
+        auto_increment: bool,
+        identity: Mapping[str, int],
+        address_bits: int,
+    ) -> None:
+        if page_register is not None:
+            whole("page_register", page_register, 0, (1 << address_bits) - 1)
+        self._map = RegisterMap(
+            registers, address_bits=address_bits, paged=page_register is not None, bytewise=auto_increment
+        )
+        self._page_register = page_register
+        self._auto_increment = auto_increment
+        self._identity = [(self._readable(name), value) for name, value in identity.items()]
+        self._plan = lru_cache(maxsize=256)(partial(plan, joined=auto_increment, longest=self.longest))
+        self._opened = self._connected = self._broken = False
+        self._deadline = 0.0
+        self._page: int | None = None
+        self._shadow: dict[Register, int] = {}
+
+    def channel(self, text: str) -> RegisterChannel:
+        return self._map.channel(text)
+
+    def open(self) -> None:
+        """Open the bus, and compare the registers of the option `identity`."""
+        self._opened = True
+        self._begin()
+
+    def close(self) -> None:
+        self._opened = False
+        self._shadow.clear()
+        self._shut()
+
+    def read(self, channel: RegisterChannel) -> int:
+        out = np.empty(1, np.int64)
+        self.read_many((channel,), out)
+        return int(out[0])
+
+    def write(self, channel: RegisterChannel, raw: int) -> None:
+        self._write((channel,), [raw])
+
+    def read_many(self, channels: Sequence[RegisterChannel], out: IntArray) -> None:
+        self._begin()
+
+        def take(block: Block) -> None:
+            data = self._read_block(block.page, block.address, block.size)
+            for register, start, placed in block.parts:
+                contents = register.unpack(data[start : start + register.size])
+                for i, channel in placed:
+                    out[i] = channel.decode(contents)
+
+        self._each(self._plan(tuple(channels)), take)
+
+    def write_many(self, channels: Sequence[RegisterChannel], raws: IntArray) -> None:
+        self._write(channels, raws.tolist())
+
+    def _write(self, channels: Sequence[RegisterChannel], raws: list[int]) -> None:
+        for channel, raw in zip(channels, raws, strict=True):  # all of them before the first is sent
+            channel.check(raw)
+        self._begin()
+
+        def put(block: Block) -> None:
+            contents = {part.register: self._contents(part.register, part.channels, raws) for part in block.parts}
+            data = b"".join(register.pack(value) for register, value in contents.items())
+            self._write_block(block.page, block.address, data)
+            self._shadow.update(contents)
+
+        self._each(self._plan(tuple(channels)), put)
+
+    def _contents(self, register: Register, placed: Sequence[tuple[int, RegisterChannel]], raws: Sequence[int]) -> int:
+        contents = 0 if any(channel.whole for _, channel in placed) else self._before(register)
+        for i, channel in placed:
+            contents = channel.encode(raws[i], contents)
+        return contents
+
+    def _before(self, register: Register) -> int:
+        """What the register holds, for its bits that are not written now."""
+        if register in self._shadow:
+            return self._shadow[register]
+        if register.initial is not None:
+            return register.initial
+        return register.unpack(self._read_block(register.page, register.address, register.size))
+
+    # The bus -------------------------------------------------------------------------------------------
+
+    @abstractmethod
+    def _connect(self) -> None:
+        """Open the bus; DriverError if that fails, and nothing is open then."""
+
+    @abstractmethod
+    def _disconnect(self) -> None:
+        """Close the bus, if it is open."""
+
+    @abstractmethod
+    def _get(self, address: int, size: int) -> bytes:
+        """Read so many bytes from a register on, in one transfer; OSError."""
+
+    @abstractmethod
+    def _put(self, address: int, data: bytes) -> None:
+        """Write these bytes from a register on, in one transfer; OSError."""
+
+    def _explained(self, error: OSError) -> str:
+        """The cause of a failed transfer."""
+        return error.strerror or str(error)
+
+    # How -----------------------------------------------------------------------------------------------
+
+    def _begin(self) -> None:
+        """Begin one call: its deadline, and the bus opened again after a failure."""
+        if not self._opened:
+            raise DriverError("it is not open")
+        self._deadline = monotonic() + self.timeout
+        self._page = None
+        if self._broken:
+            self._shut()
+        if not self._connected:
+            self._start()
+
+    def _start(self) -> None:
+        self._connect()
+        self._connected = True
+        try:
+            for channel, value in self._identity:
+                register = channel.register
+                found = channel.decode(
+                    register.unpack(self._read_block(register.page, register.address, register.size))
+                )
+                if found != value:
+                    raise DriverError(f"{channel.text} is {found:#x} in place of {value:#x}: no device, or another one")
+        except BaseException:
+            self._shut()
+            raise
+
+    def _shut(self) -> None:
+        self._connected = self._broken = False
+        self._disconnect()
+
+    def _each(self, blocks: Sequence[Block], carry_out: Callable[[Block], None]) -> None:
+        """Block after block. One that fails does not stop the others, except by a timeout."""
+        failed: dict[str, Exception] = {}
+        for block in blocks:
+            try:
+                carry_out(block)
+            except TimeoutError:
+                raise
+            except DriverError as error:
+                if len(blocks) == 1:
+                    raise
+                failed.update({channel.text: error for part in block.parts for _, channel in part.channels})
+        if failed:
+            raise ChannelsFailed(failed)
+
+    def _read_block(self, page: int | None, address: int, size: int) -> bytes:
+        self._turn_to(page)
+        data = self._transfer(f"reading {address:#04x}", lambda: self._get(address, size))
+        if len(data) != size:
+            self._broken = True
+            raise DriverError(f"reading {address:#04x}: {len(data)} bytes in place of {size}")
+        return data
+
+    def _write_block(self, page: int | None, address: int, data: bytes) -> None:
+        self._turn_to(page)
+        self._transfer(f"writing {address:#04x}", lambda: self._put(address, data))
+
+    def _turn_to(self, page: int | None) -> None:
+        """Select a page, once in a call: the chip may have been reset since the call before."""
+        if page is None or page == self._page:
+            return
+        assert self._page_register is not None
+        select, self._page = self._page_register, None
+        self._transfer(f"selecting page {page}", lambda: self._put(select, bytes([page])))
+        self._page = page
+
+    def _transfer(self, what: str, call: Callable[[], T]) -> T:
+        if monotonic() > self._deadline:
+            raise DeviceTimeout(f"{what}: timed out ({self.timeout * 1000:g} ms)")
+        try:
+            return call()
+        except TimeoutError as error:
+            self._broken = True
+            raise DeviceTimeout(f"{what}: the bus is held, or the device does not answer in time") from error
+        except OSError as error:
+            self._broken = True
+            raise DriverError(f"{what}: {self._explained(error)}") from error
+
+    def _readable(self, name: str) -> RegisterChannel:
+        channel = self.channel(name)
+        if Direction.INPUT not in channel.direction:
+            raise WiringError(f"identity: {name} cannot be read")
+        return channel

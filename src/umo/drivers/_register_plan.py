@@ -1,0 +1,56 @@
+"""The fewest transfers that serve a period's channels on registers: pure functions, no device."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from umo.drivers._registers import Register, RegisterChannel
+
+
+class Part(NamedTuple):
+    """A register in a block: where its bytes begin, and its channels with their places among the values of the call."""
+
+    register: Register
+    start: int
+    channels: tuple[tuple[int, RegisterChannel], ...]
+
+
+class Block(NamedTuple):
+    """Registers that follow each other: one transfer."""
+
+    page: int | None
+    address: int
+    size: int
+    parts: tuple[Part, ...]
+
+    @property
+    def first(self) -> int:
+        return min(i for part in self.parts for i, _ in part.channels)
+
+
+def plan(channels: Sequence[RegisterChannel], *, joined: bool, longest: int) -> tuple[Block, ...]:
+    """Each register once, with all of its fields. `joined`: those that follow each other go in one block of at most
+    `longest` bytes. Blocks are in the order of the channels."""
+    of: dict[Register, list[tuple[int, RegisterChannel]]] = {}
+    for placed in enumerate(channels):
+        of.setdefault(placed[1].register, []).append(placed)
+    runs: list[list[Register]] = []
+    for register in sorted(of, key=lambda each: (-1 if each.page is None else each.page, each.address)):
+        run = runs[-1] if runs else []
+        if joined and run and _follows(register, run) and register.address + register.size - run[0].address <= longest:
+            run.append(register)
+        else:
+            runs.append([register])
+    blocks = [_block(run, of) for run in runs]
+    return tuple(sorted(blocks, key=lambda block: block.first))
+
+
+def _follows(register: Register, run: list[Register]) -> bool:
+    return register.page == run[-1].page and register.address == run[-1].address + run[-1].size
+
+
+def _block(run: list[Register], of: dict[Register, list[tuple[int, RegisterChannel]]]) -> Block:
+    first, last = run[0], run[-1]
+    parts = tuple(Part(register, register.address - first.address, tuple(of[register])) for register in run)
+    return Block(first.page, first.address, last.address - first.address + last.size, parts)

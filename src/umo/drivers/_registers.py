@@ -1,0 +1,234 @@
+"""Register maps: the registers of a chip as its datasheet has them, and the channels on them. No device.
+
+A register has an address, a width of whole bytes, a byte order, perhaps a page, and may be divided into bit fields.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Hashable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from umo.drivers.contract import Channel, Direction
+from umo.errors import ChannelError, DriverError, WiringError
+from umo.text import did_you_mean
+
+WIDTHS = (8, 16, 24, 32, 40, 48, 56, 64)
+ACCESS = {"r": Direction.INPUT, "w": Direction.OUTPUT, "rw": Direction.BOTH}
+KEYS = ("address", "bits", "byte_order", "signed", "shift", "page", "access", "initial", "fields")
+FIELD_KEYS = ("bits", "signed")
+LARGEST = (1 << 63) - 1
+"""The largest raw integer that the contract's buffers (int64) hold."""
+
+_DIRECT = re.compile(r"(0x[0-9a-fA-F]+|[0-9]+):([0-9]+)(?::(big|little))?(:signed)?")
+_BITS = re.compile(r"([0-9]+)(?::([0-9]+))?")
+_PLAIN_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+
+
+@dataclass(frozen=True)
+class Register:
+    """One register; `shift` is the number of unused bits below a value that is aligned to the left."""
+
+    address: int
+    bits: int = 8
+    byte_order: Literal["big", "little"] = "big"
+    signed: bool = False
+    shift: int = 0
+    page: int | None = None
+    direction: Direction = Direction.BOTH
+    initial: int | None = None
+    """Value after a reset of the chip: what a bit field's first write takes for the others. None: it is read."""
+
+    @property
+    def size(self) -> int:
+        """Bytes."""
+        return self.bits // 8
+
+    def unpack(self, data: bytes) -> int:
+        return int.from_bytes(data, self.byte_order)
+
+    def pack(self, contents: int) -> bytes:
+        return contents.to_bytes(self.size, self.byte_order)
+
+
+@dataclass(frozen=True)
+class RegisterChannel(Channel):
+    """`bits` bits of a register from bit `low` on. `whole`: its value; the unused bits below are written as 0."""
+
+    register: Register = Register(0)
+    low: int = 0
+    whole: bool = True
+    bytewise: bool = False
+    """The chip counts its addresses in bytes: a register of 16 bits takes two."""
+
+    def __hash__(self) -> int:  # plans are looked up in every period, and a string keeps its hash
+        return hash(self.text)
+
+    @property
+    def places(self) -> tuple[Hashable, ...]:
+        """Its bits, so that two fields of one register are two places, and a field is within its register."""
+        register = self.register
+        bits = range(register.bits) if self.whole else range(self.low, self.low + self.bits)
+        return tuple((register.page, *self._place(bit)) for bit in bits)
+
+    def _place(self, bit: int) -> tuple[int, int]:
+        register = self.register
+        if not self.bytewise:
+            return register.address, bit
+        byte = bit // 8 if register.byte_order == "little" else register.size - 1 - bit // 8
+        return register.address + byte, bit % 8
+
+    def decode(self, contents: int) -> int:
+        """The raw integer in a register's contents; DriverError if it is too large for an int64."""
+        raw = contents >> self.low & (1 << self.bits) - 1
+        sign = 1 << self.bits - 1 if self.signed else 0
+        raw = (raw ^ sign) - sign
+        if raw > LARGEST:
+            raise DriverError(f"{self.text} is {raw:#x}, which is too large for 63 bits and a sign")
+        return raw
+
+    def encode(self, raw: int, contents: int) -> int:
+        """A register's contents with this raw integer in its place; `fits` was checked."""
+        if self.whole:
+            return (raw & (1 << self.bits) - 1) << self.low
+        mask = (1 << self.bits) - 1 << self.low
+        return contents & ~mask | raw << self.low & mask
+
+    def check(self, raw: int) -> None:
+        """DriverError if it cannot be written."""
+        if Direction.OUTPUT not in self.direction:
+            raise DriverError(f"{self.text} is an input")
+        if not self.lowest <= raw <= self.highest:
+            raise DriverError(f"{raw} does not fit {self.text}: it takes {self.lowest} to {self.highest}")
+
+
+class RegisterMap:
+    """The registers of a chip by name, from the wiring's `[drivers.NAME.registers]`; WiringError names what is wrong.
+
+    `address_bits`: width of an address. `paged`: the driver has a page register. `bytewise`: see RegisterChannel.
+    """
+
+    def __init__(
+        self, tables: Mapping[str, Mapping[str, Any]], *, address_bits: int, paged: bool, bytewise: bool
+    ) -> None:
+        self._highest = (1 << address_bits) - 1
+        self._paged, self._bytewise = paged, bytewise
+        self.registers: dict[str, Register] = {}
+        self.fields: dict[str, dict[str, tuple[int, int, bool]]] = {}
+        """By register and name: lowest bit, number of bits, sign."""
+        for name, table in tables.items():
+            self._add(name, table)
+
+    def channel(self, text: str) -> RegisterChannel:
+        """`NAME`, `NAME.FIELD`, `NAME.7`, `NAME.11:9`; also with `0x05:16:big` in place of `NAME`."""
+        name, dot, part = text.partition(".")
+        register = self.registers.get(name) or self._direct(name)
+        if register is None:
+            raise ChannelError(text, self.forms)
+        if not dot:
+            width = register.bits - register.shift
+            channel = RegisterChannel(text, register.direction, width, register.signed, register, register.shift)
+            return replace(channel, bytewise=self._bytewise)
+        fields = self.fields.get(name, {})
+        if part not in fields and not _BITS.fullmatch(part):
+            raise ChannelError(text, [f"{name}.{each}" for each in fields] or self.forms)
+        low, width, signed = fields[part] if part in fields else (*_bits_of(text, part, register.bits), False)
+        if register.direction is Direction.OUTPUT and register.initial is None:
+            raise WiringError(f"{text}: {name} cannot be read, so it needs `initial`, its value after a reset")
+        return RegisterChannel(text, register.direction, width, signed, register, low, False, self._bytewise)
+
+    @property
+    def forms(self) -> list[str]:
+        named = [*self.registers, *(f"{name}.{field}" for name, fields in self.fields.items() for field in fields)]
+        return [*named, "ADDRESS:BITS[:big|little][:signed]", "REGISTER.BIT", "REGISTER.HIGH:LOW"]
+
+    def _direct(self, text: str) -> Register | None:
+        match = _DIRECT.fullmatch(text)
+        if match is None:
+            return None
+        address, bits = int(match[1], 0 if match[1][:2] == "0x" else 10), int(match[2])
+        if bits not in WIDTHS or address + self._span(bits) > self._highest:
+            return None
+        return Register(address, bits, "little" if match[3] == "little" else "big", bool(match[4]))
+
+    def _span(self, bits: int) -> int:
+        """Addresses after the first one that a register takes."""
+        return bits // 8 - 1 if self._bytewise else 0
+
+    def _add(self, name: str, table: Mapping[str, Any]) -> None:
+        what = f"registers.{name}"
+        if not _PLAIN_NAME.fullmatch(name):
+            raise WiringError(f"{what}: a register's name is made of letters, digits and _")
+        _known_keys(what, table, KEYS)
+        if "address" not in table:
+            raise WiringError(f"{what}.address is missing")
+        bits = _one_of(f"{what}.bits", table.get("bits", 8), WIDTHS)
+        order = _one_of(f"{what}.byte_order", table.get("byte_order", "big"), ("big", "little"))
+        access = _one_of(f"{what}.access", table.get("access", "rw"), tuple(ACCESS))
+        page = table.get("page")
+        if page is not None and not self._paged:
+            raise WiringError(f"{what}.page needs the driver's option page_register")
+        self.registers[name] = Register(
+            whole(f"{what}.address", table["address"], 0, self._highest - self._span(bits)),
+            bits,
+            order,
+            _truth(f"{what}.signed", table.get("signed", False)),
+            whole(f"{what}.shift", table.get("shift", 0), 0, bits - 1),
+            None if page is None else whole(f"{what}.page", page, 0, 255),
+            ACCESS[access],
+            None
+            if (initial := table.get("initial")) is None
+            else whole(f"{what}.initial", initial, 0, (1 << bits) - 1),
+        )
+        fields = table.get("fields", {})
+        if not isinstance(fields, Mapping):
+            raise WiringError(f'{what}.fields must be a table such as {{ gain = "11:9" }}, not {fields!r}')
+        self.fields[name] = {key: _field(f"{what}.fields.{key}", value, bits) for key, value in fields.items()}
+
+
+def _field(what: str, given: Any, width: int) -> tuple[int, int, bool]:
+    """From `7`, `"11:9"` or `{ bits = "11:9", signed = true }`."""
+    signed = False
+    if not _PLAIN_NAME.fullmatch(what.rpartition(".")[2]):
+        raise WiringError(f"{what}: a field's name is made of letters, digits and _")
+    if isinstance(given, Mapping):
+        _known_keys(what, given, FIELD_KEYS)
+        signed, given = _truth(f"{what}.signed", given.get("signed", False)), given.get("bits")
+    return (*_bits_of(what, given, width), signed)
+
+
+def _bits_of(what: str, given: Any, width: int) -> tuple[int, int]:
+    """Lowest bit and number of bits of `7` or `"11:9"`."""
+    match = _BITS.fullmatch(str(given)) if isinstance(given, int | str) and not isinstance(given, bool) else None
+    high, low = (int(match[1]), int(match[2] or match[1])) if match else (-1, 0)
+    if not 0 <= low <= high < width:
+        raise WiringError(f'{what}: bits are a number, or "HIGH:LOW", from {width - 1} to 0, not {given!r}')
+    return low, high - low + 1
+
+
+def _known_keys(what: str, table: Any, known: tuple[str, ...]) -> None:
+    if not isinstance(table, Mapping):
+        raise WiringError(f"{what} must be a table such as {{ address = 0x05, bits = 16 }}, not {table!r}")
+    for key in table:
+        if key not in known:
+            raise WiringError(f"{what}: unknown key {key!r}{did_you_mean(str(key), known)}; known: {', '.join(known)}")
+
+
+def _one_of(what: str, value: Any, choices: tuple[Any, ...]) -> Any:
+    if isinstance(value, bool) or value not in choices:
+        raise WiringError(f"{what} must be {', '.join(map(repr, choices[:-1]))} or {choices[-1]!r}, not {value!r}")
+    return value
+
+
+def _truth(what: str, value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise WiringError(f"{what} must be true or false, not {value!r}")
+    return value
+
+
+def whole(what: str, value: Any, least: int, most: int) -> int:
+    """A whole number within limits; WiringError otherwise."""
+    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+        raise WiringError(f"{what} must be a whole number from {least} to {most}, not {value!r}")
+    return value

@@ -1,0 +1,192 @@
+"""Chips on an I2C bus or SMBus: their registers and bits as channels, through Linux's i2c-dev."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Iterable
+from math import ceil
+from pathlib import Path
+from typing import Any, Literal
+
+from umo.drivers._device_file import opening
+from umo.drivers._register_driver import RegisterDriver
+from umo.drivers._registers import RegisterChannel, whole
+from umo.errors import DriverError, WiringError
+
+SYSFS = Path("/sys/bus/i2c/devices")
+_I2C_TIMEOUT = 0x0702  # linux/i2c-dev.h: in units of 10 ms
+_NO_ANSWER = (errno.ENODEV, errno.ENXIO, errno.EREMOTEIO, errno.EIO)
+_UNABLE = (errno.EOPNOTSUPP, errno.EINVAL)
+
+
+class I2c(RegisterDriver):
+    """One chip at an address of an I2C bus.
+
+    Channels: a register of the wiring (`temperature`), a field or bits of one (`control.gain`, `control.7`,
+    `control.11:9`), or a register by its address, width and byte order: `0x05:16:big`, `0x05:16:little:signed`.
+
+    Options:
+        bus, address: number or path of the bus (1, "/dev/i2c-1") and the chip's address of 7 bits, 0x08 to 0x77.
+        registers: the chip's registers by name (docs/driver-i2c.md).
+        page_register: the register of 8 bits that selects the page, for registers with `page`.
+        auto_increment: the chip counts its addresses in bytes and goes on to the next one by itself. Registers that
+            follow each other then move in one transfer of up to 32 bytes.
+        address_bits: width of a register's address; 0 for a chip without registers (its only one is at address 0).
+        identity: registers with the values that they must have when the bus is opened, such as { who_am_i = 0x33 }.
+        pec: checksums of SMBus; for registers of 8 and 16 bits.
+
+    Each call ends within `timeout`. A transfer of its own ends when the adapter gives up on a bus that is held:
+    `open` sets the adapter's timeout to that of the driver, in steps of 10 ms. It holds for all users of the bus.
+    After a failed transfer the next call opens the bus again.
+
+    Sources: NXP UM10204 (I2C), the kernel's Documentation/i2c/dev-interface.rst and smbus-protocol.rst.
+    """
+
+    def __init__(
+        self,
+        *,
+        bus: int | str,
+        address: int,
+        registers: dict[str, dict[str, Any]] | None = None,
+        page_register: int | None = None,
+        auto_increment: bool = False,
+        address_bits: Literal[0, 8, 16] = 8,
+        identity: dict[str, int] | None = None,
+        pec: bool = False,
+    ) -> None:
+        if address_bits not in (0, 8, 16):
+            raise WiringError(f"address_bits must be 0, 8 or 16, not {address_bits!r}")
+        if isinstance(bus, str) and not bus.startswith("/"):
+            raise WiringError(f'bus must be a number or a path such as "/dev/i2c-1", not {bus!r}')
+        if not isinstance(bus, str):
+            whole("bus", bus, 0, 1_000_000)
+        self.path = bus if isinstance(bus, str) else f"/dev/i2c-{bus}"
+        self.address = whole("address (7 bits, without the bit for reading)", address, 0x08, 0x77)
+        self._pec, self._address_bits = pec, address_bits
+        if pec and (auto_increment or address_bits != 8):
+            raise WiringError("pec is for registers moved one by one, with addresses of 8 bits")
+        self._smbus = _library()
+        self._bus: Any = None
+        self._messages = False
+        self._blocks = False
+        super().__init__(registers or {}, page_register, auto_increment, identity or {}, address_bits)
+
+    def channel(self, text: str) -> RegisterChannel:
+        channel = super().channel(text)
+        if self._pec and channel.register.bits > 16:
+            raise WiringError(f"{text} has {channel.register.bits} bits; pec is for registers of 8 and 16 bits")
+        return channel
+
+    def devices(self) -> Iterable[str]:
+        """Its bus and address."""
+        return [f"i2c {os.path.realpath(self.path)} address {self.address:#04x}"]
+
+    def _connect(self) -> None:
+        if self._smbus is None:
+            raise DriverError('the i2c driver needs smbus2: pip install "umo[i2c]"')
+        self._check_free()
+        functions, bus = self._smbus.I2cFunc, self._smbus.SMBus()
+        try:
+            with opening(self.path):
+                _open(bus, self.path, self.timeout)
+            if self._pec and not bus.funcs & functions.SMBUS_PEC:
+                raise DriverError(f"the adapter of {self.path} has no pec")
+            bus.pec = self._pec
+        except BaseException:
+            bus.close()
+            raise
+        self._bus = bus
+        self._messages = bool(bus.funcs & functions.I2C) and not self._pec
+        self._blocks = bool(bus.funcs & functions.SMBUS_READ_I2C_BLOCK)
+
+    def _disconnect(self) -> None:
+        if self._bus is not None:
+            self._bus.close()
+            self._bus = None
+
+    def _check_free(self) -> None:
+        """A driver of the kernel may have the chip, and keep it in a state of its own."""
+        number = os.path.basename(os.path.realpath(self.path)).removeprefix("i2c-")
+        link = SYSFS / f"{number}-{self.address:04x}" / "driver"
+        try:
+            owner = os.path.basename(os.readlink(link))
+        except OSError:
+            return
+        unbind = f"echo {link.parent.name} > {link}/unbind"
+        raise DriverError(f"address {self.address:#04x} of {self.path} is in use by the kernel's {owner} ({unbind})")
+
+    def _get(self, address: int, size: int) -> bytes:
+        bus, chip = self._bus, self.address
+        if self._messages:
+            i2c_msg = self._smbus.i2c_msg
+            answer = i2c_msg.read(chip, size)
+            if self._address_bits:
+                bus.i2c_rdwr(i2c_msg.write(chip, self._start_of(address)), answer)
+            else:
+                bus.i2c_rdwr(answer)
+            return bytes(answer)
+        if not self._address_bits and size == 1:
+            return bytes([bus.read_byte(chip)])
+        self._check_smbus()
+        if size == 1:
+            return bytes([bus.read_byte_data(chip, address)])
+        if self._is_word(size):
+            return bytes(bus.read_word_data(chip, address).to_bytes(2, "little"))
+        return bytes(bus.read_i2c_block_data(chip, address, size))
+
+    def _put(self, address: int, data: bytes) -> None:
+        bus, chip = self._bus, self.address
+        if self._messages:
+            bus.i2c_rdwr(self._smbus.i2c_msg.write(chip, self._start_of(address) + data))
+        elif not self._address_bits and len(data) == 1:
+            bus.write_byte(chip, data[0])
+        else:
+            self._check_smbus()
+            if len(data) == 1:
+                bus.write_byte_data(chip, address, data[0])
+            elif self._is_word(len(data)):
+                bus.write_word_data(chip, address, int.from_bytes(data, "little"))
+            else:
+                bus.write_i2c_block_data(chip, address, list(data))
+
+    def _start_of(self, address: int) -> bytes:
+        return address.to_bytes(self._address_bits // 8, "big")
+
+    def _is_word(self, size: int) -> bool:
+        """Moved as a word of SMBus: on the wire the same as a block of two bytes, the low one first."""
+        return size == 2 and not (self._auto_increment and self._blocks)
+
+    def _check_smbus(self) -> None:
+        if self._address_bits != 8:
+            raise OSError(errno.EOPNOTSUPP, "")
+
+    def _explained(self, error: OSError) -> str:
+        if error.errno in _NO_ANSWER:
+            return f"nothing answers at address {self.address:#04x} of {self.path} ({error.strerror})"
+        if error.errno == errno.EBADMSG:
+            return "the checksum (pec) is wrong"
+        if error.errno in _UNABLE:
+            return f"the adapter of {self.path} cannot make this transfer ({error.strerror or 'it knows SMBus only'})"
+        return super()._explained(error)
+
+
+def _library() -> Any:
+    """smbus2, or None: a wiring can be checked without it. Not in `open`: a guardian has no time for imports."""
+    try:
+        import smbus2
+    except ModuleNotFoundError:
+        return None
+    return smbus2
+
+
+def _open(bus: Any, path: str, timeout: float) -> None:
+    from fcntl import ioctl
+
+    try:
+        bus.open(path)
+        ioctl(bus.fd, _I2C_TIMEOUT, max(1, ceil(timeout * 100)))
+    except OSError as error:
+        if error.errno == errno.ENOTTY:
+            raise DriverError(f"{path} is not an I2C bus") from None
+        raise

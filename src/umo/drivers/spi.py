@@ -1,0 +1,172 @@
+"""Chips on an SPI bus: their registers and bits as channels, through Linux's spidev."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterable
+from typing import Any, Literal
+
+from umo.drivers._device_file import opening
+from umo.drivers._register_driver import RegisterDriver
+from umo.drivers._registers import RegisterChannel, whole
+from umo.errors import DriverError, WiringError
+
+_MODES = (0, 1, 2, 3)
+_ADDRESS_BITS = (0, 8, 16, 24)
+_WORDS = (8, 16, 32)
+_MOST_DUMMIES = 16
+
+
+class Spi(RegisterDriver):
+    """One chip at a chip select of an SPI bus.
+
+    Channels: a register of the wiring (`temperature`), a field or bits of one (`control.gain`, `control.7`,
+    `control.11:9`), or a register by its address, width and byte order: `0x05:16:big`, `0x05:16:little:signed`.
+
+    Options:
+        bus, chip_select: /dev/spidevBUS.CHIP_SELECT.
+        mode: 0 to 3; bit 1 is the idle level of the clock, bit 0 the edge at which data are taken (1: the second).
+        max_speed_hz: highest frequency of the clock.
+        bits_per_word: word of the controller; the bits on the wire are the same with 8, 16 and 32.
+        registers: the chip's registers by name (docs/driver-spi.md).
+        page_register: the register of 8 bits that selects the page, for registers with `page`.
+        auto_increment: the chip counts its addresses in bytes and goes on to the next one by itself. Registers that
+            follow each other then move in one transfer of up to 256 bytes.
+        address_bits: width of the command with the address; 0 for a chip that only answers (its register is at 0).
+        address_shift: bits by which the address is shifted to the left in the command.
+        read_mask, write_mask, burst_mask: bits set in the command of a read, of a write, and of either one of more
+            than one byte.
+        dummy_bytes: bytes between the command of a read and its answer. Negative: the answer begins so many bytes
+            before the command ends.
+        identity: registers with the values that they must have when the bus is opened, such as { who_am_i = 0x33 }.
+
+    A transfer is a command, and then data, under one chip select. SPI has no acknowledgement: a chip that is not there
+    reads as all zeros or all ones. Only `identity` finds that, and only when the bus is opened.
+    Each call ends within `timeout`, which is observed between two transfers.
+
+    Source: the kernel's Documentation/spi/spidev.rst.
+    """
+
+    longest = 256
+
+    def __init__(
+        self,
+        *,
+        bus: int,
+        chip_select: int = 0,
+        mode: Literal[0, 1, 2, 3] = 0,
+        max_speed_hz: int = 1_000_000,
+        bits_per_word: Literal[8, 16, 32] = 8,
+        registers: dict[str, dict[str, Any]] | None = None,
+        page_register: int | None = None,
+        auto_increment: bool = False,
+        address_bits: Literal[0, 8, 16, 24] = 8,
+        address_shift: int = 0,
+        read_mask: int = 0x80,
+        write_mask: int = 0,
+        burst_mask: int = 0,
+        dummy_bytes: int = 0,
+        identity: dict[str, int] | None = None,
+    ) -> None:
+        for name, value, choices in (
+            ("mode", mode, _MODES),
+            ("address_bits", address_bits, _ADDRESS_BITS),
+            ("bits_per_word", bits_per_word, _WORDS),
+        ):
+            if value not in choices:
+                raise WiringError(f"{name} must be one of {', '.join(map(str, choices))}, not {value!r}")
+        self.path = f"/dev/spidev{whole('bus', bus, 0, 65535)}.{whole('chip_select', chip_select, 0, 255)}"
+        self._settings: dict[str, int] = {"mode": mode, "bits_per_word": bits_per_word}
+        self._settings["max_speed_hz"] = whole("max_speed_hz", max_speed_hz, 1, 1_000_000_000)
+        self._word = bits_per_word // 8
+        self._command = address_bits // 8
+        highest = (1 << address_bits) - 1
+        masks = {"read_mask": read_mask, "write_mask": write_mask, "burst_mask": burst_mask}
+        if not address_bits:
+            masks["read_mask"] = 0
+        self._masks = {name: whole(name, mask, 0, highest) for name, mask in masks.items()}
+        self._shift = whole("address_shift", address_shift, 0, max(address_bits - 1, 0))
+        self._dummies = whole("dummy_bytes", dummy_bytes, -self._command, _MOST_DUMMIES)
+        self._spidev = _library()
+        self._device: Any = None
+        super().__init__(registers or {}, page_register, auto_increment, identity or {}, address_bits)
+
+    def channel(self, text: str) -> RegisterChannel:
+        """The address must fit the command beside the masks."""
+        channel = super().channel(text)
+        register = channel.register
+        last = register.address + (register.size - 1 if self._auto_increment else 0)
+        for address in (register.address, last):
+            for name, mask in self._masks.items():
+                if address << self._shift & mask:
+                    raise WiringError(f"{text}: the address {address:#04x} overlaps {name} = {mask:#x}")
+            if address << self._shift >> 8 * self._command:
+                raise WiringError(f"{text}: the address {address:#04x} does not fit a command of {self._command} bytes")
+        return channel
+
+    def devices(self) -> Iterable[str]:
+        """Its device file."""
+        return [f"spi {os.path.realpath(self.path)}"]
+
+    def _connect(self) -> None:
+        if self._spidev is None:
+            raise DriverError('the spi driver needs spidev: pip install "umo[spi]" (it needs a C compiler)')
+        device = self._spidev.SpiDev()
+        try:
+            with opening(self.path):
+                device.open_path(self.path)
+            for name, value in self._settings.items():
+                _set(device, self.path, name, value)
+        except BaseException:
+            device.close()
+            raise
+        self._device = device
+
+    def _disconnect(self) -> None:
+        if self._device is not None:
+            self._device.close()
+            self._device = None
+
+    def _get(self, address: int, size: int) -> bytes:
+        start = self._command + self._dummies
+        sent = self._framed(address, "read_mask", size).ljust(start + size, b"\0")
+        return self._exchange(sent)[start : start + size]
+
+    def _put(self, address: int, data: bytes) -> None:
+        self._exchange(self._framed(address, "write_mask", len(data)) + data)
+
+    def _framed(self, address: int, mask: str, size: int) -> bytes:
+        """The command: direction, burst and address."""
+        burst = self._masks["burst_mask"] if size > 1 else 0
+        return (address << self._shift | self._masks[mask] | burst).to_bytes(self._command, "big")
+
+    def _exchange(self, sent: bytes) -> bytes:
+        """One transfer; of whole words."""
+        if len(sent) % self._word:
+            raise DriverError(f"a transfer of {len(sent)} bytes is not one of whole words of {8 * self._word} bits")
+        answer = self._device.xfer2(list(_swapped(sent, self._word)))
+        return _swapped(bytes(answer), self._word)
+
+
+def _library() -> Any:
+    """spidev, or None: a wiring can be checked without it. Not in `open`: a guardian has no time for imports."""
+    try:
+        import spidev
+    except ModuleNotFoundError:
+        return None
+    return spidev
+
+
+def _swapped(data: bytes, word: int) -> bytes:
+    """Words as the kernel has them, in the order of the processor; on the wire the highest bit is first."""
+    if word == 1 or sys.byteorder == "big":
+        return data
+    return b"".join(data[i : i + word][::-1] for i in range(0, len(data), word))
+
+
+def _set(device: Any, path: str, name: str, value: int) -> None:
+    try:
+        setattr(device, name, value)
+    except OSError as error:
+        raise DriverError(f"the controller of {path} refuses {name} = {value} ({error.strerror})") from error
