@@ -53,6 +53,11 @@ class Bus:
             os.close(self.fd)
         self.fd = None
 
+    def enable_pec(self):
+        if not self.funcs & FUNCS.SMBUS_PEC:
+            raise OSError("SMBUS_PEC is not a feature")
+        self.pec = True
+
     def i2c_rdwr(self, *messages):
         self._log("messages", *[message.size or message.data for message in messages])
         for message in messages:

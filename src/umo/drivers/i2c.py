@@ -90,9 +90,10 @@ class I2c(RegisterDriver):
         try:
             with opening(self.path):
                 _open(bus, self.path, self.timeout)
-            if self._pec and not bus.funcs & functions.SMBUS_PEC:
-                raise DriverError(f"the adapter of {self.path} has no pec")
-            bus.pec = self._pec
+            if self._pec:
+                if not bus.funcs & functions.SMBUS_PEC:
+                    raise DriverError(f"the adapter of {self.path} has no pec")
+                bus.enable_pec()
         except BaseException:
             bus.close()
             raise
