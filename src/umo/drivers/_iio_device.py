@@ -1,0 +1,121 @@
+"""Devices of Linux Industrial I/O in sysfs: which there are, their channels, scales and units. Nothing is opened.
+
+Names and units are those of the kernel's Documentation/ABI/testing/sysfs-bus-iio.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+from umo.drivers.contract import PhysicalScale
+from umo.errors import DriverError
+from umo.text import did_you_mean
+
+SYSFS = Path("/sys/bus/iio/devices")
+DEV = Path("/dev")
+
+_MILLI = 0.001
+UNITS = {
+    "voltage": (1.0, "mV"),
+    "current": (1.0, "mA"),
+    "power": (1.0, "mW"),
+    "capacitance": (1.0, "nF"),
+    "resistance": (1.0, "ohm"),
+    "temp": (_MILLI, "degC"),
+    "accel": (1.0, "m/s^2"),
+    "gravity": (1.0, "m/s^2"),
+    "anglvel": (1.0, "rad/s"),
+    "angl": (1.0, "rad"),
+    "deltaangl": (1.0, "rad"),
+    "deltavelocity": (1.0, "m/s"),
+    "velocity": (1.0, "m/s"),
+    "phase": (1.0, "rad"),
+    "magn": (1.0, "gauss"),
+    "pressure": (1.0, "kPa"),
+    "humidityrelative": (_MILLI, "percent"),
+    "concentration": (1.0, "percent"),
+    "positionrelative": (_MILLI, "percent"),
+    "illuminance": (1.0, "lux"),
+    "distance": (1.0, "m"),
+    "energy": (1.0, "J"),
+    "electricalconductivity": (1.0, "S/m"),
+}
+"""By the channel's type: the factor from the kernel's unit to one that pint knows, and that unit."""
+
+
+def find(device: str) -> Path:
+    """The sysfs folder of the device with this name, label or number (`iio:device0`)."""
+    named = [folder for folder in folders() if device in (folder.name, text(folder / "name"), text(folder / "label"))]
+    if len(named) == 1:
+        return named[0]
+    if named:
+        raise DriverError(f"{len(named)} IIO devices are {device!r}; give one by its label or number: {_listed(named)}")
+    there = folders()
+    if not there:
+        raise DriverError(f"no IIO device {device!r}; there is none")
+    names = [text(folder / "name") for folder in there]
+    raise DriverError(f"no IIO device {device!r}{did_you_mean(device, names)}; there are: {_listed(there)}")
+
+
+def folders(kind: str = "iio:device") -> list[Path]:
+    """All devices, or triggers, in order of their numbers."""
+    return sorted(SYSFS.glob(f"{kind}[0-9]*"), key=lambda folder: int(folder.name.removeprefix(kind)))
+
+
+def _listed(folders: list[Path]) -> str:
+    return ", ".join(
+        f"{folder.name} ({', '.join(filter(None, (text(folder / 'name'), text(folder / 'label'))))})"
+        for folder in folders
+    )
+
+
+def text(file: Path) -> str:
+    """The contents of a small file; empty if there is none."""
+    with suppress(OSError):
+        return file.read_text().strip()
+    return ""
+
+
+def channels(folder: Path) -> list[str]:
+    """The channels that have a raw value."""
+    return sorted(file.name.removesuffix("_raw") for file in folder.glob("*_raw") if _DIRECTED.match(file.name))
+
+
+_DIRECTED = re.compile("in_|out_")
+
+
+def scale_of(folder: Path, channel: str) -> PhysicalScale | None:
+    """(raw + offset) * scale in the units of the kernel's ABI; None if the kernel gives no scale, or a type of
+    channel without units."""
+    factor, units = UNITS.get(re.split(r"[^a-z]", channel.partition("_")[2])[0], (0.0, ""))
+    scale = _attribute(folder, channel, "scale")
+    if not factor or not scale:
+        return None
+    resolution = scale * factor
+    return PhysicalScale(resolution, (_attribute(folder, channel, "offset") or 0.0) * resolution, units)
+
+
+def _attribute(folder: Path, channel: str, name: str) -> float | None:
+    for each in _names(channel):
+        with suppress(OSError, ValueError):
+            return float((folder / f"{each}{name}").read_text())
+    return None
+
+
+def _names(channel: str) -> Iterator[str]:
+    """The beginnings of attributes, the channel's own before those that it shares: in_accel_x_, in_accel_, in_, ""."""
+    yield f"{channel}_"
+    shared = re.sub(r"\d", "", channel)
+    while shared:
+        yield f"{shared}_"
+        shared = shared.rpartition("_")[0]
+    yield ""
+
+
+def place(folder: Path) -> str:
+    """The character device of a device's buffers."""
+    return str(DEV / os.path.basename(os.path.realpath(folder)))

@@ -1,0 +1,185 @@
+"""Scans of Linux Industrial I/O: with each trigger the kernel puts one record into a buffer, which holds all enabled
+channels of that instant. Source: the kernel's Documentation/iio/iio_devbuf.rst and ABI/testing/sysfs-bus-iio.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import select
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from time import monotonic
+from typing import Literal, NamedTuple
+
+from umo.drivers import _iio_device
+from umo.drivers._device_file import opening
+from umo.errors import DeviceTimeout, DriverError
+from umo.text import did_you_mean
+
+LENGTH = 256
+"""Records that the kernel's buffer holds: those of one period must fit."""
+
+_TYPE = re.compile(r"(be|le):([su])(\d+)/(\d+)(?:X(\d+))?>>(\d+)")
+
+
+class ScanType(NamedTuple):
+    """How a scan element stands in a record: `le:s12/16>>4` are 12 signed bits, above 4 others, in 16."""
+
+    order: Literal["little", "big"]
+    signed: bool
+    bits: int
+    storage: int
+    shift: int
+
+    @classmethod
+    def parse(cls, text: str) -> ScanType:
+        """DriverError if it is not one value of whole bytes."""
+        match = _TYPE.fullmatch(text)
+        if match is None or int(match[5] or 1) != 1:
+            raise DriverError(f"a scan element of the type {text!r} is not one integer")
+        bits, storage, shift = int(match[3]), int(match[4]), int(match[6])
+        if storage not in (8, 16, 24, 32, 64) or not 0 < bits <= storage - shift:
+            raise DriverError(f"a scan element of the type {text!r} is not one integer of 8 to 64 bits")
+        return cls("big" if match[1] == "be" else "little", match[2] == "s", bits, storage, shift)
+
+    def decode(self, data: bytes) -> int:
+        raw = int.from_bytes(data, self.order) >> self.shift & (1 << self.bits) - 1
+        sign = 1 << self.bits - 1 if self.signed else 0
+        return (raw ^ sign) - sign
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The record of some enabled channels: each element at a multiple of its own size, in the order of its index."""
+
+    places: dict[str, tuple[int, ScanType]]
+    size: int
+
+    @classmethod
+    def of(cls, elements: Iterable[tuple[str, int, ScanType]]) -> Layout:
+        """From (channel, index, type) of each."""
+        places, end, widest = {}, 0, 1
+        for name, _, kind in sorted(elements, key=lambda element: element[1]):
+            size = kind.storage // 8
+            start = -(-end // size) * size
+            places[name] = (start, kind)
+            end, widest = start + size, max(widest, size)
+        return cls(places, -(-end // widest) * widest)
+
+    def decode(self, record: bytes) -> dict[str, int]:
+        return {name: kind.decode(record[at : at + kind.storage // 8]) for name, (at, kind) in self.places.items()}
+
+
+def element(folder: Path, channel: str) -> tuple[str, int, ScanType]:
+    """A channel's place in a scan; DriverError if it has none."""
+    elements = folder / "scan_elements"
+    kind = _iio_device.text(elements / f"{channel}_type")
+    if not kind:
+        there = sorted(file.name.removesuffix("_type") for file in elements.glob("in_*_type"))
+        listed = f"those that have: {', '.join(there)}" if there else f"{folder.name} has no buffer"
+        raise DriverError(f"{channel} cannot be scanned by a trigger; {listed}")
+    return channel, int(_iio_device.text(elements / f"{channel}_index")), ScanType.parse(kind)
+
+
+class Scan:
+    """A running buffer of a device. The newest record is the scan: all its values were taken at one instant."""
+
+    def __init__(
+        self,
+        folder: Path,
+        trigger: str,
+        frequency: float | None,
+        channels: Iterable[str],
+        clock: Callable[[], float] = monotonic,
+    ) -> None:
+        self.channels = frozenset(channels)
+        self._folder = folder
+        self._file = _iio_device.place(folder)
+        self._clock = clock
+        self._layout = Layout.of(element(folder, channel) for channel in sorted(self.channels))
+        self._values: dict[str, int] = {}
+        self._taken = self._drained = clock()
+        with opening(self._file):
+            self._fd = os.open(self._file, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        try:
+            self._start(trigger, frequency)
+        except BaseException:
+            self.close()
+            raise
+        self._waiting = select.poll()
+        self._waiting.register(self._fd, select.POLLIN)
+        self._drained = clock()
+
+    def _start(self, trigger: str, frequency: float | None) -> None:
+        folder = self._folder
+        put(folder / "buffer" / "enable", "0")  # left on by a process that was killed: the file is ours, nobody reads
+        for file in sorted((folder / "scan_elements").glob("*_en")):
+            if _iio_device.text(file) != "0":
+                put(file, "0")
+        for channel in sorted(self.channels):
+            put(folder / "scan_elements" / f"{channel}_en", "1")
+        if frequency is not None:
+            files = [each / "sampling_frequency" for each in (trigger_named(trigger), folder)]
+            put(next((file for file in files if file.exists()), files[0]), f"{frequency:g}")
+        put(folder / "trigger" / "current_trigger", trigger)
+        put(folder / "buffer" / "length", str(LENGTH))
+        put(folder / "buffer" / "enable", "1")
+
+    def close(self) -> None:
+        for name, value in (("buffer/enable", "0"), ("trigger/current_trigger", "\n")):
+            with suppress(OSError):
+                put(self._folder / name, value)
+        os.close(self._fd)
+
+    def newest(self, timeout: float) -> dict[str, int]:
+        """The values of the newest scan, no older than `timeout` s; a DeviceTimeout if there is none within it."""
+        deadline = self._clock() + timeout
+        full = self._drain()
+        while full or not self._values or self._clock() - self._taken > timeout:
+            left = deadline - self._clock()
+            if left <= 0 or not self._waiting.poll(left * 1000):
+                raise DeviceTimeout(f"the trigger has not fired within {timeout * 1000:g} ms")
+            full = self._drain()
+        return self._values
+
+    def _drain(self) -> bool:
+        """Take the last of the records that are there. True: the buffer was full and its last one is not the newest,
+        as the kernel then drops new records."""
+        size = self._layout.size
+        before, self._drained = self._drained, self._clock()
+        try:
+            data = os.read(self._fd, size * LENGTH)
+        except BlockingIOError:
+            return False
+        if not data or len(data) % size:
+            raise DriverError(f"a record of {len(data) % size} bytes in place of {size}")
+        self._values = self._layout.decode(data[-size:])
+        self._taken = before  # at the earliest: it was not there at the drain before
+        return len(data) == size * LENGTH
+
+
+def put(file: Path, value: str) -> None:
+    """Write an attribute; DriverError says which."""
+    try:
+        fd = os.open(file, os.O_WRONLY | os.O_TRUNC | os.O_CLOEXEC)
+        try:
+            os.write(fd, value.encode())
+        finally:
+            os.close(fd)
+    except PermissionError as error:
+        raise DriverError(f"no permission to write {file}: a udev rule can give it to a group") from error
+    except OSError as error:
+        raise DriverError(f"{file}: {value.strip()!r} is refused: {error.strerror}") from error
+
+
+def trigger_named(name: str) -> Path:
+    """The folder of the trigger; DriverError names those that exist."""
+    there = {_iio_device.text(folder / "name"): folder for folder in _iio_device.folders("trigger")}
+    if name in there:
+        return there[name]
+    listed = f"there are: {', '.join(sorted(there))}" if there else "there is none"
+    how = f"; a timer is made by: mkdir /sys/kernel/config/iio/triggers/hrtimer/{name}"
+    raise DriverError(f"no trigger {name!r}{did_you_mean(name, there)}; {listed}{how}")

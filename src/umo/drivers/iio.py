@@ -1,0 +1,260 @@
+"""Linux Industrial I/O: the kernel's ADCs, DACs, accelerometers, temperature, pressure and light sensors."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from time import monotonic
+
+import numpy as np
+
+from umo.drivers import _iio_device
+from umo.drivers._device_file import explained
+from umo.drivers._iio_scan import Scan, element, trigger_named
+from umo.drivers.contract import Channel, Direction, Driver, IntArray, PhysicalScale
+from umo.errors import ChannelError, ChannelsFailed, DeviceTimeout, DriverError, WiringError
+
+FORMS = ("in_TYPE[N]", "in_TYPE[N]-TYPE[M]", "in_TYPE[N]_x", "out_TYPE[N] (names of the kernel, without _raw)")
+_NAME = re.compile(r"(in|out)_[a-z][a-z0-9_]*(-[a-z][a-z0-9_]*)?")
+_GONE = (errno.ENODEV, errno.ENOENT, errno.EBADF)
+_LONGEST = 64
+
+
+@dataclass(frozen=True)
+class IioChannel(Channel):
+    """A channel of the device; its place is the kernel's name, in both directions."""
+
+    name: str = ""
+
+    @property
+    def places(self) -> tuple[str]:
+        return (self.name,)
+
+
+class Iio(Driver[IioChannel]):
+    """One device of Linux Industrial I/O.
+
+    Channels have the kernel's names without `_raw`: `in_voltage0`, `in_voltage1-voltage2`, `in_accel_x` (inputs),
+    `out_voltage0` (both directions). Values are the integers of the kernel's `_raw` files. The kernel's unit is
+    (raw + offset) * scale: where the object has units of the same dimension, the wired resolution and zero_offset
+    must agree with it (`physical_scale`), as far as the device is there when the wiring is checked.
+
+    Options:
+        device: name ("ads1015"), label, or number ("iio:device0").
+        trigger: name of a trigger, such as an hrtimer. All input channels of a period then come from one record, taken
+            at one instant. Default: each channel is read for itself.
+        sampling_frequency: of the trigger, or of the device if the trigger has none, in Hz. Default: as it stands.
+        conditioned: channels with a divider, an amplifier or a transducer between the object and the converter: the
+            kernel's scale is not the object's, and is not compared.
+
+    With a trigger a period takes the newest record. A record older than `timeout` is not taken: if the trigger does
+    not fire within it, the call is a DeviceTimeout. Without a trigger, a read takes as long as the kernel's driver
+    needs for a conversion; that cannot be interrupted, and the timeout is observed between two channels.
+
+    Source: the kernel's Documentation/ABI/testing/sysfs-bus-iio.
+    """
+
+    def __init__(
+        self,
+        *,
+        device: str,
+        trigger: str | None = None,
+        sampling_frequency: float | None = None,
+        conditioned: Sequence[str] = (),
+    ) -> None:
+        if not device:
+            raise WiringError('device is empty: give a name, a label or a number such as "iio:device0"')
+        if sampling_frequency is not None and not 0 < sampling_frequency < 1e9:
+            raise WiringError(f"sampling_frequency is in Hz and above 0, not {sampling_frequency!r}")
+        for name in conditioned:
+            if not _NAME.fullmatch(name):
+                raise WiringError(f"conditioned lists channels such as 'in_voltage0', not {name!r}")
+        self.device, self.trigger, self._frequency = device, trigger, sampling_frequency
+        self._conditioned = frozenset(conditioned)
+        self._opened = False
+        self._folder: Path | None = None
+        self._files: dict[str, int] = {}
+        self._scan: Scan | None = None
+        self._inputs: set[str] = set()
+        """Input channels in use: those of a scan."""
+
+    # Before open ---------------------------------------------------------------------------------------
+
+    def channel(self, text: str) -> IioChannel:
+        """If the device is there, the channel must be one of its own."""
+        match = _NAME.fullmatch(text)
+        folder = self._there()
+        known = FORMS if folder is None else _iio_device.channels(folder)
+        if match is None or (folder is not None and text not in known):
+            raise ChannelError(text, known)
+        direction = Direction.INPUT if match[1] == "in" else Direction.BOTH
+        bits, signed = 32, True  # the raw value of a file is an int of C
+        if folder is not None and self.trigger is not None and direction is Direction.INPUT:
+            try:
+                kind = element(folder, text)[2]
+            except DriverError as error:
+                raise WiringError(str(error)) from None
+            bits, signed = kind.bits, kind.signed
+        return IioChannel(text, direction, bits, signed, text)
+
+    def devices(self) -> Iterable[str]:
+        """Its number, or the name that was given if the device is not there."""
+        folder = self._there()
+        return [f"iio {self.device if folder is None else folder.name}"]
+
+    def physical_scale(self, channel: IioChannel) -> PhysicalScale | None:
+        folder = self._there()
+        if folder is None or channel.name in self._conditioned:
+            return None
+        return _iio_device.scale_of(folder, channel.name)
+
+    def _there(self) -> Path | None:
+        with suppress(DriverError):
+            return _iio_device.find(self.device)
+        return None
+
+    # The device ----------------------------------------------------------------------------------------
+
+    def open(self) -> None:
+        """Find the device and its trigger. A scan starts with the first read."""
+        self._opened = True
+        self._begin()
+        if self.trigger is not None:
+            trigger_named(self.trigger)
+
+    def close(self) -> None:
+        self._opened = False
+        self._drop()
+
+    def initialize(self, channel: IioChannel, default: int | None) -> None:
+        if default is None:
+            self._inputs.add(channel.name)
+        super().initialize(channel, default)
+
+    def read(self, channel: IioChannel) -> int:
+        out = np.empty(1, np.int64)
+        self.read_many((channel,), out)
+        return int(out[0])
+
+    def read_many(self, channels: Sequence[IioChannel], out: IntArray) -> None:
+        deadline = self._begin()
+        scanned = self._scanned({channel.name for channel in channels if channel.direction is Direction.INPUT})
+
+        def take(i: int, channel: IioChannel) -> None:
+            name = channel.name
+            out[i] = scanned[name] if name in scanned else _integer(self._transfer(name))
+
+        self._each(channels, take, deadline)
+
+    def write(self, channel: IioChannel, raw: int) -> None:
+        self._write((channel,), [raw])
+
+    def write_many(self, channels: Sequence[IioChannel], raws: IntArray) -> None:
+        self._write(channels, raws.tolist())
+
+    def _write(self, channels: Sequence[IioChannel], raws: list[int]) -> None:
+        for channel, raw in zip(channels, raws, strict=True):  # before the first is sent
+            if Direction.OUTPUT not in channel.direction:
+                raise DriverError(f"{channel.text} is an input")
+            if not channel.lowest <= raw <= channel.highest:
+                raise DriverError(f"{raw} does not fit {channel.text}: it takes {channel.lowest} to {channel.highest}")
+        deadline = self._begin()
+        self._each(channels, lambda i, channel: self._transfer(channel.name, str(raws[i])), deadline)
+
+    # How -----------------------------------------------------------------------------------------------
+
+    def _begin(self) -> float:
+        """The deadline of a call. The device is found again if it was lost."""
+        if not self._opened:
+            raise DriverError("it is not open")
+        if self._folder is None:
+            self._folder = _iio_device.find(self.device)
+        return monotonic() + self.timeout
+
+    def _drop(self) -> None:
+        for fd in self._files.values():
+            os.close(fd)
+        self._files.clear()
+        if self._scan is not None:
+            self._scan.close()
+        self._scan = self._folder = None
+
+    def _each(self, channels: Sequence[IioChannel], move: Callable[[int, IioChannel], object], deadline: float) -> None:
+        failed: dict[str, Exception] = {}
+        for i, channel in enumerate(channels):
+            if i and monotonic() > deadline:
+                raise DeviceTimeout(f"{i} of {len(channels)} channels took longer than {self.timeout * 1000:g} ms")
+            try:
+                move(i, channel)
+            except TimeoutError:
+                raise
+            except DriverError as error:
+                if len(channels) == 1:
+                    raise
+                failed[channel.text] = error
+        if failed:
+            raise ChannelsFailed(failed)
+
+    def _scanned(self, names: set[str]) -> dict[str, int]:
+        """The newest scan; empty without a trigger. It holds every input that was initialised or is asked for."""
+        if self.trigger is None or not names:
+            return {}
+        assert self._folder is not None
+        self._inputs |= names
+        try:
+            if self._scan is None or not names <= self._scan.channels:
+                self._stop_scan()
+                self._scan = Scan(self._folder, self.trigger, self._frequency, self._inputs, monotonic)
+            return self._scan.newest(self.timeout)
+        except OSError as error:
+            self._drop()
+            if isinstance(error, DriverError):
+                raise
+            raise DriverError(f"the scan of {self.device} failed: {error.strerror or error}") from error
+
+    def _stop_scan(self) -> None:
+        if self._scan is not None:
+            self._scan.close()
+            self._scan = None
+
+    def _transfer(self, name: str, value: str | None = None) -> str:
+        """Write a raw value, or read one."""
+        if self._folder is None:  # lost with the channel before
+            raise DriverError(f"the device {self.device} is gone")
+        file = str(self._folder / f"{name}_raw")
+        try:
+            fd = self._files.get(key := f"{name} {value is None}")
+            if fd is None:
+                fd = self._files[key] = os.open(file, (os.O_RDONLY if value is None else os.O_WRONLY) | os.O_CLOEXEC)
+            if value is None:
+                return os.pread(fd, _LONGEST, 0).decode("ascii", "replace")
+            os.pwrite(fd, value.encode(), 0)
+            return ""
+        except OSError as error:
+            raise self._failed(value, file, error) from error
+
+    def _failed(self, value: str | None, file: str, error: OSError) -> DriverError:
+        if error.errno == errno.ETIMEDOUT:
+            return DeviceTimeout("the device did not answer its driver in the kernel")
+        if error.errno == errno.EBUSY and self._folder is not None:
+            enable = self._folder / "buffer" / "enable"
+            on = f"; its buffer is on ({enable})" if _iio_device.text(enable) == "1" else ""
+            return DriverError(f"{explained(_iio_device.place(self._folder), error)}{on}")
+        if error.errno in _GONE:
+            self._drop()
+            return DriverError(f"the device {self.device} is gone")
+        if error.errno in (errno.EINVAL, errno.ERANGE) and value is not None:
+            return DriverError(f"the kernel refuses the raw value {value}")
+        return DriverError(explained(file, error))
+
+
+def _integer(text: str) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        raise DriverError(f"its raw value is {text.strip()!r}, not an integer") from None

@@ -1,0 +1,428 @@
+"""The IIO driver on a tree of files as sysfs has them; tests/kernel/test_iio.py runs it on the kernel's IIO dummy."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from umo import (
+    ChannelError,
+    ChannelsFailed,
+    Compound,
+    DeviceTimeout,
+    DigitalActuator,
+    DigitalSensor,
+    Direction,
+    DriverError,
+    WiringError,
+    check,
+)
+from umo.drivers import _iio_device
+from umo.drivers._iio_scan import LENGTH, Layout, ScanType
+from umo.drivers.contract import PhysicalScale
+from umo.drivers.iio import Iio
+
+FILES = {
+    "name": "adc",
+    "in_voltage0_raw": "73\n",
+    "in_voltage0_scale": "0.5",
+    "in_voltage0_offset": "-8",
+    "in_voltage1-voltage2_raw": "-33\n",
+    "in_voltage-voltage_scale": "0.001",
+    "in_accel_x_raw": "344\n",
+    "in_temp_raw": "200\n",
+    "in_temp_scale": "125",
+    "in_steps_input": "47",
+    "out_voltage0_raw": "0\n",
+    "out_voltage_scale": "1",
+    "buffer/enable": "0",
+    "buffer/length": "0",
+    "trigger/current_trigger": "\n",
+    "scan_elements/in_voltage0_en": "0",
+    "scan_elements/in_voltage0_index": "0",
+    "scan_elements/in_voltage0_type": "be:u12/16>>4",
+    "scan_elements/in_voltage1-voltage2_en": "0",
+    "scan_elements/in_voltage1-voltage2_index": "2",
+    "scan_elements/in_voltage1-voltage2_type": "le:s24/32>>0",
+    "scan_elements/in_accel_x_en": "1",
+    "scan_elements/in_accel_x_index": "1",
+    "scan_elements/in_accel_x_type": "le:s8/8>>0",
+}
+
+
+@pytest.fixture
+def sysfs(tmp_path, monkeypatch):
+    """Two devices and a trigger; a FIFO stands for the character device of each."""
+    folder = tmp_path / "sys"
+    for number, files in enumerate([FILES, {"name": "other", "label": "spare", "in_temp_raw": "1"}]):
+        for name, text in files.items():
+            file = folder / f"iio:device{number}" / name
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(text)
+        os.mkfifo(tmp_path / f"iio:device{number}")
+    (folder / "trigger0").mkdir()
+    (folder / "trigger0" / "name").write_text("tick\n")
+    (folder / "trigger0" / "sampling_frequency").write_text("100.0\n")
+    monkeypatch.setattr(_iio_device, "SYSFS", folder)
+    monkeypatch.setattr(_iio_device, "DEV", tmp_path)
+    return folder / "iio:device0"
+
+
+@pytest.fixture
+def records(sysfs, tmp_path):
+    """Puts records into the buffer."""
+    fd = os.open(tmp_path / "iio:device0", os.O_RDWR | os.O_NONBLOCK)
+    yield lambda *records: os.write(fd, b"".join(records))
+    os.close(fd)
+
+
+def opened(**options):
+    driver = Iio(**{"device": "adc"} | options)
+    driver.open()
+    return driver
+
+
+def many(driver, *names):
+    out = np.zeros(len(names), np.int64)
+    driver.read_many(tuple(map(driver.channel, names)), out)
+    return out.tolist()
+
+
+# Devices and channels -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"device": ""}, "device is empty"),
+        ({"sampling_frequency": 0.0}, "sampling_frequency is in Hz and above 0"),
+        ({"sampling_frequency": float("nan")}, "sampling_frequency is in Hz and above 0"),
+        ({"conditioned": ["voltage0"]}, "conditioned lists channels such as 'in_voltage0', not 'voltage0'"),
+    ],
+)
+def test_wrong_options_are_refused(options, message):
+    with pytest.raises(WiringError, match=message):
+        Iio(**{"device": "adc"} | options)
+
+
+def test_a_device_is_found_by_name_label_or_number(sysfs):
+    assert Iio(device="adc").devices() == Iio(device="iio:device0").devices() == ["iio iio:device0"]
+    assert Iio(device="spare").devices() == ["iio iio:device1"]
+
+
+def test_a_device_that_is_not_there_is_named_with_those_that_are(sysfs):
+    with pytest.raises(
+        DriverError, match=r"no IIO device 'acd' \(did you mean 'adc'\?\); there are: iio:device0 \(adc"
+    ):
+        opened(device="acd")
+
+
+def test_without_any_device_the_error_says_so(tmp_path, monkeypatch):
+    monkeypatch.setattr(_iio_device, "SYSFS", tmp_path / "none")
+    with pytest.raises(DriverError, match="no IIO device 'adc'; there is none"):
+        opened()
+
+
+def test_two_devices_of_one_name_are_told_apart_by_label_or_number(sysfs):
+    (sysfs.with_name("iio:device1") / "name").write_text("adc")
+    with pytest.raises(
+        DriverError, match=r"2 IIO devices are 'adc'; .*: iio:device0 \(adc\), iio:device1 \(adc, spare\)"
+    ):
+        opened()
+    opened(device="spare").close()
+
+
+def test_a_channel_has_the_kernels_name(sysfs):
+    driver = Iio(device="adc")
+    assert driver.channel("in_voltage0").direction is Direction.INPUT
+    assert driver.channel("out_voltage0").direction is Direction.BOTH
+    with pytest.raises(ChannelError, match=r"did you mean 'in_voltage0'\?.* in_accel_x, in_temp, in_voltage0, in_volt"):
+        driver.channel("in_voltage")
+    with pytest.raises(ChannelError):
+        driver.channel("in_steps")
+
+
+def test_without_the_device_a_channel_of_the_right_form_is_taken(tmp_path, monkeypatch):
+    monkeypatch.setattr(_iio_device, "SYSFS", tmp_path)
+    driver = Iio(device="adc", trigger="tick")
+    assert driver.channel("in_voltage1-voltage2").bits == 32
+    for text in ("voltage0", "in_voltage0_raw ", "in_", "IN_VOLTAGE0", ""):
+        with pytest.raises(ChannelError):
+            driver.channel(text)
+    assert driver.devices() == ["iio adc"]
+    assert driver.physical_scale(driver.channel("in_voltage0")) is None
+
+
+# Single values --------------------------------------------------------------------------------------
+
+
+def test_raw_values_are_read_and_written(sysfs):
+    driver = opened()
+    assert many(driver, "in_voltage1-voltage2", "in_voltage0", "out_voltage0") == [-33, 73, 0]
+    (sysfs / "in_voltage0_raw").write_text("12\n")
+    assert driver.read(driver.channel("in_voltage0")) == 12
+    driver.write(driver.channel("out_voltage0"), 4095)
+    assert (sysfs / "out_voltage0_raw").read_text().startswith("4095")
+    driver.close()
+
+
+def test_a_channel_that_fails_leaves_the_others(sysfs):
+    (sysfs / "in_temp_raw").write_text("warm\n")
+    driver = opened()
+    out = np.zeros(2, np.int64)
+    with pytest.raises(ChannelsFailed) as failed:
+        driver.read_many((driver.channel("in_temp"), driver.channel("in_voltage0")), out)
+    assert failed.value.causes == {"in_temp": "its raw value is 'warm', not an integer"}
+    assert out[1] == 73
+    driver.close()
+
+
+def test_an_input_is_not_written_nor_a_value_beyond_32_bits(sysfs):
+    driver = opened()
+    with pytest.raises(DriverError, match="in_voltage0 is an input"):
+        driver.write(driver.channel("in_voltage0"), 1)
+    with pytest.raises(DriverError, match="2147483648 does not fit out_voltage0"):
+        driver.write(driver.channel("out_voltage0"), 1 << 31)
+    driver.close()
+
+
+def test_a_device_that_goes_is_found_again_when_it_returns(sysfs):
+    driver = opened()
+    channel = driver.channel("in_voltage0")
+    sysfs.rename(sysfs.with_name("away"))
+    with pytest.raises(DriverError, match="the device adc is gone"):
+        driver.read(channel)
+    with pytest.raises(DriverError, match="no IIO device 'adc'"):
+        driver.read(channel)
+    sysfs.with_name("away").rename(sysfs.with_name("iio:device7"))
+    assert driver.read(channel) == 73
+    driver.close()
+
+
+def test_nothing_is_open_after_close(sysfs):
+    before = os.listdir("/proc/self/fd")
+    driver = opened()
+    many(driver, "in_voltage0", "in_temp")
+    driver.write(driver.channel("out_voltage0"), 1)
+    driver.close()
+    assert os.listdir("/proc/self/fd") == before
+    with pytest.raises(DriverError, match="not open"):
+        many(driver, "in_temp")
+
+
+# Scans ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "data", "value"),
+    [
+        ("le:s12/16>>4", "f0ff", -1),
+        ("le:s12/16>>4", "1080", -2047),
+        ("be:u12/16>>4", "fff0", 4095),
+        ("le:u13/16>>0", "ffff", 0x1FFF),
+        ("be:s24/32>>8", "80000000", -(1 << 23)),
+        ("le:s64/64>>0", "ffffffffffffffff", -1),
+    ],
+)
+def test_a_scan_element_is_parsed_from_its_type(text, data, value):
+    assert ScanType.parse(text).decode(bytes.fromhex(data)) == value
+
+
+@pytest.mark.parametrize("text", ["le:s16/16X4>>0", "le:s12/16>>8", "xe:s16/16>>0", "le:f32/32>>0", "", "le:u0/8>>0"])
+def test_a_scan_element_that_is_not_one_integer_is_refused(text):
+    with pytest.raises(DriverError, match="is not one integer"):
+        ScanType.parse(text)
+
+
+@given(st.data())
+def test_every_value_that_a_type_can_hold_is_decoded(data):
+    storage = data.draw(st.sampled_from([8, 16, 32, 64]))
+    bits = data.draw(st.integers(1, storage))
+    shift = data.draw(st.integers(0, storage - bits))
+    signed, order = data.draw(st.booleans()), data.draw(st.sampled_from(["big", "little"]))
+    least = -(1 << bits - 1) if signed else 0
+    value = data.draw(st.integers(least, least + (1 << bits) - 1))
+    noise = data.draw(st.integers(0, (1 << storage) - 1)) & ~((1 << bits) - 1 << shift)
+    stored = ((value & (1 << bits) - 1) << shift | noise).to_bytes(storage // 8, order)
+    kind = ScanType.parse(f"{order[0]}e:{'s' if signed else 'u'}{bits}/{storage}>>{shift}")
+    assert kind.decode(stored) == value
+
+
+def test_elements_are_aligned_to_their_size_in_the_order_of_their_index():
+    kinds = {"a": (0, "le:u16/16>>0"), "c": (5, "le:s64/64>>0"), "b": (1, "le:u8/8>>0")}
+    layout = Layout.of((name, index, ScanType.parse(text)) for name, (index, text) in kinds.items())
+    assert {name: at for name, (at, _) in layout.places.items()} == {"a": 0, "b": 2, "c": 8}
+    assert layout.size == 16
+
+
+RECORD = bytes.fromhex("1230 ff 00 fdffff00")  # in_voltage0, in_accel_x, a gap, in_voltage1-voltage2
+OTHER = bytes.fromhex("0010 02 00 03000000")
+NAMES = ("in_voltage1-voltage2", "in_voltage0", "in_accel_x")
+
+
+def started(records, **options):
+    """A driver with its scan running."""
+    driver = opened(trigger="tick", **options)
+    for name in NAMES:
+        driver.initialize(driver.channel(name), None)
+    records(OTHER)
+    many(driver, *NAMES)
+    return driver
+
+
+def test_a_scan_is_one_record(sysfs, records):
+    driver = started(records)
+    records(OTHER, RECORD)
+    assert many(driver, *NAMES) == [-3, 0x123, -1]
+    settings = {name: (sysfs / name).read_text() for name in FILES if "_en" in name or "/" in name}
+    assert settings["buffer/enable"] == "1"
+    assert settings["trigger/current_trigger"] == "tick"
+    assert [name for name, text in settings.items() if name.endswith("_en") and text == "1"] == [
+        "scan_elements/in_voltage0_en",
+        "scan_elements/in_voltage1-voltage2_en",
+        "scan_elements/in_accel_x_en",
+    ]
+    driver.close()
+    assert (sysfs / "buffer/enable").read_text() == "0"
+
+
+def test_width_and_sign_of_a_channel_are_those_of_its_scan_element(sysfs):
+    channels = [Iio(device="adc", trigger="tick").channel(name) for name in NAMES]
+    assert [(channel.bits, channel.signed) for channel in channels] == [(24, True), (12, False), (8, True)]
+
+
+def test_an_input_that_cannot_be_scanned_is_refused_when_the_wiring_is_checked(sysfs):
+    with pytest.raises(
+        WiringError, match="in_temp cannot be scanned by a trigger; those that have: in_accel_x, in_volt"
+    ):
+        Iio(device="adc", trigger="tick").channel("in_temp")
+
+
+def test_the_newest_record_is_taken_again_while_it_is_not_too_old(sysfs, records):
+    driver = started(records)
+    records(RECORD)
+    assert many(driver, *NAMES) == many(driver, *NAMES) == [-3, 0x123, -1]
+    driver.close()
+
+
+def test_a_trigger_that_does_not_fire_is_a_timeout(sysfs, records):
+    driver = started(records)
+    driver.timeout = 0.0
+    with pytest.raises(DeviceTimeout, match="the trigger has not fired within 0 ms"):
+        many(driver, *NAMES)
+    assert (sysfs / "buffer/enable").read_text() == "0"
+    driver.timeout = 1.0
+    records(RECORD)
+    assert many(driver, *NAMES) == [-3, 0x123, -1]
+    driver.close()
+
+
+def test_records_of_a_full_buffer_are_not_the_newest(sysfs, records):
+    """The kernel drops new records while its buffer is full."""
+    driver = started(records)
+    records(*[OTHER] * LENGTH)
+
+    class Late:
+        """The next record comes while the driver waits for it."""
+
+        def register(self, *arguments):
+            pass
+
+        def poll(self, timeout):
+            records(RECORD)
+            return [1]
+
+    driver._scan._waiting = Late()
+    assert many(driver, *NAMES) == [-3, 0x123, -1]
+    driver.close()
+
+
+def test_half_a_record_is_an_error_and_the_scan_starts_anew(sysfs, records):
+    driver = started(records)
+    records(RECORD[:3])
+    with pytest.raises(DriverError, match="a record of 3 bytes in place of 8"):
+        many(driver, *NAMES)
+    records(RECORD)
+    assert many(driver, *NAMES) == [-3, 0x123, -1]
+    driver.close()
+
+
+def test_outputs_are_written_while_a_scan_runs(sysfs, records):
+    driver = started(records)
+    driver.write(driver.channel("out_voltage0"), 7)
+    assert many(driver, "out_voltage0", *NAMES) == [7, 3, 1, 2]
+    driver.close()
+
+
+def test_a_trigger_that_is_not_there_is_named_with_those_that_are(sysfs):
+    with pytest.raises(
+        DriverError, match=r"no trigger 'tock' \(did you mean 'tick'\?\); there are: tick; a timer is made"
+    ):
+        opened(trigger="tock")
+
+
+def test_the_frequency_of_the_trigger_is_set(sysfs, records):
+    started(records, sampling_frequency=250.0).close()
+    assert (sysfs.with_name("trigger0") / "sampling_frequency").read_text() == "250"
+
+
+# The scale ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("channel", "scale"),
+    [
+        ("in_voltage0", PhysicalScale(0.5, -4.0, "mV")),
+        ("in_voltage1-voltage2", PhysicalScale(0.001, 0.0, "mV")),
+        ("in_temp", PhysicalScale(0.125, 0.0, "degC")),
+        ("out_voltage0", PhysicalScale(1.0, 0.0, "mV")),
+        ("in_accel_x", None),
+    ],
+)
+def test_the_scale_is_that_of_the_kernel(sysfs, channel, scale):
+    driver = Iio(device="adc")
+    assert driver.physical_scale(driver.channel(channel)) == scale
+
+
+def test_a_channel_behind_a_divider_has_no_scale_of_its_own(sysfs):
+    driver = Iio(device="adc", conditioned=["in_voltage0"])
+    assert driver.physical_scale(driver.channel("in_voltage0")) is None
+    assert driver.physical_scale(driver.channel("in_temp")) is not None
+
+
+class Bench(Compound):
+    supply: DigitalSensor
+    motor: DigitalActuator
+
+
+def faults(units="V", resolution=0.0005, zero_offset=-0.004, motor=0.001, **options):
+    supply = DigitalSensor(units, minimum=0.0, maximum=2.0, resolution=resolution, zero_offset=zero_offset)
+    machine = Bench(supply=supply, motor=DigitalActuator("V", default=0.0, minimum=0.0, maximum=4.0, resolution=motor))
+    wire = {
+        "supply": {"driver": "adc", "channel": "in_voltage0"},
+        "motor": {"driver": "adc", "channel": "out_voltage0"},
+    }
+    return check(machine, {"drivers": {"adc": {"type": "iio", "device": "adc", **options}}, "wire": wire})
+
+
+def test_a_scale_that_agrees_with_the_kernels_is_no_fault(sysfs):
+    assert faults() == []
+    assert faults("mV", 0.5, -4.0) == []
+    assert faults(resolution=0.00050005) == []  # 0.2 mV at 2 V: less than half a raw step
+
+
+@pytest.mark.parametrize("wrong", [{"resolution": 0.000501}, {"zero_offset": 0.0}, {"motor": 0.00101}, {"motor": 0.1}])
+def test_a_scale_that_differs_by_more_than_half_a_step_is_a_fault(sysfs, wrong):
+    (fault,) = faults(**wrong)
+    assert "off that of the circuit" in fault.message
+    own = "resolution = 0.001, zero_offset = 0" if "motor" in wrong else "resolution = 0.0005, zero_offset = -0.004"
+    assert fault.message.endswith(own)
+
+
+def test_a_scale_is_not_compared_with_other_dimensions_nor_behind_a_divider(sysfs):
+    assert faults("bar", 0.1, 0.0) == []
+    assert faults(resolution=0.0055, zero_offset=0.0, conditioned=["in_voltage0"]) == []
