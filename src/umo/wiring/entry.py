@@ -8,7 +8,7 @@ from __future__ import annotations
 import inspect
 import json
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictInt, StrictStr, ValidationError, create_model
 
@@ -68,17 +68,38 @@ def options_of(name: str, signature: Mapping[str, inspect.Parameter], given: dic
     return {key: getattr(checked, key) for key in given}
 
 
-def faults_of(error: ValidationError, known: list[str]) -> Iterator[tuple[str, str]]:
-    """(key, message) for each key that is wrong."""
+def faults_of(
+    error: ValidationError, known: list[str], types: Mapping[str, inspect.Parameter] | None = None
+) -> Iterator[tuple[str, str]]:
+    """(key, message) for each key that is wrong; with dots where it is in a table within (`types`: of the options)."""
     seen = set()
     for detail in error.errors():
-        key = str(detail["loc"][0]) if detail["loc"] else ""
+        where = [str(part) for part in detail["loc"]]
+        key = ".".join(where)
         if key in seen:
             continue
         seen.add(key)
         if detail["type"] == "extra_forbidden":
-            yield key, f"unknown key{did_you_mean(key, known)}; known: {', '.join(known)}"
+            names = known if len(where) == 1 else _keys_within(types or {}, where[:-1])
+            all_names = f"; known: {', '.join(names)}" if names else ""
+            yield key, f"unknown key{did_you_mean(where[-1], names)}{all_names}"
         elif detail["type"] == "missing":
             yield key, "is missing"
         else:
             yield key, f"{detail['msg'][0].lower()}{detail['msg'][1:]}, not {detail['input']!r}"
+
+
+def _keys_within(types: Mapping[str, inspect.Parameter], where: list[str]) -> list[str]:
+    """The keys of a table in an option, by the option's annotation: dict[str, SomeTypedDict]."""
+    found: Any = types[where[0]].annotation if where[0] in types else None
+    for name in where[1:]:
+        found = _fields(found).get(name) or get_args(found)[-1:]
+    return list(_fields(found))
+
+
+def _fields(annotation: Any) -> Mapping[str, Any]:
+    """Of a TypedDict or a dataclass, also of `X | None`."""
+    for each in (annotation, *get_args(annotation)):
+        if isinstance(each, type) and (fields := getattr(each, "__annotations__", None)):
+            return get_type_hints(each)
+    return {}

@@ -153,7 +153,7 @@ class _Resolver:
             self.unused -= signature.keys()
             return cls(**options_of(cls.__name__, signature, given))
         except ValidationError as error:
-            for key, message in faults_of(error, [*signature, *RESERVED]):
+            for key, message in faults_of(error, [*signature, *RESERVED], signature):
                 self.source.fault(f"drivers.{name}.{key}", message)
         except (Exception, SystemExit) as error:  # of the driver's constructor
             self.source.fault(f"drivers.{name}", reason_of(error))

@@ -1,0 +1,268 @@
+"""The channels of a line protocol, as a wiring declares them: how each is asked, set and confirmed. No device here."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass, field
+from decimal import Decimal
+from typing import Any, TypeVar
+
+from typing_extensions import TypedDict
+
+from umo.drivers._text_pattern import NoValue, Pattern, Template, UnexpectedAnswer, numbered, raw_of, shown
+from umo.drivers.contract import Channel, Direction
+from umo.errors import ChannelError, DriverError, WiringError
+from umo.text import did_you_mean
+
+_NUMBERED = re.compile(r"\{n\}")
+_MOST_BITS = 64
+_MOST_RAW = (1 << 63) - 1
+"""Raw integers are int64, whatever the channel."""
+T = TypeVar("T")
+
+
+class QueryOptions(TypedDict, total=False):
+    """A request and the pattern of its answer; an empty table for none."""
+
+    ask: str
+    answer: str
+
+
+class ChannelOptions(TypedDict, total=False):
+    """The table of a channel. It needs `ask`, `set` or both."""
+
+    ask: str
+    answer: str
+    states: dict[str, Any]
+    set: Any
+    acknowledge: str
+    confirm: QueryOptions
+    scale: float
+    bits: int
+    signed: bool
+
+
+@dataclass(frozen=True)
+class Query:
+    """A request whose answer must be of a form."""
+
+    ask: str
+    answer: Pattern
+
+    @classmethod
+    def parse(cls, table: QueryOptions, where: str) -> Query | None:
+        """None for an empty table."""
+        known(table, QueryOptions, where)
+        if table and set(table) != {"ask", "answer"}:
+            raise WiringError(f'{where} needs both ask and answer: {{ ask = "*IDN?", answer = "ACME*" }}')
+        return cls(table["ask"], Pattern(table["answer"], f"{where}.answer")) if table else None
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How a channel is read: the request, and how its answer becomes a raw integer."""
+
+    ask: str
+    answer: Pattern
+    states: Mapping[str, int]
+    scale: Decimal | None
+
+    def raw(self, line: str) -> int:
+        value = self.answer.match(line)
+        if value is None:
+            raise UnexpectedAnswer(f"the answer {shown(line)} does not match {self.answer.text!r}")
+        if not self.states:
+            return raw_of(value, self.scale)
+        level = self.states.get(value.strip())
+        if level is None:
+            raise UnexpectedAnswer(f"the answer {shown(line)} is none of the states {', '.join(self.states)}")
+        return level
+
+
+@dataclass(frozen=True)
+class Setting:
+    """How a channel is written: the request for a raw integer, and how the device confirms it."""
+
+    template: Template | None
+    levels: Mapping[int, str]
+    scale: Decimal | None
+    acknowledge: Pattern | None
+    confirm: Query | None
+
+    def request(self, raw: int) -> str:
+        if self.template is not None:
+            return self.template.filled(raw, self.scale)
+        if raw not in self.levels:
+            raise DriverError(f"{raw} is not a level: {', '.join(map(str, self.levels))}")
+        return self.levels[raw]
+
+    @property
+    def place(self) -> tuple[Hashable, ...]:
+        return ("set", self.template.before, self.template.after) if self.template else tuple(self.levels.values())
+
+
+@dataclass(frozen=True, eq=False)  # one object per text in a driver, so blocks are found by identity
+class TextChannel(Channel):
+    """A channel of a line protocol."""
+
+    reading: Reading | None = None
+    setting: Setting | None = None
+
+    __hash__ = object.__hash__
+    __eq__ = object.__eq__
+
+    @property
+    def places(self) -> tuple[Hashable, ...]:
+        """What it sets; for an input what it asks, and which part of the answer it takes."""
+        if self.setting is not None:
+            return (self.setting.place,)
+        assert self.reading is not None
+        return (("ask", self.reading.ask, self.reading.answer.text),)
+
+    @property
+    def done(self) -> tuple[Pattern | None, Query | None]:
+        """How a request that sets it is confirmed."""
+        return (self.setting.acknowledge, self.setting.confirm) if self.setting else (None, None)
+
+    def raw(self, line: str) -> int:
+        """The raw integer in an answer."""
+        assert self.reading is not None
+        return self._fitting(self.reading.raw(line))
+
+    def request(self, raw: int) -> str:
+        """The request that sets it to a raw integer; DriverError if it has no level for it."""
+        if self.setting is None:
+            raise DriverError(f"channel {self.text} cannot be written: it has no set")
+        return self.setting.request(self._fitting(raw))
+
+    def _fitting(self, raw: int) -> int:
+        if not self.lowest <= raw <= min(self.highest, _MOST_RAW):
+            raise NoValue(f"{raw} does not fit channel {self.text}: {self.lowest} to {min(self.highest, _MOST_RAW)}")
+        return raw
+
+
+@dataclass
+class Channels:
+    """All channels of a wiring, made when they are named: `zone{n}` stands for zone0, zone1, ..."""
+
+    tables: Mapping[str, ChannelOptions]
+    acknowledge: Pattern | None
+    """Of channels that have none of their own; `confirm` too."""
+    confirm: Query | None
+    _forms: list[tuple[re.Pattern[str], str]] = field(init=False, default_factory=list)
+    _made: dict[str, TextChannel] = field(init=False, default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Every table is tried, so that a fault is found before its channel is used."""
+        if not self.tables:
+            raise WiringError("channels is empty: each channel needs a table [drivers.NAME.channels.CHANNEL]")
+        for name in self.tables:
+            literals = [re.escape(part) for part in _NUMBERED.split(name)]
+            if len(literals) > 2:
+                raise WiringError(f"channels.{name}: the name has more than one {{n}}")
+            self._forms.append((re.compile("(0|[1-9][0-9]{0,8})".join(literals)), name))
+            self._make(name, name, 0 if len(literals) > 1 else None)
+
+    def named(self, text: str) -> TextChannel:
+        """The channel with this name; ChannelError with all of them."""
+        if text in self._made:
+            return self._made[text]
+        for form, name in self._forms:
+            if found := form.fullmatch(text):
+                n = int(found[1]) if form.groups else None
+                channel = self._made[text] = self._make(name, text, n)
+                return channel
+        raise ChannelError(text, self.tables)
+
+    def _make(self, name: str, text: str, n: int | None) -> TextChannel:
+        where, table = f"channels.{name}", self.tables[name]
+        known(table, ChannelOptions, where)
+        if n is not None:
+            table = numbered(table, n)
+        scale = _scale(table.get("scale", 1), f"{where}.scale")
+        reading, setting = _reading(table, where, scale), self._setting(table, where, scale)
+        if reading is None and setting is None:
+            raise WiringError(f'{where} needs ask = "..." or set = "..."')
+        direction = Direction.BOTH if reading and setting else Direction.INPUT if reading else Direction.OUTPUT
+        levels = [*(reading.states.values() if reading else ()), *(setting.levels if setting else ())]
+        bits = table.get("bits", max(levels).bit_length() or 1 if levels else _MOST_BITS)
+        if isinstance(bits, bool) or not isinstance(bits, int) or not 1 <= bits <= _MOST_BITS:
+            raise WiringError(f"{where}.bits must be a whole number from 1 to {_MOST_BITS}, not {bits!r}")
+        signed = table.get("signed", bits > 1 and not levels)
+        channel = TextChannel(text, direction, bits, signed, reading, setting)
+        if levels and max(levels) > channel.highest:
+            raise WiringError(f"{where}: level {max(levels)} does not fit its {bits} bits")
+        return channel
+
+    def _setting(self, table: ChannelOptions, where: str, scale: Decimal | None) -> Setting | None:
+        given = table.get("set")
+        if given is None:
+            if "acknowledge" in table or "confirm" in table:
+                raise WiringError(f"{where}: acknowledge and confirm need set")
+            return None
+        template, levels = None, {}
+        if isinstance(given, str):
+            template = Template.parse(given, f"{where}.set", scale)
+        else:
+            levels = _levels(given, f"{where}.set", _text)
+        acknowledge, confirm = self.acknowledge, self.confirm
+        if "acknowledge" in table:
+            text = table["acknowledge"]
+            acknowledge = Pattern(text, f"{where}.acknowledge") if text else None
+        if "confirm" in table:
+            confirm = Query.parse(table["confirm"], f"{where}.confirm")
+        return Setting(template, levels, scale, acknowledge, confirm)
+
+
+def _reading(table: ChannelOptions, where: str, scale: Decimal | None) -> Reading | None:
+    ask = table.get("ask")
+    if ask is None:
+        for key in ("answer", "states"):
+            if key in table:
+                raise WiringError(f"{where}.{key} needs ask")
+        return None
+    answer = Pattern(table.get("answer", "{}"), f"{where}.answer", has_value=True)
+    states: dict[str, int] = {}
+    for level, texts in (_levels(table["states"], f"{where}.states", _texts) if "states" in table else {}).items():
+        for text in texts:
+            if states.setdefault(text, level) != level:
+                raise WiringError(f"{where}.states: {text!r} stands for {states[text]} and for {level}")
+    return Reading(ask, answer, states, scale)
+
+
+def _levels(table: Any, where: str, of: Callable[[Any, str], T]) -> dict[int, T]:
+    """{ 0 = "OFF", 1 = "ON" }, by number."""
+    if not isinstance(table, Mapping) or not table:
+        raise WiringError(f'{where} must be a text or a table of levels {{ 0 = "OFF", 1 = "ON" }}, not {table!r}')
+    for level in table:
+        if not re.fullmatch("0|[1-9][0-9]{0,8}", str(level)):
+            raise WiringError(f"{where}: a level is a whole number from 0 on, not {level!r}")
+    return {int(level): of(value, f"{where}.{level}") for level, value in table.items()}
+
+
+def _text(value: Any, where: str) -> str:
+    if not isinstance(value, str):
+        raise WiringError(f"{where} must be a text, not {value!r}")
+    return value
+
+
+def _texts(value: Any, where: str) -> list[str]:
+    return [_text(each, where) for each in (value if isinstance(value, list | tuple) else [value])]
+
+
+def _scale(value: Any, where: str) -> Decimal | None:
+    """The step of one raw, exactly as it is written; None for 1."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < float("inf"):
+        raise WiringError(f"{where} must be a number above 0, the step of one raw integer, not {value!r}")
+    return None if value == 1 else Decimal(repr(value))
+
+
+def known(table: Any, options: type, where: str) -> None:
+    """WiringError with the valid keys if the table has another one."""
+    keys = list(options.__annotations__)
+    if not isinstance(table, Mapping):
+        raise WiringError(f"{where} must be a table of {', '.join(keys)}, not {table!r}")
+    for key in table:
+        if key not in keys:
+            raise WiringError(f"{where}.{key}: unknown key{did_you_mean(key, keys)}; known: {', '.join(keys)}")

@@ -1,0 +1,298 @@
+"""Devices that speak in lines of text: SCPI instruments, controllers, an Arduino sketch; over TCP or a serial line."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import lru_cache
+from importlib.util import find_spec
+from itertools import groupby
+from typing import Literal, TypeVar, get_args
+
+import numpy as np
+
+from umo.drivers import _hosts
+from umo.drivers._text_channel import ChannelOptions, Channels, Query, QueryOptions, TextChannel
+from umo.drivers._text_exchange import Asked, Told, joined
+from umo.drivers._text_link import Dialogue, TextLink
+from umo.drivers._text_pattern import NoValue, Pattern
+from umo.drivers._text_port import Dial, SerialDial, TcpDial
+from umo.drivers.contract import Driver, IntArray
+from umo.errors import ChannelsFailed, DriverError, WiringError
+
+_MOST_PLANS = 256
+_QUIET = 0.1
+_LONGEST_WATCHDOG = 86400.0
+Encoding = Literal["ascii", "latin-1", "utf-8"]
+Parity = Literal["none", "even", "odd", "mark", "space"]
+Flow = Literal["none", "rtscts", "xonxoff"]
+
+
+class Text(Driver[TextChannel]):
+    """A device with a line protocol, which the wiring declares: SCPI instruments, controllers, an Arduino sketch.
+
+    Channels: the names in `channels`; `zone{n}` is zone0, zone1, ..., with `{n}` in the texts of its table too.
+    Keys of a channel's table:
+        ask, answer: the request that reads, and the pattern of its answer (default "{}": the number alone).
+        states: answers that stand for levels, { 0 = "OFF", 1 = ["ON", "1"] }, instead of a number.
+        set: the request that writes, "VOLT {:.3f}", or a request for each level, { 0 = "OUTP OFF", 1 = "OUTP ON" }.
+        acknowledge, confirm: as the options below, for this channel; "" and {} for none.
+        scale: the step of one raw integer (default 1): raw = number / scale, to the nearest. Numbers are decimal.
+        bits, signed: default 64 and signed; with levels as many bits as they need, unsigned.
+    In a pattern `{}` is the value and `*` any text; a regular expression stands between slashes, with one group.
+
+    Options:
+        host, port: a TCP device, or a gateway to a serial line; the name is resolved once, by `open`.
+        serial, baudrate, data_bits, parity, stop_bits, flow, dtr: a serial line; dtr is the level of that output.
+        terminator, answer_terminator, encoding: the end of requests, and of answers if it differs.
+        errors: patterns of answers with which the device refuses a request.
+        acknowledge: the pattern of the answer to a request that sets.
+        confirm: a query after each request that sets, { ask = "SYST:ERR?", answer = '*0,"No error"' }.
+        identify: a query after connecting, { ask = "*IDN?", answer = "ACME,PSU*" }: any other device is refused.
+        startup: requests that are sent after each connecting.
+        echo: the device repeats each request before it answers.
+        together: what joins several queries in one line, and their answers, such as ";"; requests that set, too.
+        longest_request: characters of such a line at most. longest_answer: bytes of an answer at most.
+        pause: s between an answer and the next request.
+        boot_time: s that the device may need after a connection; a serial line: after the first one, or after the device
+            was away. greeting: a line of the device that ends it earlier.
+        quiet: s for which a new connection must be quiet first. Default: 0.1 on a serial line, 0 on TCP.
+        watchdog_set: the request that arms the device's watchdog, with {s} or {ms} for the time; 0 disarms it.
+
+    Each call returns within `timeout`, including a reconnection. There is no retry. After a timeout, an answer that is
+    neither as declared nor in `errors`, or data that nobody asked for, the connection is closed, and the next call
+    opens it again. A serial line has no transaction numbers: an answer that comes later than `timeout` + `quiet` after
+    its request can be found only by `identify`, whose answer must be the next line. A channel without acknowledge and
+    confirm counts as written when its request has been sent.
+    """
+
+    def __init__(
+        self,
+        *,
+        channels: dict[str, ChannelOptions],
+        host: str | None = None,
+        port: int = 5025,
+        serial: str | None = None,
+        baudrate: int = 9600,
+        data_bits: Literal[5, 6, 7, 8] = 8,
+        parity: Parity = "none",
+        stop_bits: Literal[1, 2] = 1,
+        flow: Flow = "none",
+        dtr: bool = True,
+        terminator: str = "\n",
+        answer_terminator: str | None = None,
+        encoding: Encoding = "ascii",
+        errors: tuple[str, ...] = (),
+        acknowledge: str | None = None,
+        confirm: QueryOptions | None = None,
+        identify: QueryOptions | None = None,
+        startup: tuple[str, ...] = (),
+        echo: bool = False,
+        together: str | None = None,
+        longest_request: int = 255,
+        longest_answer: int = 4096,
+        pause: float = 0.0,
+        boot_time: float = 0.0,
+        greeting: str | None = None,
+        quiet: float | None = None,
+        watchdog_set: str | None = None,
+    ) -> None:
+        if (host is None) == (serial is None):
+            raise WiringError('a text driver needs host = "..." for TCP or serial = "/dev/tty..."; one of the two')
+        for name, value, known in (
+            ("data_bits", data_bits, (5, 6, 7, 8)),
+            ("parity", parity, get_args(Parity)),
+            ("stop_bits", stop_bits, (1, 2)),
+            ("flow", flow, get_args(Flow)),
+            ("encoding", encoding, get_args(Encoding)),
+        ):
+            if value not in known:
+                raise WiringError(f"{name} must be one of {', '.join(map(repr, known))}, not {value!r}")
+        _within("port", port, 1, 65535)
+        _within("baudrate", baudrate, 1, 100_000_000)
+        _within("longest_request", longest_request, 1, 1 << 20)
+        _within("longest_answer", longest_answer, 1, 1 << 20)
+        if quiet is None:
+            quiet = _QUIET if serial else 0.0
+        for name, seconds in (("pause", pause), ("boot_time", boot_time), ("quiet", quiet)):
+            if not 0 <= seconds <= 60:
+                raise WiringError(f"{name} must be from 0 to 60 s, not {seconds!r}")
+        if greeting is not None and not boot_time:
+            raise WiringError("greeting needs boot_time: how long it is waited for, in s")
+        if together == "" or terminator == "" or answer_terminator == "":
+            raise WiringError("together, terminator and answer_terminator must not be empty")
+        if watchdog_set is not None and ("{s}" in watchdog_set) == ("{ms}" in watchdog_set):
+            raise WiringError(f"watchdog_set: {watchdog_set!r} needs {{s}} or {{ms}} for the time")
+        _check_sendable([channels, confirm, identify, startup, watchdog_set], terminator, encoding)
+        self._dialogue = Dialogue(
+            terminator=terminator,
+            answer_terminator=answer_terminator or terminator,
+            encoding=encoding,
+            errors=tuple(Pattern(text, "errors") for text in errors),
+            identify=_query(identify, "identify"),
+            startup=tuple(startup),
+            acknowledge=Pattern(acknowledge, "acknowledge") if acknowledge else None,
+            confirm=_query(confirm, "confirm"),
+            greeting=Pattern(greeting, "greeting") if greeting else None,
+            echo=echo,
+            pause=pause,
+            quiet=quiet,
+            boot_time=boot_time,
+            starts_always=host is not None,
+            longest_answer=longest_answer,
+        )
+        self._channels = Channels(channels, self._dialogue.acknowledge, self._dialogue.confirm)
+        self._together, self._longest = together, longest_request
+        self._watchdog_set = watchdog_set
+        self._device = f"serial {os.path.realpath(serial)}" if serial else ""
+        self._host, self._port = host or "", port
+        self._serial = SerialDial(serial, baudrate, data_bits, parity, stop_bits, flow, dtr) if serial else None
+        self._imported = not serial or _import_serial()  # here and not in `open`: a guardian has no time for imports
+        self._link: TextLink | None = None
+        self._asked = lru_cache(_MOST_PLANS)(self._plan)
+
+    def channel(self, text: str) -> TextChannel:
+        return self._channels.named(text)
+
+    def devices(self) -> Sequence[str]:
+        """Its serial line, or its addresses; a name is looked up, for at most 2 s, and one that is not found stands for
+        itself."""
+        return [self._device] if self._device else [f"tcp {each}:{self._port}" for each in _hosts.addresses(self._host)]
+
+    def open(self) -> None:
+        """Connect and identify the device, within `timeout`."""
+        if not self._imported:
+            raise DriverError('a serial line needs pyserial: pip install "umo[text]"')
+        dial: Dial = self._serial or TcpDial(self._host, self._port)
+        self._link = TextLink(dial, self._dialogue)
+        self._link.begin(self.timeout)
+
+    def close(self) -> None:
+        if self._link is not None:
+            self._link.close()
+            self._link = None
+
+    def read(self, channel: TextChannel) -> int:
+        out = np.empty(1, np.int64)
+        self.read_many((channel,), out)
+        return int(out[0])
+
+    def write(self, channel: TextChannel, raw: int) -> None:
+        self._write((channel,), [raw])
+
+    def read_many(self, channels: Sequence[TextChannel], out: IntArray) -> None:
+        plan = self._asked(tuple(channels))
+        link = self._begin()
+        _each(plan, channels, lambda asked: asked.read(link, out))
+
+    def write_many(self, channels: Sequence[TextChannel], raws: IntArray) -> None:
+        self._write(channels, raws.tolist())
+
+    def watchdog(self, seconds: float) -> None:
+        """Send `watchdog_set` with this time."""
+        if self._watchdog_set is None:
+            raise _NoWatchdog("a watchdog needs the option watchdog_set")
+        if not 0 <= seconds <= _LONGEST_WATCHDOG:
+            raise DriverError(f"a watchdog of {seconds:g} s is not within 0 to {_LONGEST_WATCHDOG:g} s")
+        milliseconds = max(round(seconds * 1000), 1 if seconds else 0)
+        request = self._watchdog_set.replace("{ms}", f"{milliseconds}").replace("{s}", f"{milliseconds / 1000:.3f}")
+        self._begin().tell(request, self._dialogue.acknowledge, self._dialogue.confirm)
+
+    def _write(self, channels: Sequence[TextChannel], raws: list[int]) -> None:
+        # All requests are made before the first is sent: a value that does not fit leaves the device alone.
+        requests = [channel.request(raw) for channel, raw in zip(channels, raws, strict=True)]
+        told = list(self._told(channels, requests))
+        link = self._begin()
+        _each(told, channels, lambda each: each.write(link))
+
+    def _begin(self) -> TextLink:
+        if self._link is None:
+            raise DriverError("it is not open")
+        self._link.begin(self.timeout)
+        return self._link
+
+    def _plan(self, channels: tuple[TextChannel, ...]) -> tuple[Asked, ...]:
+        """Each request once, whatever number of channels takes a part of its answer."""
+        readers: dict[str, list[int]] = {}
+        for i, channel in enumerate(channels):
+            if channel.reading is None:
+                raise DriverError(f"channel {channel.text} cannot be read: it has no ask")
+            readers.setdefault(channel.reading.ask, []).append(i)
+        asks = list(readers)
+        return tuple(
+            Asked(
+                (self._together or "").join(asks[i] for i in group),
+                self._together,
+                tuple(tuple((place, channels[place]) for place in readers[asks[i]]) for i in group),
+            )
+            for group in joined(asks, self._together, self._longest)
+        )
+
+    def _told(self, channels: Sequence[TextChannel], requests: list[str]) -> Iterable[Told]:
+        """The lines that set: each request by itself, or joined where none of them is acknowledged."""
+        numbers = range(len(requests))
+        for (acknowledge, confirm), run in groupby(numbers, lambda i: channels[i].done):
+            some = list(run)
+            by = self._together if acknowledge is None else None
+            for group in joined([requests[i] for i in some], by, self._longest):
+                places = tuple(some[i] for i in group)
+                yield Told((by or "").join(requests[i] for i in places), acknowledge, confirm, places)
+
+
+class _NoWatchdog(DriverError, NotImplementedError):
+    """This device has no watchdog, as any driver without one says it, and a DriverError besides."""
+
+
+Step = TypeVar("Step", Asked, Told)
+
+
+def _each(
+    steps: Sequence[Step], channels: Sequence[TextChannel], carry_out: Callable[[Step], Mapping[int, Exception]]
+) -> None:
+    """Line after line, as far as the device is in step; what failed is told at the end."""
+    failed: dict[int, Exception] = {}
+    for i, step in enumerate(steps):
+        try:
+            failed.update(carry_out(step))
+        except NoValue as error:
+            failed.update(dict.fromkeys(step.places, error))
+        except DriverError as error:
+            if i == 0 or isinstance(error, TimeoutError):
+                raise
+            failed.update((place, error) for later in steps[i:] for place in later.places)
+            break
+    if failed and len(channels) == 1:
+        raise failed[0]
+    if failed:
+        raise ChannelsFailed({channels[place].text: error for place, error in failed.items()})
+
+
+def _query(table: QueryOptions | None, where: str) -> Query | None:
+    return None if table is None else Query.parse(table, where)
+
+
+def _import_serial() -> bool:
+    if find_spec("serial") is None:
+        return False
+    import serial  # noqa: F401
+
+    return True
+
+
+def _within(name: str, value: int, least: int, most: int) -> None:
+    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+        raise WiringError(f"{name} must be a whole number from {least} to {most}, not {value!r}")
+
+
+def _check_sendable(thing: object, terminator: str, encoding: str) -> None:
+    """Every text, those of answers too, can be encoded, and none contains the end of a line."""
+    if isinstance(thing, str):
+        try:
+            thing.encode(encoding)
+        except UnicodeEncodeError:
+            raise WiringError(f"{thing!r} is not {encoding}; encodings: ascii, latin-1, utf-8") from None
+        if terminator in thing:
+            raise WiringError(f"{thing!r} contains the terminator {terminator!r}")
+    elif isinstance(thing, Mapping | list | tuple):
+        for each in thing.values() if isinstance(thing, Mapping) else thing:
+            _check_sendable(each, terminator, encoding)
