@@ -102,15 +102,16 @@ class Setting:
         return ("set", self.template.before, self.template.after) if self.template else tuple(self.levels.values())
 
 
-@dataclass(frozen=True, eq=False)  # one object per text in a driver, so blocks are found by identity
+@dataclass(frozen=True)
 class TextChannel(Channel):
     """A channel of a line protocol."""
 
     reading: Reading | None = None
     setting: Setting | None = None
 
-    __hash__ = object.__hash__
-    __eq__ = object.__eq__
+    # Plans are looked up by their channels in every period, and a string keeps its hash.
+    def __hash__(self) -> int:
+        return hash(self.text)
 
     @property
     def places(self) -> tuple[Hashable, ...]:

@@ -88,7 +88,10 @@ class TextLink:
         else:
             self._send(request)
         if confirm is not None:
-            self._must_be(confirm.answer, confirm.ask, self.ask(confirm.ask))
+            try:
+                self._must_be(confirm.answer, confirm.ask, self.ask(confirm.ask))
+            except NoValue as error:
+                raise NoValue(f"{error} after {shown(request)}") from None
 
     def dropped(self, error: DriverError) -> DriverError:
         """The error, after the connection was dropped because of it."""

@@ -8,7 +8,8 @@ from __future__ import annotations
 import inspect
 import json
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, get_args, get_type_hints
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictInt, StrictStr, ValidationError, create_model
 
@@ -90,16 +91,15 @@ def faults_of(
 
 
 def _keys_within(types: Mapping[str, inspect.Parameter], where: list[str]) -> list[str]:
-    """The keys of a table in an option, by the option's annotation: dict[str, SomeTypedDict]."""
+    """The keys of a table in an option, by the option's annotation, such as dict[str, SomeTypedDict] | None."""
     found: Any = types[where[0]].annotation if where[0] in types else None
     for name in where[1:]:
-        found = _fields(found).get(name) or get_args(found)[-1:]
+        found = _fields(found).get(name) or next(iter(get_args(found)[-1:]), None)
     return list(_fields(found))
 
 
-def _fields(annotation: Any) -> Mapping[str, Any]:
-    """Of a TypedDict or a dataclass, also of `X | None`."""
-    for each in (annotation, *get_args(annotation)):
-        if isinstance(each, type) and (fields := getattr(each, "__annotations__", None)):
-            return get_type_hints(each)
-    return {}
+def _fields(annotation: Any) -> dict[str, Any]:
+    """Of a TypedDict or a dataclass, or of the one in a union."""
+    if get_origin(annotation) in (UnionType, Union):
+        return next(filter(None, map(_fields, get_args(annotation))), {})
+    return get_type_hints(annotation) if getattr(annotation, "__annotations__", None) else {}
