@@ -1,0 +1,200 @@
+"""A running instance of an FMU: unpacked into a temporary folder, its library loaded, every call of FMI checked."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import zipfile
+from collections import deque
+from collections.abc import Mapping
+from contextlib import suppress
+from ctypes import byref
+from itertools import count
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import fmpy
+from fmpy import fmi2, fmi3
+from fmpy.fmi1 import FMICallException
+from fmpy.logging import addLoggerProxy
+
+from umo.drivers._fmu_variables import FLOATS, INTEGERS, kind_of, variables_of
+from umo.errors import DriverError
+
+WARNING, DISCARD, ERROR, FATAL = 1, 2, 3, 4
+STATUS = {DISCARD: "discard", ERROR: "error", FATAL: "fatal", 5: "pending"}
+LONGEST = 300
+_logs: dict[int, deque[str]] = {}
+_numbers = count(1)
+
+
+def _log(number: int | None, _name: bytes | None, status: int, _category: bytes | None, message: bytes | None) -> None:
+    """A message of an instance, by the number that it was given as its environment. Only what has gone wrong is kept:
+    logging is on, as some models say nothing at all without it, and others report every call then."""
+    if status >= WARNING and number in _logs:
+        _logs[number].append(" ".join((message or b"").decode(errors="replace").split())[:LONGEST])
+
+
+_logger = fmi2.fmi2CallbackLoggerTYPE(_log)
+"""One for all instances and for good: FMPy's proxy, which formats the messages of FMI 2.0, has one place for it."""
+
+
+class FmuInstance:
+    """An instance between initialisation and termination. All errors are DriverErrors with the model's own message."""
+
+    def __init__(self, file: Path, description: Any) -> None:
+        self.description = description
+        self.time = 0.0
+        """s of the model, at the end of the last step."""
+        self.lost = ""
+        """Why the instance cannot be used any more; empty if it can."""
+        self._is3 = description.fmiVersion.startswith("3.")
+        self._fatal = False
+        self._running = False
+        self._number = next(_numbers)
+        self._log = _logs[self._number] = deque(maxlen=1)
+        self._fmu: Any = None
+        self._folder = tempfile.TemporaryDirectory(prefix="umo-fmu-", ignore_cleanup_errors=True)
+        try:
+            self._load(file)
+            self._instantiate()
+        except BaseException:
+            self.close()
+            raise
+
+    # Life ----------------------------------------------------------------------------------------
+
+    def start(self, start_values: Mapping[str, float | str]) -> None:
+        """Initialise the model with these start values; then it stands at its start time."""
+        experiment = self.description.defaultExperiment
+        self.time = float(experiment.startTime or 0.0) if experiment else 0.0
+        tolerance = float(experiment.tolerance) if experiment and experiment.tolerance else None
+        if not self._is3:
+            self.call(self._fmu.setupExperiment, tolerance, self.time)
+        for name, value in start_values.items():
+            self._set_start(name, value)
+        enter = self._fmu.enterInitializationMode
+        self.call(enter, *((tolerance, self.time) if self._is3 else ()))
+        self.call(self._fmu.exitInitializationMode)
+        self._running = True
+
+    def step(self, start: float, size: float) -> None:
+        """Let the model pass from `start` to `start + size`, in s."""
+        ended = self.call(self._fmu.doStep, start, size)
+        self.time = start + size
+        if ended is not None and (ended[1] or ended[2]):  # FMI 3.0: terminateSimulation, earlyReturn
+            self.time = ended[3]
+            self.lost = f"the model has ended its simulation at {self.time:g} s"
+            raise DriverError(self.lost)
+
+    def close(self) -> None:
+        """End the instance, unload its library, remove its folder. What FMI forbids after an error is left out."""
+        try:
+            if self._fmu is not None and self._fmu.component and not self._fatal:
+                with suppress(Exception):  # it ends whatever the model says
+                    if self._running and not self.lost:
+                        self._fmu.terminate()
+                with suppress(Exception):
+                    self._fmu.freeInstance()
+            elif self._fmu is not None and not self._fatal:
+                self._fmu.freeLibrary()
+        finally:
+            self._fmu = None
+            _logs.pop(self._number, None)
+            self._folder.cleanup()
+
+    # Transfers -----------------------------------------------------------------------------------
+
+    def function(self, verb: str, kind: str) -> Any:
+        """FMI's own function, such as fmi2GetReal."""
+        return getattr(self._fmu, f"fmi{3 if self._is3 else 2}{verb}{kind}")
+
+    def arguments(self, kind: str, references: list[int]) -> tuple[Any, tuple[Any, ...]]:
+        """A buffer for the values of these variables, and the arguments of FMI's functions that transfer it."""
+        module, prefix = (fmi3, "fmi3") if self._is3 else (fmi2, "fmi2")
+        number = len(references)
+        buffer = (getattr(module, prefix + kind) * number)()
+        listed = (getattr(module, f"{prefix}ValueReference") * number)(*references)
+        arguments = (self._fmu.component, listed, number, buffer)
+        return buffer, (*arguments, number) if self._is3 else arguments
+
+    def value(self, variable: Any) -> float | int | bool | str | None:
+        """The present value of a single variable, in its unit; None: not finite, an array, or of another type."""
+        kind = kind_of(self.description, variable)
+        if variable.dimensions or not (kind in FLOATS or kind in INTEGERS or kind == "String"):
+            return None
+        found = self.call(getattr(self._fmu, f"get{kind}"), [variable.valueReference])[0]
+        if kind == "String":
+            return (found or b"").decode(errors="replace")
+        if kind in FLOATS:
+            return float(found) if isfinite(found) else None
+        return bool(found) if kind == "Boolean" else int(found)
+
+    def call(self, function: Any, *arguments: Any) -> Any:
+        """A call of FMI; DriverError if the model refuses it or has failed before."""
+        if self.lost:
+            raise DriverError(self.lost)
+        self._log.clear()
+        try:
+            return function(*arguments)
+        except FMICallException as error:
+            raise self._failed(error) from error
+
+    def _failed(self, error: FMICallException) -> DriverError:
+        status = STATUS.get(error.status, f"status {error.status}")
+        text = f"{error.function} at {self.time:g} s: {status}{self._said()}"
+        self._fatal = error.status == FATAL
+        if error.status != DISCARD or error.function.endswith("DoStep"):
+            self.lost = text
+        return DriverError(text)
+
+    def _said(self) -> str:
+        """The model's last message, to append to an error."""
+        return f": {self._log[-1]}" if self._log else ""
+
+    # Loading -------------------------------------------------------------------------------------
+
+    def _load(self, file: Path) -> None:
+        name = self.description.coSimulation.modelIdentifier
+        platform = fmpy.platform_tuple if self._is3 else fmpy.platform
+        with zipfile.ZipFile(file) as archive:
+            names = archive.namelist()
+        if f"binaries/{platform}/{name}{fmpy.sharedLibraryExtension}" not in names:
+            raise DriverError(f"{file} has no code for {platform}; it has: {_platforms(names)}")
+        here = os.getcwd()
+        try:
+            fmpy.extract(file, self._folder.name)
+            kind = fmi3.FMU3Slave if self._is3 else fmi2.FMU2Slave
+            self._fmu = kind(guid=self.description.guid, modelIdentifier=name, unzipDirectory=self._folder.name)
+        except Exception as error:  # FMPy's own are plain Exceptions
+            raise DriverError(f"{file} cannot be loaded: {error}") from error
+        finally:
+            os.chdir(here)  # FMPy leaves the folder of a library that cannot be loaded as the current one
+
+    def _instantiate(self) -> None:
+        try:
+            if self._is3:
+                self._fmu.instantiate(loggingOn=True, logMessage=lambda _, *message: _log(self._number, None, *message))
+            else:
+                callbacks = fmi2.fmi2CallbackFunctions()
+                callbacks.logger = _logger
+                callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
+                callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
+                callbacks.componentEnvironment = self._number
+                addLoggerProxy(byref(callbacks))
+                self._fmu.instantiate(loggingOn=True, callbacks=callbacks)
+        except Exception as error:
+            raise DriverError(f"the model could not be instantiated{self._said()}") from error
+
+    def _set_start(self, name: str, value: float | str) -> None:
+        variable = variables_of(self.description)[name]
+        kind = kind_of(self.description, variable)
+        convert = float if kind in FLOATS else (bool if kind == "Boolean" else int) if kind in INTEGERS else str
+        self.call(getattr(self._fmu, f"set{kind}"), [variable.valueReference], [convert(value)])
+
+
+def _platforms(names: list[str]) -> str:
+    found = {name.split("/")[1] for name in names if name.startswith("binaries/") and not name.endswith("/")}
+    sources = any(name.startswith("sources/") and name.endswith(".c") for name in names)
+    return ", ".join([*sorted(found), *(["C sources (fmpy compile builds them)"] if sources else [])]) or "none"

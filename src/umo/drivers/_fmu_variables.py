@@ -1,0 +1,191 @@
+"""What an FMU declares: the variables of its model description as channels. None of its code runs."""
+
+from __future__ import annotations
+
+import difflib
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from math import isfinite
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import MappingProxyType
+from typing import Any
+from zipfile import BadZipFile, ZipFile
+
+from umo.drivers.contract import Channel, Direction
+from umo.errors import ChannelError, DriverError, WiringError
+from umo.text import MOST
+
+TICK = "tick"
+EXACT = 54
+"""Width of a float's raw integer, sign included: all of them are exact in a double."""
+FLOATS = ("Real", "Float64", "Float32")
+INTEGERS: Mapping[str, tuple[int, bool]] = {
+    "Boolean": (1, False),
+    "Integer": (32, True),
+    **{f"Int{bits}": (bits, True) for bits in (8, 16, 32, 64)},
+    **{f"UInt{bits}": (min(bits, 63), False) for bits in (8, 16, 32, 64)},
+}
+"""Bits and sign of the types that are integers already."""
+SETTABLE = ("input", "parameter")
+MOST_LISTED = 6
+
+
+@dataclass(frozen=True)
+class FmuChannel(Channel):
+    """A variable of the model, or the tick."""
+
+    reference: int = 0
+    """FMI's value reference."""
+    kind: str = TICK
+    """Its type, as `kind_of` gives it: Real for fmi2GetReal."""
+    scale: float | None = None
+    """Floats: the change of the variable for one count."""
+
+    @property
+    def places(self) -> tuple[tuple[str, int], ...]:
+        """The variable, whatever the scale."""
+        return ((self.kind, self.reference),)
+
+
+def described(file: Path) -> Any:
+    """FMPy's description of the model; WiringError if the file is not a co-simulation unit of FMI 2.0 or 3.0."""
+    try:
+        changed = os.stat(file).st_mtime_ns
+    except OSError as error:
+        raise WiringError(f"model: {file}: {error.strerror}") from error
+    if not file.is_file():
+        raise WiringError(f"model: {file} is a folder, not an .fmu file")
+    return _described(file, changed)
+
+
+@lru_cache(maxsize=16)
+def _described(file: Path, changed: int) -> Any:
+    try:
+        from fmpy.model_description import read_model_description
+    except ModuleNotFoundError as error:
+        raise DriverError('the fmu driver needs FMPy: pip install "umo[fmu]"') from error
+    try:  # what is wrong in form only (`fmpy validate` lists it) does not keep a model from running
+        with TemporaryDirectory() as folder, ZipFile(file) as archive:  # FMPy would leave the file open
+            archive.extract("modelDescription.xml", folder)
+            description: Any = read_model_description(folder, validate=False)
+    except Exception as error:
+        raise WiringError(f"model: {file} cannot be read as an FMU: {_reason(error)}") from error
+    if not description.fmiVersion.startswith(("2.", "3.")):
+        raise WiringError(f"model: {file} is of FMI {description.fmiVersion}; umo runs FMI 2.0 and 3.0")
+    if description.coSimulation is None:
+        raise WiringError(f"model: {file} is not for co-simulation; umo does not run other kinds: export it as one")
+    return description
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, BadZipFile):
+        return "it is not a zip archive"
+    text = str(error).partition("\n")[0]
+    return text if type(error) is Exception or isinstance(error, KeyError) else f"{text}; try fmpy validate"
+
+
+@lru_cache(maxsize=16)
+def variables_of(description: Any) -> Mapping[str, Any]:
+    """FMPy's variables by name, aliases included."""
+    return MappingProxyType({variable.name: variable for variable in description.modelVariables})
+
+
+def channel_of(description: Any, text: str) -> FmuChannel:
+    """The channel of this text: `NAME`, `NAME:SCALE` or `tick`. ChannelError names the nearest variables."""
+    variables = variables_of(description)
+    if text == TICK and TICK not in variables:
+        return FmuChannel(text, Direction.INPUT, 31)
+    name, scale = (text, None) if text in variables else _parted(text)
+    variable = variables.get(name)
+    if variable is None:
+        forms = [f"{each}:SCALE" if variables[each].type in FLOATS else each for each in _nearest(name, variables)]
+        raise ChannelError(text, [*forms, *_others(variables), TICK])
+    kind, bits, signed = _raw(description, variable, text)
+    if kind in FLOATS and scale is None:
+        raise ChannelError(text, [f"{name}:SCALE"])
+    if kind not in FLOATS and scale is not None:
+        raise ChannelError(text, [name])
+    return FmuChannel(text, _direction(variable, text), bits, signed, variable.valueReference, kind, scale)
+
+
+def check_start(description: Any, name: str, value: float | str) -> None:
+    """WiringError if the variable cannot start at this value."""
+    variable = variables_of(description).get(name)
+    if variable is None:
+        variables = variables_of(description)
+        listed = ", ".join([*_nearest(name, variables), *_others(variables)])
+        raise WiringError(f"start_values: the model has no variable {name!r}; it has: {listed}")
+    settable = variable.causality in SETTABLE or variable.initial in ("exact", "approx")
+    if not settable or variable.causality == "structuralParameter":
+        raise WiringError(f"start_values: {name} cannot be set, its causality is {variable.causality}")
+    takes = _unfit(description, variable, value)
+    if takes:
+        raise WiringError(f"start_values: {name} takes {takes}, not {value!r}")
+
+
+def _unfit(description: Any, variable: Any, value: float | str) -> str:
+    """What the variable takes, if it does not take this value."""
+    if variable.type == "String":
+        return "" if isinstance(value, str) else "a text"
+    kind, bits, signed = _raw(description, variable, variable.name)
+    if kind == "Boolean":
+        return "" if isinstance(value, bool) else "true or false"
+    number = isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+    if kind in FLOATS:
+        return "" if number else "a finite number"
+    least, most = (-(1 << bits - 1), (1 << bits - 1) - 1) if signed else (0, (1 << bits) - 1)
+    return "" if type(value) is int and least <= value <= most else f"a whole number from {least} to {most}"
+
+
+def _parted(text: str) -> tuple[str, float | None]:
+    """Name and scale. The name of a variable may have a colon in it."""
+    name, colon, number = text.rpartition(":")
+    try:
+        scale = float(number)
+    except ValueError:
+        return text, None
+    if not colon or not isfinite(scale) or not scale:
+        return text, None
+    return name, scale
+
+
+def kind_of(description: Any, variable: Any) -> str:
+    """The type in the names of FMI's functions, which transfer an enumeration as an integer."""
+    kind: str = variable.type
+    return kind if kind != "Enumeration" else "Int64" if description.fmiVersion.startswith("3.") else "Integer"
+
+
+def _raw(description: Any, variable: Any, text: str) -> tuple[str, int, bool]:
+    """Kind, width and sign of the variable's raw integer."""
+    kind = kind_of(description, variable)
+    if variable.dimensions:
+        raise WiringError(f"{text} is an array; umo takes single variables")
+    if kind in FLOATS:
+        return kind, EXACT, True
+    if kind not in INTEGERS:
+        raise WiringError(f"{text} is a {kind}; umo takes floats, integers, booleans and enumerations")
+    return kind, *INTEGERS[kind]
+
+
+def _direction(variable: Any, text: str) -> Direction:
+    if variable.causality not in SETTABLE:
+        return Direction.INPUT
+    if variable.variability in ("fixed", "constant"):
+        raise WiringError(f"{text} is a {variable.variability} {variable.causality}: give it in start_values")
+    return Direction.OUTPUT
+
+
+def _nearest(name: str, variables: Mapping[str, Any]) -> list[str]:
+    """Some variables: those that are most alike, then those that contain the name, then the first."""
+    known = list(variables)[:MOST]
+    near = difflib.get_close_matches(name[:200], known, n=MOST_LISTED, cutoff=0.5)
+    within = [each for each in known if name.lower() in each.lower()]
+    return list(dict.fromkeys([*near, *within, *known]))[:MOST_LISTED]
+
+
+def _others(variables: Mapping[str, Any]) -> list[str]:
+    others = len(variables) - MOST_LISTED
+    return [f"{others} others (fmpy info lists them)"] if others > 0 else []

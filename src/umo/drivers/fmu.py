@@ -1,0 +1,235 @@
+"""Functional mock-up units as plants: models that Modelica, Simulink and others export (FMI 2.0 and 3.0)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from umo.drivers._fmu_variables import TICK, FmuChannel, channel_of, check_start, described, variables_of
+from umo.drivers.contract import Direction, Driver, IntArray
+from umo.errors import ChannelsFailed, DriverError, WiringError
+
+if TYPE_CHECKING:
+    from umo.drivers._fmu_instance import FmuInstance
+
+_MOST_GROUPS = 64
+_MOST_REPORTED = 40
+
+
+class Fmu(Driver[FmuChannel]):
+    """A model as a plant: a co-simulation unit of FMI 2.0 or 3.0, run by FMPy.
+
+    Channels: `NAME` for a variable that is an integer, a boolean or an enumeration, `NAME:SCALE` for a float: the
+    variable is its raw integer times SCALE, in the model's unit (`tank.level:0.001`). Inputs and tunable parameters of
+    the model are outputs of the computer; all other variables are inputs. `tick` is the timer: reading it lets one
+    period pass in the model and returns 0.
+
+    Options:
+        model: the .fmu file; a relative path in a wiring starts from the station's folder.
+        start_values: parameters and start values by name, in the model's units, set before it is initialised.
+        substeps: steps of the model in one period.
+
+    `open` unpacks the file into a temporary folder, loads its library and initialises the model: every opening begins
+    at the model's start time. Values are set and read between steps, all of one type in one call of FMI. A raw integer
+    of a float has 54 bits, so each is exact in a double; readings are rounded, half to even.
+
+    Errors: DriverError with the model's own message. After an error, or a step that it could not complete, the model
+    cannot be used until it is opened again. A value that is NaN, infinite or too large fails for its channel alone. A
+    call into a model cannot be interrupted: `timeout` does not bound it.
+    """
+
+    def __init__(
+        self, *, model: Path, start_values: Mapping[str, float | bool | str] | None = None, substeps: int = 1
+    ) -> None:
+        if isinstance(substeps, bool) or not isinstance(substeps, int) or not 1 <= substeps <= 1_000_000:
+            raise WiringError(f"substeps must be a whole number from 1 to 1000000, not {substeps!r}")
+        self.model = Path(model).absolute()
+        self._substeps = substeps
+        self._description = described(self.model)
+        self._start_values = dict(start_values or {})
+        for name, value in self._start_values.items():
+            check_start(self._description, name, value)
+        self._instance: FmuInstance | None = None
+        self._steps = 0
+        self._start = 0.0
+        self._groups: dict[tuple[str, tuple[FmuChannel, ...]], list[_Group]] = {}
+
+    def channel(self, text: str) -> FmuChannel:
+        return channel_of(self._description, text)
+
+    # Life ----------------------------------------------------------------------------------------
+
+    def open(self) -> None:
+        """Unpack, load and initialise the model."""
+        from umo.drivers._fmu_instance import FmuInstance
+
+        self.close()
+        self._check_step()
+        instance = FmuInstance(self.model, self._description)
+        try:
+            instance.start(self._start_values)
+        except BaseException:
+            instance.close()
+            raise
+        self._instance, self._start, self._steps = instance, instance.time, 0
+
+    def close(self) -> None:
+        self._groups.clear()
+        if self._instance is not None:
+            self._instance.close()
+            self._instance = None
+
+    def _check_step(self) -> None:
+        """FMI 3.0: a step is a multiple of the model's fixed internal one."""
+        fixed, size = self._description.coSimulation.fixedInternalStepSize, self.period / self._substeps
+        fixed = float(fixed or 0.0)
+        if fixed and size and (size < fixed / 2 or abs(size / fixed - round(size / fixed)) > 1e-6):
+            raise DriverError(
+                f"the model steps by multiples of {fixed:g} s; the period with its substeps is {size:g} s"
+            )
+
+    # Transfers -----------------------------------------------------------------------------------
+
+    def read(self, channel: FmuChannel) -> int:
+        if channel.kind == TICK:
+            self._advance()
+            return 0
+        out = np.empty(1, np.int64)
+        self.read_many((channel,), out)
+        return int(out[0])
+
+    def write(self, channel: FmuChannel, raw: int) -> None:
+        if not channel.lowest <= raw <= channel.highest:
+            raise _misfit(channel, raw)
+        self.write_many((channel,), np.array([raw], np.int64))
+
+    def read_many(self, channels: Sequence[FmuChannel], out: IntArray) -> None:
+        failed: dict[str, Exception] = {}
+        for group in self._grouped("Get", channels):
+            try:
+                group.get(out)
+            except ChannelsFailed as error:
+                failed.update({text: DriverError(cause) for text, cause in error.causes.items()})
+            except DriverError as error:
+                if self._opened().lost:
+                    raise
+                failed.update(dict.fromkeys(group.texts, error))
+        if failed:
+            raise ChannelsFailed(failed)
+
+    def write_many(self, channels: Sequence[FmuChannel], raws: IntArray) -> None:
+        groups = self._grouped("Set", channels)
+        for group in groups:
+            group.check(raws)  # all of them before the first is set
+        failed: dict[str, Exception] = {}
+        for group in groups:
+            try:
+                group.set(raws)
+            except DriverError as error:
+                if self._opened().lost:
+                    raise
+                failed.update(dict.fromkeys(group.texts, error))
+        if failed:
+            raise ChannelsFailed(failed)
+
+    def report(self) -> Mapping[str, Any]:
+        """The model's time in s and its outputs, at most 40, in its units; a value that is not finite is None."""
+        instance = self._opened()
+        found: dict[str, Any] = {"time_s": round(instance.time, 9)}
+        if not instance.lost:
+            outputs = [each for each in variables_of(self._description).values() if each.causality == "output"]
+            for variable in outputs[:_MOST_REPORTED]:
+                found[variable.name] = instance.value(variable)
+        return found
+
+    def _opened(self) -> FmuInstance:
+        if self._instance is None:
+            raise DriverError("it is not open")
+        return self._instance
+
+    def _advance(self) -> None:
+        """One period. The grid of steps is counted, so that its errors do not add up."""
+        instance = self._opened()
+        if not self.period > 0:
+            raise DriverError("the period is 0 s; give the timer a period in its wiring")
+        size = self.period / self._substeps
+        for _ in range(self._substeps):
+            instance.step(self._start + self._steps * size, size)
+            self._steps += 1
+
+    def _grouped(self, verb: str, channels: Sequence[FmuChannel]) -> list[_Group]:
+        """The channels by type, each with its buffer; made once for each list of channels."""
+        instance, key = self._opened(), (verb, tuple(channels))
+        groups = self._groups.get(key)
+        if groups is None:
+            _check_directions(verb, channels)
+            if len(self._groups) >= _MOST_GROUPS:
+                self._groups.clear()
+            kinds = dict.fromkeys(channel.kind for channel in channels)
+            groups = self._groups[key] = [_Group(instance, verb, kind, channels) for kind in kinds]
+        return groups
+
+
+class _Group:
+    """Variables of one type, transferred by one call of FMI."""
+
+    def __init__(self, instance: FmuInstance, verb: str, kind: str, channels: Sequence[FmuChannel]) -> None:
+        places = [i for i, channel in enumerate(channels) if channel.kind == kind]
+        self._channels = [channels[i] for i in places]
+        self.texts = [channel.text for channel in self._channels]
+        self._places: Any = slice(None) if len(places) == len(channels) else np.array(places)
+        buffer, self._arguments = instance.arguments(kind, [channel.reference for channel in self._channels])
+        self._values: npt.NDArray[Any] = np.ctypeslib.as_array(buffer)
+        scales = [channel.scale for channel in self._channels]
+        self._scales = None if None in scales else np.array(scales)
+        self._lowest, self._highest = self._channels[0].lowest, self._channels[0].highest  # the same for one type
+        self._call, self._function = instance.call, instance.function(verb, kind)
+
+    def get(self, out: IntArray) -> None:
+        self._call(self._function, *self._arguments)
+        if self._scales is None:
+            values: Any = self._values.astype(bool) if self._highest == 1 else self._values
+        else:
+            with np.errstate(over="ignore"):  # what is too large becomes infinite, and is found below
+                values = np.rint(self._values / self._scales)
+        wrong = ~((values >= self._lowest) & (values <= self._highest))  # a NaN is neither
+        if wrong.any():
+            self._fail(wrong, out, values)
+        out[self._places] = values
+
+    def check(self, raws: IntArray) -> None:
+        mine = raws[self._places]
+        if mine.min() < self._lowest or mine.max() > self._highest:
+            misfit = int(np.argmax((mine < self._lowest) | (mine > self._highest)))
+            raise _misfit(self._channels[misfit], int(mine[misfit]))
+
+    def set(self, raws: IntArray) -> None:
+        mine = raws[self._places]
+        self._values[:] = mine if self._scales is None else mine * self._scales
+        self._call(self._function, *self._arguments)
+
+    def _fail(self, wrong: Any, out: IntArray, values: Any) -> None:
+        """ChannelsFailed for the readings that are no raw integers; the others stand."""
+        good = ~wrong
+        places = np.arange(len(out))[self._places]
+        out[places[good]] = values[good]
+        texts = [self.texts[i] for i in np.flatnonzero(wrong)]
+        causes = [f"the model gives {self._values[i]!s}" for i in np.flatnonzero(wrong)]
+        raise ChannelsFailed(dict(zip(texts, causes, strict=True)))
+
+
+def _check_directions(verb: str, channels: Sequence[FmuChannel]) -> None:
+    needed = Direction.INPUT if verb == "Get" else Direction.OUTPUT
+    for channel in channels:
+        if channel.kind == TICK:
+            raise DriverError("tick is the timer: it is read by itself" if verb == "Get" else "tick is an input")
+        if needed not in channel.direction:
+            raise DriverError(f"{channel.text} is an {'output' if verb == 'Get' else 'input'}")
+
+
+def _misfit(channel: FmuChannel, raw: int) -> DriverError:
+    return DriverError(f"{raw} does not fit {channel.text}: it takes {channel.lowest} to {channel.highest}")

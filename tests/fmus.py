@@ -1,0 +1,132 @@
+"""Builds the FMUs of the tests: the C tank of `peers/fmu_tank.c` for FMI 2.0 and 3.0, and models of PythonFMU."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import pytest
+
+SOURCE = Path(__file__).parent / "peers" / "fmu_tank.c"
+LIBRARY = {"linux": ".so", "darwin": ".dylib", "win32": ".dll"}
+
+# name, value reference, type of FMI 2.0, type of FMI 3.0, causality, variability, start
+VARIABLES = [
+    ("time", 0, "Real", "Float64", "independent", "continuous", None),
+    ("inflow", 1, "Real", "Float64", "input", "continuous", "0"),
+    ("time_constant", 2, "Real", "Float64", "parameter", "fixed", "2"),
+    ("gain", 3, "Real", "Float64", "parameter", "tunable", "1"),
+    ("tank.level", 4, "Real", "Float64", "output", "continuous", "0"),
+    ("count", 5, "Integer", "Int32", "input", "discrete", "0"),
+    ("doubled", 6, "Integer", "Int32", "output", "discrete", None),
+    ("enable", 7, "Boolean", "Boolean", "input", "discrete", "false"),
+    ("enabled", 8, "Boolean", "Boolean", "output", "discrete", None),
+    ("mode", 9, "Enumeration", "Enumeration", "input", "discrete", "1"),
+    ("mode_used", 10, "Enumeration", "Enumeration", "output", "discrete", None),
+    ("fault", 11, "Integer", "Int32", "parameter", "tunable", "0"),
+    ("odd", 12, "Real", "Float64", "output", "continuous", None),
+    ("steps", 13, "Integer", "Int32", "output", "discrete", None),
+    ("label", 14, "String", "String", "parameter", "fixed", "tank"),
+]
+"""Of both versions; "tank.level" starts exactly where it is told to."""
+ONLY_3 = [
+    ("small", 15, "Int8", "input", "0"),
+    ("small_out", 16, "Int8", "output", None),
+    ("big", 17, "UInt64", "input", "0"),
+    ("big_out", 18, "UInt64", "output", None),
+    ("single", 19, "Float32", "input", "0"),
+    ("single_out", 20, "Float32", "output", None),
+    ("wide", 21, "Int64", "input", "0"),
+    ("wide_out", 22, "Int64", "output", None),
+    ("word", 23, "UInt16", "input", "0"),
+    ("word_out", 24, "UInt16", "output", None),
+]
+
+
+def tank_fmu(folder: Path, version: int, *, extra: str = "", platform: str = "", attributes: str = "") -> Path:
+    """`tank2.fmu` or `tank3.fmu` in the folder; skips the test without a C compiler. `extra` is put among the
+    variables, `attributes` into the element CoSimulation; `platform` is the folder of its code."""
+    fmpy = pytest.importorskip("fmpy", reason="the driver fmu needs FMPy")
+    library = _compiled(folder, version, Path(fmpy.__file__).parent / "c-code")
+    file = folder / f"tank{version}{platform}.fmu"
+    where = platform or (fmpy.platform if version == 2 else fmpy.platform_tuple)
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("modelDescription.xml", (_xml2 if version == 2 else _xml3)(extra, attributes))
+        archive.write(library, f"binaries/{where}/tank{library.suffix}")
+        archive.writestr("resources/data.txt", "1")
+    return file
+
+
+def python_fmu(folder: Path, source: str, name: str) -> Path:
+    """An FMU that PythonFMU makes of this module."""
+    builder = pytest.importorskip("pythonfmu.builder", reason="PythonFMU is not installed")
+    (folder / f"{name}.py").write_text(source)
+    before = list(sys.path)
+    try:
+        built: Path = builder.FmuBuilder.build_FMU(folder / f"{name}.py", dest=folder)
+    finally:
+        sys.path[:] = before
+    return folder / built if not built.is_absolute() else built
+
+
+def _compiled(folder: Path, version: int, headers: Path) -> Path:
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None:
+        pytest.skip("the FMU of the tests needs a C compiler")
+    library = folder / f"tank{version}{LIBRARY.get(sys.platform, '.so')}"
+    if not library.exists():
+        words = [compiler, "-shared", "-fPIC", "-O1", f"-DFMI={version}", f"-I{headers}", str(SOURCE), "-lm"]
+        subprocess.run([*words, "-o", str(library)], check=True)
+    return library
+
+
+def _xml2(extra: str, attributes: str) -> str:
+    lines = []
+    for name, reference, kind, _, causality, variability, start in VARIABLES:
+        initial = ' initial="exact"' if name == "tank.level" else ""
+        given = f" start={quoteattr(start)}" if start is not None else ""
+        declared = ' declaredType="Mode"' if kind == "Enumeration" else ""
+        lines.append(f'<ScalarVariable name="{name}" valueReference="{reference}" causality="{causality}" '
+                     f'variability="{variability}"{initial}><{kind}{declared}{given}/></ScalarVariable>')  # fmt: skip
+    outputs = [i for i, each in enumerate(VARIABLES, 1) if each[4] == "output"]
+    return f"""<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="Tank" guid="{{tank}}">
+<CoSimulation modelIdentifier="tank" canHandleVariableCommunicationStepSize="true" {attributes}/>
+<TypeDefinitions><SimpleType name="Mode"><Enumeration><Item name="slow" value="1"/><Item name="fast" value="2"/>
+</Enumeration></SimpleType></TypeDefinitions>
+<LogCategories><Category name="logStatusError"/></LogCategories>
+<DefaultExperiment startTime="0" stepSize="0.1"/>
+<ModelVariables>{"".join(lines)}{extra}</ModelVariables>
+<ModelStructure><Outputs>{"".join(f'<Unknown index="{i}"/>' for i in outputs)}</Outputs></ModelStructure>
+</fmiModelDescription>"""
+
+
+def _xml3(extra: str, attributes: str) -> str:
+    lines, outputs = [], []
+    rows = [(name, ref, kind, causality, variability, start) for name, ref, _, kind, causality, variability, start
+            in VARIABLES]  # fmt: skip
+    rows += [(name, ref, kind, causality, "continuous" if kind == "Float32" else "discrete", start)
+             for name, ref, kind, causality, start in ONLY_3]  # fmt: skip
+    for name, reference, kind, causality, variability, start in rows:
+        head = f'<{kind} name="{name}" valueReference="{reference}" causality="{causality}" variability="{variability}"'
+        head += ' declaredType="Mode"' if kind == "Enumeration" else ""
+        if kind == "String":
+            lines.append(f'{head}><Start value="{start}"/></String>')
+            continue
+        head += ' initial="exact"' if name == "tank.level" else ""
+        lines.append(f"{head}{f' start={quoteattr(start)}' if start is not None else ''}/>")
+        outputs += [reference] if causality == "output" else []
+    return f"""<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="3.0" modelName="Tank" instantiationToken="{{tank}}">
+<CoSimulation modelIdentifier="tank" canHandleVariableCommunicationStepSize="true" {attributes}/>
+<TypeDefinitions><EnumerationType name="Mode"><Item name="slow" value="1"/><Item name="fast" value="2"/>
+</EnumerationType></TypeDefinitions>
+<LogCategories><Category name="logStatusError"/></LogCategories>
+<DefaultExperiment startTime="0" stepSize="0.1"/>
+<ModelVariables>{"".join(lines)}{extra}</ModelVariables>
+<ModelStructure>{"".join(f'<Output valueReference="{i}"/>' for i in outputs)}</ModelStructure>
+</fmiModelDescription>"""
