@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import subprocess
 import sys
 import tomllib
 from pathlib import Path
@@ -31,12 +32,15 @@ def in_an_empty_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 
 def write_files(page: Path, folder: Path) -> None:
-    """The blocks that name a file: ```python objects.py, ```toml wiring/bench.toml."""
+    """The blocks that name a file: ```python objects.py, ```toml wiring/bench.toml; then what `$ pythonfmu` builds."""
     for language in ("python", "toml"):
         for rest, text in blocks(page, language):
             if "." in rest:
                 (folder / rest).parent.mkdir(exist_ok=True)
                 (folder / rest).write_text(text)
+    for _, text in blocks(page, "console"):
+        for line in re.findall(r"^\$ pythonfmu (.*)$", text, re.M):
+            subprocess.run([sys.executable, "-m", "pythonfmu", *shlex.split(line)], cwd=folder, check=True)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
