@@ -30,9 +30,10 @@ VARIABLES = [
     ("fault", 11, "Integer", "Int32", "parameter", "tunable", "0"),
     ("odd", 12, "Real", "Float64", "output", "continuous", None),
     ("steps", 13, "Integer", "Int32", "output", "discrete", None),
+    ("broken", 25, "Real", "Float64", "input", "continuous", "0"),
     ("label", 14, "String", "String", "parameter", "fixed", "tank"),
 ]
-"""Of both versions; "tank.level" starts exactly where it is told to."""
+"""Of both versions; "tank.level" starts exactly where it is told to, the model refuses any value of "broken"."""
 ONLY_3 = [
     ("small", 15, "Int8", "input", "0"),
     ("small_out", 16, "Int8", "output", None),
@@ -45,6 +46,51 @@ ONLY_3 = [
     ("word", 23, "UInt16", "input", "0"),
     ("word_out", 24, "UInt16", "output", None),
 ]
+
+
+PYTHON_TANK = '''
+from pythonfmu import Boolean, Fmi2Causality, Fmi2Slave, Fmi2Variability, Integer, Real
+
+
+class PythonTank(Fmi2Slave):
+    """level' = (inflow - level) / time_constant, by steps of Euler."""
+
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.inflow, self.level, self.time_constant, self.open, self.steps = 0.0, 0.0, 2.0, False, 0
+        self.register_variable(Real("inflow", causality=Fmi2Causality.input))
+        self.register_variable(Boolean("open", causality=Fmi2Causality.input))
+        self.register_variable(Real("time_constant", causality=Fmi2Causality.parameter,
+                                    variability=Fmi2Variability.tunable))
+        self.register_variable(Real("level", causality=Fmi2Causality.output))
+        self.register_variable(Integer("steps", causality=Fmi2Causality.output))
+
+    def do_step(self, time, size):
+        if self.level > 3.0:
+            raise ValueError("the tank overflows")
+        self.level += size * ((self.inflow if self.open else 0.0) - self.level) / self.time_constant
+        self.steps += 1
+        return True
+'''
+
+PYTHON_LOOPS = """
+from pythonfmu import Boolean, Fmi2Causality, Fmi2Slave, Fmi2Variability, Real
+
+
+class PythonLoops(Fmi2Slave):
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.enable, self.level = False, 0.0
+        discrete = {"variability": Fmi2Variability.discrete}
+        self.register_variable(Boolean("enable", causality=Fmi2Causality.input, **discrete))
+        self.register_variable(
+            Boolean("enabled", causality=Fmi2Causality.output, getter=lambda: self.enable, **discrete))
+        self.register_variable(Real("level", causality=Fmi2Causality.input))
+        self.register_variable(Real("level_out", causality=Fmi2Causality.output, getter=lambda: self.level))
+
+    def do_step(self, time, size):
+        return True
+"""
 
 
 def tank_fmu(folder: Path, version: int, *, extra: str = "", platform: str = "", attributes: str = "") -> Path:

@@ -155,5 +155,3 @@ class Careful(Driver[Place]):
         failed = {c.text: f"status {status}" for c, (status, _) in zip(channels, answer, strict=True) if status}
         if failed:
             raise ChannelsFailed(failed)
-
-

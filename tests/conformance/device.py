@@ -36,7 +36,7 @@ class Device:
     """in:N reads what out:N is at; in:8 and above are constant. One thread serves all clients."""
 
     def __init__(self, clients: int = 99) -> None:
-        self.raws = {place: 0 for place in range(HIGHEST)} | {40 + i: 1000 + 77 * i for i in range(8)}
+        self.raws = dict.fromkeys(range(HIGHEST), 0) | {40 + i: 1000 + 77 * i for i in range(8)}
         self.host, self.port = "127.0.0.1", 0
         self._clients = clients
         self._levels = {place: deque([0], maxlen=1000) for place in range(32)}
@@ -117,5 +117,3 @@ class Device:
                 self._levels[place].append(raw)
         looped = place - 32 if 32 <= place < 40 else place
         return 0, self.raws[looped]
-
-

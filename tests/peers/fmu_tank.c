@@ -8,7 +8,7 @@
 #include <string.h>
 
 enum { TIME, INFLOW, TIME_CONSTANT, GAIN, LEVEL, COUNT, DOUBLED, ENABLE, ENABLED, MODE, MODE_USED, FAULT, ODD, STEPS,
-       LABEL, SMALL, SMALL_OUT, BIG, BIG_OUT, SINGLE, SINGLE_OUT, WIDE, WIDE_OUT, WORD, WORD_OUT };
+       LABEL, SMALL, SMALL_OUT, BIG, BIG_OUT, SINGLE, SINGLE_OUT, WIDE, WIDE_OUT, WORD, WORD_OUT, BROKEN };
 
 typedef struct {
     void *environment, *log;
@@ -29,6 +29,7 @@ static int finite_double(int vr, const Tank *m, double *value) {
     case GAIN: *value = m->gain; return 0;
     case LEVEL: *value = m->level; return 0;
     case ODD: *value = odd; return m->count == 16 ? 2 : m->count == 17 ? 3 : 0;
+    case BROKEN: return 2;
     case SINGLE: case SINGLE_OUT: *value = m->single; return 0;
     default: return 3;
     }
@@ -44,6 +45,7 @@ static int set_double(int vr, Tank *m, double value) {
     case GAIN: m->gain = value; return 0;
     case LEVEL: m->level = value; return 0;
     case SINGLE: m->single = value; return 0;
+    case BROKEN: return say(m, 2, "%g is refused", value);
     default: return 3;
     }
 }

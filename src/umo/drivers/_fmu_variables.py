@@ -19,8 +19,8 @@ from umo.errors import ChannelError, DriverError, WiringError
 from umo.text import MOST
 
 TICK = "tick"
-EXACT = 54
-"""Width of a float's raw integer, sign included: all of them are exact in a double."""
+WIDTH = 48
+"""Bits of a float's raw integer, with sign. Times a scale and divided by it in doubles, each of them comes back."""
 FLOATS = ("Real", "Float64", "Float32")
 INTEGERS: Mapping[str, tuple[int, bool]] = {
     "Boolean": (1, False),
@@ -164,7 +164,7 @@ def _raw(description: Any, variable: Any, text: str) -> tuple[str, int, bool]:
     if variable.dimensions:
         raise WiringError(f"{text} is an array; umo takes single variables")
     if kind in FLOATS:
-        return kind, EXACT, True
+        return kind, WIDTH, True
     if kind not in INTEGERS:
         raise WiringError(f"{text} is a {kind}; umo takes floats, integers, booleans and enumerations")
     return kind, *INTEGERS[kind]

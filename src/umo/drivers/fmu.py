@@ -34,8 +34,8 @@ class Fmu(Driver[FmuChannel]):
         substeps: steps of the model in one period.
 
     `open` unpacks the file into a temporary folder, loads its library and initialises the model: every opening begins
-    at the model's start time. Values are set and read between steps, all of one type in one call of FMI. A raw integer
-    of a float has 54 bits, so each is exact in a double; readings are rounded, half to even.
+    at the model's start time. Values are set and read between steps, all of one type in one call of FMI. The raw integer
+    of a float has 48 bits with its sign; readings are rounded, half to even.
 
     Errors: DriverError with the model's own message. After an error, or a step that it could not complete, the model
     cannot be used until it is opened again. A value that is NaN, infinite or too large fails for its channel alone. A
