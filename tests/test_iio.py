@@ -22,7 +22,7 @@ from umo import (
     check,
 )
 from umo.drivers import _iio_device
-from umo.drivers._iio_scan import LENGTH, Layout, ScanType
+from umo.drivers._iio_scan import LENGTH, ScanLayout, ScanType
 from umo.drivers.contract import PhysicalScale
 from umo.drivers.iio import Iio
 
@@ -254,7 +254,7 @@ def test_every_value_that_a_type_can_hold_is_decoded(data):
 
 def test_elements_are_aligned_to_their_size_in_the_order_of_their_index():
     kinds = {"a": (0, "le:u16/16>>0"), "c": (5, "le:s64/64>>0"), "b": (1, "le:u8/8>>0")}
-    layout = Layout.of((name, index, ScanType.parse(text)) for name, (index, text) in kinds.items())
+    layout = ScanLayout.of((name, index, ScanType.parse(text)) for name, (index, text) in kinds.items())
     assert {name: at for name, (at, _) in layout.places.items()} == {"a": 0, "b": 2, "c": 8}
     assert layout.size == 16
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from umo import ChannelError, ChannelsFailed, DeviceTimeout, Direction, DriverError, WiringError
 from umo.drivers._register_driver import RegisterDriver
 from umo.drivers._register_plan import plan
-from umo.drivers._registers import LARGEST, WIDTHS, RegisterChannel, RegisterMap
+from umo.drivers._registers import LARGEST, WIDTHS, ChipRegisters, RegisterChannel
 
 TABLES: dict[str, dict[str, Any]] = {
     "who": {"address": 0x0F, "access": "r"},
@@ -29,8 +29,8 @@ TABLES: dict[str, dict[str, Any]] = {
 }
 
 
-def table(tables: dict[str, dict[str, Any]] = TABLES, **options: Any) -> RegisterMap:
-    return RegisterMap(tables, **{"address_bits": 8, "paged": False, "bytewise": False} | options)
+def table(tables: dict[str, dict[str, Any]] = TABLES, **options: Any) -> ChipRegisters:
+    return ChipRegisters(tables, **{"address_bits": 8, "paged": False, "bytewise": False} | options)
 
 
 class Chip(RegisterDriver):

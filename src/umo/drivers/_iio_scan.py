@@ -52,14 +52,14 @@ class ScanType(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Layout:
+class ScanLayout:
     """The record of some enabled channels: each element at a multiple of its own size, in the order of its index."""
 
     places: dict[str, tuple[int, ScanType]]
     size: int
 
     @classmethod
-    def of(cls, elements: Iterable[tuple[str, int, ScanType]]) -> Layout:
+    def of(cls, elements: Iterable[tuple[str, int, ScanType]]) -> ScanLayout:
         """From (channel, index, type) of each."""
         places, end, widest = {}, 0, 1
         for name, _, kind in sorted(elements, key=lambda element: element[1]):
@@ -99,7 +99,7 @@ class Scan:
         self._folder = folder
         self._file = _iio_device.place(folder)
         self._clock = clock
-        self._layout = Layout.of(element(folder, channel) for channel in sorted(self.channels))
+        self._layout = ScanLayout.of(element(folder, channel) for channel in sorted(self.channels))
         self._values: dict[str, int] = {}
         self._taken = self._drained = clock()
         with opening(self._file):

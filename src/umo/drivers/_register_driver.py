@@ -10,8 +10,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from umo.drivers._register_plan import Block, plan
-from umo.drivers._registers import Register, RegisterChannel, RegisterMap, whole
+from umo.drivers._register_plan import RegisterBlock, plan
+from umo.drivers._registers import ChipRegisters, Register, RegisterChannel, whole
 from umo.drivers.contract import Direction, Driver, IntArray
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, WiringError
 
@@ -38,7 +38,7 @@ class RegisterDriver(Driver[RegisterChannel]):
     ) -> None:
         if page_register is not None:
             whole("page_register", page_register, 0, (1 << address_bits) - 1)
-        self._map = RegisterMap(
+        self._map = ChipRegisters(
             registers, address_bits=address_bits, paged=page_register is not None, bytewise=auto_increment
         )
         self._page_register = page_register
@@ -74,7 +74,7 @@ class RegisterDriver(Driver[RegisterChannel]):
     def read_many(self, channels: Sequence[RegisterChannel], out: IntArray) -> None:
         self._begin()
 
-        def take(block: Block) -> None:
+        def take(block: RegisterBlock) -> None:
             data = self._read_block(block.page, block.address, block.size)
             for register, start, placed in block.parts:
                 contents = register.unpack(data[start : start + register.size])
@@ -91,7 +91,7 @@ class RegisterDriver(Driver[RegisterChannel]):
             channel.check(raw)
         self._begin()
 
-        def put(block: Block) -> None:
+        def put(block: RegisterBlock) -> None:
             contents = {part.register: self._contents(part.register, part.channels, raws) for part in block.parts}
             data = b"".join(register.pack(value) for register, value in contents.items())
             self._write_block(block.page, block.address, data)
@@ -167,8 +167,8 @@ class RegisterDriver(Driver[RegisterChannel]):
         self._connected = self._broken = False
         self._disconnect()
 
-    def _each(self, blocks: Sequence[Block], carry_out: Callable[[Block], None]) -> None:
-        """Block after block. One that fails does not stop the others, except by a timeout."""
+    def _each(self, blocks: Sequence[RegisterBlock], carry_out: Callable[[RegisterBlock], None]) -> None:
+        """RegisterBlock after block. One that fails does not stop the others, except by a timeout."""
         failed: dict[str, Exception] = {}
         for block in blocks:
             try:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from umo.drivers._registers import Register, RegisterChannel
 
 
-class Part(NamedTuple):
+class BlockPart(NamedTuple):
     """A register in a block: where its bytes begin, and its channels with their places among the values of the call."""
 
     register: Register
@@ -16,20 +16,20 @@ class Part(NamedTuple):
     channels: tuple[tuple[int, RegisterChannel], ...]
 
 
-class Block(NamedTuple):
+class RegisterBlock(NamedTuple):
     """Registers that follow each other: one transfer."""
 
     page: int | None
     address: int
     size: int
-    parts: tuple[Part, ...]
+    parts: tuple[BlockPart, ...]
 
     @property
     def first(self) -> int:
         return min(i for part in self.parts for i, _ in part.channels)
 
 
-def plan(channels: Sequence[RegisterChannel], *, joined: bool, longest: int) -> tuple[Block, ...]:
+def plan(channels: Sequence[RegisterChannel], *, joined: bool, longest: int) -> tuple[RegisterBlock, ...]:
     """Each register once, with all of its fields. `joined`: those that follow each other go in one block of at most
     `longest` bytes. Blocks are in the order of the channels."""
     of: dict[Register, list[tuple[int, RegisterChannel]]] = {}
@@ -50,7 +50,7 @@ def _follows(register: Register, run: list[Register]) -> bool:
     return register.page == run[-1].page and register.address == run[-1].address + run[-1].size
 
 
-def _block(run: list[Register], of: dict[Register, list[tuple[int, RegisterChannel]]]) -> Block:
+def _block(run: list[Register], of: dict[Register, list[tuple[int, RegisterChannel]]]) -> RegisterBlock:
     first, last = run[0], run[-1]
-    parts = tuple(Part(register, register.address - first.address, tuple(of[register])) for register in run)
-    return Block(first.page, first.address, last.address - first.address + last.size, parts)
+    parts = tuple(BlockPart(register, register.address - first.address, tuple(of[register])) for register in run)
+    return RegisterBlock(first.page, first.address, last.address - first.address + last.size, parts)

@@ -103,7 +103,7 @@ class RegisterChannel(Channel):
             raise DriverError(f"{raw} does not fit {self.text}: it takes {self.lowest} to {self.highest}")
 
 
-class RegisterMap:
+class ChipRegisters:
     """The registers of a chip by name, from the wiring's `[drivers.NAME.registers]`; WiringError names what is wrong.
 
     `address_bits`: width of an address. `paged`: the driver has a page register. `bytewise`: see RegisterChannel.

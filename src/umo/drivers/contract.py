@@ -7,7 +7,7 @@ from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from enum import Flag
 from operator import index
-from typing import Any, Generic
+from typing import Any, Generic, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -55,6 +55,15 @@ class Channel:
     @property
     def highest(self) -> int:
         return (1 << (self.bits - 1 if self.signed else self.bits)) - 1
+
+
+class PhysicalScale(NamedTuple):
+    """What a raw integer of a channel stands for, as the circuit itself knows it: raw * resolution + zero_offset."""
+
+    resolution: float
+    zero_offset: float
+    units: str
+    """As pint knows them: "mV", "degC"."""
 
 
 C = TypeVar("C", bound=Channel, default=Channel)
@@ -109,6 +118,11 @@ class Driver(ABC, Generic[C]):
         """The hardware that the driver uses, such as "modbus tcp 192.168.0.7:502". The text must be the same for every
         spelling of one device: one process holds a device at a time. Empty: a simulation. Called before `open`."""
         return ()
+
+    def physical_scale(self, channel: C) -> PhysicalScale | None:
+        """The scale that the circuit itself gives for a channel; None: unknown, or the device is not there. The wiring
+        is checked against it where the object has units of the same dimension. May be called before `open`."""
+        return None
 
     def read_many(self, channels: Sequence[C], out: IntArray) -> None:
         """Read all channels into `out`, in place: the sensors of one period, if possible in one bus transfer.

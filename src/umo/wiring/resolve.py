@@ -220,6 +220,7 @@ class _Resolver:
         calibration = self._calibration(key, item, entry)
         wire = Wire(item, driver, channel, calibration)
         self._check_raws(key, item, wire)
+        self._check_scale(key, item, wire)
         return wire
 
     def _check_place(self, wire: Wire) -> None:
@@ -304,6 +305,16 @@ class _Resolver:
             if not lowest <= raw <= highest:
                 text = f"{raw} cannot be read: channel {channel.text!r} has {lowest} to {highest}"
                 self.source.fault(f"{key}.invalid_raws", text)
+
+    def _check_scale(self, key: str, item: Digital, wire: Wire) -> None:
+        """Against the scale that the circuit itself gives, if it gives one."""
+        try:
+            given = wire.driver.physical_scale(wire.channel)
+        except Exception as error:  # of the driver's code
+            self.source.fault(f"{key}.channel", f"its scale cannot be read: {reason_of(error)}")
+            return
+        if given is not None and wire.scale[0] and (text := wire.mismatch(given, item.units)):
+            self.source.fault(key, text)
 
     # Time and parameters -------------------------------------------------------------------------------
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from umo.drivers.contract import Channel, Driver
+from umo.drivers.contract import Channel, Driver, PhysicalScale
 from umo.drivers.faulty import Injection
+from umo.errors import DeclarationError, RangeError
 from umo.objects import Compound
 from umo.objects.atomic import Atomic, Binary, Calibration, Digital
 from umo.objects.linearization import Linearization
 from umo.objects.scaling import raw_bounds, to_raw, to_value
+from umo.objects.units import convert
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +87,24 @@ class Wire:
         """The value that a raw integer stands for."""
         x = to_value(raw, *self.scale)
         return x if self.linearization is None else self.linearization.to_value(x)
+
+    def mismatch(self, given: PhysicalScale, units: str) -> str:
+        """What is wrong with the wired scale if the circuit's own one differs from it by more than half a raw step
+        anywhere in the range. Empty: it fits, or the two cannot be compared (other dimensions, a linearization)."""
+        if self.linearization is not None:
+            return ""
+        try:
+            zero, one = (convert(n * given.resolution + given.zero_offset, given.units, units) for n in (0, 1))
+            raws = [to_raw(end, *self.scale) for end in self.ends]
+        except (DeclarationError, RangeError, OverflowError):
+            return ""
+        apart = max(abs(zero + raw * (one - zero) - self.value(raw)) for raw in raws)
+        if apart <= abs(self.scale[0]) / 2 * (1 + 1e-9):
+            return ""
+        own = f"resolution = {one - zero:.9g}, zero_offset = {zero:.9g}"
+        return (
+            f"the wired scale is up to {apart:.3g} {units} off that of the circuit, channel {self.channel.text}: {own}"
+        )
 
     @property
     def name(self) -> str:
