@@ -85,6 +85,16 @@ def write(driver: Driver, **raws: int) -> None:
         {"unit": True},
         {"word_order": "middle"},
         {"watchdog_register": 65536},
+        {"baudrate": 9600},
+        {"parity": "even"},
+        {"stop_bits": 1},
+        {"rs485": True},
+        {"skip_unchanged": "soon"},
+        {"skip_unchanged": 0},
+        {"recovery": "-1 s"},
+        {"recovery": "2 h"},
+        {"recovery": True},
+        {"recovery": float("nan")},
     ],
 )
 def test_an_option_beyond_its_range_is_a_wiring_error_before_anything_is_opened(options: Any) -> None:
@@ -174,6 +184,7 @@ def test_every_type_of_channel_reads_what_the_device_holds(start: Start, connect
     driver = connected(start(), word_order=order)
     texts = ["coil:3", "coil:4", "discrete:8", "discrete:10"]
     texts += [f"{table}:{i}:{kind}" for table in ("holding", "input") for i, kind in enumerate(modbus_types(), 3)]
+    texts += ["holding:15:float32:1e3", "input:15:float32:1e3"]
     wanted = [
         value(channel, CELL[channel.table.name], little=order == "little") for channel in map(driver.channel, texts)
     ]
@@ -183,15 +194,20 @@ def test_every_type_of_channel_reads_what_the_device_holds(start: Start, connect
 
 
 def modbus_types() -> list[str]:
-    return ["uint16", "int16", "uint32", "int32", "int16", "int32"]
+    return ["uint16", "int16", "uint32", "int32", "int16", "int32", "int64", "uint16"]
 
 
 @pytest.mark.parametrize("order", ["big", "little"])
 def test_every_type_of_channel_keeps_what_was_written(start: Start, connected: Connect, order: str) -> None:
     driver = connected(start(), word_order=order)
     texts = ["coil:1", "holding:0", "holding:1:int16", "holding:2:uint32", "holding:4:int32", "holding:9:int16"]
+    texts += ["holding:10:int64", "holding:14:float32:0.001", "holding:20:float64:1e-6"]
     channels = [driver.channel(text) for text in texts]
-    for raws in ([c.lowest for c in channels], [c.highest for c in channels], [1, 2, -3, 0x12345678, -2, 7]):
+    for raws in (
+        [c.lowest for c in channels],
+        [c.highest for c in channels],
+        [1, 2, -3, 0x12345678, -2, 7, -8, 9, -10],
+    ):
         driver.write_many(channels, np.array(raws, np.int64))
         assert read(driver, *texts) == raws
         for channel, raw in zip(channels, raws, strict=True):

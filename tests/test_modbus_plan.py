@@ -15,7 +15,7 @@ from umo.drivers.contract import Direction
 from umo.drivers.modbus import Modbus
 from umo.drivers.modbus.channel import FORMS, TABLES, ModbusChannel, parse
 from umo.drivers.modbus.plan import Request, plan_reads, plan_writes
-from umo.errors import ChannelError, DriverError
+from umo.errors import ChannelError, ChannelsFailed, DriverError
 
 # Channels -----------------------------------------------------------------------------------------
 
@@ -31,6 +31,10 @@ from umo.errors import ChannelError, DriverError
         ("holding:65534:uint32", Direction.BOTH, 32, False),
         ("input:65535", Direction.INPUT, 16, False),
         ("input:0:int32", Direction.INPUT, 32, True),
+        ("holding:65532:uint64", Direction.BOTH, 64, False),
+        ("input:4:int64", Direction.INPUT, 64, True),
+        ("holding:0:float32:0.001", Direction.BOTH, 24, True),
+        ("input:8:float64:1e-6", Direction.INPUT, 52, True),
     ],
 )
 def test_a_channel_knows_its_direction_and_its_range(text: str, direction: Direction, bits: int, signed: bool) -> None:
@@ -55,6 +59,18 @@ def test_a_channel_knows_its_direction_and_its_range(text: str, direction: Direc
         "discrete:1:uint16",
         "holding:65535:uint32",
         "holding:1:float32",
+        "holding:1:float32:",
+        "holding:1:float32:0",
+        "holding:1:float32:0.0",
+        "holding:1:float32:-1",
+        "holding:1:float32:nan",
+        "holding:1:float64:1e",
+        "holding:1:float64:1e13",
+        "holding:1:float64:1e-13",
+        "holding:1:uint16:0.1",
+        "holding:65533:uint64",
+        "holding:65535:float32:1",
+        "coil:1:float32:1",
         "holding:1:",
         "input:0x10",
         "input:٣",
@@ -66,7 +82,9 @@ def test_any_other_text_is_refused_with_the_forms_that_there_are(text: str) -> N
     assert all(form in str(caught.value) for form in FORMS)
 
 
-NEAR_MISSES = st.from_regex(r"(coil|discrete|holding|input|dio)?:?[0-9-]{0,6}(:u?int(8|16|32|64))?")
+NEAR_MISSES = st.from_regex(
+    r"(coil|discrete|holding|input|dio)?:?[0-9-]{0,6}(:u?int(8|16|32|64)|:float(16|32|64)(:[0-9.e-]{0,4})?)?"
+)
 
 
 @given(st.text() | NEAR_MISSES)
@@ -84,8 +102,8 @@ def test_every_text_is_a_channel_or_a_channel_error(text: str) -> None:
 
 
 def channels_of(tables: Sequence[str]) -> st.SearchStrategy[list[ModbusChannel]]:
-    kinds = st.sampled_from(["", "", ":int16", ":uint32", ":int32"])
-    addresses = st.integers(0, 40) | st.integers(0, 3000) | st.integers(65500, 65534)
+    kinds = st.sampled_from(["", "", ":int16", ":uint32", ":int32", ":int64"])
+    addresses = st.integers(0, 40) | st.integers(0, 3000) | st.integers(65500, 65532)
 
     def text(table: str, address: int, kind: str) -> str:
         return f"{table}:{address}{kind if table in ('holding', 'input') else ''}"
@@ -136,11 +154,11 @@ def test_reads_touch_no_unnamed_cell_unless_gaps_are_bridged(channels: list[Modb
 def test_a_plan_of_writes_does_what_writing_one_after_the_other_does(
     channels: list[ModbusChannel], data: st.DataObject
 ) -> None:
-    raws = [each.lowest + data.draw(st.integers(0, 2**32)) % 2**each.bits for each in channels[:40]]
+    raws = [each.lowest + data.draw(st.integers(0, 2**64)) % 2**each.bits for each in channels[:40]]
     raws += [i % 2 for i in range(len(channels) - len(raws))]
     wanted: dict[tuple[str, int], int] = {}
     for channel, raw in zip(channels, raws, strict=True):
-        words = struct.unpack(">HH", struct.pack(">Q", raw & 2**64 - 1)[4:])
+        words = struct.unpack(">HHHH", struct.pack(">Q", raw & 2**64 - 1))
         for cell, word in zip(range(channel.address, channel.end), words[-channel.cells :], strict=True):
             wanted[channel.table.name, cell] = word
     written: dict[tuple[str, int], int] = {}
@@ -178,3 +196,69 @@ def test_a_value_that_does_not_fit_is_refused_and_not_cut_off() -> None:
 )
 def test_channels_that_share_a_cell_are_two_objects_on_one_channel(one: str, other: str, overlap: bool) -> None:
     assert bool(set(parse(one).places) & set(parse(other).places)) is overlap
+
+
+# 64 bits and floats --------------------------------------------------------------------------------
+
+SCALES = st.sampled_from(["1", "0.001", "0.1", "1e-6", "250", "0.0254"])
+
+
+@settings(max_examples=300)
+@given(st.sampled_from(["float32", "float64"]), SCALES, st.booleans(), st.data())
+def test_a_float_keeps_every_raw_integer_of_its_channel_exactly(
+    kind: str, scale: str, little: bool, data: st.DataObject
+) -> None:
+    channel = parse(f"holding:0:{kind}:{scale}", little=little)
+    ends = st.sampled_from([channel.lowest, channel.highest, channel.highest - 1, 0, -1])
+    raw = data.draw(ends | st.integers(channel.lowest, channel.highest))
+    words = channel.words(raw)
+    assert value(channel, words.__getitem__, little=little) == raw
+    assert channel.raw(words) == raw
+
+
+@pytest.mark.parametrize(
+    ("text", "packing", "number", "raw"),
+    [
+        ("input:0:float32:0.001", ">f", 1.2344, 1234),
+        ("input:0:float32:0.001", ">f", -1.2346, -1235),
+        ("input:0:float64:0.5", ">d", 1e15, 2 * 10**15),
+        ("input:0:float32:1", ">f", 2.5e9, 2_500_000_000),
+        ("input:0:uint64", ">Q", 2**63 - 1, 2**63 - 1),
+        ("input:0:int64", ">q", -(2**63), -(2**63)),
+    ],
+)
+def test_the_raw_integer_of_a_float_is_its_value_divided_by_the_scale(
+    text: str, packing: str, number: float, raw: int
+) -> None:
+    channel = parse(text)
+    assert channel.raw(struct.unpack(f">{channel.cells}H", struct.pack(packing, number))) == raw
+
+
+@pytest.mark.parametrize(
+    ("text", "packing", "number", "words"),
+    [
+        ("input:0:float32:0.001", ">f", float("nan"), "input:0:float32:0.001 reads nan, for which there is no raw"),
+        ("input:0:float32:0.001", ">f", float("-inf"), "input:0:float32:0.001 reads -inf"),
+        ("input:0:float32:0.001", ">f", 1e30, "reads 1e[+]30, for which there is no raw integer"),
+        ("input:0:float64:1e-9", ">d", 1e300, "reads 1e[+]300, for which there is no raw integer"),
+        ("input:0:float64:1", ">d", 2.0**63, "for which there is no raw integer"),
+        ("input:0:uint64", ">Q", 2**63, "input:0:uint64 reads 9223372036854775808, more than the 63 bits"),
+    ],
+)
+def test_what_is_not_a_raw_integer_fails_for_its_channel_and_the_others_stand(
+    text: str, packing: str, number: float, words: str
+) -> None:
+    channels = [parse(text), parse("input:4"), parse("input:5:int16")]
+    (request,) = plan_reads(channels, bridge_gaps=True)
+    wrong = struct.unpack(f">{channels[0].cells}H", struct.pack(packing, number))
+    out = np.full(3, -99, np.int64)
+    with pytest.raises(ChannelsFailed, match=words) as caught:
+        request.decode([*wrong, *[0] * (4 - len(wrong)), 7, 65535], out)
+    assert list(caught.value.causes) == [text]
+    assert out.tolist() == [-99, 7, -1]
+
+
+@pytest.mark.parametrize("raw", [2**23, -(2**23) - 1])
+def test_a_value_that_a_float_cannot_carry_exactly_is_refused(raw: int) -> None:
+    with pytest.raises(DriverError, match=f"{raw} does not fit holding:0:float32:0.1: it takes -8388608 to 8388607"):
+        parse("holding:0:float32:0.1").words(raw)

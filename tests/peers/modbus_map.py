@@ -29,9 +29,9 @@ CELL = {"coil": coil, "discrete": discrete, "holding": holding, "input": input_r
 
 def value(channel: ModbusChannel, cell: Callable[[int], int], *, little: bool = False) -> int:
     """What a channel should read, by struct and not by the driver's own arithmetic."""
-    if channel.cells == 2:
-        words = cell(channel.address), cell(channel.address + 1)
-        packed = struct.pack(">HH", *(reversed(words) if little else words))
-        return int(struct.unpack(">i" if channel.signed else ">I", packed)[0])
-    word = cell(channel.address)
-    return int(struct.unpack(">h" if channel.signed else ">H", struct.pack(">H", word))[0])
+    words = [cell(channel.address + i) for i in range(channel.cells)]
+    packed = struct.pack(f">{channel.cells}H", *(reversed(words) if little else words))
+    if channel.scale:
+        return round(struct.unpack(">f" if channel.cells == 2 else ">d", packed)[0] / channel.scale)
+    code = {1: "h", 2: "i", 4: "q"}[channel.cells]
+    return int(struct.unpack(">" + (code if channel.signed else code.upper()), packed)[0])

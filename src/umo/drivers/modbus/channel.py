@@ -61,11 +61,13 @@ FORMS = (
     "discrete:N",
     "holding:N[:TYPE]",
     "input:N[:TYPE] (N 0 to 65535; TYPE uint16, int16, uint32, int32, uint64 or int64, float32:SCALE or float64:SCALE "
-    "with the scale above 0; 32 bits take N and N + 1, 64 bits N to N + 3)",
+    "with a scale of 1e-12 to 1e12; 32 bits take N and N + 1, 64 bits N to N + 3)",
 )
 
 _NUMBER = r"(0|[1-9][0-9]{0,4})"
-_SCALE = r"[0-9]{1,12}(?:\.[0-9]{1,12})?(?:e-?[0-9]{1,2})?"
+_SCALE = r"[0-9]{1,13}(?:\.[0-9]{1,13})?(?:e-?[0-9]{1,2})?"
+_SCALES = 1e-12, 1e12
+"""So that the raw integers of every float channel lie within the floats that carry all their digits."""
 _TEXT = re.compile(
     rf"(coil|discrete):{_NUMBER}|(holding|input):{_NUMBER}(?::(u?int(?:16|32|64))|:(float(?:32|64)):({_SCALE}))?"
 )
@@ -117,7 +119,7 @@ class ModbusChannel(Channel):
         if not self.lowest <= raw <= self.highest:
             raise DriverError(f"{raw} does not fit {self.text}: it takes {self.lowest} to {self.highest}")
         if self.scale:
-            raw = int.from_bytes(self._packed(raw), "big")
+            raw = int.from_bytes(struct.pack(self._packing, raw * self.scale), "big")
         words = [raw >> shift & 0xFFFF for shift in range(0, 16 * self.cells, 16)]
         return words if self.little else words[::-1]
 
@@ -132,12 +134,6 @@ class ModbusChannel(Channel):
             raise DriverError(f"{self.text} reads {value:g}, for which there is no raw integer")
         return raw
 
-    def _packed(self, raw: int) -> bytes:
-        try:
-            return struct.pack(self._packing, raw * self.scale)
-        except OverflowError:
-            raise DriverError(f"{raw} does not fit {self.text}: {raw * self.scale:g} is beyond its float") from None
-
 
 def parse(text: str, *, little: bool = False, unit: int = 1) -> ModbusChannel:
     """The channel that the text names; `little`: the low word of several comes first."""
@@ -148,7 +144,7 @@ def parse(text: str, *, little: bool = False, unit: int = 1) -> ModbusChannel:
     table, address = TABLES[bit or word], int(bit_address or word_address)
     kind = BIT if bit else TYPES[integer or floating or "uint16"]
     size = float(scale) if scale else 0.0
-    if address + kind.cells - 1 > HIGHEST_ADDRESS or (scale and not 0.0 < size < math.inf):
+    if address + kind.cells - 1 > HIGHEST_ADDRESS or (scale and not _SCALES[0] <= size <= _SCALES[1]):
         raise ChannelError(text, FORMS)
     direction = Direction.BOTH if table.most_written else Direction.INPUT
     little = little and kind.cells > 1
