@@ -86,6 +86,11 @@ def _opened(place: Serial, deadline: float) -> Any:
                 sleep(_BUSY)
 
 
+def _is_pseudo(path: str) -> bool:
+    """A pseudo-terminal has no parity, and refuses it from the second time on."""
+    return os.path.realpath(path).startswith("/dev/pts/")
+
+
 def _open(place: Serial) -> Any:
     import termios
 
@@ -93,7 +98,7 @@ def _open(place: Serial) -> Any:
         port: Any = serial.Serial(  # type: ignore[attr-defined, no-untyped-call]
             place.path,
             place.baudrate,
-            parity=PARITIES[place.parity],
+            parity="N" if _is_pseudo(place.path) else PARITIES[place.parity],
             stopbits=place.stop_bits,
             timeout=0,
             exclusive=True,
@@ -106,7 +111,7 @@ def _open(place: Serial) -> Any:
     if place.rs485:
         try:
             port.rs485_mode = RS485Settings()  # type: ignore[no-untyped-call]
-        except (OSError, ValueError, NotImplementedError):
+        except (OSError, ValueError, NotImplementedError, termios.error):
             port.close()
             text = "its kernel driver does not switch the direction of RS-485; leave out rs485 = true"
             raise DriverError(f"{place.path}: {text}, if the adapter switches it by itself") from None
