@@ -25,7 +25,7 @@ class Recovering(Lost):
 
 
 class Refused(DriverError):
-    """The device answered by an exception: it is alive, and its other channels may be well."""
+    """The device answered by an exception, or this request was held back: the other requests may be well."""
 
 
 def answer_size(request: bytes) -> int:

@@ -65,8 +65,8 @@ class Modbus(Driver[ModbusChannel]):
             an error. Default: off, since many devices do not have the function.
         skip_unchanged: a request of a period whose values are those that were confirmed less than this time ago is
             not sent, such as "200 ms". Default: every period sends everything.
-        recovery: serial lines: a unit that did not answer is not asked again for this time. It must be longer than
-            the unit ever takes to answer. Default: "500 ms".
+        recovery: serial lines: after a request failed, the unit is not asked for the same function again for this
+            time. With `timeout`, it must be longer than the unit ever takes to answer. Default: "250 ms".
 
     All channels of a period move in as few requests as their addresses allow: the cells of one table that
     follow each other in one request, up to the protocol's maxima. Only addressed cells are written.
@@ -99,7 +99,7 @@ class Modbus(Driver[ModbusChannel]):
         bridge_gaps: bool = False,
         read_write: bool = False,
         skip_unchanged: str | float | None = None,
-        recovery: str | float = 0.5,
+        recovery: str | float = 0.25,
     ) -> None:
         self.place = place_of(host, port, serial, baudrate, parity, stop_bits, rs485)
         if isinstance(self.place, Host):

@@ -165,7 +165,7 @@ class Link:
         """A failure after which the connection cannot be trusted."""
         self._transport.failed(error)
         if isinstance(error, Recovering):
-            return DriverError(f"{self._name} is recovering: {error}")
+            return Refused(f"{self._name}: {what}: recovering: {error}")
         if not isinstance(error, TimedOut):
             return DriverError(f"{self._name}: {what}: {error}")
         limit = f"{self._timeout * 1000:g} ms"

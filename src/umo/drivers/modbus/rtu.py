@@ -1,10 +1,11 @@
 """The units of a serial line (Modbus over Serial Line V1.02, RTU).
 
 A frame has no number, so nothing in it tells a late answer from the answer to the next request of the same kind.
-Therefore a unit whose answer did not come, or came damaged, is not asked again for its `recovery` time, counted from
-the end of the request. What comes in meanwhile is discarded; the late answer itself ends the time early. Other units go
-on: an answer names its unit, so a late one is known from theirs. When the line is opened, the time runs for all units:
-another process, which has ended, may have asked them.
+Therefore a unit whose answer did not come in time, or came damaged, is not asked for the same function again for its
+`recovery` time. What comes in meanwhile is discarded; the late answer itself ends the time early. Other functions and
+other units go on: an answer names both, so a late one is known from theirs. Functions 5 and 6 go on too, as their
+answer repeats address and value. When the line is opened, the time runs for every unit: another process, which has
+ended, may have asked it.
 """
 
 from __future__ import annotations
@@ -25,13 +26,20 @@ from umo.errors import DriverError
 
 _LONGEST = 256
 _MOST = 16
+_UNMISTAKABLE = (5, 6)
+"""Functions whose answer repeats what was written: a late one of an earlier request has another address or value, or
+confirms that the same value was written."""
 _STEP = 0.005
 """s between two looks at a line while a unit recovers."""
 
 
+Asked = tuple[int, int]
+"""A unit and a function."""
+
+
 @dataclass(frozen=True)
 class Owed:
-    """An answer that may still come: to this request, sent at this time. No request: to whoever had the line before."""
+    """An answer that may still come: to this request, given up at this time. Without one: to another process."""
 
     request: bytes
     since: float
@@ -49,8 +57,8 @@ class Line:
         self._port: SerialPort | None = None
         self.opened = 0.0
         """When the port was."""
-        self._units: dict[int, Owed | None] = {}
-        """What the units owe that were asked since the line was opened."""
+        self._owed: dict[Asked, Owed | None] = {}
+        """What is owed by the units that were asked since the line was opened."""
         self._last = 0.0
         """When the last byte was on the line."""
         self._stray = b""
@@ -83,42 +91,48 @@ class Line:
         if self._port is None:
             self._port = SerialPort(self.place, deadline)
             self.opened = self._last = monotonic()
-            self._units.clear()
+            self._owed.clear()
 
     def close(self) -> None:
         if self._port is not None:
             self._port.close()
         self._port = None
 
-    def owed(self, unit: int) -> Owed | None:
-        return self._units.get(unit, Owed(b"", self.opened))
+    def owed(self, asked: Asked) -> Owed | None:
+        """What may be taken for the answer if this is asked now."""
+        if asked[1] in _UNMISTAKABLE:
+            return None
+        return self._owed.get(asked, Owed(b"", self.opened))
 
-    def settle(self, unit: int) -> None:
-        """The unit owes nothing: it has answered, or its time is over."""
-        self._units[unit] = None
+    def settle(self, asked: Asked) -> None:
+        """Nothing is owed: the answer has come, or its time is over."""
+        self._owed[asked] = None
 
     def exchange(self, frame: bytes, deadline: float) -> bytes:
         """Send a frame; unit, function and data of its answer."""
         self._wait_for_silence(deadline)
-        request, unit = frame[:-SUM], frame[0]
+        request, asked = frame[:-SUM], (frame[0], frame[1])
         self._last = monotonic() + len(frame) * self.place.character  # it is on its way for so long
-        self._units[unit] = Owed(request, self._last)
-        self.port.send(frame, deadline)
-        answer = self._answer(request, deadline)
-        self.settle(unit)
+        try:
+            self.port.send(frame, deadline)
+            answer = self._answer(request, deadline)
+        except BaseException:
+            self._owed[asked] = Owed(request, monotonic())
+            raise
+        self.settle(asked)
         return answer
 
     def discard(self) -> None:
-        """Whatever has come in unasked, at most `_MOST` times 4 KiB. A late answer settles its unit."""
+        """Whatever has come in unasked, at most `_MOST` times 4 KiB. A late answer is owed no more."""
         for _ in range(_MOST):
             data = self.port.waiting()
             if not data:
                 return
             self._last = monotonic()
             self._stray = (self._stray + data)[-_LONGEST:]
-            for unit, owed in self._units.items():
+            for asked, owed in self._owed.items():
                 if owed is not None and is_answer(owed.request, self._stray):
-                    self._units[unit] = None
+                    self._owed[asked] = None
 
     def _wait_for_silence(self, deadline: float) -> None:
         """Until nobody has sent anything for 3.5 characters."""
@@ -133,22 +147,24 @@ class Line:
     def _answer(self, request: bytes, deadline: float) -> bytes:
         data = b""
         while True:
-            asked = self._asked(request, data)
-            end = answer_end(asked, data)
+            answered = self._answered(request, data)
+            end = answer_end(answered, data) if len(data) > 1 else 0
             if not end:
                 data += self._receive(request, data, deadline)
-            elif asked is not request:
-                self.settle(asked[0])
+            elif answered is not request:
+                self.settle((data[0], data[1] & 0x7F))
                 data = data[end:]
             elif len(data) > end:
                 raise Lost(f"an answer of {len(data)} bytes in place of {end}")
             else:
                 return data[:-SUM]
 
-    def _asked(self, request: bytes, data: bytes) -> bytes:
-        """The request that the data begins to answer: this one, or one that another unit still owes an answer to."""
-        owed = self._units.get(data[0]) if data and data[0] != request[0] else None
-        return request if owed is None else owed.request
+    def _answered(self, request: bytes, data: bytes) -> bytes:
+        """The request that the data begins to answer: this one, or another one whose answer is late."""
+        if len(data) > 1 and (data[0], data[1] & 0x7F) != (request[0], request[1]):
+            owed = self._owed.get((data[0], data[1] & 0x7F))
+            return request if owed is None else owed.request
+        return request
 
     def _receive(self, request: bytes, data: bytes, deadline: float) -> bytes:
         try:
@@ -179,27 +195,30 @@ class Rtu:
         self._line.leave()
 
     def begin(self, deadline: float) -> bool:
-        """The line is open and the unit owes nothing; everything until the next `begin` ends by this time. A call waits
-        for the end of the unit's recovery if that leaves it half of its time. True if the line was opened anew."""
+        """The line is open; everything until the next `begin` ends by this time. True if the line was opened anew."""
         self._deadline = deadline
-        line = self._line
-        line.open(deadline)
-        latest = (monotonic() + deadline) / 2
-        while (owed := line.owed(self._unit)) is not None:
-            line.discard()
-            left = owed.since + self._recovery - monotonic()
-            if left <= 0:
-                line.settle(self._unit)
-            elif owed.since + self._recovery > latest and line.owed(self._unit) is not None:
-                raise Recovering(f"a late answer may still come, for {left * 1000:.0f} ms")
-            else:
-                sleep(min(left, _STEP))
-        known, self._known = self._known, line.opened
-        return known != line.opened
+        self._line.open(deadline)
+        known, self._known = self._known, self._line.opened
+        return known != self._line.opened
 
     def exchange(self, request: ModbusPDU) -> bytes:
         """Send the request; unit, function and data of its answer, which may be an exception answer."""
-        return self._line.exchange(self.framer.buildFrame(request), self._deadline)
+        frame = self.framer.buildFrame(request)
+        self._recover((frame[0], frame[1]))
+        return self._line.exchange(frame, self._deadline)
+
+    def _recover(self, asked: Asked) -> None:
+        """Until nothing is owed that may be taken for the answer, if that leaves half of the time that is left."""
+        line, latest = self._line, (monotonic() + self._deadline) / 2
+        while (owed := line.owed(asked)) is not None:
+            line.discard()
+            left = owed.since + self._recovery - monotonic()
+            if left <= 0:
+                line.settle(asked)
+            elif owed.since + self._recovery > latest and line.owed(asked) is not None:
+                raise Recovering(f"a late answer may still come, for {left * 1000:.0f} ms")
+            else:
+                sleep(min(left, _STEP))
 
     def failed(self, error: Lost) -> None:
         """The line itself, or its unit, which then still owes its answer."""

@@ -16,6 +16,7 @@ from umo.drivers.modbus.answer import Lost, TimedOut
 from umo.drivers.modbus.place import PARITIES, Serial
 from umo.errors import DriverError
 
+_GONE = select.POLLHUP | select.POLLERR | select.POLLNVAL
 _BUSY = 0.02
 """s between two attempts to open a line that another process, perhaps one of umo that is being ended, still holds."""
 
@@ -56,7 +57,7 @@ class SerialPort:
             return b""
         except OSError as error:
             raise Gone(error.strerror or str(error)) from None
-        if not data and self._input.poll(0):  # a line that hangs up reads as ended
+        if not data and any(flags & _GONE for _, flags in self._input.poll(0)):
             raise Gone("the serial line is gone")
         return data
 
