@@ -16,7 +16,7 @@ from umo.errors import ChannelError, DriverError, WiringError
 pytest.importorskip("mujoco")
 
 from umo.stations.ztheta import courier, plant
-from umo.stations.ztheta.devices import Counter, Counterbalance, SuctionCup
+from umo.stations.ztheta.devices import Counterbalance, EncoderCounter, SuctionCup
 from umo.stations.ztheta.plant import CHANNELS, FAULTS, Plant
 
 BALANCED, SUNK = 3, 0
@@ -302,7 +302,7 @@ def test_the_z_counter_counts_whole_lines_and_wraps_below_0() -> None:
 
 
 def test_a_counter_wraps_at_its_width_in_both_directions() -> None:
-    counter = Counter(resolution=1.0, origin=0.0, index=10**9, preset=0, bits=4, signed=True)
+    counter = EncoderCounter(resolution=1.0, origin=0.0, index=10**9, preset=0, bits=4, signed=True)
     counter.power_up(100.0)
     seen = []
     for position in (107.9, 108.0, 116.0, 92.0, 91.0):

@@ -7,7 +7,10 @@ Documentation/admin-guide/gpio/gpio-sim.rst of the Linux kernel. Every change of
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from time import sleep
 
@@ -22,20 +25,20 @@ class Line:
     """One line, seen from the circuit's side."""
 
     def __init__(self, folder: Path) -> None:
-        self._folder = folder
+        self.folder = folder
 
     def pull(self, level: int) -> None:
         """The level that an input sees."""
-        (self._folder / "pull").write_text("pull-up" if level else "pull-down")
+        (self.folder / "pull").write_text("pull-up" if level else "pull-down")
 
     @property
     def pulled(self) -> int:
-        return int((self._folder / "pull").read_text() == "pull-up\n")
+        return int((self.folder / "pull").read_text() == "pull-up\n")
 
     @property
     def value(self) -> int:
         """The level on the line: an output's, or the pull."""
-        return int((self._folder / "value").read_text())
+        return int((self.folder / "value").read_text())
 
     def pulse(self, times: int = 1) -> None:
         """Rising and falling edges, each of which makes an interrupt."""
@@ -104,6 +107,31 @@ class Chip:
         self._device.rmdir()
 
 
+@contextmanager
+def connected(chip: Chip, wires: Mapping[int, int]) -> Iterator[None]:
+    """Wires from outputs to inputs of a chip: a level comes through within some ms. A process of its own, so that it
+    does not share the interpreter with the driver under test."""
+    pairs = [str(line.folder) for pair in wires.items() for line in map(chip.line, pair)]
+    with subprocess.Popen([sys.executable, __file__, *pairs]) as process:
+        try:
+            yield
+        finally:
+            process.kill()
+
+
+def _copy(pairs: Sequence[tuple[Line, Line]]) -> None:
+    levels: dict[Line, int] = {}
+    while True:
+        sleep(0.002)
+        try:
+            for output, line in pairs:
+                if (level := output.value) != levels.get(output):
+                    line.pull(level)
+                    levels[output] = level
+        except (OSError, ValueError):  # the chip is away
+            levels.clear()
+
+
 def fixed(number: int) -> Line:
     """A line of the chip in the kernel's device tree (devices.dts)."""
     (chip,) = (path.parent for path in Path("/sys/devices/platform/gpio-sim").glob("gpiochip*/sim_gpio0"))
@@ -131,3 +159,14 @@ class Trace:
             r": gpio_(?:value|direction): +(\d+) +(set \d|get \d|in|out)", (TRACING / "trace").read_text()
         )
         return [(int(number) - self._base, what) for number, what in found if int(number) >= self._base]
+
+    def taken(self) -> list[tuple[int, str]]:
+        """The events since the last call. The kernel keeps the last ones only, some thousands."""
+        events = self.events()
+        (TRACING / "trace").write_text("")
+        return events
+
+
+if __name__ == "__main__":
+    lines = [Line(Path(folder)) for folder in sys.argv[1:]]
+    _copy(list(zip(lines[::2], lines[1::2], strict=True)))

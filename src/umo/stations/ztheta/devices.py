@@ -11,7 +11,7 @@ STEP = 0.001
 """The physics step, s. Every period is a whole multiple of it."""
 
 
-class Counter:
+class EncoderCounter:
     """A quadrature counter: 0 at power-up, wraps at its width, loads `preset` at the index pulse while enabled.
 
     `resolution` and `origin` place the encoder's lines (line n begins at `origin + n * resolution`); the index

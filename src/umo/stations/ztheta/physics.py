@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from .courier import Courier, Pose
-from .devices import Counter, Counterbalance, StepDrive, SuctionCup
+from .devices import Counterbalance, EncoderCounter, StepDrive, SuctionCup
 from .parts import Parts
 
 mj: Any = mujoco  # its compiled half carries no types
@@ -52,10 +52,10 @@ class Physics:
         self.counterbalance = self._start(rng, park)
         self.gripper = SuctionCup(leaky="leaky-cup" in faults)
         self.courier = Courier(stops, self.pose, park=park, absent="no-courier" in faults)
-        self.z_counter = Counter(
+        self.z_counter = EncoderCounter(
             resolution=Z_RESOLUTION, origin=Z_ORIGIN, index=Z_INDEX, preset=preset, bits=16, signed=False
         )
-        self.theta_counter = Counter(
+        self.theta_counter = EncoderCounter(
             resolution=THETA_RESOLUTION, origin=THETA_INDEX_DEG, index=0, preset=0, bits=24, signed=True
         )
         self.power_up()

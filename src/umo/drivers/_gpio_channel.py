@@ -1,0 +1,134 @@
+"""GPIO channels: their texts and the settings of their lines. Pure functions, no chip."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Hashable
+from dataclasses import dataclass, replace
+
+from umo.drivers.contract import Channel, Direction
+from umo.errors import ChannelError, WiringError
+
+FORMS = (
+    "line:N",
+    "line:NAME",
+    "lines:N-M",
+    "lines:A,B,C (lowest bit first)",
+    "edges:N[:rising|falling|both]; after a space bias=pull-up, drive=open-drain, active_low, debounce=5ms",
+)
+BIASES = ("as-is", "disabled", "pull-up", "pull-down")
+DRIVES = ("push-pull", "open-drain", "open-source")
+EDGES = ("rising", "falling", "both")
+MOST_LINES = 63
+"""Of one number, which is at most 63 bits wide."""
+COUNT_BITS = 63
+
+_NUMBER = re.compile(r"0|[1-9][0-9]{0,4}")
+_RANGE = re.compile(r"(0|[1-9][0-9]{0,4})-(0|[1-9][0-9]{0,4})")
+_EDGES = re.compile(rf"(.+?)(?::({'|'.join(EDGES)}))?")
+_DURATION = re.compile(r"([0-9]+(?:\.[0-9]+)?) ?(us|ms|s)")
+_MICROSECONDS = {"us": 1, "ms": 1_000, "s": 1_000_000}
+_LONGEST_DEBOUNCE = 2**32 - 1
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a line works, in the terms of the kernel's GPIO character device."""
+
+    bias: str = "as-is"
+    drive: str = "push-pull"
+    active_low: bool = False
+    debounce: int = 0
+    """Debounce period of an input in us; 0: none."""
+
+
+@dataclass(frozen=True)
+class GpioChannel(Channel):
+    """Some lines as one number, the first its lowest bit; or the edges of one line, counted."""
+
+    lines: tuple[int | str, ...] = ()
+    """Numbers on the chip, or names."""
+    edges: str = ""
+    """Which edges are counted; empty: the level is transferred."""
+    settings: Settings = Settings()
+
+    # Plans are looked up by their channels in every period, and a string keeps its hash.
+    def __hash__(self) -> int:
+        return hash(self.text)
+
+    @property
+    def places(self) -> tuple[Hashable, ...]:
+        """Its lines."""
+        return self.lines
+
+
+def parse(text: str, defaults: Settings) -> GpioChannel:
+    """The channel that the text names; settings that the text does not give are the defaults."""
+    what, *words = text.split(" ")
+    kind, _, place = what.partition(":")
+    settings = defaults
+    for word in words:
+        settings = _with(settings, word, text)
+    if kind == "line":
+        return GpioChannel(text, Direction.BOTH, 1, False, (_line(place, text),), "", settings)
+    if kind == "lines":
+        lines = _lines(place, text)
+        return GpioChannel(text, Direction.BOTH, len(lines), False, lines, "", settings)
+    if kind == "edges" and (match := _EDGES.fullmatch(place)) is not None:
+        line = _line(match[1], text)
+        return GpioChannel(text, Direction.INPUT, COUNT_BITS, False, (line,), match[2] or "rising", settings)
+    raise ChannelError(text, FORMS)
+
+
+def checked(bias: str, drive: str, active_low: bool, debounce: str) -> Settings:
+    """The driver's options; WiringError names the valid choice."""
+    if bias not in BIASES:
+        raise WiringError(f"bias must be one of {', '.join(BIASES)}, not {bias!r}")
+    if drive not in DRIVES:
+        raise WiringError(f"drive must be one of {', '.join(DRIVES)}, not {drive!r}")
+    if not isinstance(active_low, bool):
+        raise WiringError(f"active_low must be true or false, not {active_low!r}")
+    if (period := _microseconds(debounce)) is None:
+        raise WiringError(f'debounce must be a time such as "5 ms" or "500 us", at most 4294 s, not {debounce!r}')
+    return Settings(bias, drive, active_low, period)
+
+
+def _with(settings: Settings, word: str, text: str) -> Settings:
+    """The settings with one more word of a channel's text."""
+    key, _, value = word.partition("=")
+    if key == "bias" and value in BIASES:
+        return replace(settings, bias=value)
+    if key == "drive" and value in DRIVES:
+        return replace(settings, drive=value)
+    if word in ("active_low", "active_high"):
+        return replace(settings, active_low=word == "active_low")
+    if key == "debounce" and (period := _microseconds(value)) is not None:
+        return replace(settings, debounce=period)
+    raise ChannelError(text, FORMS)
+
+
+def _microseconds(text: object) -> int | None:
+    match = _DURATION.fullmatch(text) if isinstance(text, str) else None
+    period = round(float(match[1]) * _MICROSECONDS[match[2]]) if match else None
+    return None if period is None or period > _LONGEST_DEBOUNCE else period
+
+
+def _line(place: str, text: str) -> int | str:
+    if _NUMBER.fullmatch(place):
+        return int(place)
+    if not place or place[0] in "-0123456789" or "," in place or not place.isprintable():
+        raise ChannelError(text, FORMS)
+    return place
+
+
+def _lines(place: str, text: str) -> tuple[int | str, ...]:
+    lines: tuple[int | str, ...]
+    if match := _RANGE.fullmatch(place):
+        first, last = int(match[1]), int(match[2])
+        step = 1 if first <= last else -1
+        lines = tuple(range(first, last + step, step)) if abs(last - first) < MOST_LINES else ()
+    else:
+        lines = tuple(_line(each, text) for each in place.split(","))
+    if not 0 < len(lines) <= MOST_LINES or len(set(lines)) != len(lines):
+        raise ChannelError(text, FORMS)
+    return lines

@@ -1,0 +1,251 @@
+"""The lines of one GPIO chip, through libgpiod; imported only with its Python binding.
+
+The lines whose levels are transferred share requests, which are made once, when the chip is opened. Initialising a line
+reconfigures it within its request, so the others keep their levels. Each line whose edges are counted has a request of
+its own.
+"""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Iterable, Sequence
+from time import monotonic, sleep
+
+import gpiod
+from gpiod.line import Value
+
+from umo.drivers._device_file import opening
+from umo.drivers._gpio_channel import GpioChannel
+from umo.drivers._gpio_chip import named, path_of
+from umo.drivers._gpio_request import Bank, EdgeCount, line_settings
+from umo.errors import DriverError
+from umo.text import did_you_mean
+
+CONSUMER = "umo"
+"""What other programs (gpioinfo) see at a line in use."""
+MOST_LINES = 64
+"""Of one request (GPIO_V2_LINES_MAX)."""
+_AGAIN = 0.002
+"""s until a line is asked for again that another process of umo holds."""
+_LEVELS = {0: Value.INACTIVE, 1: Value.ACTIVE}
+
+
+class LineTransfer:
+    """The transfer of some channels: the requests of their lines, and where each channel's levels are."""
+
+    def __init__(self, lines: Lines, channels: Sequence[GpioChannel]) -> None:
+        self._channels = channels
+        self._input = next((each.text for each in channels if lines.used[each] is None), "")
+        places: dict[Bank, list[int]] = {}
+        for offset in [offset for each in channels if not each.edges for offset in lines.offsets(each)]:
+            places.setdefault(lines.banks[offset], []).append(offset)
+        self._parts = list(places.items())
+        index = {offset: i for i, offset in enumerate([offset for _, part in self._parts for offset in part])}
+        self._counters = [lines.counters.get(each) for each in channels]
+        self._bits = [() if each.edges else tuple(index[offset] for offset in lines.offsets(each)) for each in channels]
+        self._plain = self._bits == [(i,) for i in range(len(channels))]
+        """Each channel is one line, and they are in the order of the requests."""
+
+    def read(self) -> list[int]:
+        levels = [value is Value.ACTIVE for bank, part in self._parts for value in bank.request.get_values(part)]
+        if self._plain:
+            return levels  # type: ignore[return-value]  # a bool is an integer
+        return [
+            sum([levels[bit] << i for i, bit in enumerate(bits)]) if counter is None else counter.read()
+            for counter, bits in zip(self._counters, self._bits, strict=True)
+        ]
+
+    def write(self, raws: Sequence[int]) -> None:
+        """All values are checked before the first line changes."""
+        if self._input:
+            raise DriverError(f"{self._input} is an input: it was initialised without a default")
+        levels = self._levels(raws)
+        start = 0
+        for bank, part in self._parts:
+            bank.set(dict(zip(part, levels[start : start + len(part)], strict=True)))
+            start += len(part)
+
+    def _levels(self, raws: Sequence[int]) -> list[Value]:
+        """Of all lines, in the order of the requests."""
+        if self._plain:
+            try:
+                return [_LEVELS[raw] for raw in raws]
+            except KeyError:
+                pass
+        levels: dict[int, Value] = {}
+        for channel, bits, raw in zip(self._channels, self._bits, raws, strict=True):
+            if not 0 <= raw <= channel.highest:
+                raise DriverError(f"{raw} does not fit {channel.text}: it takes 0 to {channel.highest}")
+            levels.update((bit, _LEVELS[raw >> i & 1]) for i, bit in enumerate(bits))
+        return [levels[i] for i in range(len(levels))]
+
+
+class Lines:
+    """What the driver holds of a chip."""
+
+    def __init__(self, chip: str) -> None:
+        self.name = self._wanted = chip
+        self.used: dict[GpioChannel, int | None] = {}
+        """The initialised channels, with the default of each output."""
+        self.counters: dict[GpioChannel, EdgeCount] = {}
+        self.banks: dict[int, Bank] = {}
+        """The request of each line that is held for its level."""
+        self._chip: gpiod.Chip | None = None
+        self._numbers: dict[str, list[int]] = {}
+        """The lines with each name."""
+
+    @property
+    def connected(self) -> bool:
+        return self._chip is not None
+
+    def connect(self, channels: Iterable[GpioChannel], deadline: float) -> None:
+        """Open the chip, take the lines of these channels as they are, and initialise again what was in use."""
+        self.name = path_of(self._wanted)  # it may have come back under another number
+        with opening(self.name):
+            self._chip = gpiod.Chip(self.name)
+        self._numbers = named(self._chip)
+        self._take(channels)
+        for channel, default in self.used.items():
+            self.initialize(channel, default, deadline)
+
+    def disconnect(self) -> None:
+        for bank in dict.fromkeys(self.banks.values()):
+            bank.request.release()
+        self.banks.clear()
+        for counter in self.counters.values():
+            counter.release()
+        if self._chip is not None:
+            self._chip.close()
+            self._chip = None
+
+    def initialize(self, channel: GpioChannel, default: int | None, deadline: float) -> None:
+        if default is not None and (channel.edges or not 0 <= default <= channel.highest):
+            raise DriverError(f"{channel.text} cannot have the default {default}")
+        offsets = self.offsets(channel)
+        for other in self.used:
+            if other != channel and (shared := set(offsets).intersection(self.offsets(other))):
+                raise DriverError(f"{channel.text} and {other.text} are both {self._called(min(shared))}")
+        if channel.edges:
+            self._count(channel, offsets[0], deadline)
+        else:
+            levels = [None if default is None else _LEVELS[default >> i & 1] for i in range(len(offsets))]
+            settings = {o: line_settings(channel.settings, level) for o, level in zip(offsets, levels, strict=True)}
+            self._configure(settings, deadline)
+        self.used[channel] = default
+
+    def finalize(self, channel: GpioChannel) -> None:
+        self.used.pop(channel, None)
+        if (counter := self.counters.pop(channel, None)) is not None:
+            counter.release()
+
+    def plan(self, channels: Sequence[GpioChannel]) -> LineTransfer:
+        for channel in channels:
+            if channel not in self.used:
+                raise DriverError(f"{channel.text} is not initialised")
+        return LineTransfer(self, channels)
+
+    def offsets(self, channel: GpioChannel) -> list[int]:
+        """The numbers of its lines."""
+        found = [self._offset(line) for line in channel.lines]
+        if len(set(found)) != len(found):
+            raise DriverError(f"{channel.text} names a line twice")
+        return found
+
+    def _offset(self, line: int | str) -> int:
+        assert self._chip is not None
+        if isinstance(line, int):
+            if line >= (count := self._chip.get_info().num_lines):
+                raise DriverError(f"{self.name} has no line {line}: it has lines 0 to {count - 1}")
+            return line
+        offsets = self._numbers.get(line, [])
+        if len(offsets) > 1:
+            raise DriverError(
+                f"{self.name}: lines {' and '.join(map(str, offsets))} are both named {line!r}: use a number"
+            )
+        if not offsets:
+            others = did_you_mean(line, self._numbers) if self._numbers else "; its lines have no names"
+            raise DriverError(f"{self.name} has no line named {line!r}{others}")
+        return offsets[0]
+
+    def _take(self, channels: Iterable[GpioChannel]) -> None:
+        """As they are, in as few requests as possible. A line that cannot be had now is asked for when it is
+        initialised, so that one that is in use does not keep the guardian from resetting the others."""
+        assert self._chip is not None
+        wanted: dict[int, None] = {}
+        counted = set()
+        for channel in channels:
+            try:
+                offsets = self.offsets(channel)
+            except DriverError:
+                continue
+            if channel.edges:
+                counted.update(offsets)
+            else:
+                wanted.update(dict.fromkeys(offsets))
+        free = [each for each in wanted if each not in counted and not self._chip.get_line_info(each).used]
+        for start in range(0, len(free), MOST_LINES):
+            part = free[start : start + MOST_LINES]
+            try:
+                request = self._chip.request_lines({tuple(part): None}, CONSUMER)
+            except OSError:
+                continue
+            self.banks.update(dict.fromkeys(part, Bank(request, {})))
+
+    def _configure(self, settings: dict[int, gpiod.LineSettings], deadline: float) -> None:
+        """Lines that are not held yet are requested with their settings, the others get them."""
+        by_bank: dict[Bank, dict[int, gpiod.LineSettings]] = {}
+        new = {}
+        for offset, each in settings.items():
+            if offset in self.banks:
+                by_bank.setdefault(self.banks[offset], {})[offset] = each
+            else:
+                new[offset] = each
+        for bank, part in by_bank.items():
+            try:
+                bank.configure(part)
+            except OSError as error:
+                raise self._refused(part, error) from error
+        if new:
+            self.banks.update(dict.fromkeys(new, Bank(self._request(new, deadline), new)))
+
+    def _count(self, channel: GpioChannel, offset: int, deadline: float) -> None:
+        if offset in self.banks:
+            raise DriverError(f"{self._called(offset)} is held for its level: its edges cannot be counted")
+        if (counter := self.counters.get(channel)) is None or counter.request is not None:
+            self.finalize(channel)
+            counter = EdgeCount()
+        counter.attach(self._request({offset: line_settings(channel.settings, None, channel.edges)}, deadline))
+        self.counters[channel] = counter
+
+    def _request(self, settings: dict[int, gpiod.LineSettings], deadline: float) -> gpiod.LineRequest:
+        """The kernel releases the lines of a killed process a moment after its end: those of umo's are waited for."""
+        assert self._chip is not None
+        while True:
+            try:
+                return self._chip.request_lines({(each,): s for each, s in settings.items()}, CONSUMER)
+            except OSError as error:
+                if error.errno != errno.EBUSY:
+                    raise self._refused(settings, error) from error
+                used = [info for offset in settings if (info := self._chip.get_line_info(offset)).used]
+                others = [info for info in used if info.consumer != CONSUMER]
+                if others or monotonic() > deadline:
+                    busy = (others or used)[:1]
+                    who = f'{self._called(busy[0].offset)} is in use by "{busy[0].consumer}"' if busy else "in use"
+                    raise DriverError(f"{self.name}: {who}") from error
+            sleep(_AGAIN)
+
+    def _refused(self, settings: Iterable[int], error: OSError) -> OSError:
+        """Why the chip does not take a line with its settings."""
+        lines = ", ".join(map(self._called, settings))
+        if error.errno == errno.ENODEV:
+            return error
+        if error.errno == errno.ENXIO:
+            return DriverError(f"{self.name}: {lines} has no interrupt: its edges cannot be counted")
+        if error.errno == errno.E2BIG:
+            return DriverError(f"{self.name}: {lines}: the kernel takes at most 10 different settings in one request")
+        return DriverError(f"{self.name}: {lines}: the chip does not take these settings ({error.strerror})")
+
+    def _called(self, offset: int) -> str:
+        assert self._chip is not None
+        name = self._chip.get_line_info(offset).name
+        return f"line {offset} ({name})" if name else f"line {offset}"

@@ -1,0 +1,181 @@
+"""Digital lines of a GPIO chip, through the character device of Linux (version 2, from Linux 5.10)."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Sequence
+from contextlib import suppress
+from time import monotonic
+from typing import TYPE_CHECKING, Literal
+
+from umo.drivers import _gpio_channel
+from umo.drivers._gpio_channel import GpioChannel
+from umo.drivers.contract import Driver, IntArray
+from umo.errors import DriverError, WiringError
+
+if TYPE_CHECKING:
+    from umo.drivers._gpio_lines import Lines, LineTransfer
+
+_MOST_PLANS = 256
+
+
+class Gpio(Driver[GpioChannel]):
+    """The lines of one GPIO chip.
+
+    Channels: `line:N` or `line:NAME`, a line of the chip by its number or name; `lines:4-11` or `lines:A,B,C`, up to 63
+    lines as one number, the first its lowest bit; `edges:N[:rising|falling|both]`, the number of edges since the
+    channel was initialised (rising edges by default). Words after a space are settings of these lines, for example
+    `line:7 bias=pull-up debounce=5ms`.
+
+    Options:
+        chip: path, name or label, such as "/dev/gpiochip0", "gpiochip0" or "pinctrl-bcm2835".
+        bias: "as-is", "disabled", "pull-up" or "pull-down", of inputs and outputs.
+        drive: "push-pull", "open-drain" or "open-source", of outputs.
+        active_low: a line is 1 when its voltage is low.
+        debounce: time for which an input must be stable before a change counts, such as "5 ms"; "0 ms": none.
+    These are the defaults for all channels.
+
+    A line is an output if its channel is initialised with a default, and comes up at it; else it is an input. `open`
+    takes the lines of the wiring as they are: direction and level change when they are initialised. Lines of the chip
+    that are not in the wiring are not touched. When the driver is closed the kernel releases the lines; their levels
+    are then up to the chip, so an output needs a pull resistor towards its safe level.
+
+    All lines of a period are transferred by one system call per 64 lines. Source: Documentation/userspace-api/gpio of
+    the Linux kernel.
+    """
+
+    def __init__(
+        self,
+        *,
+        chip: str = "/dev/gpiochip0",
+        bias: Literal["as-is", "disabled", "pull-up", "pull-down"] = "as-is",
+        drive: Literal["push-pull", "open-drain", "open-source"] = "push-pull",
+        active_low: bool = False,
+        debounce: str = "0 ms",
+    ) -> None:
+        if not isinstance(chip, str) or not chip:
+            raise WiringError(f"chip must be the path, name or label of a GPIO chip, not {chip!r}")
+        self.chip = chip
+        self._settings = _gpio_channel.checked(bias, drive, active_low, debounce)
+        self._lines_type = _find_lines()  # here and not in `open`: a guardian has no time for imports
+        self._named: dict[str, GpioChannel] = {}
+        self._lines: Lines | None = None
+        self._plans: dict[tuple[GpioChannel, ...], LineTransfer] = {}
+
+    def channel(self, text: str) -> GpioChannel:
+        self._named[text] = channel = _gpio_channel.parse(text, self._settings)
+        return channel
+
+    def devices(self) -> Sequence[str]:
+        """The chip's device file, however the option names it; a chip that is not there stands for itself."""
+        if self._lines_type is not None:
+            from umo.drivers._gpio_chip import path_of
+
+            with suppress(OSError):
+                return [f"gpio {path_of(self.chip)}"]
+        return [f"gpio {self.chip}"]
+
+    def open(self) -> None:
+        """Take the lines of the wiring as they are. A line that is in use is refused when it is initialised."""
+        if self._lines_type is None:
+            raise DriverError('the gpio driver needs gpiod: pip install "umo[gpio]"')
+        self._lines = self._lines_type(self.chip)
+        self._begin()
+
+    def close(self) -> None:
+        self._plans.clear()
+        if self._lines is not None:
+            self._lines.disconnect()
+            self._lines = None
+
+    def initialize(self, channel: GpioChannel, default: int | None) -> None:
+        """An output goes directly to its default; an input is one from now on; a count starts at 0. A line that another
+        process of umo is about to release is waited for within `timeout`."""
+        lines = self._begin()
+        self._plans.clear()
+        try:
+            lines.initialize(channel, default, monotonic() + self.timeout)
+        except OSError as error:
+            raise self._failed(error) from error
+
+    def finalize(self, channel: GpioChannel) -> None:
+        """The channel is not used further. A level keeps its direction and value until the driver is closed."""
+        self._plans.clear()
+        if self._lines is not None:
+            self._lines.finalize(channel)
+
+    def reset(self, channel: GpioChannel, default: int | None) -> None:
+        """An output goes to its default, also one that was not initialised; an input and a count are not changed."""
+        if default is None:
+            return
+        if self._lines is None or self._lines.used.get(channel) is None:
+            self.initialize(channel, default)
+        else:
+            self.write(channel, default)
+
+    def read(self, channel: GpioChannel) -> int:
+        return int(self._read((channel,))[0])
+
+    def write(self, channel: GpioChannel, raw: int) -> None:
+        self._write((channel,), [raw])
+
+    def read_many(self, channels: Sequence[GpioChannel], out: IntArray) -> None:
+        out[:] = self._read(tuple(channels))
+
+    def write_many(self, channels: Sequence[GpioChannel], raws: IntArray) -> None:
+        self._write(tuple(channels), raws.tolist())
+
+    def _read(self, channels: tuple[GpioChannel, ...]) -> list[int]:
+        try:
+            return self._plan(channels).read()
+        except OSError as error:
+            raise self._failed(error) from error
+
+    def _write(self, channels: tuple[GpioChannel, ...], raws: list[int]) -> None:
+        try:
+            self._plan(channels).write(raws)
+        except OSError as error:
+            raise self._failed(error) from error
+
+    def _plan(self, channels: tuple[GpioChannel, ...]) -> LineTransfer:
+        """The plan for these channels, made once; a machine has few groups of them, the bound is for others."""
+        lines = self._begin()
+        plan = self._plans.get(channels)
+        if plan is None:
+            if len(self._plans) >= _MOST_PLANS:
+                self._plans.clear()
+            plan = self._plans[channels] = lines.plan(channels)
+        return plan
+
+    def _begin(self) -> Lines:
+        """The chip is open; one that had gone is opened again, its lines initialised as before."""
+        if self._lines is None:
+            raise DriverError("it is not open")
+        if not self._lines.connected:
+            self._plans.clear()
+            try:
+                self._lines.connect(self._named.values(), monotonic() + self.timeout)
+            except OSError as error:
+                self._lines.disconnect()
+                raise self._failed(error) from error
+        return self._lines
+
+    def _failed(self, error: OSError) -> DriverError:
+        """A chip that has gone is let go of; the next call opens it again."""
+        if isinstance(error, DriverError):
+            return error
+        if self._lines is not None and error.errno == errno.ENODEV:
+            self._lines.disconnect()
+            return DriverError(f"{self._lines.name}: the chip has gone")
+        return DriverError(f"{self.chip}: {error.strerror or error}")
+
+
+def _find_lines() -> type[Lines] | None:
+    """The library's side, None without gpiod: a wiring can be checked all the same."""
+    try:
+        from umo.drivers._gpio_lines import Lines
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] != "gpiod":
+            raise
+        return None
+    return Lines
