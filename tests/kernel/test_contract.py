@@ -16,8 +16,8 @@ from umo.drivers.gpio import Gpio
 from .gpio_sim import Chip, Trace, connected, fixed
 
 kit = pytest.importorskip("umo.testing.conformance")
-CYCLES = 200
-"""Measuring memory makes a cycle 100 times slower in the guest; test_gpio.py repeats 10,000 without it."""
+CYCLES = 600
+"""tracemalloc makes a cycle 100 times slower in the guest; test_gpio.py repeats 15,000 without it."""
 
 
 def proved(subject: Any) -> None:
