@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+from contextlib import contextmanager
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from umo import BinaryActuator, Compound, DeviceTimeout, DigitalSensor, DriverError, OnOff, WiringError, check
 from umo.drivers import i2c
 from umo.drivers.i2c import I2c
+from umo.testing.conformance import Input, Output, Subject, conform
 
 FUNCS = SimpleNamespace(I2C=1, SMBUS_PEC=8, SMBUS_READ_I2C_BLOCK=0x04000000)
 
@@ -40,9 +42,12 @@ class Bus:
     funcs = FUNCS.I2C
     error = 0
     opened = 0
+    refused = -1
+    """An address that the chip does not have."""
 
-    def __init__(self):
-        self.fd, self.pec, self.log, self.memory, self.pointer = None, False, [], bytearray(256), 0
+    def __init__(self, memory=None):
+        self.fd, self.pec, self.log, self.pointer = None, False, [], 0
+        self.memory = bytearray(256) if memory is None else memory
 
     def open(self, path):
         self.opened += 1
@@ -66,6 +71,8 @@ class Bus:
                 message.data = bytes(self.memory[self.pointer : self.pointer + message.size])
             elif message.data:
                 self.pointer = message.data[0]
+                if self.pointer == self.refused:
+                    raise OSError(errno.EREMOTEIO, os.strerror(errno.EREMOTEIO))
                 self.memory[self.pointer : self.pointer + len(message.data) - 1] = message.data[1:]
 
     def read_byte(self, chip):
@@ -101,7 +108,7 @@ class Bus:
         self.memory[address : address + len(data)] = bytes(data)
 
     def _log(self, *what):
-        self.log.append(what)
+        self.log = [*self.log[-20:], what]
         if self.error:
             raise OSError(self.error, os.strerror(self.error))
 
@@ -313,3 +320,29 @@ def test_several_chips_of_one_bus_are_in_one_wiring():
 
 def test_two_objects_on_one_bit_are_a_fault():
     assert "already used by relay" in str(check(bench(), wiring(fan="1:8.0"))[0])
+
+
+def test_the_driver_keeps_the_contract(bus, monkeypatch):
+    """Also on a bus that vanishes, and with a register that the chip does not have."""
+    memory = bytearray(256)
+    monkeypatch.setattr(Bus, "refused", 0x66)
+    library = SimpleNamespace(I2cFunc=FUNCS, SMBus=lambda: Bus(memory), i2c_msg=Message)
+    monkeypatch.setattr(i2c, "_library", lambda: library)
+
+    @contextmanager
+    def gone():
+        with monkeypatch.context() as patch:
+            patch.setattr(Bus, "error", errno.ENXIO)
+            yield
+
+    mode = {"address": 0x08, "fields": {"on": 0, "gain": "3:1"}}
+    subject = Subject(
+        name="i2c",
+        make=lambda: I2c(bus=1, address=0x48, registers={"mode": mode}),
+        outputs=(Output("mode.on", 1, 0, 1), Output("mode.gain", 2, 0, 7), Output("0x40:16", 7, 0, 0xFFFF)),
+        inputs=(Input("0x05:16"),),
+        gone=gone,
+        refused=("0x66:8",),
+    )
+    certificate = conform(subject, cycles=500)
+    assert certificate.passed, str(certificate)

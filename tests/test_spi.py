@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import sys
+from contextlib import contextmanager
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,6 +14,7 @@ import pytest
 from umo import DriverError, WiringError
 from umo.drivers import spi
 from umo.drivers.spi import Spi
+from umo.testing.conformance import Input, Output, Subject, conform
 
 needs_spidev = pytest.mark.skipif(spi._library() is None, reason="needs spidev, which pip builds with a C compiler")
 
@@ -19,10 +23,11 @@ class Device:
     """A chip with 128 registers of a byte. Bit 7 of the command reads, its other bits are the address."""
 
     refuses = ""
+    error = 0
 
-    def __init__(self):
-        self.sent, self.memory, self.is_open, self.settings = [], bytearray(128), False, {}
-        self.answer = None
+    def __init__(self, memory=None):
+        self.sent, self.is_open, self.answer = [], False, None
+        self.memory = bytearray(128) if memory is None else memory
 
     def open_path(self, path):
         self.is_open = True
@@ -36,7 +41,9 @@ class Device:
         super().__setattr__(name, value)
 
     def xfer2(self, data):
-        self.sent.append(bytes(data))
+        if self.error:
+            raise OSError(self.error, os.strerror(self.error))
+        self.sent = [*self.sent[-20:], bytes(data)]
         if self.answer is not None:
             return list(self.answer)
         address, size = data[0] & 0x7F, len(data) - 1
@@ -165,3 +172,26 @@ def test_an_absent_chip_is_found_by_its_identity(device):
     with pytest.raises(DriverError, match="who is 0xff in place of 0x33: no device, or another one"):
         opened(registers={"who": {"address": 0x0F, "access": "r"}}, identity={"who": 0x33})
     assert not device.is_open
+
+
+def test_the_driver_keeps_the_contract(device, monkeypatch):
+    """Also on a controller that vanishes, such as one on USB."""
+    memory = bytearray(128)
+    monkeypatch.setattr(spi, "_library", lambda: SimpleNamespace(SpiDev=lambda: Device(memory)))
+
+    @contextmanager
+    def gone():
+        with monkeypatch.context() as patch:
+            patch.setattr(Device, "error", errno.ENODEV)
+            yield
+
+    mode = {"address": 0x08, "fields": {"on": 0, "gain": "3:1"}}
+    subject = Subject(
+        name="spi",
+        make=lambda: Spi(bus=0, registers={"mode": mode}, auto_increment=True),
+        outputs=(Output("mode.on", 1, 0, 1), Output("mode.gain", 2, 0, 7), Output("0x40:16", 7, 0, 0xFFFF)),
+        inputs=(Input("0x05:16"),),
+        gone=gone,
+    )
+    certificate = conform(subject, cycles=500)
+    assert certificate.passed, str(certificate)

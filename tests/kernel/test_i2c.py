@@ -13,6 +13,7 @@ import pytest
 
 from umo import BinaryActuator, BinarySensor, Compound, DeviceTimeout, DigitalActuator, DriverError, OnOff, connect
 from umo.drivers.i2c import I2c
+from umo.testing.conformance import Input, Output, Subject, conform
 
 smbus2 = pytest.importorskip("smbus2", reason='needs smbus2: pip install "umo[i2c]"')
 
@@ -188,3 +189,20 @@ def test_a_machine_on_two_chips_of_one_bus(bus: str, chip: Any) -> None:
         assert chip.read_word_data(ADC, 0x40) == int.from_bytes((250).to_bytes(2, "big"), "little")
     assert chip.read_byte_data(EXPANDER, 0x02) == 0x82
     assert chip.read_word_data(ADC, 0x40) == int.from_bytes((100).to_bytes(2, "big"), "little")
+
+
+@pytest.mark.parametrize("auto_increment", [False, True])
+def test_the_driver_keeps_the_contract(bus: str, auto_increment: bool) -> None:
+    """Without a device that vanishes: the kernel keeps i2c-stub while its bus is open (tests/test_i2c.py has one)."""
+    outputs = (Output("control", 0x0102, 0, 0xFFFF), Output("0x40:32:little:signed", -5, -(2**31), 2**31 - 1))
+    fields = (Output("mode.on", 1, 0, 1), Output("mode.gain", 2, 0, 7))
+    mode = {"address": 0x08, "fields": {"on": 0, "gain": "3:1"}}
+    subject = Subject(
+        name="i2c, bytes counted" if auto_increment else "i2c",
+        make=lambda: I2c(bus=bus, address=ADC, registers={**REGISTERS, "mode": mode}, auto_increment=auto_increment),
+        outputs=outputs + fields,
+        inputs=(Input("temperature"),),
+        device="i2c-stub of the kernel",
+    )
+    certificate = conform(subject, cycles=200)
+    assert certificate.passed, str(certificate)

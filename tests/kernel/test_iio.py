@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ from umo import (
 )
 from umo.drivers.contract import PhysicalScale
 from umo.drivers.iio import Iio
+from umo.testing.conformance import Input, Output, Subject, conform
 
 CONFIGFS = Path("/sys/kernel/config/iio")
 SYSFS = Path("/sys/bus/iio/devices")
@@ -280,3 +281,29 @@ def test_a_declaration_that_does_not_fit_the_kernels_scale_is_a_fault(adc: Path)
         connect(bench(1.4e-6), WIRING),
     ):
         pass
+
+
+@pytest.mark.parametrize("trigger", [None, "tick"])
+def test_the_driver_keeps_the_contract(adc: Path, tick: Path, trigger: str | None) -> None:
+    """An output is seen by the kernel's own file. While it scans, the dummy reads no output back."""
+
+    @contextmanager
+    def gone() -> Iterator[None]:
+        (CONFIGFS / "devices/dummy/adc").rmdir()
+        try:
+            yield
+        finally:
+            (CONFIGFS / "devices/dummy/adc").mkdir()
+
+    frequency = None if trigger is None else 1000.0
+    subject = Subject(
+        name="iio" if trigger is None else "iio, scanned by a timer",
+        make=lambda: Iio(device="adc", trigger=trigger, sampling_frequency=frequency),
+        outputs=(Output("out_voltage0", 7, -(2**31), 2**31 - 1),) if trigger is None else (),
+        inputs=tuple(map(Input, SCANNED)),
+        device="IIO dummy of the kernel",
+        gone=gone,
+        levels=lambda text: [int((adc / f"{text}_raw").read_text())],
+    )
+    certificate = conform(subject, cycles=200)
+    assert certificate.passed, str(certificate)

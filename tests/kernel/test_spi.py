@@ -18,6 +18,7 @@ import pytest
 from umo import DriverError
 from umo.drivers import spi
 from umo.drivers.spi import Spi
+from umo.testing.conformance import Input, Output, Subject, conform
 
 from .gpio_sim import fixed
 
@@ -145,3 +146,38 @@ def test_a_device_that_is_not_there_is_named_with_those_that_are() -> None:
     driver = Spi(bus=3)
     with pytest.raises(DriverError, match=r"no device /dev/spidev3\.0.*; there are: /dev/spidev0\.0"):
         driver.open()
+
+
+def test_the_driver_keeps_the_contract(wire: Wire) -> None:
+    """The levels of its outputs are those that went over the wire."""
+    registers = {
+        "dac": {"address": 0x10, "bits": 16, "access": "w"},
+        "mode": {"address": 0x20, "access": "w", "initial": 0x40, "fields": {"on": 0, "gain": "3:1"}},
+        "status": {"address": 0x30, "access": "r"},
+    }
+    chip = Spi(bus=0, registers=registers)
+    memory = bytearray(128)
+
+    def levels(text: str) -> list[int]:
+        """At the last look, and after each write since."""
+        channel = chip.channel(text)
+        register = channel.register
+        place = slice(register.address, register.address + register.size)
+        found = [channel.decode(register.unpack(memory[place]))]
+        for sent in wire.transfers:
+            if not sent[0] & 0x80:
+                memory[sent[0] : sent[0] + len(sent) - 1] = sent[1:]
+                found.append(channel.decode(register.unpack(memory[place])))
+        wire.clear()
+        return found
+
+    subject = Subject(
+        name="spi",
+        make=lambda: Spi(bus=0, registers=registers),
+        outputs=(Output("dac", 0x0102, 0, 0xFFFF), Output("mode.on", 1, 0, 1), Output("mode.gain", 2, 0, 7)),
+        inputs=(Input("status"),),
+        device="spi-gpio of the kernel, its lines recorded",
+        levels=levels,
+    )
+    certificate = conform(subject, cycles=100)
+    assert certificate.passed, str(certificate)
