@@ -42,8 +42,9 @@ class Chip(RegisterDriver):
         page_register: int | None = None,
         auto_increment: bool = True,
         identity: dict[str, int] | None = None,
+        setup: dict[str, int] | None = None,
     ) -> None:
-        super().__init__(registers, page_register, auto_increment, identity or {}, 8)
+        super().__init__(registers, page_register, auto_increment, identity or {}, setup or {}, 8)
         self.memory = bytearray(256)
         self.pages: dict[int, bytearray] = {}
         self.log: list[tuple[str, int, int]] = []
@@ -433,3 +434,28 @@ def test_an_identity_that_cannot_be_read_is_refused():
         Chip(identity={"command": 1})
     with pytest.raises(ChannelError):
         Chip(identity={"whom": 1})
+
+
+def test_the_setup_is_written_in_its_order_when_the_bus_is_opened():
+    chip = Chip(setup={"mute": 1, "control.gain": 5, "control.on": 1})
+    chip.memory[0x20:0x22] = bytes.fromhex("8000")
+    chip.open()
+    assert chip.memory[0x20:0x22] == bytes.fromhex("800b")
+    assert chip.log == [("write", 0x31, 1), ("read", 0x20, 2), ("write", 0x20, 2), ("write", 0x20, 2)]
+
+
+def test_a_chip_that_was_lost_gets_its_setup_again():
+    chip = opened(Chip(setup={"mute": 1}))
+    chip.memory[0x31] = 0
+    chip.failing[0x0F] = OSError(errno.EIO, "no answer")
+    for _ in range(2):
+        with pytest.raises(DriverError):
+            chip.read(chip.channel("who"))
+    assert chip.memory[0x31] == 1
+
+
+def test_a_setup_that_cannot_be_written_is_refused():
+    with pytest.raises(WiringError, match="setup: 256 does not fit mute: it takes 0 to 255"):
+        Chip(setup={"mute": 256})
+    with pytest.raises(WiringError, match="setup: who is an input"):
+        Chip(setup={"who": 1})

@@ -34,6 +34,7 @@ class RegisterDriver(Driver[RegisterChannel]):
         page_register: int | None,
         auto_increment: bool,
         identity: Mapping[str, int],
+        setup: Mapping[str, int],
         address_bits: int,
     ) -> None:
         if page_register is not None:
@@ -44,6 +45,7 @@ class RegisterDriver(Driver[RegisterChannel]):
         self._page_register = page_register
         self._auto_increment = auto_increment
         self._identity = [(self._readable(name), value) for name, value in identity.items()]
+        self._setup = [self._writable(name, value) for name, value in setup.items()]
         self._plan = lru_cache(maxsize=256)(partial(plan, joined=auto_increment, longest=self.longest))
         self._opened = self._connected = self._broken = False
         self._deadline = 0.0
@@ -54,7 +56,7 @@ class RegisterDriver(Driver[RegisterChannel]):
         return self._map.channel(text)
 
     def open(self) -> None:
-        """Open the bus, and compare the registers of the option `identity`."""
+        """Open the bus, compare the registers of the option `identity`, write those of `setup`."""
         self._opened = True
         self._begin()
 
@@ -91,13 +93,13 @@ class RegisterDriver(Driver[RegisterChannel]):
             channel.check(raw)
         self._begin()
 
-        def put(block: RegisterBlock) -> None:
-            contents = {part.register: self._contents(part.register, part.channels, raws) for part in block.parts}
-            data = b"".join(register.pack(value) for register, value in contents.items())
-            self._write_block(block.page, block.address, data)
-            self._shadow.update(contents)
+        self._each(self._plan(tuple(channels)), lambda block: self._put_block(block, raws))
 
-        self._each(self._plan(tuple(channels)), put)
+    def _put_block(self, block: RegisterBlock, raws: Sequence[int]) -> None:
+        contents = {part.register: self._contents(part.register, part.channels, raws) for part in block.parts}
+        data = b"".join(register.pack(value) for register, value in contents.items())
+        self._write_block(block.page, block.address, data)
+        self._shadow.update(contents)
 
     def _contents(self, register: Register, placed: Sequence[tuple[int, RegisterChannel]], raws: Sequence[int]) -> int:
         contents = 0 if any(channel.whole for _, channel in placed) else self._before(register)
@@ -153,15 +155,19 @@ class RegisterDriver(Driver[RegisterChannel]):
         self._connected = True
         try:
             for channel, value in self._identity:
-                register = channel.register
-                found = channel.decode(
-                    register.unpack(self._read_block(register.page, register.address, register.size))
-                )
-                if found != value:
-                    raise DriverError(f"{channel.text} is {found:#x} in place of {value:#x}: no device, or another one")
+                self._compare(channel, value)
+            for channel, value in self._setup:
+                for block in self._plan((channel,)):
+                    self._put_block(block, [value])
         except BaseException:
             self._shut()
             raise
+
+    def _compare(self, channel: RegisterChannel, value: int) -> None:
+        register = channel.register
+        found = channel.decode(register.unpack(self._read_block(register.page, register.address, register.size)))
+        if found != value:
+            raise DriverError(f"{channel.text} is {found:#x} in place of {value:#x}: no device, or another one")
 
     def _shut(self) -> None:
         self._connected = self._broken = False
@@ -220,3 +226,11 @@ class RegisterDriver(Driver[RegisterChannel]):
         if Direction.INPUT not in channel.direction:
             raise WiringError(f"identity: {name} cannot be read")
         return channel
+
+    def _writable(self, name: str, value: int) -> tuple[RegisterChannel, int]:
+        channel = self.channel(name)
+        try:
+            channel.check(value)
+        except DriverError as error:
+            raise WiringError(f"setup: {error}") from None
+        return channel, value

@@ -34,6 +34,8 @@ class I2c(RegisterDriver):
             follow each other then move in one transfer of up to 32 bytes.
         address_bits: width of a register's address; 0 for a chip without registers (its only one is at address 0).
         identity: registers with the values that they must have when the bus is opened, such as { who_am_i = 0x33 }.
+        setup: registers or fields with the values that are written then, in this order: the chip's configuration. Also
+            when the bus is opened again after a failure, so no outputs of the machine are among them.
         pec: checksums of SMBus; for registers of 8 and 16 bits.
 
     Each call ends within `timeout`. A transfer of its own ends when the adapter gives up on a bus that is held:
@@ -53,6 +55,7 @@ class I2c(RegisterDriver):
         auto_increment: bool = False,
         address_bits: Literal[0, 8, 16] = 8,
         identity: dict[str, int] | None = None,
+        setup: dict[str, int] | None = None,
         pec: bool = False,
     ) -> None:
         if address_bits not in (0, 8, 16):
@@ -70,7 +73,7 @@ class I2c(RegisterDriver):
         self._bus: Any = None
         self._messages = False
         self._blocks = False
-        super().__init__(registers or {}, page_register, auto_increment, identity or {}, address_bits)
+        super().__init__(registers or {}, page_register, auto_increment, identity or {}, setup or {}, address_bits)
 
     def channel(self, text: str) -> RegisterChannel:
         channel = super().channel(text)

@@ -40,6 +40,8 @@ class Spi(RegisterDriver):
         dummy_bytes: bytes between the command of a read and its answer. Negative: the answer begins so many bytes
             before the command ends.
         identity: registers with the values that they must have when the bus is opened, such as { who_am_i = 0x33 }.
+        setup: registers or fields with the values that are written then, in this order: the chip's configuration. Also
+            when the bus is opened again after a failure, so no outputs of the machine are among them.
 
     A transfer is a command, and then data, under one chip select. SPI has no acknowledgement: a chip that is not there
     reads as all zeros or all ones. Only `identity` finds that, and only when the bus is opened.
@@ -68,6 +70,7 @@ class Spi(RegisterDriver):
         burst_mask: int = 0,
         dummy_bytes: int = 0,
         identity: dict[str, int] | None = None,
+        setup: dict[str, int] | None = None,
     ) -> None:
         for name, value, choices in (
             ("mode", mode, _MODES),
@@ -90,7 +93,7 @@ class Spi(RegisterDriver):
         self._dummies = whole("dummy_bytes", dummy_bytes, -self._command, _MOST_DUMMIES)
         self._spidev = _library()
         self._device: Any = None
-        super().__init__(registers or {}, page_register, auto_increment, identity or {}, address_bits)
+        super().__init__(registers or {}, page_register, auto_increment, identity or {}, setup or {}, address_bits)
 
     def channel(self, text: str) -> RegisterChannel:
         """The address must fit the command beside the masks."""
