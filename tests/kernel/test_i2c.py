@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
+import signal
 import subprocess
-from collections.abc import Iterator
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from time import monotonic, sleep
 from typing import Any
 
 import numpy as np
@@ -206,3 +210,75 @@ def test_the_driver_keeps_the_contract(bus: str, auto_increment: bool) -> None:
     )
     certificate = conform(subject, cycles=200)
     assert certificate.passed, str(certificate)
+
+
+OBJECTS = """
+from umo import BinaryActuator, Compound, DigitalSensor, OnOff
+
+
+class Bench(Compound):
+    heater: BinaryActuator[OnOff]
+    fan: BinaryActuator[OnOff]
+    timer: DigitalSensor
+
+
+def machine() -> Bench:
+    return Bench(
+        heater=BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.OFF),
+        fan=BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.ON),
+        timer=DigitalSensor("sampling_period", minimum=0, maximum=99_999, resolution=1, synchronous=False),
+    )
+"""
+APPLICATION = """
+from umo import OnOff
+from umo.control import wait
+
+
+async def main(m):
+    m.heater.write(OnOff.ON)
+    m.fan.write(OnOff.OFF)
+    await wait("600 s")
+"""
+STATION_WIRING = """
+[drivers.io]
+type = "i2c"
+bus = "%s"
+address = 0x20
+registers = { outputs = { address = 0x14, fields = { heater = 0, fan = 1 } } }
+[wire]
+heater = { driver = "io", channel = "outputs.heater" }
+fan = { driver = "io", channel = "outputs.fan" }
+timer = { driver = "timerfd", period = "20 ms" }
+"""
+
+
+def eventually(condition: Callable[[], bool], within: float = 60.0) -> None:
+    end = monotonic() + within
+    while not condition():
+        assert monotonic() < end, "it has not come"
+        sleep(0.02)
+
+
+@pytest.mark.slow
+def test_the_outputs_of_a_killed_run_are_reset_and_the_other_bits_stay(bus: str, chip: Any, tmp_path: Path) -> None:
+    station = tmp_path / "bench"
+    (station / "wiring").mkdir(parents=True)
+    (station / "objects.py").write_text(OBJECTS)
+    (station / "application.py").write_text(APPLICATION)
+    (station / "wiring" / "simulated.toml").write_text(STATION_WIRING % bus)
+    chip.write_byte_data(EXPANDER, 0x14, 0xA0)
+    umo = [sys.executable, "-c", "from umo.cli import main; main()"]
+    log = (tmp_path / "log").open("w+")
+    run = subprocess.Popen([*umo, "run", str(station)], cwd=station, stdout=subprocess.DEVNULL, stderr=log)
+    try:
+        eventually(lambda: chip.read_byte_data(EXPANDER, 0x14) == 0xA1)
+        get = subprocess.run([*umo, "get", str(station), "fan"], capture_output=True, text=True, check=True)
+        (pid,) = re.findall(r"\(pid (\d+)\)", get.stdout + get.stderr)
+        os.kill(int(pid), signal.SIGKILL)
+        eventually(lambda: chip.read_byte_data(EXPANDER, 0x14) == 0xA2)
+        run.wait(60)
+        assert "the guardian reset every actuator" in (tmp_path / "log").read_text()
+    finally:
+        run.terminate()
+        run.wait(60)
+        log.close()
