@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import hypot
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,8 +35,8 @@ class Fmu(Driver[FmuChannel]):
         substeps: steps of the model in one period.
 
     `open` unpacks the file into a temporary folder, loads its library and initialises the model: every opening begins
-    at the model's start time. Values are set and read between steps, all of one type in one call of FMI. The raw integer
-    of a float has 48 bits with its sign; readings are rounded, half to even.
+    at the model's start time. Values are set and read between steps, all of one type in one call of FMI. The raw
+    integer of a float has 48 bits with its sign; readings are rounded, half to even.
 
     Errors: DriverError with the model's own message. After an error, or a step that it could not complete, the model
     cannot be used until it is opened again. A value that is NaN, infinite or too large fails for its channel alone. A
@@ -56,7 +57,7 @@ class Fmu(Driver[FmuChannel]):
         self._instance: FmuInstance | None = None
         self._steps = 0
         self._start = 0.0
-        self._groups: dict[tuple[str, tuple[FmuChannel, ...]], list[_Group]] = {}
+        self._groups: dict[tuple[str, int], tuple[Sequence[FmuChannel], list[_Group]]] = {}
 
     def channel(self, text: str) -> FmuChannel:
         return channel_of(self._description, text)
@@ -162,15 +163,17 @@ class Fmu(Driver[FmuChannel]):
             self._steps += 1
 
     def _grouped(self, verb: str, channels: Sequence[FmuChannel]) -> list[_Group]:
-        """The channels by type, each with its buffer; made once for each list of channels."""
-        instance, key = self._opened(), (verb, tuple(channels))
-        groups = self._groups.get(key)
-        if groups is None:
-            _check_directions(verb, channels)
+        """The channels by type, each type with its buffer: made once for a tuple of channels, as each period has it."""
+        known, groups = self._groups.get((verb, id(channels)), ((), []))
+        if known is channels:
+            return groups
+        instance = self._opened()
+        _check_directions(verb, channels)
+        groups = [_Group(instance, verb, kind, channels) for kind in dict.fromkeys(each.kind for each in channels)]
+        if isinstance(channels, tuple):  # nobody changes it, and its id is its own as long as it is kept here
             if len(self._groups) >= _MOST_GROUPS:
                 self._groups.clear()
-            kinds = dict.fromkeys(channel.kind for channel in channels)
-            groups = self._groups[key] = [_Group(instance, verb, kind, channels) for kind in kinds]
+            self._groups[verb, id(channels)] = channels, groups
         return groups
 
 
@@ -185,41 +188,46 @@ class _Group:
         buffer, self._arguments = instance.arguments(kind, [channel.reference for channel in self._channels])
         self._values: npt.NDArray[Any] = np.ctypeslib.as_array(buffer)
         scales = [channel.scale for channel in self._channels]
-        self._scales = None if None in scales else np.array(scales)
+        self._scales = None if None in scales else np.array(scales, float)
+        self._counts = np.zeros(len(places))
         self._lowest, self._highest = self._channels[0].lowest, self._channels[0].highest  # the same for one type
         self._call, self._function = instance.call, instance.function(verb, kind)
 
     def get(self, out: IntArray) -> None:
         self._call(self._function, *self._arguments)
-        if self._scales is None:
-            values: Any = self._values.astype(bool) if self._highest == 1 else self._values
+        if self._scales is not None:
+            counts: Any = self._counts
+            np.divide(self._values, self._scales, counts)
+            np.rint(counts, counts)
+            fits = hypot(*counts.tolist()) <= self._highest  # in one look: false for NaN and infinity too
         else:
-            with np.errstate(over="ignore"):  # what is too large becomes infinite, and is found below
-                values = np.rint(self._values / self._scales)
-        wrong = ~((values >= self._lowest) & (values <= self._highest))  # a NaN is neither
-        if wrong.any():
-            self._fail(wrong, out, values)
-        out[self._places] = values
+            counts = self._values if self._highest > 1 else self._values != 0
+            fits = self._values.dtype != np.uint64 or bool((counts <= self._highest).all())
+        if fits:
+            out[self._places] = counts
+        else:
+            self._keep_good(counts, out)
+
+    def _keep_good(self, counts: npt.NDArray[Any], out: IntArray) -> None:
+        """ChannelsFailed for the readings that are not raw integers; the others stand."""
+        good = (counts >= self._lowest) & (counts <= self._highest)  # a NaN is neither
+        out[np.arange(len(out))[self._places][good]] = counts[good]
+        bad = np.flatnonzero(~good)
+        if len(bad):
+            raise ChannelsFailed({self.texts[i]: f"the model gives {self._values[i]!s}" for i in bad})
 
     def check(self, raws: IntArray) -> None:
-        mine = raws[self._places]
-        if mine.min() < self._lowest or mine.max() > self._highest:
-            misfit = int(np.argmax((mine < self._lowest) | (mine > self._highest)))
-            raise _misfit(self._channels[misfit], int(mine[misfit]))
+        mine = raws[self._places].tolist()
+        if min(mine) < self._lowest or max(mine) > self._highest:
+            place = next(i for i, raw in enumerate(mine) if not self._lowest <= raw <= self._highest)
+            raise _misfit(self._channels[place], mine[place])
 
     def set(self, raws: IntArray) -> None:
-        mine = raws[self._places]
-        self._values[:] = mine if self._scales is None else mine * self._scales
+        if self._scales is None:
+            self._values[:] = raws[self._places]
+        else:
+            self._values[:] = raws[self._places] * self._scales
         self._call(self._function, *self._arguments)
-
-    def _fail(self, wrong: Any, out: IntArray, values: Any) -> None:
-        """ChannelsFailed for the readings that are no raw integers; the others stand."""
-        good = ~wrong
-        places = np.arange(len(out))[self._places]
-        out[places[good]] = values[good]
-        texts = [self.texts[i] for i in np.flatnonzero(wrong)]
-        causes = [f"the model gives {self._values[i]!s}" for i in np.flatnonzero(wrong)]
-        raise ChannelsFailed(dict(zip(texts, causes, strict=True)))
 
 
 def _check_directions(verb: str, channels: Sequence[FmuChannel]) -> None:
