@@ -44,7 +44,7 @@ class Fmu(Driver[FmuChannel]):
     """
 
     def __init__(
-        self, *, model: Path, start_values: Mapping[str, float | bool | str] | None = None, substeps: int = 1
+        self, *, model: Path, start_values: Mapping[str, int | float | bool | str] | None = None, substeps: int = 1
     ) -> None:
         if isinstance(substeps, bool) or not isinstance(substeps, int) or not 1 <= substeps <= 1_000_000:
             raise WiringError(f"substeps must be a whole number from 1 to 1000000, not {substeps!r}")
@@ -94,6 +94,11 @@ class Fmu(Driver[FmuChannel]):
             )
 
     # Transfers -----------------------------------------------------------------------------------
+
+    def reset(self, channel: FmuChannel, default: int | None) -> None:
+        """Write the default. A model that has failed has no levels any more, so there is nothing to bring to it."""
+        if not self._opened().lost:
+            super().reset(channel, default)
 
     def read(self, channel: FmuChannel) -> int:
         if channel.kind == TICK:
