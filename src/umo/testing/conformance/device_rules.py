@@ -8,9 +8,9 @@ from umo.cycle import connect
 from umo.errors import DriverError
 from umo.objects import Compound, DigitalActuator, DigitalSensor
 from umo.system.custody import Custody
-from umo.testing.conformance.line_rules import in_time
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rules import NotTried, RuleBroken, rule
+from umo.testing.conformance.timing_rules import in_time
 from umo.testing.conformance.trial import Trial
 from umo.text import reported
 
@@ -106,6 +106,7 @@ def errors_named(trial: Trial) -> None:
     texts = {path: entry["channel"] for path, entry in wiring["wire"].items()}
     failed: DriverError | None = None
     with connection as m:
+        connection.driver("subject").timeout = trial.subject.timeout
         with loss():
             for step in (m.sample, m.update):
                 try:
@@ -139,7 +140,7 @@ def _machine(trial: Trial) -> tuple[Machine, dict[str, Any]]:
     )
     wire = {f"outputs.{i}": {"driver": "subject", "channel": each.channel} for i, each in enumerate(outputs)}
     wire |= {f"inputs.{i}": {"driver": "subject", "channel": text} for i, text in enumerate(inputs)}
-    drivers = {"subject": {"type": trial.new().driver, "timeout": trial.subject.timeout}}
+    drivers = {"subject": {"type": trial.new().driver, "timeout": trial.patience}}
     return machine, {"drivers": drivers, "wire": wire}
 
 

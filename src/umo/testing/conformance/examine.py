@@ -10,7 +10,7 @@ from threading import Thread
 from time import monotonic
 
 from umo.testing.conformance.certificate import Certificate, Finding, Judgement
-from umo.testing.conformance.probe import Watch
+from umo.testing.conformance.probe import Watch, call_of
 from umo.testing.conformance.rules import NotTried, Rule, RuleBroken, chosen_rules
 from umo.testing.conformance.subject import Subject
 from umo.testing.conformance.trial import Trial
@@ -87,7 +87,7 @@ def _tried(trial: Trial, rule: Rule) -> Finding:
     except RuleBroken as broken:
         verdict, why = Judgement.FAILED, str(broken)
     except OSError as error:
-        verdict, why = Judgement.FAILED, f"{trial.watch.doing} failed: {reported(error)}"
+        verdict, why = Judgement.FAILED, f"{call_of(error)} failed: {reported(error)}"
     trial.restore()
     return Finding(rule.id, rule.text, verdict, why)
 

@@ -28,7 +28,7 @@ ROUNDS = 3
 """Measurements of memory: a cache may still fill in the first ones."""
 PER_CYCLE = 4.0
 """Bytes by which the memory may grow in each cycle: less than one entry of a list."""
-FREE = 16_384
+FREE = 4096
 """Bytes by which the memory may grow at any rate."""
 TIMED = 1000
 
@@ -84,8 +84,8 @@ def _open_often(trial: Trial, count: int) -> None:
 def _counts(trial: Trial, goal: dict[str, int] | None) -> dict[str, int]:
     """Descriptors and threads, without those of the line. What is closing is waited for, as far as the goal."""
     end = monotonic() + FADE
+    gc.collect()
     while True:
-        gc.collect()
         found = {"descriptors": _descriptors(trial), "threads": threading.active_count()}
         if goal is None or monotonic() >= end or all(found[key] <= goal[key] for key in found):
             return found
@@ -101,7 +101,7 @@ def _descriptors(trial: Trial) -> int:
 
 @rule("memory", "The memory does not grow over many cycles.")
 def memory(trial: Trial) -> str:
-    cycles = max(20, trial.cycles // ROUNDS)
+    cycles = max(10, trial.cycles // ROUNDS)
     with trial.opened() as probe:
         cycle = _cycle(trial, probe)
         _repeat(trial, probe, cycle, max(10, cycles // 10))
@@ -117,6 +117,7 @@ def _growths(trial: Trial, probe: Probe, cycle: Callable[[], object], cycles: in
     own = not tracemalloc.is_tracing()
     if own:
         tracemalloc.start()
+    gc.freeze()  # what is there already need not be looked at again and again
     try:
         sizes = []
         for number in range(ROUNDS + 1):
@@ -127,12 +128,12 @@ def _growths(trial: Trial, probe: Probe, cycle: Callable[[], object], cycles: in
                 _repeat(trial, probe, cycle, cycles)
         return min(after - before for before, after in pairwise(sizes))
     finally:
+        gc.unfreeze()
         if own:
             tracemalloc.stop()
 
 
 def _repeat(trial: Trial, probe: Probe, cycle: Callable[[], object], count: int) -> None:
-    """In portions, each one call for the watch: it takes longer than the transfer itself."""
     for _ in range(count):
         probe.call("cycle", cycle)
 

@@ -32,9 +32,47 @@ class Watch:
         self.wrong_types: list[str] = []
         """Readings that are not an int within the bits of their channel."""
 
+    def call(self, what: str, limit: float, function: Callable[..., T], *arguments: Any) -> T:
+        """A call of the driver with this timeout. Its OSErrors pass, with a note of the call; other exceptions are
+        noted here and become OSErrors."""
+        if self.stopped:
+            raise Stopped
+        self.doing, self.limit = what, limit
+        self.began = began = monotonic()
+        try:
+            return function(*arguments)
+        except OSError as error:
+            _note(error, what)
+            raise
+        except BaseException as error:
+            self.wrong_kinds.append(f"{what} raised {located(error)}")
+            wrong = WrongKind(cause_of(error))
+            _note(wrong, what)
+            raise wrong from error
+        finally:
+            self.took = monotonic() - began
+            self.began = None
+
 
 class Stopped(BaseException):
     """The kit was asked to end."""
+
+
+class CallNote(str):
+    """A note on an exception: the call that raised it."""
+
+    __slots__ = ()
+
+
+def _note(error: OSError, what: str) -> None:
+    notes = getattr(error, "__notes__", [])
+    notes[:] = [note for note in notes if not isinstance(note, CallNote)]  # one that is raised again and again
+    error.add_note(CallNote(what))
+
+
+def call_of(error: OSError) -> str:
+    """The call that raised the error."""
+    return next((note for note in getattr(error, "__notes__", ()) if isinstance(note, CallNote)), "a call")
 
 
 class WrongKind(OSError):
@@ -94,22 +132,8 @@ class Probe:
         self.call(f"write_many to {', '.join(texts)}", self.driver.write_many, channels, array)
 
     def call(self, what: str, function: Callable[..., T], *arguments: Any) -> T:
-        """Any call of the driver. Its OSErrors pass; other exceptions are noted and become OSErrors."""
-        watch = self.watch
-        if watch.stopped:
-            raise Stopped
-        watch.doing, watch.limit = what, self.driver.timeout
-        watch.began = began = monotonic()
-        try:
-            return function(*arguments)
-        except OSError:
-            raise
-        except BaseException as error:
-            watch.wrong_kinds.append(f"{what} raised {located(error)}")
-            raise WrongKind(cause_of(error)) from error
-        finally:
-            watch.took = monotonic() - began
-            watch.began = None
+        """Any call of the driver."""
+        return self.watch.call(what, self.driver.timeout, function, *arguments)
 
     def _checked(self, channel: Channel, raw: Any) -> int:
         note = self.watch.wrong_types.append

@@ -31,7 +31,7 @@ class Rule:
     check: Callable[[Trial], str | None]
 
 
-THEMES = ("segment", "value", "block", "line", "device", "leak", "standing")
+THEMES = ("channel", "timing", "segment", "value", "block", "line", "device", "leak", "standing")
 """Modules of rules, in the order in which they are tried."""
 _RULES: dict[str, Rule] = {}
 C = TypeVar("C", bound=Callable[..., "str | None"])

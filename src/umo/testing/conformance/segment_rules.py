@@ -4,53 +4,11 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from umo.drivers.contract import Channel, Direction
-from umo.errors import ChannelError
-from umo.testing.conformance.probe import Probe
+from umo.testing.conformance.probe import Probe, call_of
 from umo.testing.conformance.rules import NotTried, RuleBroken, rule
 from umo.testing.conformance.subject import Output
 from umo.testing.conformance.trial import Trial
 from umo.text import reported
-
-UNKNOWN = "no such channel \N{REPLACEMENT CHARACTER}"
-
-
-@rule("channels", "A channel's text means one channel of fixed direction and bits; another text raises ChannelError.")
-def channels(trial: Trial) -> None:
-    probe, other = trial.new(), trial.new()
-    for text in trial.channels:
-        channel = probe.channel(text)
-        if not isinstance(channel, Channel):
-            raise RuleBroken(f"channel({text!r}) returned {channel!r}, not a Channel")
-        if channel != other.channel(text) or hash(channel) != hash(other.channel(text)):
-            raise RuleBroken(f"channel({text!r}) returned two channels that are not equal")
-    for each in trial.subject.outputs:
-        channel = probe.channel(each.channel)
-        if Direction.OUTPUT not in channel.direction:
-            raise RuleBroken(f"{each.channel} is an input")
-        if not channel.lowest <= each.least <= each.greatest <= channel.highest:
-            raise RuleBroken(f"{each.channel} takes {channel.lowest} to {channel.highest}, not {each.greatest}")
-    try:
-        probe.driver.channel(UNKNOWN)
-    except ChannelError:
-        return
-    except BaseException as error:
-        raise RuleBroken(f"an unknown channel raised {reported(error)}, not ChannelError") from error
-
-
-@rule("before open", "Before `open` a driver accesses no hardware; `devices` names it alike for two drivers.")
-def before_open(trial: Trial) -> None:
-    before = trial.subject.line.connections if trial.subject.line is not None else 0
-    probe, other = trial.new(), trial.new()
-    for text in trial.channels:
-        probe.channel(text)
-    devices = probe.call("devices", lambda: list(probe.driver.devices()))
-    if devices != other.call("devices", lambda: list(other.driver.devices())):
-        raise RuleBroken(f"devices() returned {devices} and then another answer")
-    if not all(isinstance(each, str) for each in devices):
-        raise RuleBroken(f"devices() returned {devices}, not texts")
-    if trial.subject.line is not None and trial.subject.line.connections != before:
-        raise RuleBroken("it connected to the device before open")
 
 
 @rule("initialise", "An output comes up at its default, with no other level in between.")
@@ -95,7 +53,7 @@ def reset(trial: Trial) -> str | None:
     with trial.opened() as probe:
         _check_inputs(trial, probe)
         for output in trial.seen:
-            for raw in output.samples:
+            for raw in output.inner:
                 probe.write(output.channel, raw)
                 probe.reset(output.channel, output.default)
                 trial.expect(probe, output, output.default, f"reset({output.default}) from {raw}")
@@ -159,7 +117,7 @@ def reopen(trial: Trial) -> None:
             for text in trial.channels:
                 _use(trial, probe, text)
         except OSError as error:
-            raise RuleBroken(f"opened again, {trial.watch.doing} failed: {reported(error)}") from error
+            raise RuleBroken(f"opened again, {call_of(error)} failed: {reported(error)}") from error
         finally:
             with trial.own_error_first():
                 trial.leave(probe)

@@ -28,16 +28,21 @@ class Output:
             raise ValueError(f"{self.channel}: the default {self.default} is not in {self.least} to {self.greatest}")
 
     @property
-    def samples(self) -> tuple[int, ...]:
-        """Levels to try: the default, both ends, and some between."""
+    def inner(self) -> tuple[int, ...]:
+        """Levels beside the default, neither end if there are others."""
         width = self.greatest - self.least
-        between = (self.least + width // 3, self.least + width // 2, self.greatest - width // 5)
-        return tuple(dict.fromkeys((self.default, self.greatest, self.least, *between)))
+        between = {self.least + width // 3, self.least + width // 2, self.greatest - width // 5}
+        free = sorted(between - {self.default, self.least, self.greatest})
+        return tuple(free or {self.greatest, self.least} - {self.default}) or (self.default,)
+
+    @property
+    def samples(self) -> tuple[int, ...]:
+        """Levels to try: both ends, the default, and some between."""
+        return tuple(dict.fromkeys((self.default, *self.inner, self.greatest, self.least)))
 
     def other(self, number: int = 0) -> int:
-        """A level that is not the default; `number` chooses among the samples. The default if there is no other."""
-        others = self.samples[1:] or self.samples
-        return others[number % len(others)]
+        """A level that is not the default; `number` chooses among the inner ones."""
+        return self.inner[number % len(self.inner)]
 
 
 @dataclass(frozen=True)

@@ -13,13 +13,13 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from time import monotonic
+from time import monotonic, sleep
 from types import TracebackType
 from typing import Self
 
 QUIET = 0.005
-STEP = 0.001
-"""s between two bytes of an endless answer."""
+LAST = 0.1
+"""s in which an answer that is to be late must have come."""
 KEPT = 64
 """Exchanges that are remembered."""
 SIZE = 65536
@@ -61,13 +61,15 @@ class Tap(ABC):
         self.spoiled = 0
         """Answers that were spoiled so far."""
         self._change: Change | None = None
-        self._hangup = self._holding = self._endless = False
+        self._hangup = self._holding = False
+        self._endless = 0.0
         self._open: list[Tapped] = []
         self._lock = threading.RLock()
         self._selector = selectors.DefaultSelector()
         self._wake, self._waker = os.pipe()
         self._selector.register(self._wake, selectors.EVENT_READ)
         self._end = False
+        self._settled = threading.Event()
         self._thread = threading.Thread(target=self._work, name="umo tap", daemon=True)
 
     def __enter__(self) -> Self:
@@ -111,8 +113,12 @@ class Tap(ABC):
         """Answers within the block are delivered at its end; `behind`: with the answer to the request after it."""
         with self._lock:
             self._holding = True
+        spoiled = self.spoiled
         try:
             yield
+            end = monotonic() + LAST
+            while self.spoiled == spoiled and monotonic() < end:
+                sleep(QUIET)
         finally:
             with self._lock:
                 self._holding = False
@@ -123,14 +129,14 @@ class Tap(ABC):
                         each.held = b""
 
     @contextmanager
-    def endless(self) -> Iterator[None]:
-        """In place of an answer, single bytes come without an end."""
-        self._endless = True
+    def endless(self, step: float = 0.001) -> Iterator[None]:
+        """In place of an answer, bytes come without an end, one every `step` s."""
+        self._endless = step
         self._nudge()
         try:
             yield
         finally:
-            self._endless = False
+            self._endless = 0.0
 
     @contextmanager
     def gone(self) -> Iterator[None]:
@@ -153,8 +159,14 @@ class Tap(ABC):
     def heal(self) -> None:
         """Whatever was asked for ends, and so do the connections."""
         with self._lock:
-            self._change, self._hangup, self._holding, self._endless = None, False, False, False
+            self._change, self._hangup, self._holding, self._endless = None, False, False, 0.0
             self.drop()
+
+    def settle(self) -> None:
+        """Returns when everything has been dealt with that waits now."""
+        self._settled.clear()
+        self._nudge()
+        self._settled.wait(LAST)
 
     @property
     def descriptors(self) -> int:
@@ -188,10 +200,11 @@ class Tap(ABC):
                 for key, _ in ready:
                     self._serve(key.fd)
                 self._look()
+            self._settled.set()
 
     def _pause(self) -> float | None:
         if self._endless:
-            return STEP
+            return self._endless
         dues = [each.due for each in tuple(self._open) if each.due is not None]
         return max(0.0, min(dues) - monotonic()) if dues else None
 

@@ -4,7 +4,7 @@ back to the defaults."""
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cached_property
 from threading import Event, Thread
@@ -46,7 +46,7 @@ class Trial:
 
     def new(self) -> Probe:
         """A new driver, not opened."""
-        driver: Driver[Any] = self.subject.make()
+        driver: Driver[Any] = self.watch.call("making the driver", self.patience, self.subject.make)
         driver.timeout, driver.period = self.patience, self.subject.period
         return Probe(driver, self.watch)
 
@@ -286,23 +286,20 @@ class Trial:
         elif self.subject.line is None and self.subject.gone is None:
             raise NotTried(f"no call can be made to fail: {NO_LINE}, and no channel that the device refuses")
         self.hurry(probe)
-        if self.subject.line is not None:
-            with self.subject.line.silent():
-                for call, arguments in self.transfers(probe):
-                    self.failure(call, *arguments)
-        elif self.subject.gone is not None:
-            with self.subject.gone():
-                for call, arguments in self.transfers(probe):
+        away = self.subject.gone if self.subject.line is None else self.subject.line.silent
+        if away is not None:
+            with away():
+                for call, arguments in self.transfers(probe, default=False)[::3]:  # a read and a write
                     self.failure(call, *arguments)
 
-    def transfers(self, probe: Probe) -> Sequence[tuple[Callable[..., object], tuple[Any, ...]]]:
-        """One call of each kind of transfer: its function and arguments. Outputs are written their defaults."""
+    def transfers(self, probe: Probe, default: bool = True) -> list[tuple[Callable[..., object], tuple[Any, ...]]]:
+        """One call of each kind: its function and arguments. Outputs are written their defaults, or other levels."""
         found: list[tuple[Callable[..., object], tuple[Any, ...]]] = []
         if self.readable:
             found += [(probe.read, (self.readable[0],)), (probe.read_many, (self.readable,))]
-        if self.subject.outputs:
-            texts = [output.channel for output in self.subject.outputs]
-            raws = [output.default for output in self.subject.outputs]
+        if outputs := self.subject.outputs:
+            texts = [each.channel for each in outputs]
+            raws = [each.default if default else each.other() for each in outputs]
             found += [(probe.write, (texts[0], raws[0])), (probe.write_many, (texts, raws))]
-            found += [(probe.reset, (texts[-1], raws[-1]))]
+            found += [(probe.reset, (texts[-1], outputs[-1].default))]
         return found

@@ -1,0 +1,54 @@
+"""Subjects that several tests use."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from conformance.careful import Careful
+from conformance.device import Device
+from umo.drivers.simulated import Simulated
+from umo.testing.conformance import Input, Output, Subject, TcpTap
+
+HASTE = 0.025
+"""s: for calls that are to time out."""
+
+
+@contextmanager
+def careful(driver: type[Careful] = Careful, **changes: Any) -> Iterator[Subject]:
+    """A driver of the device of these tests, behind a tap: every rule can be tried."""
+    with Device() as device, TcpTap(device.host, device.port) as tap:
+        given: dict[str, Any] = {
+            "name": driver.__name__,
+            "make": lambda: driver(host=tap.host, port=tap.port),
+            "outputs": (Output("out:0", 5, 0, 255), Output("out:1", 0, 0, 255), Output("io:0", 0, -2048, 2047)),
+            "inputs": (Input("in:0"), Input("in:8"), Input("in:9")),
+            "loopbacks": (("out:0", "in:0"),),
+            "refused": ("io:40", "in:40"),
+            "levels": device.levels,
+            "line": tap,
+            "checksum": True,
+            "timeout": HASTE,
+        }
+        yield Subject(**given | changes)
+
+
+def simulated() -> Subject:
+    """The simulated circuit: one memory for all drivers, as a device has."""
+    memory: dict[str, int] = {}
+
+    class Shared(Simulated):
+        def __init__(self) -> None:
+            super().__init__(history=100)
+            self._raws = memory
+
+    Shared.__module__, Shared.__qualname__ = Simulated.__module__, Simulated.__qualname__
+    return Subject(
+        "simulated",
+        make=Shared,
+        outputs=(Output("valve", 0, 0, 1), Output("motor", 5, -2047, 2047)),
+        inputs=(Input("encoder"), Input("motor")),
+        loopbacks=(("motor", "motor"),),
+        device="memory",
+    )
