@@ -78,6 +78,21 @@ NAMES = {
     "umo.frames": {"Layout", "Reader", "Ring", "Stage", "published", "rings"},
     "umo.process": {"RunFailed", "Started", "start"},
     "umo.latency": {"Answer", "Samples", "judge", "measure"},
+    "umo.testing.conformance": {
+        "Certificate",
+        "Finding",
+        "Input",
+        "Judgement",
+        "Output",
+        "PtyTap",
+        "Rule",
+        "Subject",
+        "Tap",
+        "TcpTap",
+        "TransferTime",
+        "all_rules",
+        "conform",
+    },
     "umo.testing": {"Call", "Scripted", "VirtualTimer", "periods", "put", "station"},
 }
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from conformance.careful import Careful, Place
 from conformance.device import READ, WRITE
-from umo.drivers.contract import Channel, Direction, IntArray
+from umo.drivers.contract import Direction, IntArray
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError
 
 
@@ -305,6 +305,11 @@ class SharesItsConnection(Careful):
 
     shared: dict[int, socket.socket | None] = {}
 
+    def __init__(self, *, host: str = "127.0.0.1", port: int = 4000) -> None:
+        before = self.shared.get(port)
+        super().__init__(host=host, port=port)
+        self.connection = before
+
     @property  # type: ignore[override]
     def connection(self) -> socket.socket | None:
         return self.shared.get(self.port)
@@ -405,5 +410,3 @@ BREAKS: dict[type[Careful], set[str]] = {
     Grows: {"memory"},
     RaisesKeyErrors: {"kind of errors"},
 }
-
-__all__ = ["BREAKS", "Channel"]
