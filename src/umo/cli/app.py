@@ -199,6 +199,49 @@ def tree(
     guarded(lambda: show_tree(find(station), wiring, words or [], everything))
 
 
+@app.command(
+    epilog="Examples: umo conform oven/wiring/modbus.toml  |  umo conform oven -w modbus --only coil:3 --yes  |  "
+    "umo conform oven -w bench --loopback dac:0=adc:0",
+    context_settings=OF_THE_MACHINE,
+)
+def conform(
+    context: typer.Context,
+    target: Annotated[
+        str, typer.Argument(metavar="WIRING|STATION", help="A wiring file of a station, or a station (with -w).")
+    ],
+    wiring: WiringName = None,
+    driver: Annotated[
+        str | None, typer.Option(metavar="NAME", help="The driver to test; default: the only one with hardware.")
+    ] = None,
+    loopback: Annotated[
+        list[str] | None,
+        typer.Option(metavar="OUT=IN", help="The input that reads the level of an output. Can be repeated."),
+    ] = None,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(metavar="CHANNEL", help="Use this channel or object, and no others. Can be repeated."),
+    ] = None,
+    tolerance: Annotated[
+        float, typer.Option(min=0.0, callback=_finite, help="Of loop-backs, in the unit of the output.")
+    ] = 0.0,
+    cycles: Annotated[int, typer.Option(min=1, help="Transfers in the search for leaks.")] = 10_000,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="Write the certificate to this file.")
+    ] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Drive the outputs without asking.")] = False,
+    acknowledge: Acknowledge = False,
+) -> None:
+    """Prove that a driver keeps its contract, with its device. Exit status 1: it breaks a rule.
+
+    The outputs are driven over the ranges of their objects, after you have agreed to it; all go to their defaults at
+    the end. A driver with the options host and port, or serial, is also tested with a disturbed line to its device.
+    """
+    from .conform import Choice, conform_wiring
+
+    choice = Choice(driver, only or (), loopback or (), tolerance, cycles, json_file, yes, acknowledge)
+    guarded(lambda: conform_wiring(target, wiring, choice, context.args))
+
+
 @app.command(epilog="Examples: umo drivers  |  umo drivers modbus  |  umo drivers .card:Card")
 def drivers(
     name: Annotated[

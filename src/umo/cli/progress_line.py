@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import Self
 
 from rich.console import Console
 
@@ -19,8 +20,8 @@ INTERVAL = 0.1
 BAR = 24
 
 
-class Shown:
-    """An observer that keeps one line up to date on a terminal; elsewhere it writes a line for every new text."""
+class OneLine:
+    """A line that is kept up to date on a terminal; elsewhere a line for every new text."""
 
     def __init__(self, console: Console, clock: Callable[[], float] = time.monotonic) -> None:
         self._file = console.file
@@ -30,30 +31,37 @@ class Shown:
         self._text = ""
         self._width = max(20, console.width - 1)
 
-    def __enter__(self) -> Shown:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:
         if self._terminal:
             self._write("\r\x1b[2K")
 
-    def __call__(self, frame: Frame) -> None:
+    def show(self, seconds: float, text: str, share: float | None) -> None:
+        """The time, a bar for the share that is done, and a text."""
         if self._terminal:
             if (now := self._clock()) >= self._next:
                 self._next = now + INTERVAL
-                self._write(f"\r\x1b[2K{self._line(frame)[: self._width]}")
-        elif (text := frame.progress.text) and text != self._text:
+                self._write(f"\r\x1b[2K{self._line(seconds, printable(text) or 'running', share)[: self._width]}")
+        elif text and text != self._text:
             self._text = text
-            self._write(f"{frame.time:8.3f} s  {printable(text)}\n")
+            self._write(f"{seconds:8.3f} s  {printable(text)}\n")
 
-    def _line(self, frame: Frame) -> str:
-        progress = frame.progress
-        text = printable(progress.text) or "running"
-        if not progress.total:
-            return f"{frame.time:8.1f} s  {text}"
-        filled = int(BAR * progress.share)
-        return f"{frame.time:8.1f} s  {'━' * filled}{'╌' * (BAR - filled)}  {text}"
+    def _line(self, seconds: float, text: str, share: float | None) -> str:
+        if share is None:
+            return f"{seconds:8.1f} s  {text}"
+        filled = int(BAR * share)
+        return f"{seconds:8.1f} s  {'━' * filled}{'╌' * (BAR - filled)}  {text}"
 
     def _write(self, text: str) -> None:
         self._file.write(text)
         self._file.flush()
+
+
+class Shown(OneLine):
+    """An observer that shows the progress of a run."""
+
+    def __call__(self, frame: Frame) -> None:
+        progress = frame.progress
+        self.show(frame.time, progress.text, progress.share if progress.total else None)

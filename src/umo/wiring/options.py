@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from umo.drivers import registry
+from umo.drivers import Driver, registry
 from umo.errors import WiringError
 from umo.wiring.source import read
 
+RESERVED = ("type", "timeout", "watchdog")
+"""Keys of a driver's table that are not options of the driver."""
 REALTIME = "realtime"
 """The option of a run that belongs to the wiring and not to a driver: its timer keeps the pace of the wall clock."""
 FAULT, FAULT_SEED = "fault", "fault_seed"
@@ -34,3 +37,13 @@ def driver_options(wiring: Path | str | Mapping[str, Any] | None) -> dict[str, t
         new = {key: (str(name), parameter) for key, parameter in parameters.items() if key not in taken}
         taken |= {key: found for key, found in new.items() if key not in OF_WIRINGS}
     return taken
+
+
+def maker_of(wiring: Path | str | Mapping[str, Any] | None, name: str) -> partial[Driver[Any]]:
+    """Makes drivers like that of this name, in a wiring that `check` found right; keywords change options."""
+    from umo.wiring.entry import options_of
+
+    table = {"type": name} | (read(wiring).drivers.get(name, {}) if wiring is not None else {})
+    cls = registry.find(table["type"])
+    given = {key: value for key, value in table.items() if key not in RESERVED}
+    return partial(cls, **options_of(cls.__name__, inspect.signature(cls, eval_str=True).parameters, given))

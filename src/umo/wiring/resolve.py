@@ -28,7 +28,7 @@ from umo.objects.units import seconds
 from umo.system.packages import station_of
 from umo.text import cause_of, reason_of
 from umo.wiring.injection import InjectedFault, inject
-from umo.wiring.options import FAULT, FAULT_SEED, OF_WIRINGS, REALTIME
+from umo.wiring.options import FAULT, FAULT_SEED, OF_WIRINGS, REALTIME, RESERVED
 from umo.wiring.patterns import collapsed, expand, expand_parameters
 from umo.wiring.resolved import Parameter, Process, Wire, Wired
 from umo.wiring.source import WiringSource, read
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from umo.wiring.entry import Entry
 
 DEFAULT_PERIOD = "1 ms"
-RESERVED = ("type", "timeout", "watchdog")
 
 
 def check(root: Compound, wiring: Path | str | Mapping[str, Any] | None = None) -> list[Fault]:

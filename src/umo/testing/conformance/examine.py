@@ -9,6 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 from threading import Thread
 from time import monotonic
 
+from umo.errors import Failure, StopError
 from umo.testing.conformance.certificate import Certificate, Finding, Judgement
 from umo.testing.conformance.probe import Watch, call_of
 from umo.testing.conformance.rules import NotTried, Rule, RuleBroken, chosen_rules
@@ -53,12 +54,21 @@ def conform(
             except Hangs as error:
                 hangs = trial.watch.doing
                 findings.append(Finding(rule.id, rule.text, Judgement.FAILED, str(error)))
-    finally:
+    except BaseException as error:
         _bring_to_defaults(trial)
+        if trial.unreached:
+            raise _stop_error(trial) from error
+        raise
+    _bring_to_defaults(trial)
     certificate = _certificate(trial, findings)
     for call in on_certificate:
         call(certificate)
     return certificate
+
+
+def _stop_error(trial: Trial) -> StopError:
+    failures = [Failure(text, text, "not reset", trial.subject.name) for text in trial.unreached]
+    return StopError("not brought to their defaults", failures)
 
 
 def _supervised(trial: Trial, rule: Rule, progress: Callable[[float], object]) -> Finding:
@@ -99,8 +109,8 @@ def _in_thread(trial: Trial, work: Callable[[], None], look: Callable[[], object
     thread.start()
     try:
         while thread.is_alive():
-            thread.join(INTERVAL)
             look()
+            thread.join(INTERVAL)
             _check_hang(trial)
     except Hangs:
         raise

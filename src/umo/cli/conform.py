@@ -1,0 +1,288 @@
+"""`umo conform`: the conformance kit on a driver of a wiring, with the hardware that it is wired to."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, replace
+from functools import partial
+from inspect import signature
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from rich.table import Table
+
+from umo.cycle.stopping import SIGNALS, signal_name
+from umo.drivers import Direction, Driver
+from umo.errors import DriverError, PathError, StopError
+from umo.objects import Digital
+from umo.objects.units import convert
+from umo.process.outcome import FAILED
+from umo.process.station import Station, StationError, find
+from umo.system.custody import Custody
+from umo.system.packages import station_of
+from umo.testing.conformance import Certificate, Input, Output, PtyTap, Subject, Tap, TcpTap, all_rules, conform
+from umo.text import did_you_mean, reported, some
+from umo.wiring import Wire, Wired, resolve
+from umo.wiring.options import maker_of
+
+from .console import err, out
+from .progress_line import OneLine
+from .station_options import machine_of
+
+ALMOST = 1e-9
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What the user chose on the command line."""
+
+    driver: str | None = None
+    only: Sequence[str] = ()
+    loopbacks: Sequence[str] = ()
+    tolerance: float = 0.0
+    cycles: int = 10_000
+    json: Path | None = None
+    yes: bool = False
+    acknowledge: bool = False
+
+
+def conform_wiring(target: str, wiring: str | None, choice: Choice, arguments: Sequence[str] = ()) -> int:
+    """Try the rules; status 0: all passed or could not be tried, 1: one is broken."""
+    station, wiring = _station(target, wiring)
+    file = station.wiring(wiring)
+    machine = machine_of(station, arguments)
+    wired = resolve(machine, file)
+    name = _driver(wired, choice.driver)
+    wires = _wires(wired, name, choice.only)
+    subject = _subject(station, file, wired, name, wires, choice)
+    if not _may_drive(subject, wires, wired.hardware.get(name, ()), choice.yes):
+        return 2
+    custody = Custody(wired.hardware.get(name, ()), station.name, "conform", acknowledge=choice.acknowledge)
+    with _kept(custody) as stopped, _line(subject, maker_of(file, name)) as tapped, _signals():
+        _check_opens(tapped, name)
+        certificate = _shown(tapped, choice.cycles)
+        stopped += certificate.unreached
+    out.print(certificate.table())
+    if choice.json is not None:
+        choice.json.write_text(certificate.to_json(), encoding="utf-8")
+    return 0 if certificate.passed else FAILED
+
+
+def _station(target: str, wiring: str | None) -> tuple[Station, str | None]:
+    """A station, or the one that a wiring file belongs to."""
+    file = Path(target)
+    if file.suffix != ".toml" or wiring is not None:
+        return find(target), wiring
+    if not file.is_file():
+        raise StationError(f"no wiring {target}")
+    folder = station_of(file)
+    if folder is None:
+        raise StationError(f"{target} is not in a station; give the station, and the wiring by -w")
+    return find(folder), target
+
+
+def _driver(wired: Wired, given: str | None) -> str:
+    """The name of the driver to test."""
+    names = ", ".join(wired.drivers)
+    if given is not None:
+        if given not in wired.drivers:
+            raise StationError(f"no driver {given!r}{did_you_mean(given, wired.drivers)} in the wiring: {names}")
+        return given
+    timer = wired.timer_wire
+    others = [name for name, driver in wired.drivers.items() if timer is None or driver is not timer.driver]
+    for found in (list(wired.hardware), others, list(wired.drivers)):
+        if len(found) == 1:
+            return found[0]
+        if found:
+            break
+    raise StationError(f"the wiring has several drivers: choose one by --driver: {names}")
+
+
+def _wires(wired: Wired, name: str, only: Sequence[str]) -> list[Wire]:
+    """The wires of the driver, those of `only` if there are any; the timer only if it is alone."""
+    own = [wire for wire in wired.wires if wire.driver is wired.drivers[name]]
+    wires = [wire for wire in own if wire.item is not wired.timer] or own
+    if not wires:
+        raise StationError(f"no object is wired to {name}")
+    return [_wire(wires, text) for text in dict.fromkeys(only)] if only else wires
+
+
+def _wire(wires: Iterable[Wire], text: str) -> Wire:
+    """By the text of its channel or the path of its object."""
+    known = {wire.item.path: wire for wire in wires} | {wire.channel.text: wire for wire in wires}
+    if text not in known:
+        raise PathError(f"no channel or object {text!r}{did_you_mean(text, known)} of this driver")
+    return known[text]
+
+
+def _subject(
+    station: Station, file: Path | None, wired: Wired, name: str, wires: list[Wire], choice: Choice
+) -> Subject:
+    outputs = [wire for wire in wires if wire.item.direction is Direction.OUTPUT]
+    inputs = [wire for wire in wires if wire.item.direction is not Direction.OUTPUT]
+    loops = [_loop(wires, text) for text in choice.loopbacks]
+    by_text = {wire.channel.text: wire for wire in wires}
+    driver = wired.drivers[name]
+    return Subject(
+        name="-".join([station.name, *([file.stem] if file else []), name]),
+        make=_maker(maker_of(file, name)),
+        outputs=tuple(_output(wire) for wire in outputs),
+        inputs=tuple(Input(wire.channel.text, steady=False) for wire in inputs),
+        loopbacks=tuple((one.channel.text, other.channel.text) for one, other in loops),
+        timeout=driver.timeout,
+        device=", ".join(wired.hardware.get(name, ())),
+        period=driver.period,
+        agree=partial(_agree, by_text, choice.tolerance),
+    )
+
+
+def _maker(make: Callable[..., Driver[Any]], **changes: Any) -> Callable[[], Driver[Any]]:
+    return lambda: make(**changes)
+
+
+def _output(wire: Wire) -> Output:
+    least, greatest = wire.raw_bounds
+    default = wire.raw(wire.item._default_value())  # type: ignore[attr-defined]  # every actuator has one
+    return Output(wire.channel.text, default, least, greatest)
+
+
+def _loop(wires: Sequence[Wire], text: str) -> tuple[Wire, Wire]:
+    first, sign, second = text.partition("=")
+    if not sign:
+        raise StationError(f"--loopback {text}: give OUTPUT=INPUT")
+    output, back = _wire(wires, first), _wire(wires, second)
+    if output.item.direction is not Direction.OUTPUT or Direction.INPUT not in back.channel.direction:
+        raise StationError(f"--loopback {text}: {first} must be an actuator and {second} a channel that can be read")
+    return output, back
+
+
+def _agree(wires: dict[str, Wire], tolerance: float, output: str, raw: int, back: str, level: int) -> bool:
+    """Whether both mean one value, within half a resolution of each and the tolerance, in the output's unit."""
+    one, other = wires[output], wires[back]
+    if not isinstance(one.item, Digital) or not isinstance(other.item, Digital):
+        return raw == level
+    value, seen, half = one.value(raw), other.value(level), abs(other.scale[0]) / 2
+    units = other.item.units, one.item.units
+    near = abs(convert(seen, *units) - value)
+    return near <= tolerance + abs(convert(half, *units) - convert(0.0, *units)) + abs(one.scale[0]) / 2 + ALMOST
+
+
+# Before and after -------------------------------------------------------------------------------------
+
+
+def _may_drive(subject: Subject, wires: Sequence[Wire], devices: Sequence[str], yes: bool) -> bool:
+    """List what will be driven, and ask; a simulation needs no consent."""
+    if not subject.outputs or not devices:
+        return True
+    if not yes and not sys.stdin.isatty():
+        paths = [wire.item.path for wire in wires if wire.item.direction is Direction.OUTPUT]
+        err.print(f"umo: this drives {some(paths)} over the whole range: confirm it by --yes", soft_wrap=True)
+        return False
+    err.print(_plan(subject, wires, devices))
+    return yes or input("Drive these outputs? [y/N] ").strip().lower() in ("y", "yes")
+
+
+def _plan(subject: Subject, wires: Sequence[Wire], devices: Sequence[str]) -> Table:
+    ranges = {output.channel: output for output in subject.outputs}
+    table = Table("output", "channel", "raw levels", "values", "default", title=f"to be driven: {', '.join(devices)}")
+    for wire in wires:
+        if (output := ranges.get(wire.channel.text)) is None:
+            table.add_row(wire.item.path, wire.channel.text, "read", "", "")
+            continue
+        low, high = sorted((wire.value(output.least), wire.value(output.greatest)))
+        values = f"{low:g} to {high:g} {wire.item.units}" if isinstance(wire.item, Digital) else "both states"
+        table.add_row(
+            wire.item.path,
+            output.channel,
+            f"{output.least} to {output.greatest}",
+            values,
+            str(wire.item.default),  # type: ignore[attr-defined]
+        )
+    return table
+
+
+@contextmanager
+def _kept(custody: Custody) -> Iterator[list[str]]:
+    """The devices are held; the list takes the outputs that are not at their defaults at the end."""
+    unreached: list[str] = []
+    try:
+        yield unreached
+    except StopError as error:
+        unreached += [failure.path for failure in error.failures]
+        raise
+    finally:
+        if unreached:
+            custody.stopped("conformance", unreached)
+        else:
+            custody.finish()
+
+
+@contextmanager
+def _line(subject: Subject, make: partial[Driver[Any]]) -> Iterator[Subject]:
+    """With a tap before the device, where the driver's options tell how to reach it."""
+    parameters = signature(make.func).parameters
+    options = {name: parameters[name].default for name in ("host", "port", "serial") if name in parameters}
+    options |= {name: value for name, value in make.keywords.items() if name in options}
+    tap: Tap | None = None
+    if options.get("serial"):
+        tap = PtyTap(str(options["serial"]))
+    elif options.get("host") and isinstance(options.get("port"), int):
+        tap = TcpTap(options["host"], options["port"])
+    with tap or nullcontext():
+        if isinstance(tap, PtyTap):
+            subject = replace(subject, make=_maker(make, serial=tap.serial), line=tap)
+        elif isinstance(tap, TcpTap):
+            subject = replace(subject, make=_maker(make, host=tap.host, port=tap.port), line=tap)
+        yield subject
+
+
+def _check_opens(subject: Subject, name: str) -> None:
+    """One clear error in place of a table of failures."""
+    driver = subject.make()
+    driver.timeout, driver.period = max(3.0, subject.timeout), subject.period
+    try:
+        driver.open()
+        for each in subject.inputs[:1]:
+            driver.read(driver.channel(each.channel))
+    except Exception as error:
+        raise DriverError(f"driver {name} ({subject.device}): {reported(error)}") from error
+    finally:
+        driver.close()
+
+
+def _shown(subject: Subject, cycles: int) -> Certificate:
+    """The certificate; a line of progress meanwhile. What writes to inputs is left out if nothing may be driven."""
+    began = time.monotonic()
+    only = None if subject.outputs else [rule.id for rule in all_rules() if rule.id != "directions"]
+    with OneLine(err) as line:
+        return conform(
+            subject,
+            only=only,
+            cycles=cycles,
+            progress=(lambda rule, share: line.show(time.monotonic() - began, rule, share))
+            if err.is_terminal
+            else None,
+        )
+
+
+@contextmanager
+def _signals() -> Iterator[None]:
+    """SIGTERM and SIGHUP end the kit as Ctrl-C does. Only the first signal counts, so that nothing interrupts the way
+    to the defaults."""
+
+    def caught(number: int, frame: FrameType | None) -> None:
+        for each in SIGNALS:
+            signal.signal(each, signal.SIG_IGN)
+        raise KeyboardInterrupt(signal_name(number))
+
+    before = {number: signal.signal(number, caught) for number in SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
