@@ -22,6 +22,7 @@ def careful(driver: type[Careful] = Careful, **changes: Any) -> Iterator[Subject
         given: dict[str, Any] = {
             "name": driver.__name__,
             "make": lambda: driver(host=tap.host, port=tap.port),
+            "direct": lambda: driver(host=device.host, port=device.port),
             "outputs": (Output("out:0", 5, 0, 255), Output("out:1", 0, 0, 255), Output("io:0", 0, -2048, 2047)),
             "inputs": (Input("in:0"), Input("in:8"), Input("in:9")),
             "loopbacks": (("out:0", "in:0"),),

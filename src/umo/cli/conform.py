@@ -237,7 +237,7 @@ def _line(subject: Subject, make: partial[Driver[Any]]) -> Iterator[Subject]:
         if isinstance(tap, PtyTap):
             subject = replace(subject, make=_maker(make, serial=tap.serial), line=tap)
         elif isinstance(tap, TcpTap):
-            subject = replace(subject, make=_maker(make, host=tap.host, port=tap.port), line=tap)
+            subject = replace(subject, make=_maker(make, host=tap.host, port=tap.port), direct=_maker(make), line=tap)
         yield subject
 
 

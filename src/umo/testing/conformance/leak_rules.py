@@ -102,7 +102,7 @@ def _descriptors(trial: Trial) -> int:
 @rule("memory", "The memory does not grow over many cycles.")
 def memory(trial: Trial) -> str:
     cycles = max(10, trial.cycles // ROUNDS)
-    with trial.opened() as probe:
+    with trial.opened(direct=True) as probe:
         cycle = _cycle(trial, probe)
         _repeat(trial, probe, cycle, max(10, cycles // 10))
         growth = _growths(trial, probe, cycle, cycles)
@@ -163,7 +163,7 @@ def _cycle(trial: Trial, probe: Probe) -> Callable[[], object]:
 @rule("time", "The time per transfer, 99 of 100 within the timeout.")
 def time_per_transfer(trial: Trial) -> str:
     count = max(20, min(trial.cycles, TIMED))
-    with trial.opened() as probe:
+    with trial.opened(direct=True) as probe:
         for kind, call in _kinds(trial, probe).items():
             taken = np.zeros(count)
             for number in range(count):

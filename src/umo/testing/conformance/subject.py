@@ -72,6 +72,8 @@ class Subject:
     """What the driver is connected to, for the certificate. Default: the driver's `devices()`."""
     line: Tap | None = None
     """A TcpTap or PtyTap between driver and device, which spoils answers."""
+    direct: Callable[[], Driver[Any]] | None = None
+    """As `make`, without the line: for times and for many cycles. Default: `make`."""
     gone: Callable[[], AbstractContextManager[object]] | None = None
     """`with gone():` takes the device away and brings it back. Default: the line does."""
     levels: Callable[[str], Sequence[int]] | None = None

@@ -4,7 +4,7 @@ back to the defaults."""
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cached_property
 from threading import Event, Thread
@@ -44,9 +44,10 @@ class Trial:
 
     # Drivers -----------------------------------------------------------------------------------------
 
-    def new(self) -> Probe:
-        """A new driver, not opened."""
-        driver: Driver[Any] = self.watch.call("making the driver", self.patience, self.subject.make)
+    def new(self, direct: bool = False) -> Probe:
+        """A new driver, not opened; `direct`: without the line, if the subject can do so."""
+        make = self.subject.direct if direct and self.subject.direct is not None else self.subject.make
+        driver: Driver[Any] = self.watch.call("making the driver", self.patience, make)
         driver.timeout, driver.period = self.patience, self.subject.period
         return Probe(driver, self.watch)
 
@@ -55,14 +56,13 @@ class Trial:
         return max(PATIENCE, self.subject.timeout)
 
     @contextmanager
-    def opened(self, channels: Iterable[str] | None = None) -> Iterator[Probe]:
-        """An open driver with these channels initialised (default: all); at the end its outputs are reset, its channels
-        finalised, and it is closed."""
-        probe = self.new()
-        wanted = self.channels if channels is None else tuple(channels)
+    def opened(self, direct: bool = False) -> Iterator[Probe]:
+        """An open driver with its channels initialised; at the end its outputs are reset, its channels finalised, and it
+        is closed."""
+        probe = self.new(direct)
         try:
             probe.open()
-            for text in wanted:
+            for text in self.channels:
                 probe.initialize(text, self.default(text))
             yield probe
         except BaseException:

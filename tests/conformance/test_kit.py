@@ -1,0 +1,164 @@
+"""What the kit says of drivers that do what no driver should, and how it ends."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import pytest
+
+from conformance.careful import Careful
+from conformance.subjects import careful, simulated
+from umo.drivers.contract import Channel
+from umo.drivers.simulated import Simulated
+from umo.errors import StopError
+from umo.testing.conformance import Certificate, Judgement, Output, Subject, conform, examine
+
+
+def test_ten_thousand_cycles_of_the_simulated_circuit_leave_nothing_behind() -> None:
+    certificate = conform(simulated(), only=["descriptors", "threads", "memory"], cycles=10_000)
+    assert certificate.passed, certificate
+    assert certificate.cycles == 10_000
+    assert certificate.finding("memory").why == "9999 cycles"
+
+
+def test_a_rule_that_does_not_exist_is_an_error_that_names_the_nearest() -> None:
+    with pytest.raises(
+        ValueError, match=r"no rule 'blok write' \(did you mean 'block write'\?\); the rules are: chann"
+    ):
+        conform(simulated(), only=["blok write"])
+
+
+def test_a_default_outside_the_range_that_may_be_driven_is_an_error() -> None:
+    with pytest.raises(ValueError, match="dac: the default 9 is not in 0 to 5"):
+        Output("dac", default=9, least=0, greatest=5)
+
+
+@pytest.mark.parametrize("error", [RuntimeError("no"), SystemExit(0), KeyError("x"), RecursionError()])
+def test_whatever_a_driver_raises_is_a_finding_and_not_the_end_of_the_kit(error: BaseException) -> None:
+    class Raises(Simulated):
+        def write(self, channel: Channel, raw: int) -> None:
+            raise error
+
+    certificate = conform(Subject("raises", make=Raises, outputs=(Output("valve"),)), cycles=10)
+    assert f"raised {type(error).__name__}" in certificate.finding("kind of errors").why
+    assert certificate.unreached == ("valve",)
+    assert not certificate.passed
+
+
+def test_a_driver_that_cannot_be_made_is_a_finding() -> None:
+    def make() -> Any:
+        raise TypeError("no such option")
+
+    with pytest.raises(TypeError, match="no such option"):  # of the certificate, which names the driver's class
+        conform(Subject("none", make=make, outputs=(Output("valve"),)), cycles=10)
+
+
+def test_outputs_go_to_their_defaults_when_the_kit_is_interrupted() -> None:
+    with careful() as subject:
+
+        def interrupt(rule: str, share: float) -> None:
+            if rule == "block write":
+                raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            conform(subject, cycles=10, progress=interrupt)
+        assert subject.levels is not None
+        assert [subject.levels(output.channel)[-1] for output in subject.outputs] == [5, 0, 0]
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("umo")]
+
+
+def test_outputs_that_cannot_be_brought_to_their_defaults_are_named_when_it_is_interrupted() -> None:
+    class Stuck(Simulated):
+        def reset(self, channel: Channel, default: int | None) -> None:
+            raise OSError("stuck")
+
+    def interrupt(rule: str, share: float) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(StopError, match="not brought to their defaults: stuck: not reset; valve"):
+        conform(Subject("stuck", make=Stuck, outputs=(Output("valve"),)), progress=interrupt)
+
+
+def test_a_driver_that_hangs_without_a_line_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(examine, "HANG", 0.1)
+    monkeypatch.setattr("umo.testing.conformance.trial.PATIENCE", 0.05)
+    end = threading.Event()
+
+    class Hangs(Simulated):
+        def finalize(self, channel: Channel) -> None:
+            end.wait()
+
+    certificate = conform(Subject("hangs", make=Hangs, outputs=(Output("valve"),), timeout=0.05), cycles=10)
+    end.set()
+    assert [each.rule for each in certificate.failed] == ["initialise"]
+    assert "finalize of valve did not end within" in certificate.failed[0].why
+    assert certificate.finding("range").why == "the driver hangs in finalize of valve"
+    assert certificate.unreached == ()  # reset did work
+
+
+def test_a_loop_back_shows_the_level_where_the_device_keeps_no_record() -> None:
+    with careful(levels=None) as subject:
+        certificate = conform(subject, only=["initialise", "reset", "range", "block write"], cycles=10)
+    assert certificate.passed, certificate
+    assert certificate.finding("range").why == "except out:1, whose level cannot be seen"
+    assert "short pulses cannot be seen" in certificate.finding("initialise").why
+
+
+def test_a_loop_back_shows_a_wrong_level_on_the_way() -> None:
+    seen = threading.Event()
+
+    class Slow(Careful):
+        """It stays at 0 until the loop-back has been read."""
+
+        def initialize(self, channel: Any, default: int | None) -> None:
+            if channel.text == "out:0":
+                seen.clear()
+                self.write(channel, 0)
+                seen.wait(1.0)
+            super().initialize(channel, default)
+
+        def read(self, channel: Any) -> int:
+            raw = super().read(channel)
+            if raw == 0:
+                seen.set()
+            return raw
+
+    with careful(Slow, levels=None) as subject:
+        certificate = conform(subject, only=["initialise"], cycles=10)
+    assert "out:0 was at 5, 0, 5 while it was initialised at 5" in certificate.finding("initialise").why
+
+
+def test_a_device_for_one_client_refuses_the_second() -> None:
+    class Alone(Careful):
+        taken: set[int] = set()
+
+        def open(self) -> None:
+            if self.port in self.taken:
+                raise OSError("the device has another client")
+            super().open()
+            self.taken.add(self.port)
+
+        def close(self) -> None:
+            if self.is_open:
+                self.taken.discard(self.port)
+            super().close()
+
+    with careful(Alone) as subject:
+        found = conform(subject, only=["two clients"]).finding("two clients")
+    assert found.verdict is Judgement.PASSED
+    assert found.why == "the second is refused: the device has another client"
+
+
+def test_a_certificate_comes_back_from_json_and_names_no_computer(tmp_path: Any) -> None:
+    certificate = conform(simulated(), cycles=10)
+    text = certificate.save(tmp_path / "made").read_text()
+    assert Certificate.from_json(text) == certificate
+    assert "/" not in text.replace("umo.drivers", "")
+    assert certificate.driver == "umo.drivers.simulated:Simulated"
+
+
+def test_a_certificate_without_a_rule_that_passed_has_not_passed() -> None:
+    certificate = conform(simulated(), only=["late answer"])
+    assert certificate.finding("late answer").verdict is Judgement.NOT_TRIED
+    assert not certificate.passed and certificate.failed == ()

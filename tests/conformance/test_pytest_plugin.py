@@ -1,0 +1,60 @@
+"""The kit in pytest: a test for each rule, certificates as files. pytest runs in a process of its own."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import umo
+from umo.testing.conformance import Certificate
+
+PLUGIN = "umo.testing.pytest_plugin"
+MODULE = """
+import pytest
+from umo.drivers.simulated import Simulated
+from umo.testing.conformance import Output, Subject, conform
+
+memory = {}
+
+class Card(Simulated):
+    def __init__(self):
+        super().__init__(history=10)
+        self._raws = memory
+
+    def reset(self, channel, default):
+        self.write(channel, RESET)
+
+@pytest.fixture(scope="module")
+def subject():
+    return Subject("card", make=Card, outputs=(Output("valve", 0, 0, 1),))
+
+def test_conformance(conformance):
+    conformance.check()
+"""
+
+
+def run(folder: Path, module: str, *words: str) -> str:
+    (folder / "test_card.py").write_text(module)
+    (folder / "pytest.ini").write_text("[pytest]\n")
+    environment = os.environ | {"PYTHONPATH": str(Path(umo.__file__).parents[1]), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+    command = [sys.executable, "-m", "pytest", "-p", PLUGIN, "--conformance-cycles", "20", "-rs", *words]
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True).stdout
+
+
+def test_each_rule_is_a_test_and_those_that_cannot_be_tried_are_skipped(tmp_path: Path) -> None:
+    said = run(tmp_path, MODULE.replace("RESET", "default"), "-v", "--certificates", "made")
+    assert "test_conformance[block-write] PASSED" in said
+    assert "test_conformance[late-answer] SKIPPED" in said
+    assert "there is no line between driver and device" in said
+    assert " failed" not in said.splitlines()[-1]
+    certificate = Certificate.from_json((tmp_path / "made" / "card.json").read_text())
+    assert certificate.passed and certificate.name == "card"
+
+
+def test_a_broken_rule_fails_its_test_in_words(tmp_path: Path) -> None:
+    said = run(tmp_path, MODULE.replace("RESET", "1"))
+    assert "card: valve is at 1 after reset(0) from 1, not at 0" in said
+    assert "1 failed" in said.splitlines()[-1]
+    assert "Traceback" not in said
