@@ -23,9 +23,7 @@ def test_ten_thousand_cycles_of_the_simulated_circuit_leave_nothing_behind() -> 
 
 
 def test_a_rule_that_does_not_exist_is_an_error_that_names_the_nearest() -> None:
-    with pytest.raises(
-        ValueError, match=r"no rule 'blok write' \(did you mean 'block write'\?\); the rules are: chann"
-    ):
+    with pytest.raises(ValueError, match=r"no rule 'blok write' \(did you mean 'block write'\?\); the rules are:"):
         conform(simulated(), only=["blok write"])
 
 
@@ -46,11 +44,11 @@ def test_whatever_a_driver_raises_is_a_finding_and_not_the_end_of_the_kit(error:
     assert not certificate.passed
 
 
-def test_a_driver_that_cannot_be_made_is_a_finding() -> None:
+def test_a_driver_that_cannot_be_made_is_an_error_at_once() -> None:
     def make() -> Any:
         raise TypeError("no such option")
 
-    with pytest.raises(TypeError, match="no such option"):  # of the certificate, which names the driver's class
+    with pytest.raises(TypeError, match="no such option"):
         conform(Subject("none", make=make, outputs=(Output("valve"),)), cycles=10)
 
 

@@ -11,7 +11,8 @@
     def test_conformance(conformance):
         conformance.check()
 
-`pytest --certificates DIR` writes each certificate that a test makes, by this fixture or by `conform`, to DIR/NAME.json.
+`pytest --certificates DIR` writes each certificate that a test makes, by this fixture or by `conform`, to
+DIR/NAME.json.
 `--conformance-cycles N` sets the cycles of the search for leaks (default: 1,000).
 """
 

@@ -8,7 +8,9 @@ from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from threading import Thread
 from time import monotonic
+from typing import Any
 
+from umo.drivers.contract import Driver
 from umo.errors import Failure, StopError
 from umo.testing.conformance.certificate import Certificate, Finding, Judgement
 from umo.testing.conformance.probe import Watch, call_of
@@ -41,6 +43,7 @@ def conform(
     does not return within four times its timeout and 2 s.
     """
     rules = chosen_rules(only)
+    driver = subject.make()
     trial = Trial(subject, cycles)
     findings: list[Finding] = []
     hangs = ""
@@ -60,7 +63,7 @@ def conform(
             raise _stop_error(trial) from error
         raise
     _bring_to_defaults(trial)
-    certificate = _certificate(trial, findings)
+    certificate = _certificate(trial, driver, findings)
     for call in on_certificate:
         call(certificate)
     return certificate
@@ -148,9 +151,8 @@ def _part(progress: OnProgress | None, rule: Rule, number: int, count: int) -> C
     return lambda share: progress(rule.id, (number + share) / count)
 
 
-def _certificate(trial: Trial, findings: Iterable[Finding]) -> Certificate:
+def _certificate(trial: Trial, driver: Driver[Any], findings: Iterable[Finding]) -> Certificate:
     subject = trial.subject
-    driver = subject.make()
     return Certificate(
         name=subject.name,
         driver=f"{type(driver).__module__}:{type(driver).__qualname__}",

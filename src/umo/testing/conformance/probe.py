@@ -26,7 +26,7 @@ class Watch:
         self.took = 0.0
         """Duration in s of the last call."""
         self.stopped = False
-        """No call is to be made any more, as the user wants the kit to end."""
+        """The next call is not to be made, as the user wants the kit to end."""
         self.wrong_kinds: list[str] = []
         """Calls that raised something else than an OSError."""
         self.wrong_types: list[str] = []
@@ -36,6 +36,7 @@ class Watch:
         """A call of the driver with this timeout. Its OSErrors pass, with a note of the call; other exceptions are
         noted here and become OSErrors."""
         if self.stopped:
+            self.stopped = False  # the calls that tidy up are still to be made
             raise Stopped
         self.doing, self.limit = what, limit
         self.began = began = monotonic()

@@ -12,8 +12,8 @@ from umo.testing.conformance.taps import Tap, Tapped
 
 
 class PtyTap(Tap):
-    """A pseudo terminal at `serial`, a path, in front of the device file. The driver's settings of the line (baud rate,
-    parity) are passed on. The path stays the same when the device was gone and returns."""
+    """A pseudo terminal at `serial`, a path, in front of a device file. The driver's settings of the line (baud rate,
+    parity) are passed on. When the line ends, as an adapter that is taken out, a new one appears at the same path."""
 
     ordered = False
 
@@ -22,51 +22,46 @@ class PtyTap(Tap):
         self._path = device
         self._folder = tempfile.TemporaryDirectory(prefix="umo-tap-")
         self.serial = str(Path(self._folder.name) / "line")
-        self._driver_side = -1
+        self._terminal = -1
+        self._away = True
         self._settings: list[Any] = []
-
-    def _appear(self) -> None:
-        """The terminal stays open here too, so that it does not end with each driver."""
-        import tty
-
-        self._end_terminal()
-        master, self._driver_side = os.openpty()
-        tty.setraw(self._driver_side)
-        with suppress(FileNotFoundError):
-            os.unlink(self.serial)
-        os.symlink(os.ttyname(self._driver_side), self.serial)
-        device = os.open(self._path, os.O_RDWR | os.O_NOCTTY)
-        if os.isatty(device):
-            tty.setraw(device)
-        self._settings = []
-        self._add(master, device)
-
-    def _vanish(self) -> None:
-        with suppress(FileNotFoundError):
-            os.unlink(self.serial)
-        self._end_terminal()
-
-    def drop(self) -> None:
-        """The adapter is taken out and put in again."""
-        with self._lock:
-            super().drop()
-            if os.path.lexists(self.serial) and not self._end:
-                self._appear()
-
-    def _mirror(self, connection: Tapped) -> None:
-        import termios
-
-        settings = termios.tcgetattr(self._driver_side)
-        if settings != self._settings and os.isatty(connection.device):
-            with suppress(termios.error):
-                termios.tcsetattr(connection.device, termios.TCSANOW, settings)
-            self._settings = settings
-
-    def _end_terminal(self) -> None:
-        if self._driver_side >= 0:
-            os.close(self._driver_side)
-            self._driver_side = -1
 
     def __exit__(self, *error: Any) -> None:
         super().__exit__(*error)
         self._folder.cleanup()
+
+    def _appear(self) -> None:
+        import tty
+
+        device = os.open(self._path, os.O_RDWR | os.O_NOCTTY)
+        if os.isatty(device):
+            tty.setraw(device)
+        driver, self._terminal = os.openpty()  # kept open, so that the line does not end with each driver
+        tty.setraw(self._terminal)
+        os.symlink(os.ttyname(self._terminal), self.serial)
+        self._away, self._settings = False, []
+        self._add(driver, device)
+
+    def _vanish(self) -> None:
+        self._away = True
+        with suppress(FileNotFoundError):
+            os.unlink(self.serial)
+        if self._terminal >= 0:
+            os.close(self._terminal)
+            self._terminal = -1
+
+    def _close(self, tapped: Tapped) -> None:
+        super()._close(tapped)
+        if not self._away and not self._open:
+            self._vanish()
+            with suppress(OSError):  # the device is not there any more
+                self._appear()
+
+    def _mirror(self, tapped: Tapped) -> None:
+        import termios
+
+        settings = termios.tcgetattr(self._terminal)
+        if settings != self._settings and os.isatty(tapped.device):
+            with suppress(termios.error):
+                termios.tcsetattr(tapped.device, termios.TCSANOW, settings)
+            self._settings = settings

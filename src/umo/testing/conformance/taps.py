@@ -18,7 +18,7 @@ from types import TracebackType
 from typing import Self
 
 QUIET = 0.005
-LAST = 0.1
+LAST = 0.5
 """s in which an answer that is to be late must have come."""
 KEPT = 64
 """Exchanges that are remembered."""
@@ -117,7 +117,7 @@ class Tap(ABC):
         try:
             yield
             end = monotonic() + LAST
-            while self.spoiled == spoiled and monotonic() < end:
+            while self.spoiled == spoiled and any(each.request for each in tuple(self._open)) and monotonic() < end:
                 sleep(QUIET)
         finally:
             with self._lock:
@@ -187,7 +187,7 @@ class Tap(ABC):
         """A connection waits to be taken."""
         raise NotImplementedError
 
-    def _mirror(self, connection: Tapped) -> None:
+    def _mirror(self, tapped: Tapped) -> None:
         """A request is about to be passed on."""
         return
 
@@ -215,8 +215,8 @@ class Tap(ABC):
         if ready == self._wake:
             os.read(ready, SIZE)
             return
-        connection = next((each for each in self._open if ready in (each.driver, each.device)), None)
-        if connection is None:
+        tapped = next((each for each in self._open if ready in (each.driver, each.device)), None)
+        if tapped is None:
             if ready in self._selector.get_map():  # else it was closed in the meantime
                 self._accept()
             return
@@ -225,27 +225,27 @@ class Tap(ABC):
         except OSError:
             data = b""
         if not data:
-            self._close(connection)
-        elif ready == connection.driver:
-            self._requested(connection, data)
+            self._close(tapped)
+        elif ready == tapped.driver:
+            self._requested(tapped, data)
         else:
-            self._answered(connection, data)
+            self._answered(tapped, data)
 
-    def _requested(self, connection: Tapped, data: bytes) -> None:
-        if connection.answer:  # of the request before
-            self._finish(connection)
-            connection.request = b""
-        connection.request += data
-        self._mirror(connection)
-        self._put(connection, connection.device, data)
+    def _requested(self, tapped: Tapped, data: bytes) -> None:
+        if tapped.answer:  # of the request before
+            self._finish(tapped)
+            tapped.request = b""
+        tapped.request += data
+        self._mirror(tapped)
+        self._put(tapped, tapped.device, data)
 
-    def _answered(self, connection: Tapped, data: bytes) -> None:
-        connection.answer += data
-        if self._change is not None or self._holding or self._endless or connection.due is not None:
-            connection.due = monotonic() + QUIET
+    def _answered(self, tapped: Tapped, data: bytes) -> None:
+        tapped.answer += data
+        if self._change is not None or self._holding or self._endless or tapped.due is not None:
+            tapped.due = monotonic() + QUIET
             return
-        self._put(connection, connection.driver, connection.held + data)
-        connection.held = b""
+        self._put(tapped, tapped.driver, tapped.held + data)
+        tapped.held = b""
 
     def _look(self) -> None:
         now = monotonic()
@@ -255,43 +255,43 @@ class Tap(ABC):
             if self._endless and each.request:
                 self._put(each, each.driver, b"\xff")
 
-    def _finish(self, connection: Tapped, holding: bool = False) -> None:
+    def _finish(self, tapped: Tapped, holding: bool = False) -> None:
         """The answer is complete."""
-        answer, spoils = connection.answer, connection.due is not None
+        answer, spoils = tapped.answer, tapped.due is not None
         if not answer:
             return
-        connection.due, connection.answer = None, b""
-        self.exchanges.append((connection.request, answer))
-        connection.request = b"" if not self._endless else connection.request
+        tapped.due, tapped.answer = None, b""
+        self.exchanges.append((tapped.request, answer))
+        tapped.request = b"" if not self._endless else tapped.request
         if not spoils:
             return
         self.spoiled += 1
         if self._holding or holding:
-            connection.held += answer
+            tapped.held += answer
         elif self._change is not None:
-            self._put(connection, connection.driver, self._change(answer))
+            self._put(tapped, tapped.driver, self._change(answer))
             if self._hangup:
-                self._close(connection)
+                self._close(tapped)
         elif not self._endless:  # it began before the mode ended
-            self._put(connection, connection.driver, answer)
+            self._put(tapped, tapped.driver, answer)
 
-    def _put(self, connection: Tapped, to: int, data: bytes) -> None:
+    def _put(self, tapped: Tapped, to: int, data: bytes) -> None:
         try:
             while data:
                 data = data[os.write(to, data) :]
         except OSError:
-            self._close(connection)
+            self._close(tapped)
 
     def _add(self, driver: int, device: int) -> None:
         self._open.append(Tapped(driver, device))
         for each in (driver, device):
             self._selector.register(each, selectors.EVENT_READ)
 
-    def _close(self, connection: Tapped) -> None:
-        if connection not in self._open:
+    def _close(self, tapped: Tapped) -> None:
+        if tapped not in self._open:
             return
-        self._open.remove(connection)
-        for each in (connection.driver, connection.device):
+        self._open.remove(tapped)
+        for each in (tapped.driver, tapped.device):
             with suppress(KeyError):
                 self._selector.unregister(each)
             os.close(each)

@@ -57,8 +57,8 @@ class Trial:
 
     @contextmanager
     def opened(self, direct: bool = False) -> Iterator[Probe]:
-        """An open driver with its channels initialised; at the end its outputs are reset, its channels finalised, and it
-        is closed."""
+        """An open driver with its channels initialised. At the end its outputs are reset, its channels are finalised,
+        and it is closed."""
         probe = self.new(direct)
         try:
             probe.open()
@@ -98,16 +98,17 @@ class Trial:
         if not (self._dirty or always) or not self.subject.outputs:
             return
         self._dirty = False
-        self.unreached = [output.channel for output in self.subject.outputs]
-        probe = self.new()
+        self.unreached = left = [output.channel for output in self.subject.outputs]
         with suppress(OSError):
-            probe.open()
-            for output in self.subject.outputs:
-                with suppress(OSError):
-                    probe.reset(output.channel, output.default)
-                    self.unreached.remove(output.channel)
-        with suppress(OSError):
-            probe.close()
+            probe = self.new()
+            try:
+                probe.open()
+                for output in self.subject.outputs:
+                    if self.failure(probe.reset, output.channel, output.default) is None:
+                        left = [text for text in left if text != output.channel]
+            finally:
+                probe.close()
+        self.unreached = left
 
     def hurry(self, probe: Probe) -> None:
         """Its calls have the subject's own timeout from now on."""
