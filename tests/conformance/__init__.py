@@ -1,0 +1,1 @@
+"""Drivers under the conformance kit, and the kit itself."""

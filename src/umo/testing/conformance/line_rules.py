@@ -4,44 +4,75 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from random import Random
+from time import monotonic
 from typing import Any
 
 from umo.drivers.contract import Direction
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rules import NotTried, RuleBroken, rule
+from umo.testing.conformance.subject import Output
 from umo.testing.conformance.taps import Change, Tap
-from umo.testing.conformance.trial import Trial
+from umo.testing.conformance.trial import NO_VIEW, Trial
 
 TRIES = 3
 """Calls within which a driver recovers."""
 MOST = 2
 """Channels that are tried with each spoiled answer."""
+NO_TWO = "no two channels can be read that have different values"
 NO_ANSWER = "the device answers neither reads nor writes over the line"
 
 
 @rule("late answer", "After a timeout, the late answer is never taken for that of a later request.")
 def late_answer(trial: Trial) -> None:
-    line = trial.line
+    tried = False
     with trial.opened() as probe:
         values = apart(trial, probe)
-        tried = False
-        for behind in (False, True) if line.ordered else (False,):
-            for asked in values:
+        for behind in (False, True) if trial.line.ordered else (False,):
+            for asked in values if len(values) > 1 else ():
+                others = {text: raw for text, raw in values.items() if text != asked}
                 for call, arguments in _asking(trial, probe, asked):
-                    trial.hurry(probe)
-                    before = line.spoiled
-                    with line.late(behind=behind):
-                        error = trial.failure(call, *arguments)
-                    probe.driver.timeout = trial.patience
-                    if line.spoiled == before:
-                        continue
-                    tried = True
-                    if error is None:
-                        raise RuleBroken(f"{trial.watch.doing} succeeded before its answer came")
-                    after = f"a timeout of {asked}"
-                    recovers(trial, probe, {text: raw for text, raw in values.items() if text != asked}, after)
-        if not tried:
-            raise NotTried(NO_ANSWER)
+                    tried |= _comes_late(trial, probe, behind, call, *arguments)
+                    recovers(trial, probe, others, f"a timeout of {asked}")
+            tried |= _late_level(trial, probe, behind)
+    if not tried:
+        raise NotTried(f"{NO_TWO}, and {NO_VIEW}")
+
+
+def _comes_late(trial: Trial, probe: Probe, behind: bool, call: Callable[..., object], *arguments: Any) -> bool:
+    """The call times out, its answer comes later. Whether there was an answer."""
+    line, before = trial.line, trial.line.spoiled
+    trial.hurry(probe)
+    with line.late(behind=behind):
+        error = trial.failure(call, *arguments)
+    probe.driver.timeout = trial.patience
+    if error is None and line.spoiled > before:
+        raise RuleBroken(f"{trial.watch.doing} succeeded before its answer came")
+    return line.spoiled > before
+
+
+def _late_level(trial: Trial, probe: Probe, behind: bool) -> bool:
+    """The late answer has the level that an output had before. Whether this could be tried."""
+    views = {each: trial.loops.get(each.channel, each.channel) for each in trial.subject.outputs}
+    output = next((each for each, view in views.items() if view in trial.readable), None)
+    if output is None:
+        return False
+    view = views[output]
+    probe.write(output.channel, output.default)
+    tried = _comes_late(trial, probe, behind, probe.read, view)
+    rewrite(trial, probe, output, f"a timeout of {view}")
+    end = monotonic() + trial.subject.settle
+    while not trial.same(output, output.other(), found := _read_twice(probe, view)):
+        if not trial.same(output, output.default, found) or monotonic() > end:
+            raise RuleBroken(f"{view} read {found} after a timeout of it; {output.channel} is at {output.other()}")
+    return tried
+
+
+def _read_twice(probe: Probe, text: str) -> int:
+    """The second time only if the first fails: with that the driver may find out what it has to."""
+    try:
+        return probe.read(text)
+    except OSError:
+        return probe.read(text)
 
 
 def _asking(trial: Trial, probe: Probe, text: str) -> Iterator[tuple[Callable[..., object], tuple[Any, ...]]]:
@@ -51,15 +82,9 @@ def _asking(trial: Trial, probe: Probe, text: str) -> Iterator[tuple[Callable[..
 
 
 def apart(trial: Trial, probe: Probe) -> dict[str, int]:
-    """Two or more channels that read different values, as far as possible: outputs are brought to different levels."""
-    for number, output in enumerate(trial.subject.outputs):
-        probe.write(output.channel, output.other(number))
-    texts = {*trial.steady, *(each.channel for each in trial.subject.outputs), *trial.loops.values()}
-    values = {text: probe.read(text) for text in trial.readable if text in texts}
-    if len(set(values.values())) < 2:
-        raise NotTried("no two channels can be read that have different values")
+    """Channels that read different values, as far as possible: outputs are brought to different levels."""
     found: dict[str, int] = {}
-    for text, raw in values.items():
+    for text, raw in _values(trial, probe).items():
         if raw not in found.values() and len(found) < MOST:
             found[text] = raw
     return found
@@ -85,6 +110,8 @@ def old_answer(trial: Trial) -> None:
     line = trial.line
     with trial.opened() as probe:
         values = apart(trial, probe)
+        if len(values) < 2:
+            raise NotTried(NO_TWO)
         for asked in values:
             old = _answers(line, probe, asked)
             for text in values:
@@ -143,12 +170,12 @@ def _spoiled_write(trial: Trial, probe: Probe, change: Change, what: str, hangup
     probe.driver.timeout = trial.patience
     if error is None and line.spoiled > before:
         raise RuleBroken(f"{trial.watch.doing} succeeded with {what}")
-    _rewrite(trial, probe, what)
+    rewrite(trial, probe, output, what)
     return line.spoiled > before
 
 
-def _rewrite(trial: Trial, probe: Probe, after: str) -> None:
-    output = trial.subject.outputs[0]
+def rewrite(trial: Trial, probe: Probe, output: Output, after: str) -> None:
+    """The output takes another level, at the third call at the latest."""
     for left in range(TRIES - 1, -1, -1):
         error = trial.failure(probe.write, output.channel, output.other())
         if error is None:

@@ -116,6 +116,7 @@ class Tap(ABC):
         spoiled = self.spoiled
         try:
             yield
+            self.settle()
             end = monotonic() + LAST
             while self.spoiled == spoiled and any(each.request for each in tuple(self._open)) and monotonic() < end:
                 sleep(QUIET)

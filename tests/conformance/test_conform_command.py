@@ -1,0 +1,225 @@
+"""`umo conform`: which driver, which channels, consent, certificates, exit status."""
+
+from __future__ import annotations
+
+import os
+import pty
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import Result
+
+import umo as package
+from conformance.device import Device
+from umo.system.hold import Hold
+from umo.testing.conformance import Certificate
+
+Umo = Callable[..., Result]
+OBJECTS = """
+from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, OnOff, PassFail
+
+
+class Press(Compound):
+    timer: DigitalSensor
+    motor: DigitalActuator
+    fan: BinaryActuator[OnOff]
+    back: DigitalSensor
+    encoder: DigitalSensor
+    spare: DigitalSensor
+
+
+def machine() -> Press:
+    return Press(
+        timer=DigitalSensor("sampling_period", minimum=0, maximum=99_999, resolution=1, synchronous=False),
+        motor=DigitalActuator("V", default=1.0, minimum=0.0, maximum=5.1, resolution=0.02),
+        fan=BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.OFF),
+        back=DigitalSensor("mV", minimum=0.0, maximum=6000.0, resolution=20.0),
+        encoder=DigitalSensor("mm", minimum=0.0, maximum=6000.0, resolution=1.0),
+        spare=DigitalSensor("mm", minimum=0.0, maximum=6000.0, resolution=1.0),
+    )
+"""
+WIRING = """
+[drivers.card]
+type = "conformance.careful:Careful"
+port = PORT
+timeout = "30 ms"
+
+[wire]
+"timer" = { driver = "timerfd", period = "1 ms" }
+"motor" = { driver = "card", channel = "out:0", maximum = 4.0 }
+"fan" = { driver = "card", channel = "out:1" }
+"back" = { driver = "card", channel = "in:0" }
+"encoder" = { driver = "card", channel = "in:9" }
+"spare" = { driver = "simulated" }
+"""
+
+
+@pytest.fixture
+def device() -> Iterator[Device]:
+    with Device() as device:
+        yield device
+
+
+@pytest.fixture
+def press(tmp_path: Path, device: Device) -> Path:
+    """A station whose card is the device."""
+    folder = tmp_path / "press"
+    (folder / "wiring").mkdir(parents=True)
+    (folder / "objects.py").write_text(OBJECTS)
+    (folder / "wiring" / "card.toml").write_text(WIRING.replace("PORT", str(device.port)))
+    return folder
+
+
+def said(result: Result) -> str:
+    return " ".join((result.stdout + result.stderr).split())
+
+
+def test_a_wired_driver_is_tested_within_the_ranges_of_its_objects(umo: Umo, press: Path, device: Device) -> None:
+    device.levels("out:0")
+    words = ("--yes", "--cycles", "20", "--loopback", "motor=back", "--json", "made.json")
+    result = umo("conform", "press/wiring/card.toml", *words)
+    assert result.exit_code == 0, said(result)
+    assert f"press-card-card: device tcp 127.0.0.1:{device.port}" in said(result)
+    assert "out:0 0 to 200" not in said(result)
+    assert "motor out:0 0 to 200 0 to 4 V 1.0" in said(result).replace("│ ", "")
+    certificate = Certificate.from_json(Path("made.json").read_text())
+    assert certificate.outputs == ("out:0 0 to 200", "out:1 0 to 1")
+    assert max(device.levels("out:0")) <= 200
+    passed = {each.rule for each in certificate.findings if each.verdict == "passed"}
+    assert {"initialise", "range", "late answer", "vanish", "garbled answer", "directions", "end"} <= passed
+    assert certificate.finding("one beyond").verdict == "not tried"
+    assert certificate.finding("range").why == "except out:1, whose level cannot be seen"
+    assert device.levels("out:0")[-1] == 50
+
+
+def test_without_a_terminal_and_without_yes_nothing_is_driven(umo: Umo, press: Path, device: Device) -> None:
+    result = umo("conform", "press", "-w", "card")
+    assert result.exit_code == 2
+    assert said(result) == "umo: this drives motor and fan over the whole range: confirm it by --yes"
+    assert device.levels("out:0") == [0]
+
+
+def test_only_the_listed_channels_are_used(umo: Umo, press: Path, device: Device) -> None:
+    words = ("--only", "fan", "--only", "in:9", "--yes", "--cycles", "20", "--json", "made.json")
+    assert umo("conform", "press", "-w", "card", *words).exit_code == 0
+    certificate = Certificate.from_json(Path("made.json").read_text())
+    assert certificate.outputs == ("out:1 0 to 1",) and certificate.inputs == ("in:9",)
+    assert device.levels("out:0") == [0]
+
+
+def test_inputs_alone_are_read_without_a_question_and_nothing_is_written(umo: Umo, press: Path, device: Device) -> None:
+    result = umo("conform", "press", "-w", "card", "--only", "encoder", "--only", "back", "--cycles", "20")
+    assert result.exit_code == 0, said(result)
+    assert "directions" not in said(result)
+
+
+def test_a_broken_rule_is_status_1_and_in_words(umo: Umo, press: Path) -> None:
+    file = press / "wiring" / "card.toml"
+    file.write_text(file.read_text().replace("careful:Careful", "broken:ReadsAFloat"))
+    result = umo("conform", "press", "-w", "card", "--yes", "--cycles", "20")
+    assert result.exit_code == 1
+    assert "readings │ failed │ read of in:0 returned" in said(result)
+
+
+MISTAKES = {
+    "--driver cord": "no driver 'cord' (did you mean 'card'?) in the wiring: card, timerfd, simulated",
+    "--only out:7": "no channel or object 'out:7' (did you mean 'out:1'?) of this driver",
+    "--loopback motor": "--loopback motor: give OUTPUT=INPUT",
+    "--loopback back=motor": "--loopback back=motor: back must be an actuator and motor a channel that can be read",
+    "--only nothing": "no channel or object 'nothing' of this driver",
+}
+
+
+@pytest.mark.parametrize("words", MISTAKES)
+def test_a_mistake_is_one_line_with_what_there_is(umo: Umo, press: Path, words: str) -> None:
+    result = umo("conform", "press", "-w", "card", "--yes", *words.split())
+    assert result.exit_code == 2
+    assert said(result) == f"umo: {MISTAKES[words]}"
+
+
+def test_a_wiring_file_without_a_station_is_a_mistake(umo: Umo, tmp_path: Path) -> None:
+    assert said(umo("conform", "nothing.toml")) == "umo: no wiring nothing.toml"
+    (tmp_path / "deep" / "deeper").mkdir(parents=True)
+    (tmp_path / "deep" / "deeper" / "lone.toml").write_text("[wire]\n")
+    result = umo("conform", "deep/deeper/lone.toml")
+    assert result.exit_code == 2
+    assert said(result) == "umo: deep/deeper/lone.toml is not in a station; give the station, and the wiring by -w"
+
+
+def test_a_device_that_is_not_there_is_one_line_and_status_1(umo: Umo, press: Path) -> None:
+    file = press / "wiring" / "card.toml"
+    file.write_text(file.read_text().replace("port = ", "port = 1 # "))
+    result = umo("conform", "press", "-w", "card", "--yes")
+    assert result.exit_code == 1
+    assert len(result.stderr.strip().splitlines()) < 12
+    assert "umo: driver card (device tcp 127.0.0.1:1): " in said(result)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="devices are held on Linux")
+def test_a_device_that_another_program_holds_is_left_alone(umo: Umo, press: Path, device: Device) -> None:
+    kept = Hold([f"device tcp 127.0.0.1:{device.port}"], "oven")
+    try:
+        result = umo("conform", "press", "-w", "card", "--yes")
+    finally:
+        kept.release()
+    assert result.exit_code == 2
+    assert "is held by" in said(result) and "(oven), since" in said(result)
+    assert device.levels("out:0") == [0]
+
+
+def command(*words: str) -> tuple[list[str], dict[str, str]]:
+    """The command in a process of its own, with the modules of the tests."""
+    places = [str(Path(package.__file__).parents[1]), str(Path(__file__).parents[1])]
+    return [sys.executable, "-c", "from umo.cli import main; main()", *words], os.environ | {
+        "PYTHONPATH": os.pathsep.join(places)
+    }
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a terminal of Linux")
+@pytest.mark.parametrize("answer", ["n", ""])
+def test_at_a_terminal_it_lists_the_outputs_and_asks(press: Path, device: Device, answer: str) -> None:
+    words, environment = command("conform", str(press), "-w", "card")
+    terminal, inner = pty.openpty()
+    process = subprocess.Popen(words, stdin=inner, stdout=inner, stderr=inner, env=environment)
+    os.close(inner)
+    seen = _until(terminal, "[y/N]")
+    assert "motor" in seen and "0 to 200" in seen and "0 to 4 V" in seen
+    os.write(terminal, f"{answer}\n".encode())
+    assert process.wait(20) == 2
+    os.close(terminal)
+    assert device.levels("out:0") == [0]
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a terminal of Linux")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_with_the_outputs_at_their_defaults(press: Path, device: Device, number: int) -> None:
+    words, environment = command("conform", str(press), "-w", "card", "--cycles", "1000000")
+    terminal, inner = pty.openpty()
+    process = subprocess.Popen(words, stdin=inner, stdout=inner, stderr=inner, env=environment)
+    os.close(inner)
+    _until(terminal, "[y/N]")
+    os.write(terminal, b"y\n")
+    _until(terminal, "descriptors")
+    process.send_signal(number)
+    while select.select([terminal], [], [], 20)[0]:  # a terminal that nobody reads holds the process up
+        try:
+            os.read(terminal, 4096)
+        except OSError:
+            break
+    assert process.wait(20) == 130
+    os.close(terminal)
+    assert device.levels("out:0")[-1] == 50
+
+
+def _until(terminal: int, word: str, patience: float = 30.0) -> str:
+    seen, end = "", time.monotonic() + patience
+    while word not in seen:
+        assert select.select([terminal], [], [], max(0.0, end - time.monotonic()))[0], seen[-500:]
+        seen += os.read(terminal, 4096).decode(errors="replace")
+    return seen
