@@ -17,6 +17,7 @@ from typing import Any
 from rich.table import Table
 
 from umo.cycle.stopping import SIGNALS, signal_name
+from umo.cycle.transfer import PATIENCE
 from umo.drivers import Direction, Driver
 from umo.errors import DriverError, PathError, StopError
 from umo.objects import Digital
@@ -26,7 +27,7 @@ from umo.process.station import Station, StationError, find
 from umo.system.custody import Custody
 from umo.system.packages import station_of
 from umo.testing.conformance import Certificate, Input, Output, PtyTap, Subject, Tap, TcpTap, all_rules, conform
-from umo.text import did_you_mean, reported, some
+from umo.text import did_you_mean, in_brackets, reported, some
 from umo.wiring import Wire, Wired, resolve
 from umo.wiring.options import maker_of
 
@@ -244,13 +245,17 @@ def _line(subject: Subject, make: partial[Driver[Any]]) -> Iterator[Subject]:
 def _check_opens(subject: Subject, name: str) -> None:
     """One clear error in place of a table of failures."""
     driver = subject.make()
-    driver.timeout, driver.period = max(3.0, subject.timeout), subject.period
+    driver.timeout, driver.period = max(PATIENCE, subject.timeout), subject.period
+    inputs = [driver.channel(each.channel) for each in subject.inputs]
+    for output in subject.outputs:
+        driver.channel(output.channel)
     try:
         driver.open()
-        for each in subject.inputs[:1]:
-            driver.read(driver.channel(each.channel))
+        if inputs:
+            driver.initialize(inputs[0], None)
+            driver.read(inputs[0])
     except Exception as error:
-        raise DriverError(f"driver {name} ({subject.device}): {reported(error)}") from error
+        raise DriverError(f"driver {name}{in_brackets(subject.device)}: {reported(error)}") from error
     finally:
         driver.close()
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from random import Random
 from typing import Any, Literal
 
-from umo import Channel, ChannelError, Direction, Driver, WiringError
+from umo import Channel, ChannelError, Direction, Driver, DriverError, WiringError
 
 START, EXIT, DIVERTER, END = -100.0, 300.0, 450.0, 460.0
 REACH = 20.0  # the diverter rejects a part whose middle is so near to its own, mm
@@ -93,6 +93,8 @@ class Plant(Driver):
         return self.inputs[channel.text]
 
     def write(self, channel: Channel, raw: int) -> None:
+        if channel.text not in self.outputs:
+            raise DriverError(f"{channel.text} is an input and cannot be written")
         self.outputs[channel.text] = raw
 
     def advance(self, periods: int = 1) -> None:
@@ -141,10 +143,10 @@ class Plant(Driver):
                 self.rejected.append(item)
 
     def _show(self, present: set[str]) -> None:
-        self.inputs["dio:entry"] = "entry-stuck" in present or self._covered(0.0)
-        self.inputs["dio:exit"] = "exit-stuck" in present or self._covered(EXIT)
+        self.inputs["dio:entry"] = int("entry-stuck" in present or self._covered(0.0))
+        self.inputs["dio:exit"] = int("exit-stuck" in present or self._covered(EXIT))
         self.inputs["drive:speed"], self.inputs["hertz:speed"] = round(self.speed * 16.384), round(self.speed * 5.0)
-        self.inputs["dio:stop"] = "emergency-stop" not in present
+        self.inputs["dio:stop"] = int("emergency-stop" not in present)
 
     def _covered(self, place: float) -> bool:
         return any(item.front >= place >= item.front - item.length for item in self.belt)

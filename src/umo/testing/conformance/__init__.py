@@ -11,7 +11,7 @@
                 line=tap,
             )
         )
-    assert certificate.passed, certificate
+    assert certificate.passed, str(certificate)
 
 `umo conform` does this with a wiring; docs/howto-prove-a-driver.md describes both.
 """

@@ -44,9 +44,10 @@ class TransferTime:
     count: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Certificate:
-    """What the kit found; `str` is a table. Holds no paths or names of the computer, except those of `devices`."""
+    """What the kit found. `str` is a table, `repr` a line with what is broken. Holds no paths or names of the computer,
+    except those of `devices`."""
 
     name: str
     driver: str
@@ -104,6 +105,9 @@ class Certificate:
         with console.capture() as captured:
             console.print(self.table())
         return "\n" + captured.get()
+
+    def __repr__(self) -> str:
+        return "; ".join([self.summary, *(f"{each.rule}: {each.why}" for each in self.failed)])
 
     def to_json(self) -> str:
         return json.dumps(asdict(self), indent=1, ensure_ascii=False) + "\n"

@@ -88,10 +88,13 @@ class Probe:
         self.watch = watch
         self.opened: list[str] = []
         """Channels that were initialised and not finalised."""
+        self._channels: dict[str, Channel] = {}
 
     def channel(self, text: str) -> Channel:
-        channel: Channel = self.call(f"channel({text!r})", self.driver.channel, text)
-        return channel
+        """Asked for once, as umo does."""
+        if text not in self._channels:
+            self._channels[text] = self.call(f"channel({text!r})", self.driver.channel, text)
+        return self._channels[text]
 
     def open(self) -> None:
         self.call("open", self.driver.open)

@@ -11,6 +11,7 @@ from threading import Event, Thread
 from time import monotonic, sleep
 from typing import Any
 
+from umo.cycle.transfer import PATIENCE
 from umo.drivers.contract import Direction, Driver
 from umo.testing.conformance.certificate import TransferTime
 from umo.testing.conformance.probe import Probe, Stopped, Watch
@@ -19,8 +20,6 @@ from umo.testing.conformance.subject import Output, Subject
 from umo.testing.conformance.taps import Tap
 from umo.text import some
 
-PATIENCE = 3.0
-"""s that a call may take which is to succeed, as `umo.cycle` gives when it initialises and resets."""
 LOOK = 0.001
 """s between two looks at a level that has not come yet."""
 NO_VIEW = "the level of no output can be seen: it needs a loop-back, or a channel that can be read back"
@@ -45,14 +44,18 @@ class Trial:
     # Drivers -----------------------------------------------------------------------------------------
 
     def new(self, direct: bool = False) -> Probe:
-        """A new driver, not opened; `direct`: without the line, if the subject can do so."""
+        """A new driver, not opened, whose channels are known; `direct`: without the line, if the subject can do so."""
         make = self.subject.direct if direct and self.subject.direct is not None else self.subject.make
         driver: Driver[Any] = self.watch.call("making the driver", self.patience, make)
         driver.timeout, driver.period = self.patience, self.subject.period
-        return Probe(driver, self.watch)
+        probe = Probe(driver, self.watch)
+        for text in (*self.channels, *self.subject.refused):  # as umo does: all of them before `open`
+            probe.channel(text)
+        return probe
 
     @property
     def patience(self) -> float:
+        """s that a call may take that is to succeed, as umo gives when it initialises and resets."""
         return max(PATIENCE, self.subject.timeout)
 
     @contextmanager
