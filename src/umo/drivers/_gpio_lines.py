@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import errno
 from collections.abc import Iterable, Sequence
+from math import ceil
 from time import monotonic, sleep
 
 import gpiod
@@ -27,6 +28,7 @@ MOST_LINES = 64
 """Of one request (GPIO_V2_LINES_MAX)."""
 _AGAIN = 0.002
 """s until a line is asked for again that another process of umo holds."""
+_ACTIVE = Value.ACTIVE  # a member of an enumeration takes longer to look up than to compare
 _LEVELS = {0: Value.INACTIVE, 1: Value.ACTIVE}
 
 
@@ -34,7 +36,7 @@ class LineTransfer:
     """The transfer of some channels: the requests of their lines, and where each channel's levels are."""
 
     def __init__(self, lines: Lines, channels: Sequence[GpioChannel]) -> None:
-        self._channels = channels
+        self.channels = channels
         self._input = next((each.text for each in channels if lines.used[each] is None), "")
         places: dict[Bank, list[int]] = {}
         for offset in [offset for each in channels if not each.edges for offset in lines.offsets(each)]:
@@ -47,9 +49,9 @@ class LineTransfer:
         """Each channel is one line, and they are in the order of the requests."""
 
     def read(self) -> list[int]:
-        levels = [value is Value.ACTIVE for bank, part in self._parts for value in bank.request.get_values(part)]
+        levels = [1 if value is _ACTIVE else 0 for bank, part in self._parts for value in bank.request.get_values(part)]
         if self._plain:
-            return levels  # type: ignore[return-value]  # a bool is an integer
+            return levels
         return [
             sum([levels[bit] << i for i, bit in enumerate(bits)]) if counter is None else counter.read()
             for counter, bits in zip(self._counters, self._bits, strict=True)
@@ -59,21 +61,19 @@ class LineTransfer:
         """All values are checked before the first line changes."""
         if self._input:
             raise DriverError(f"{self._input} is an input: it was initialised without a default")
-        levels = self._levels(raws)
-        start = 0
+        levels = iter(self._levels(raws))
         for bank, part in self._parts:
-            bank.set(dict(zip(part, levels[start : start + len(part)], strict=True)))
-            start += len(part)
+            bank.set(dict(zip(part, levels)))  # noqa: B905  (the part's, of all levels)
 
     def _levels(self, raws: Sequence[int]) -> list[Value]:
         """Of all lines, in the order of the requests."""
         if self._plain:
             try:
-                return [_LEVELS[raw] for raw in raws]
+                return list(map(_LEVELS.__getitem__, raws))
             except KeyError:
                 pass
         levels: dict[int, Value] = {}
-        for channel, bits, raw in zip(self._channels, self._bits, raws, strict=True):
+        for channel, bits, raw in zip(self.channels, self._bits, raws, strict=True):
             if not 0 <= raw <= channel.highest:
                 raise DriverError(f"{raw} does not fit {channel.text}: it takes 0 to {channel.highest}")
             levels.update((bit, _LEVELS[raw >> i & 1]) for i, bit in enumerate(bits))
@@ -183,8 +183,9 @@ class Lines:
             else:
                 wanted.update(dict.fromkeys(offsets))
         free = [each for each in wanted if each not in counted and not self._chip.get_line_info(each).used]
-        for start in range(0, len(free), MOST_LINES):
-            part = free[start : start + MOST_LINES]
+        size = ceil(len(free) / max(1, ceil(len(free) / MOST_LINES)))  # requests of equal size
+        for start in range(0, len(free), max(1, size)):
+            part = free[start : start + size]
             try:
                 request = self._chip.request_lines({tuple(part): None}, CONSUMER)
             except OSError:

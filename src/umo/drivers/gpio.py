@@ -61,6 +61,9 @@ class Gpio(Driver[GpioChannel]):
         self._named: dict[str, GpioChannel] = {}
         self._lines: Lines | None = None
         self._plans: dict[tuple[GpioChannel, ...], LineTransfer] = {}
+        self._reading: LineTransfer | None = None
+        self._writing: LineTransfer | None = None
+        """The last block of each kind: that of the next period is the same."""
 
     def channel(self, text: str) -> GpioChannel:
         self._named[text] = channel = _gpio_channel.parse(text, self._settings)
@@ -83,7 +86,7 @@ class Gpio(Driver[GpioChannel]):
         self._begin()
 
     def close(self) -> None:
-        self._plans.clear()
+        self._forget()
         if self._lines is not None:
             self._lines.disconnect()
             self._lines = None
@@ -92,7 +95,7 @@ class Gpio(Driver[GpioChannel]):
         """An output goes directly to its default; an input is one from now on; a count starts at 0. A line that another
         process of umo is about to release is waited for within `timeout`."""
         lines = self._begin()
-        self._plans.clear()
+        self._forget()
         try:
             lines.initialize(channel, default, monotonic() + self.timeout)
         except OSError as error:
@@ -100,7 +103,7 @@ class Gpio(Driver[GpioChannel]):
 
     def finalize(self, channel: GpioChannel) -> None:
         """The channel is not used further. A level keeps its direction and value until the driver is closed."""
-        self._plans.clear()
+        self._forget()
         if self._lines is not None:
             self._lines.finalize(channel)
 
@@ -114,45 +117,54 @@ class Gpio(Driver[GpioChannel]):
             self.write(channel, default)
 
     def read(self, channel: GpioChannel) -> int:
-        return int(self._read((channel,))[0])
-
-    def write(self, channel: GpioChannel, raw: int) -> None:
-        self._write((channel,), [raw])
-
-    def read_many(self, channels: Sequence[GpioChannel], out: IntArray) -> None:
-        out[:] = self._read(tuple(channels))
-
-    def write_many(self, channels: Sequence[GpioChannel], raws: IntArray) -> None:
-        self._write(tuple(channels), raws.tolist())
-
-    def _read(self, channels: tuple[GpioChannel, ...]) -> list[int]:
         try:
-            return self._plan(channels).read()
+            return self._plan((channel,)).read()[0]
         except OSError as error:
             raise self._failed(error) from error
 
-    def _write(self, channels: tuple[GpioChannel, ...], raws: list[int]) -> None:
+    def write(self, channel: GpioChannel, raw: int) -> None:
         try:
-            self._plan(channels).write(raws)
+            self._plan((channel,)).write([raw])
+        except OSError as error:
+            raise self._failed(error) from error
+
+    def read_many(self, channels: Sequence[GpioChannel], out: IntArray) -> None:
+        try:
+            if self._reading is None or self._reading.channels is not channels:
+                self._reading = self._plan(tuple(channels))
+            out[:] = self._reading.read()
+        except OSError as error:
+            raise self._failed(error) from error
+
+    def write_many(self, channels: Sequence[GpioChannel], raws: IntArray) -> None:
+        try:
+            if self._writing is None or self._writing.channels is not channels:
+                self._writing = self._plan(tuple(channels))
+            self._writing.write(raws.tolist())
         except OSError as error:
             raise self._failed(error) from error
 
     def _plan(self, channels: tuple[GpioChannel, ...]) -> LineTransfer:
-        """The plan for these channels, made once; a machine has few groups of them, the bound is for others."""
+        """Made once for these channels; a machine has few groups of them, the bound is for others."""
         lines = self._begin()
         plan = self._plans.get(channels)
         if plan is None:
             if len(self._plans) >= _MOST_PLANS:
-                self._plans.clear()
+                self._forget()
             plan = self._plans[channels] = lines.plan(channels)
         return plan
+
+    def _forget(self) -> None:
+        """The lines have changed: all transfers are planned afresh."""
+        self._plans.clear()
+        self._reading = self._writing = None
 
     def _begin(self) -> Lines:
         """The chip is open; one that had gone is opened again, its lines initialised as before."""
         if self._lines is None:
             raise DriverError("it is not open")
         if not self._lines.connected:
-            self._plans.clear()
+            self._forget()
             try:
                 self._lines.connect(self._named.values(), monotonic() + self.timeout)
             except OSError as error:
@@ -165,6 +177,7 @@ class Gpio(Driver[GpioChannel]):
         if isinstance(error, DriverError):
             return error
         if self._lines is not None and error.errno == errno.ENODEV:
+            self._forget()
             self._lines.disconnect()
             return DriverError(f"{self._lines.name}: the chip has gone")
         return DriverError(f"{self.chip}: {error.strerror or error}")
