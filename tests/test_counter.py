@@ -57,20 +57,21 @@ def read(driver: Counter, text: str) -> int:
 
 
 @pytest.mark.parametrize(
-    ("text", "bits", "direction"),
+    ("text", "bits", "signed", "direction"),
     [
-        ("count:0", 16, Direction.BOTH),
-        ("preset:12", 16, Direction.BOTH),
-        ("ceiling:0", 16, Direction.BOTH),
-        ("floor:0", 16, Direction.BOTH),
-        ("enable:0", 1, Direction.BOTH),
-        ("direction:0", 1, Direction.INPUT),
+        ("count:0", 64, True, Direction.BOTH),
+        ("preset:12", 64, True, Direction.BOTH),
+        ("ceiling:0", 63, False, Direction.BOTH),
+        ("floor:0", 63, False, Direction.BOTH),
+        ("enable:0", 1, False, Direction.BOTH),
+        ("direction:0", 1, False, Direction.INPUT),
     ],
 )
-def test_the_text_of_a_channel_names_a_file_of_a_count(text: str, bits: int, direction: Direction) -> None:
-    channel = Counter(bits=16, signed=True).channel(text)
-    assert (channel.bits, channel.direction) == (bits, direction)
-    assert channel.signed is (bits == 16)
+def test_the_text_of_a_channel_names_a_file_of_a_count(
+    text: str, bits: int, signed: bool, direction: Direction
+) -> None:
+    channel = Counter(bits=64, signed=True).channel(text)
+    assert (channel.bits, channel.signed, channel.direction) == (bits, signed, direction)
     assert f"{channel.attribute}:{channel.count}" == text
 
 

@@ -19,6 +19,8 @@ DEVICES = Path("/sys/bus/counter/devices")
 FORMS = ("count:N", "preset:N", "ceiling:N", "floor:N", "enable:N", "direction:N (N the number of the count, from 0)")
 _TEXT = re.compile(r"(count|preset|ceiling|floor|enable|direction):(0|[1-9][0-9]{0,3})")
 _DIRECTIONS = {"forward": 0, "backward": 1}
+_WIDEST = 63
+"""Bits of an unsigned value: raw values are int64."""
 _LONGEST = 64
 """Bytes of the content of a file."""
 
@@ -45,7 +47,7 @@ class Counter(Driver[CounterChannel]):
     Options:
         device: "counter0", its name (the file `name`), or a path.
         bits: width of the counter, 1 to 63, or 64 if signed.
-        signed: values are two's complement of this width: a 16-bit counter at 65535 stands at -1.
+        signed: count and preset are two's complement of this width: a 16-bit counter at 65535 stands at -1.
         function: how signals are counted, such as "quadrature x4"; default: as it is.
 
     Initialising a count enables it, unless the wiring has its `enable` channel. Resetting a sensor does not change a
@@ -60,8 +62,8 @@ class Counter(Driver[CounterChannel]):
             raise WiringError(f"device must be the name or path of a counter, not {device!r}")
         if not isinstance(signed, bool):
             raise WiringError(f"signed must be true or false, not {signed!r}")
-        if isinstance(bits, bool) or not isinstance(bits, int) or not 1 <= bits <= 63 + signed:
-            raise WiringError(f"bits must be a whole number from 1 to {63 + signed}, not {bits!r}")
+        if isinstance(bits, bool) or not isinstance(bits, int) or not 1 <= bits <= _WIDEST + signed:
+            raise WiringError(f"bits must be a whole number from 1 to {_WIDEST + signed}, not {bits!r}")
         self.device, self._bits, self._signed, self._function = device, bits, signed, function
         self._wired_enables: set[int] = set()
         self._used: dict[CounterChannel, int | None] = {}
@@ -79,7 +81,8 @@ class Counter(Driver[CounterChannel]):
             self._wired_enables.add(count)
         one_bit = attribute in ("enable", "direction")
         direction = Direction.INPUT if attribute == "direction" else Direction.BOTH
-        bits, signed = (1, False) if one_bit else (self._bits, self._signed)
+        signed = self._signed and attribute in ("count", "preset")
+        bits = 1 if one_bit else self._bits if signed else min(self._bits, _WIDEST)
         return CounterChannel(text, direction, bits, signed, count, attribute)
 
     def devices(self) -> Sequence[str]:
