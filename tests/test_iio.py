@@ -329,15 +329,32 @@ def test_records_of_a_full_buffer_are_not_the_newest(sysfs, records):
     class Late:
         """The next record comes while the driver waits for it."""
 
-        def register(self, *arguments):
-            pass
-
         def poll(self, timeout):
             records(RECORD)
             return [1]
 
     driver._scan._waiting = Late()
     assert many(driver, *NAMES) == [-3, 0x123, -1]
+    driver.close()
+
+
+def test_a_record_that_may_be_older_than_the_timeout_is_not_taken(sysfs, records):
+    """It came at some time since the scan before, which was long ago."""
+    driver = started(records)
+    now = driver._scan._clock() + 60.0
+    driver._scan._clock = lambda: now
+    records(OTHER)
+    waited = []
+
+    class Late:
+        def poll(self, timeout):
+            waited.append(timeout)
+            records(RECORD)
+            return [1]
+
+    driver._scan._waiting = Late()
+    assert many(driver, *NAMES) == [-3, 0x123, -1]
+    assert waited == [1000.0]
     driver.close()
 
 
@@ -415,7 +432,9 @@ def test_a_scale_that_agrees_with_the_kernels_is_no_fault(sysfs):
     assert faults(resolution=0.00050005) == []  # 0.2 mV at 2 V: less than half a raw step
 
 
-@pytest.mark.parametrize("wrong", [{"resolution": 0.000501}, {"zero_offset": 0.0}, {"motor": 0.00101}, {"motor": 0.1}])
+@pytest.mark.parametrize(
+    "wrong", [{"resolution": 0.000501}, {"zero_offset": -0.0037}, {"motor": 0.00101}, {"motor": 0.1}]
+)
 def test_a_scale_that_differs_by_more_than_half_a_step_is_a_fault(sysfs, wrong):
     (fault,) = faults(**wrong)
     assert "off that of the circuit" in fault.message

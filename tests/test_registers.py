@@ -347,6 +347,13 @@ def test_a_page_is_selected_once_in_a_call():
     assert chip.log == [("write", 0x7F, 1), ("write", 1, 2), ("write", 0x7F, 1), ("write", 1, 1)]
 
 
+def test_a_block_stays_within_its_page():
+    tables = {"a": {"address": 1, "page": 0}, "b": {"address": 2, "page": 1}}
+    chip = opened(Chip(tables, page_register=0x7F))
+    put(chip, a=1, b=2)
+    assert (chip.pages[0][1:3], chip.pages[1][1:3]) == (b"\x01\0", b"\0\x02")
+
+
 def test_a_page_is_selected_in_every_call_as_the_chip_may_have_been_reset():
     chip = opened(Chip(PAGED, page_register=0x7F))
     put(chip, c=3)
