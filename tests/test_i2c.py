@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+from collections import deque
 from contextlib import contextmanager
 from types import SimpleNamespace
 
@@ -46,7 +47,7 @@ class Bus:
     """An address that the chip does not have."""
 
     def __init__(self, memory=None):
-        self.fd, self.pec, self.log, self.pointer = None, False, [], 0
+        self.fd, self.pec, self.log, self.pointer, self.limits = None, False, [], 0, deque(maxlen=20)
         self.memory = bytearray(256) if memory is None else memory
 
     def open(self, path):
@@ -118,7 +119,7 @@ def bus(monkeypatch):
     bus = Bus()
     library = SimpleNamespace(I2cFunc=FUNCS, SMBus=lambda: bus, i2c_msg=Message)
     monkeypatch.setattr(i2c, "_library", lambda: library)
-    monkeypatch.setattr(i2c, "_open", lambda bus, path, timeout: bus.open(path))
+    monkeypatch.setattr(i2c, "_set_timeout", lambda bus, seconds: bus.limits.append(seconds))
     yield bus
     bus.close()
 
@@ -268,6 +269,14 @@ def test_a_bus_that_is_held_is_a_timeout(bus):
     bus.error = errno.ETIMEDOUT
     with pytest.raises(DeviceTimeout, match="the bus is held"):
         driver.read(driver.channel("5:16"))
+
+
+def test_the_adapter_has_the_timeout_of_the_call(bus):
+    driver = I2c(bus=1, address=0x48)
+    for timeout in (3.0, 0.05, 0.05):
+        driver.timeout = timeout
+        driver.open() if timeout == 3.0 else driver.read(driver.channel("5:8"))
+    assert list(bus.limits) == [3.0, 0.05]
 
 
 def test_a_chip_that_returns_is_served_again(bus):

@@ -141,6 +141,15 @@ def test_a_bus_that_is_not_there_is_named_with_those_that_are(bus: str) -> None:
         opened("/dev/i2c-77")
 
 
+def test_a_bus_that_may_not_be_opened_is_an_error_of_one_line(bus: str) -> None:
+    os.seteuid(65534)
+    try:
+        with pytest.raises(DriverError, match=rf"^no permission to open {bus}[^\n]*$"):
+            opened(bus)
+    finally:
+        os.seteuid(0)
+
+
 def test_an_identity_is_compared(bus: str, chip: Any) -> None:
     chip.write_byte_data(ADC, 0x0F, 0x33)
     opened(bus, registers={"who": {"address": 0x0F, "access": "r"}}, identity={"who": 0x33}).close()

@@ -233,6 +233,19 @@ def test_a_device_that_goes_while_it_is_scanned_is_an_error(adc: Path, tick: Pat
     driver.close()
 
 
+def test_what_may_not_be_written_or_scanned_is_an_error_of_one_line(adc: Path, tick: Path) -> None:
+    os.seteuid(65534)
+    try:
+        driver = opened(trigger="tick")
+        with pytest.raises(DriverError, match=rf"^no permission to open /dev/{adc.name}[^\n]*$"):
+            many(driver, "in_voltage0")
+        with pytest.raises(DriverError, match=r"^no permission to open [^\n]*out_voltage0_raw[^\n]*$"):
+            driver.write(driver.channel("out_voltage0"), 1)
+        driver.close()
+    finally:
+        os.seteuid(0)
+
+
 def test_no_descriptor_is_left_open(adc: Path, tick: Path) -> None:
     before = os.listdir("/proc/self/fd")
     for _ in range(20):

@@ -7,6 +7,7 @@ in the test kernel drives MISO bit by bit. Answers with other bits are tried on 
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -140,6 +141,15 @@ def test_an_absent_chip_is_found_by_its_identity(wire: Wire) -> None:
     fixed(MISO).pull(1)
     with pytest.raises(DriverError, match="who is 0xff in place of 0x33: no device, or another one"):
         opened(registers={"who": {"address": 0x0F, "access": "r"}}, identity={"who": 0x33})
+
+
+def test_a_device_that_may_not_be_opened_is_an_error_of_one_line() -> None:
+    os.seteuid(65534)
+    try:
+        with pytest.raises(DriverError, match=r"^no permission to open /dev/spidev0\.0[^\n]*$"):
+            opened()
+    finally:
+        os.seteuid(0)
 
 
 def test_a_device_that_is_not_there_is_named_with_those_that_are() -> None:

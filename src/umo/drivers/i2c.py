@@ -38,8 +38,8 @@ class I2c(RegisterDriver):
             when the bus is opened again after a failure, so no outputs of the machine are among them.
         pec: checksums of SMBus; for registers of 8 and 16 bits.
 
-    Each call ends within `timeout`. A transfer of its own ends when the adapter gives up on a bus that is held:
-    `open` sets the adapter's timeout to that of the driver, in steps of 10 ms. It holds for all users of the bus.
+    Each call ends within `timeout`. A transfer on a bus that is held ends when the adapter gives up: its timeout is set
+    to that of the driver, in steps of 10 ms, and holds for all users of the bus.
     After a failed transfer the next call opens the bus again.
 
     Sources: NXP UM10204 (I2C), the kernel's Documentation/i2c/dev-interface.rst and smbus-protocol.rst.
@@ -71,6 +71,7 @@ class I2c(RegisterDriver):
             raise WiringError("pec is for registers moved one by one, with addresses of 8 bits")
         self._smbus = _library()
         self._bus: Any = None
+        self._limit = 0.0
         self._messages = False
         self._blocks = False
         super().__init__(registers or {}, page_register, auto_increment, identity or {}, setup or {}, address_bits)
@@ -92,7 +93,8 @@ class I2c(RegisterDriver):
         functions, bus = self._smbus.I2cFunc, self._smbus.SMBus()
         try:
             with opening(self.path):
-                _open(bus, self.path, self.timeout)
+                _open(bus, self.path)
+                _set_timeout(bus, self.timeout)
             if self._pec:
                 if not bus.funcs & functions.SMBUS_PEC:
                     raise DriverError(f"the adapter of {self.path} has no pec")
@@ -100,7 +102,7 @@ class I2c(RegisterDriver):
         except BaseException:
             bus.close()
             raise
-        self._bus = bus
+        self._bus, self._limit = bus, self.timeout
         self._messages = bool(bus.funcs & functions.I2C) and not self._pec
         self._blocks = bool(bus.funcs & functions.SMBUS_READ_I2C_BLOCK)
 
@@ -108,6 +110,13 @@ class I2c(RegisterDriver):
         if self._bus is not None:
             self._bus.close()
             self._bus = None
+
+    def _begin(self) -> None:
+        super()._begin()
+        if self._limit != self.timeout:  # it is longer while objects are initialised and reset
+            with opening(self.path):
+                _set_timeout(self._bus, self.timeout)
+            self._limit = self.timeout
 
     def _check_free(self) -> None:
         """A driver of the kernel may have the chip, and keep it in a state of its own."""
@@ -184,13 +193,17 @@ def _library() -> Any:
     return smbus2
 
 
-def _open(bus: Any, path: str, timeout: float) -> None:
-    from fcntl import ioctl
-
+def _open(bus: Any, path: str) -> None:
     try:
         bus.open(path)
-        ioctl(bus.fd, _I2C_TIMEOUT, max(1, ceil(timeout * 100)))
     except OSError as error:
         if error.errno == errno.ENOTTY:
             raise DriverError(f"{path} is not an I2C bus") from None
         raise
+
+
+def _set_timeout(bus: Any, seconds: float) -> None:
+    """Of the adapter."""
+    from fcntl import ioctl
+
+    ioctl(bus.fd, _I2C_TIMEOUT, max(1, ceil(seconds * 100)))
