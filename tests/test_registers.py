@@ -305,6 +305,44 @@ def test_the_register_is_read_before_its_first_write_only():
     assert chip.memory[0x21] == 0b1011
 
 
+@st.composite
+def writes(draw):
+    """Some channels on four bytes of a chip, each with a value."""
+    found = {}
+    for _ in range(draw(st.integers(1, 8))):
+        size = draw(st.integers(1, 4))
+        text = f"{draw(st.integers(0, 4 - size))}:{8 * size}:{draw(st.sampled_from(['big', 'little']))}"
+        if draw(st.booleans()):
+            low = draw(st.integers(0, 8 * size - 1))
+            text += f".{draw(st.integers(low, 8 * size - 1))}:{low}"
+        channel = table({}, bytewise=True).channel(text)
+        found[text] = draw(st.integers(channel.lowest, channel.highest))
+    return found
+
+
+@given(writes(), st.binary(min_size=4, max_size=4))
+def test_a_write_changes_the_bits_of_its_channel_and_no_others(levels, before):
+    """Also after writes to other registers on the same bytes."""
+    chip = opened(Chip({}))
+    chip.memory[:4] = before
+    for text, raw in levels.items():
+        channel = chip.channel(text)
+        old = bytes(chip.memory[:4])
+        chip.write(channel, raw)
+        assert chip.read(channel) == raw
+        changed = {(None, i, bit) for i in range(4) for bit in range(8) if (old[i] ^ chip.memory[i]) >> bit & 1}
+        assert changed <= set(channel.places)
+
+
+@pytest.mark.parametrize("auto_increment", [False, True])
+def test_two_names_of_one_register_know_of_each_other(auto_increment):
+    tables = {"first": {"address": 4, "fields": {"a": 0}}, "second": {"address": 4, "signed": True, "fields": {"b": 1}}}
+    chip = opened(Chip(tables, auto_increment=auto_increment))
+    for levels in ({"first__a": 1, "second__b": 1}, {"first__a": 0}, {"second__b": 1, "first__a": 1}):
+        put(chip, **levels)
+        assert chip.memory[4] == 2 + levels["first__a"]
+
+
 def test_the_initial_value_stands_for_a_register_that_cannot_be_read():
     chip = opened(Chip())
     put(chip, command__go=1)

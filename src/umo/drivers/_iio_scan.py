@@ -134,14 +134,13 @@ class Scan:
                 put(self._folder / name, value)
         os.close(self._fd)
 
-    def newest(self, timeout: float) -> dict[str, int]:
-        """The values of the newest scan, no older than `timeout` s; a DeviceTimeout if there is none within it."""
-        deadline = self._clock() + timeout
+    def newest(self, oldest: float, deadline: float) -> dict[str, int]:
+        """The values of the newest scan, no older than `oldest` s; a DeviceTimeout if there is none by the deadline."""
         full = self._drain()
-        while full or not self._values or self._clock() - self._taken > timeout:
+        while full or not self._values or self._clock() - self._taken > oldest:
             left = deadline - self._clock()
             if left <= 0 or not self._waiting.poll(left * 1000):
-                raise DeviceTimeout(f"the trigger has not fired within {timeout * 1000:g} ms")
+                raise DeviceTimeout(f"the trigger has not fired within {oldest * 1000:g} ms")
             full = self._drain()
         return self._values
 

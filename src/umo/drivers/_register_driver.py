@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from functools import lru_cache, partial
 from time import monotonic
 from typing import Any, TypeVar
@@ -50,7 +50,8 @@ class RegisterDriver(Driver[RegisterChannel]):
         self._opened = self._connected = self._broken = False
         self._deadline = 0.0
         self._page: int | None = None
-        self._shadow: dict[Register, int] = {}
+        self._shadow: dict[Hashable, int] = {}
+        """The bytes that were written last, by their places: two registers of the wiring may be one of the chip."""
 
     def channel(self, text: str) -> RegisterChannel:
         return self._map.channel(text)
@@ -92,14 +93,12 @@ class RegisterDriver(Driver[RegisterChannel]):
         for channel, raw in zip(channels, raws, strict=True):  # all of them before the first is sent
             channel.check(raw)
         self._begin()
-
         self._each(self._plan(tuple(channels)), lambda block: self._put_block(block, raws))
 
     def _put_block(self, block: RegisterBlock, raws: Sequence[int]) -> None:
-        contents = {part.register: self._contents(part.register, part.channels, raws) for part in block.parts}
-        data = b"".join(register.pack(value) for register, value in contents.items())
+        data = b"".join(part.register.pack(self._contents(part.register, part.channels, raws)) for part in block.parts)
         self._write_block(block.page, block.address, data)
-        self._shadow.update(contents)
+        self._shadow.update(zip(self._places(block.page, block.address, block.size), data, strict=True))
 
     def _contents(self, register: Register, placed: Sequence[tuple[int, RegisterChannel]], raws: Sequence[int]) -> int:
         contents = 0 if any(channel.whole for _, channel in placed) else self._before(register)
@@ -109,11 +108,18 @@ class RegisterDriver(Driver[RegisterChannel]):
 
     def _before(self, register: Register) -> int:
         """What the register holds, for its bits that are not written now."""
-        if register in self._shadow:
-            return self._shadow[register]
+        places = self._places(register.page, register.address, register.size)
+        if self._shadow.keys() >= set(places):
+            return register.unpack(bytes(self._shadow[place] for place in places))
         if register.initial is not None:
             return register.initial
         return register.unpack(self._read_block(register.page, register.address, register.size))
+
+    def _places(self, page: int | None, address: int, size: int) -> list[Hashable]:
+        """Of the bytes of a block."""
+        if self._auto_increment:
+            return [(page, address + i) for i in range(size)]
+        return [(page, address, i) for i in range(size)]
 
     # The bus -------------------------------------------------------------------------------------------
 
@@ -174,7 +180,7 @@ class RegisterDriver(Driver[RegisterChannel]):
         self._disconnect()
 
     def _each(self, blocks: Sequence[RegisterBlock], carry_out: Callable[[RegisterBlock], None]) -> None:
-        """RegisterBlock after block. One that fails does not stop the others, except by a timeout."""
+        """Block after block. One that fails does not stop the others, except by a timeout."""
         failed: dict[str, Exception] = {}
         for block in blocks:
             try:

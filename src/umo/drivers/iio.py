@@ -78,7 +78,8 @@ class Iio(Driver[IioChannel]):
         self._conditioned = frozenset(conditioned)
         self._opened = False
         self._folder: Path | None = None
-        self._files: dict[str, int] = {}
+        self._files: dict[tuple[str, int], int] = {}
+        """Open files of raw values, for reading and for writing."""
         self._scan: Scan | None = None
         self._inputs: set[str] = set()
         """Input channels in use: those of a scan."""
@@ -143,7 +144,8 @@ class Iio(Driver[IioChannel]):
 
     def read_many(self, channels: Sequence[IioChannel], out: IntArray) -> None:
         deadline = self._begin()
-        scanned = self._scanned({channel.name for channel in channels if channel.direction is Direction.INPUT})
+        names = {channel.name for channel in channels if channel.direction is Direction.INPUT}
+        scanned = self._scanned(names, deadline) if names and self.trigger else {}
 
         def take(i: int, channel: IioChannel) -> None:
             name = channel.name
@@ -200,27 +202,22 @@ class Iio(Driver[IioChannel]):
         if failed:
             raise ChannelsFailed(failed)
 
-    def _scanned(self, names: set[str]) -> dict[str, int]:
-        """The newest scan; empty without a trigger. It holds every input that was initialised or is asked for."""
-        if self.trigger is None or not names:
-            return {}
-        assert self._folder is not None
+    def _scanned(self, names: set[str], deadline: float) -> dict[str, int]:
+        """The newest scan. It holds every input that was initialised or is asked for."""
+        assert self._folder is not None and self.trigger is not None
         self._inputs |= names
         try:
             if self._scan is None or not names <= self._scan.channels:
-                self._stop_scan()
-                self._scan = Scan(self._folder, self.trigger, self._frequency, self._inputs, monotonic)
-            return self._scan.newest(self.timeout)
+                scan, self._scan = self._scan, None
+                if scan is not None:
+                    scan.close()
+                self._scan = Scan(self._folder, self.trigger, self._frequency, self._inputs)
+            return self._scan.newest(self.timeout, deadline)
         except OSError as error:
             self._drop()
             if isinstance(error, DriverError):
                 raise
             raise DriverError(f"the scan of {self.device} failed: {error.strerror or error}") from error
-
-    def _stop_scan(self) -> None:
-        if self._scan is not None:
-            self._scan.close()
-            self._scan = None
 
     def _transfer(self, name: str, value: str | None = None) -> str:
         """Write a raw value, or read one."""
@@ -228,9 +225,10 @@ class Iio(Driver[IioChannel]):
             raise DriverError(f"the device {self.device} is gone")
         file = str(self._folder / f"{name}_raw")
         try:
-            fd = self._files.get(key := f"{name} {value is None}")
+            way = os.O_RDONLY if value is None else os.O_WRONLY
+            fd = self._files.get((name, way))
             if fd is None:
-                fd = self._files[key] = os.open(file, (os.O_RDONLY if value is None else os.O_WRONLY) | os.O_CLOEXEC)
+                fd = self._files[name, way] = os.open(file, way | os.O_CLOEXEC)
             if value is None:
                 return os.pread(fd, _LONGEST, 0).decode("ascii", "replace")
             os.pwrite(fd, value.encode(), 0)
@@ -245,6 +243,8 @@ class Iio(Driver[IioChannel]):
             enable = self._folder / "buffer" / "enable"
             on = f"; its buffer is on ({enable})" if _iio_device.text(enable) == "1" else ""
             return DriverError(f"{explained(_iio_device.place(self._folder), error)}{on}")
+        if error.errno == errno.ENOENT and self._folder is not None and self._folder.exists():
+            return DriverError(f"{self.device} has no such channel: {', '.join(_iio_device.channels(self._folder))}")
         if error.errno in _GONE:
             self._drop()
             return DriverError(f"the device {self.device} is gone")
