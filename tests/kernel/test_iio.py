@@ -26,7 +26,9 @@ from umo import (
 )
 from umo.drivers.contract import PhysicalScale
 from umo.drivers.iio import Iio
-from umo.testing.conformance import Input, Output, Subject, conform
+from umo.testing.conformance import Input, Output, Subject
+
+from .test_contract import proved
 
 CONFIGFS = Path("/sys/kernel/config/iio")
 SYSFS = Path("/sys/bus/iio/devices")
@@ -318,5 +320,4 @@ def test_the_driver_keeps_the_contract(adc: Path, tick: Path, trigger: str | Non
         gone=gone,
         levels=lambda text: [int((adc / f"{text}_raw").read_text())],
     )
-    certificate = conform(subject, cycles=200)
-    assert certificate.passed, str(certificate)
+    proved(subject)
