@@ -346,7 +346,7 @@ def test_the_driver_keeps_the_contract(bus, monkeypatch):
 
     mode = {"address": 0x08, "fields": {"on": 0, "gain": "3:1"}}
     subject = Subject(
-        name="i2c",
+        name="i2c on a fake",
         make=lambda: I2c(bus=1, address=0x48, registers={"mode": mode}),
         outputs=(Output("mode.on", 1, 0, 1), Output("mode.gain", 2, 0, 7), Output("0x40:16", 7, 0, 0xFFFF)),
         inputs=(Input("0x05:16"),),

@@ -213,7 +213,7 @@ def test_the_driver_keeps_the_contract(bus: str, auto_increment: bool) -> None:
     fields = (Output("mode.on", 1, 0, 1), Output("mode.gain", 2, 0, 7))
     mode = {"address": 0x08, "fields": {"on": 0, "gain": "3:1"}}
     subject = Subject(
-        name="i2c, bytes counted" if auto_increment else "i2c",
+        name="i2c with auto_increment" if auto_increment else "i2c",
         make=lambda: I2c(bus=bus, address=ADC, registers={**REGISTERS, "mode": mode}, auto_increment=auto_increment),
         outputs=outputs + fields,
         inputs=(Input("temperature"),),

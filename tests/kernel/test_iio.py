@@ -312,7 +312,7 @@ def test_the_driver_keeps_the_contract(adc: Path, tick: Path, trigger: str | Non
 
     frequency = None if trigger is None else 1000.0
     subject = Subject(
-        name="iio" if trigger is None else "iio, scanned by a timer",
+        name="iio" if trigger is None else "iio with a trigger",
         make=lambda: Iio(device="adc", trigger=trigger, sampling_frequency=frequency),
         outputs=(Output("out_voltage0", 7, -(2**31), 2**31 - 1),) if trigger is None else (),
         inputs=tuple(map(Input, SCANNED)),
