@@ -20,7 +20,7 @@ from bench.drivers import table as drivers
 from bench.kills import campaign, show
 
 ROUNDS, QUICK_ROUNDS = 400, 60
-DRIVER_ROUNDS, QUICK_DRIVER_ROUNDS = 20, 5
+DRIVER_ROUNDS, QUICK_DRIVER_ROUNDS = 30, 10
 FIGURES_TAKE, ROUND_TAKES, FORMS_ROUND_TAKES = 35.0, 0.09, 0.05
 """s, about, on two shared cores."""
 

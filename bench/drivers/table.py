@@ -17,7 +17,7 @@ from bench.drivers.case import SIZES, Case, NotHere
 from bench.scan import quiet
 
 TARGET = 1.2
-CYCLES = 10
+CYCLES = 20
 """Of a row, before the next one has its turn."""
 
 
@@ -55,7 +55,7 @@ def measure(rounds: int) -> tuple[list[Figures], list[str]]:
                 for _ in range(rounds):
                     for row in rows:
                         row.measure(CYCLES)
-            figures += [_figures(row) for row in rows]
+            figures += [_figures(row) for row in sorted(rows, key=lambda row: row.driver)]
     return figures, missing
 
 

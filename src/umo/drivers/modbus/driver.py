@@ -122,8 +122,7 @@ class Modbus(Driver[ModbusChannel]):
             not isinstance(self.place, Host)
         )  # here and not in `open`: a guardian has no time for imports
         self._link: Link | None = None
-        self._reads: dict[tuple[ModbusChannel, ...], Requests] = {}
-        self._writes: dict[tuple[ModbusChannel, ...], Requests] = {}
+        self._reads, self._writes = _Plans(self._plan_reads), _Plans(self._plan_writes)
 
     def channel(self, text: str) -> ModbusChannel:
         return parse(text, little=self._little, unit=self._unit)
@@ -155,10 +154,9 @@ class Modbus(Driver[ModbusChannel]):
         self._write((channel,), [raw], self._read_write)
 
     def read_many(self, channels: Sequence[ModbusChannel], out: IntArray) -> None:
-        plan = _planned(self._reads, channels, self._plan_reads)
+        plan = self._reads.of(channels)
         link = self._begin()
-        with self._unchanged.until_failure():
-            _each(plan, lambda _, request: request.decode(link.read(request), out))
+        self._each(plan, lambda _, request: request.decode(link.read(request), out))
 
     def write_many(self, channels: Sequence[ModbusChannel], raws: IntArray) -> None:
         self._write(channels, raws.tolist(), self._read_write, self._skip > 0)
@@ -178,7 +176,7 @@ class Modbus(Driver[ModbusChannel]):
     def _write(
         self, channels: Sequence[ModbusChannel], raws: list[int], read_back: bool = False, skip: bool = False
     ) -> None:
-        plan = _planned(self._writes, channels, self._plan_writes)
+        plan = self._writes.of(channels)
         # All values are encoded before the first is sent: one that does not fit leaves the device alone.
         cells = [request.encode(raws) for request in plan]
         link, now = self._begin(), monotonic()
@@ -187,23 +185,34 @@ class Modbus(Driver[ModbusChannel]):
             plan, cells = tuple(plan[i] for i in sent), [cells[i] for i in sent]
 
         def carry_out(i: int, request: Request) -> None:
-            self._unchanged.begins(request)
+            if self._skip:
+                self._unchanged.begins(request)
             if read_back and request.table is HOLDING:
                 request.check_taken(cells[i], link.write_and_read(request, cells[i]))
             else:
                 link.write(request, cells[i])
-            self._unchanged.confirmed(request, cells[i], now)
+            if self._skip:
+                self._unchanged.confirmed(request, cells[i], now)
 
-        with self._unchanged.until_failure():
-            _each(plan, carry_out)
+        self._each(plan, carry_out)
 
     def _begin(self) -> Link:
         if self._link is None:
             raise DriverError("it is not open")
-        with self._unchanged.until_failure():
+        try:
             if self._link.begin(self.timeout):
                 self._unchanged.forget()
+        except BaseException:
+            self._unchanged.forget()
+            raise
         return self._link
+
+    def _each(self, plan: Requests, carry_out: Callable[[int, Request], None]) -> None:
+        try:
+            _each(plan, carry_out)
+        except BaseException:
+            self._unchanged.forget()
+            raise
 
     def _plan_reads(self, channels: Sequence[ModbusChannel]) -> Requests:
         return plan_reads(channels, bridge_gaps=self._bridge_gaps)
@@ -212,19 +221,28 @@ class Modbus(Driver[ModbusChannel]):
         return plan_writes(channels, most_registers=_MOST_READ_BACK if self._read_write else _MOST_REGISTERS)
 
 
-def _planned(
-    plans: dict[tuple[ModbusChannel, ...], Requests],
-    channels: Sequence[ModbusChannel],
-    make: Callable[[Sequence[ModbusChannel]], Requests],
-) -> Requests:
-    """The plan for these channels, made once; a machine has few groups of them, the bound is for others."""
-    key = tuple(channels)
-    plan = plans.get(key)
-    if plan is None:
-        if len(plans) >= _MOST_PLANS:
-            plans.clear()
-        plan = plans[key] = make(key)
-    return plan
+class _Plans:
+    """The plan of each group of channels, made once; a machine has few groups, the bound is for others."""
+
+    def __init__(self, make: Callable[[Sequence[ModbusChannel]], Requests]) -> None:
+        self._make = make
+        self._known: dict[tuple[ModbusChannel, ...], Requests] = {}
+        self._last: tuple[Sequence[ModbusChannel], Requests] = ((), ())
+
+    def __len__(self) -> int:
+        return len(self._known)
+
+    def of(self, channels: Sequence[ModbusChannel]) -> Requests:
+        if channels is self._last[0] and isinstance(channels, tuple):
+            return self._last[1]
+        key = tuple(channels)
+        plan = self._known.get(key)
+        if plan is None:
+            if len(self._known) >= _MOST_PLANS:
+                self._known.clear()
+            plan = self._known[key] = self._make(key)
+        self._last = channels, plan
+        return plan
 
 
 def _each(plan: Requests, carry_out: Callable[[int, Request], None]) -> None:

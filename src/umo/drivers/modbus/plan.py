@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import NamedTuple
 
 from umo.drivers.contract import IntArray
 from umo.drivers.modbus.channel import ModbusChannel, Table
@@ -24,6 +25,16 @@ class Item:
         return slice(self.offset, self.offset + self.channel.cells)
 
 
+class Single(NamedTuple):
+    """A channel with one cell, in what is needed in every period: `sign` is its bit of the sign, or 0."""
+
+    place: int
+    offset: int
+    sign: int
+    least: int
+    most: int
+
+
 @dataclass(frozen=True)
 class Request:
     """One request: `count` cells of a table from `address`, and the channels among them."""
@@ -32,8 +43,8 @@ class Request:
     address: int
     count: int
     items: tuple[Item, ...]
-    singles: tuple[tuple[int, int], ...] = field(default=(), compare=False)
-    """Of the channels with one cell: where it lies, and its bit of the sign or 0."""
+    singles: tuple[Single, ...] = field(default=(), compare=False)
+    """The channels with one cell."""
     places: slice | list[int] = field(default_factory=list, compare=False)
     """Their places among the values."""
     wides: tuple[Item, ...] = field(default=(), compare=False)
@@ -49,7 +60,7 @@ class Request:
         """Put the values of an answer's cells into their places of `out`. ChannelsFailed names the channels whose cells
         hold what is not a raw integer."""
         # two's complement; sign 0 leaves the value alone
-        out[self.places] = [(cells[offset] ^ sign) - sign for offset, sign in self.singles]
+        out[self.places] = [(cells[offset] ^ sign) - sign for _, offset, sign, _, _ in self.singles]
         if self.wides:
             self._decode_wides(cells, out)
 
@@ -66,13 +77,19 @@ class Request:
     def encode(self, raws: Sequence[int]) -> list[int]:
         """The cells that carry these values; a value that does not fit is an error, never cut off."""
         cells = [0] * self.count
-        for item in self.items:
-            channel, raw = item.channel, raws[item.place]
-            if channel.cells > 1 or not channel.lowest <= raw <= channel.highest:
-                cells[item.within] = channel.words(raw)
-            else:
-                cells[item.offset] = raw & 0xFFFF
+        for place, offset, _, least, most in self.singles:
+            raw = raws[place]
+            if not least <= raw <= most:
+                self._refuse(place, raw)
+            cells[offset] = raw & 0xFFFF
+        for item in self.wides:
+            cells[item.within] = item.channel.words(raws[item.place])
         return cells
+
+    def _refuse(self, place: int, raw: int) -> None:
+        for item in self.items:
+            if item.place == place:
+                item.channel.words(raw)  # says why
 
     def check_taken(self, cells: Sequence[int], read_back: Sequence[int]) -> None:
         """ChannelsFailed names the channels whose cells were read back other than written."""
@@ -140,9 +157,14 @@ def _request(run: Sequence[_Placed]) -> Request:
     end = max(channel.end for _, channel in run)
     items = tuple(Item(index, channel.address - start, channel) for index, channel in run)
     narrow = [item for item in items if item.channel.cells == 1]
-    singles = tuple((item.offset, 1 << 15 if item.channel.signed else 0) for item in narrow)
+    singles = tuple(map(_single, narrow))
     wides = tuple(item for item in items if item.channel.cells > 1)
     return Request(run[0][1].table, start, end - start, items, singles, _places(narrow), wides)
+
+
+def _single(item: Item) -> Single:
+    channel = item.channel
+    return Single(item.place, item.offset, 1 << 15 if channel.signed else 0, channel.lowest, channel.highest)
 
 
 def _places(items: Sequence[Item]) -> slice | list[int]:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-
 from umo.drivers.modbus.plan import Request
 
 _MOST = 256
@@ -38,15 +35,6 @@ class Unchanged:
     def forget(self) -> None:
         """Nothing is known."""
         self._confirmed.clear()
-
-    @contextmanager
-    def until_failure(self) -> Iterator[None]:
-        """Forget if anything is raised within."""
-        try:
-            yield
-        except BaseException:
-            self.forget()
-            raise
 
 
 def _key(request: Request) -> tuple[str, int, int]:
