@@ -1,0 +1,135 @@
+"""The conformance kit on the Modbus driver: a device on libmodbus, on TCP and as units of a serial line."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections import defaultdict, deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from peers.modbus_device import Peer, running
+from peers.modbus_map import coil, holding
+from umo.drivers.modbus import Modbus
+
+conformance = pytest.importorskip("umo.testing.conformance")
+pytest.importorskip("pymodbus")
+pytest.importorskip("serial")
+Input, Output, PtyTap, Subject, TcpTap, conform = (
+    getattr(conformance, name) for name in ("Input", "Output", "PtyTap", "Subject", "TcpTap", "conform")
+)
+FEW = 300
+"""Cycles, where the 10,000 of TCP would add nothing but time."""
+KEPT = 50
+"""Levels of an output: few, as the kit watches the memory of this process."""
+OUTPUTS = (
+    Output("holding:0", 5, 0, 65535),
+    Output("holding:1:int16", 0, -32768, 32767),
+    Output("coil:3", 0, 0, 1),
+)
+WIDE = (Output("holding:8:int32", 0, -(2**31), 2**31 - 1), Output("holding:12:float32:0.1", 0, -(2**23), 2**23 - 1))
+INPUTS = (Input("input:7"), Input("input:9:int32"), Input("discrete:1"))
+LOOPS = (("holding:0", "holding:0"), ("coil:3", "coil:3"))
+REFUSED = ("holding:600", "input:600", "coil:5000")
+
+
+class Levels:
+    """The levels of the coils and holding registers of a device, from what it logs; a thread reads the log."""
+
+    def __init__(self, peer: Peer) -> None:
+        self._pipe = peer._pipe
+        self._levels: dict[tuple[str, int], deque[int]] = defaultdict(lambda: deque(maxlen=KEPT))
+        self._lock = threading.Lock()
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def __call__(self, text: str) -> list[int]:
+        """Of a channel with one cell, as Subject.levels has them."""
+        table, address, *kind = text.split(":")
+        with self._lock:
+            kept = self._levels[table, int(address)] or deque([(coil if table == "coil" else holding)(int(address))])
+            found = list(kept)
+            self._levels[table, int(address)] = deque(found[-1:], maxlen=KEPT)
+        return [raw - 65536 if kind == ["int16"] and raw > 32767 else raw for raw in found]
+
+    def _read(self) -> None:
+        data = b""
+        while more := os.read(self._pipe, 65536):
+            *lines, data = (data + more).split(b"\n")
+            with self._lock:
+                for line in lines:
+                    self._note(line.decode().split())
+
+    def _note(self, words: list[str]) -> None:
+        if words[:1] != ["request"]:
+            return
+        function, (address, _, *values) = int(words[1].rpartition(":")[2]), map(int, words[2:])
+        table = "coil" if function in (5, 15) else "holding"
+        for i, value in enumerate(values):
+            self._levels[table, address + i].append(value)
+
+
+@contextmanager
+def on_tcp(**options: bool) -> Iterator[Subject]:
+    with running() as peer, TcpTap("127.0.0.1", peer.port) as tap:
+        yield Subject(
+            name="modbus, TCP" + ", read_write" * bool(options),
+            make=lambda: Modbus(host=tap.host, port=tap.port, **options),
+            direct=lambda: Modbus(port=peer.port, **options),
+            outputs=OUTPUTS,
+            inputs=INPUTS,
+            loopbacks=LOOPS,
+            refused=REFUSED,
+            levels=Levels(peer),
+            line=tap,
+            timeout=0.1,
+            device="libmodbus on TCP",
+        )
+
+
+@contextmanager
+def on_a_line() -> Iterator[Subject]:
+    with running("rtu") as peer, PtyTap(peer.path) as tap:
+        yield Subject(
+            name="modbus, serial RTU",
+            make=lambda: Modbus(serial=tap.serial, baudrate=115200, unit=2, recovery="50 ms"),
+            outputs=OUTPUTS,
+            inputs=INPUTS,
+            loopbacks=LOOPS,
+            refused=REFUSED,
+            levels=Levels(peer),
+            line=tap,
+            checksum=True,
+            timeout=0.1,
+            device="libmodbus on a pseudo-terminal",
+        )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("options", "cycles"), [({}, 10_000), ({"read_write": True}, FEW)])
+def test_the_driver_conforms_on_tcp(options: dict[str, bool], cycles: int) -> None:
+    with on_tcp(**options) as subject:
+        certificate = conform(subject, cycles=cycles)
+    assert certificate.passed, certificate
+
+
+@pytest.mark.slow
+def test_the_driver_conforms_on_a_serial_line() -> None:
+    with on_a_line() as subject:
+        certificate = conform(subject, cycles=FEW)
+    assert certificate.passed, certificate
+
+
+def test_wide_outputs_conform() -> None:
+    with running("quiet") as peer:
+        subject = Subject(
+            name="modbus, TCP, 32 bits",
+            make=lambda: Modbus(port=peer.port),
+            outputs=WIDE,
+            inputs=INPUTS,
+            loopbacks=tuple((output.channel, output.channel) for output in WIDE),
+            timeout=0.1,
+        )
+        certificate = conform(subject, cycles=FEW)
+    assert certificate.passed, certificate
