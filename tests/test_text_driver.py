@@ -242,7 +242,7 @@ def test_a_boot_time_goes_on_from_call_to_call() -> None:
 
 
 def test_what_comes_before_the_line_is_quiet_is_thrown_away() -> None:
-    with device(hello=b"7\n8\n", quiet=0.05) as (driver, _):
+    with device(hello=b"7\n8\n", quiet=0.3) as (driver, _):
         assert read(driver, "a") == [1]
 
 
@@ -250,7 +250,7 @@ def test_a_missing_device_is_one_line() -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     driver = Text(host="127.0.0.1", port=port, channels=CHANNELS)
-    with pytest.raises(DriverError, match="^connecting: connection refused$"):
+    with pytest.raises(DriverError, match=r"^connecting: connection refused$"):
         driver.open()
     driver.close()
     with pytest.raises(DriverError, match="it is not open"):
@@ -286,20 +286,20 @@ def test_an_unexpected_answer_drops_the_connection(sent: bytes | None, why: str)
 
 
 def test_a_timeout_drops_the_connection() -> None:
-    with device(lambda line: b"" if line == "B?" else plain(line), timeout=HASTY) as (driver, server):
+    with device(timeout=HASTY) as (driver, server):
         start = monotonic()
-        with pytest.raises(DeviceTimeout, match=re.escape("no answer to 'B?': timed out (50 ms)")):
-            read(driver, "a", "b", "c")
-        assert monotonic() - start < 1.0
+        with pytest.raises(DeviceTimeout, match=re.escape("no answer to 'Q?': timed out (50 ms)")):
+            read(driver, "q", "a")
+        assert monotonic() - start < 5.0
         driver.timeout = PATIENT
         assert read(driver, "a") == [1]
         assert server.connections == 2
 
 
 def test_half_an_answer_is_shown_when_it_times_out() -> None:
-    with device(lambda _: b"12", timeout=HASTY) as (driver, _):
-        with pytest.raises(DeviceTimeout, match=re.escape("no answer to 'A?' after b'12'")):
-            read(driver, "a")
+    half = re.escape("no answer to 'A?' after b'12'")
+    with device(lambda _: b"12", timeout=HASTY) as (driver, _), pytest.raises(DeviceTimeout, match=half):
+        read(driver, "a")
 
 
 def test_data_that_nobody_asked_for_is_an_error_once() -> None:
@@ -344,6 +344,36 @@ def test_a_lost_connection_fails_for_the_rest_of_the_block() -> None:
         assert set(raised.value.causes) == {"b", "c"}
         assert out[0] == 1
         assert server.received == ["A?", "B?"]
+
+
+def test_the_quiet_time_is_doubled_with_each_failure_in_succession() -> None:
+    with device(lambda line: b"" if line == "Q?" else plain(line), quiet=0.02) as (driver, _):
+        for _ in range(4):
+            driver.timeout = HASTY
+            with pytest.raises(DeviceTimeout, match=r"to 'Q\?'"):
+                while True:  # past the calls that wait until the line is quiet
+                    with suppress_waiting():
+                        read(driver, "q")
+        driver.timeout = PATIENT
+        start = monotonic()
+        assert read(driver, "a") == [1]
+        assert monotonic() - start >= 0.15
+        driver.timeout = HASTY
+        with pytest.raises(DeviceTimeout):
+            read(driver, "q")
+        driver.timeout = PATIENT
+        start = monotonic()
+        assert read(driver, "a") == [1]
+        assert monotonic() - start < 0.15
+
+
+@contextmanager
+def suppress_waiting() -> Iterator[None]:
+    try:
+        yield
+    except DeviceTimeout as error:
+        if "not quiet" not in str(error):
+            raise
 
 
 # Options ------------------------------------------------------------------------------------------

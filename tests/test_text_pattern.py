@@ -137,6 +137,12 @@ def test_numbers_are_rounded_to_the_nearest_step(text: str, scale: str | None, r
     assert raw_of(text, Decimal(scale) if scale else None) == raw
 
 
+def test_without_a_scale_a_number_must_be_whole() -> None:
+    with pytest.raises(UnexpectedAnswer, match=r"'0.77' is not a whole number, and the channel has no scale"):
+        raw_of("0.77", None)
+    assert raw_of("0.77", Decimal(1)) == 1
+
+
 @pytest.mark.parametrize(
     "text", ["", " ", "12x", "1 2", "1,5", "0x10", "1e", "--1", "1.2.3", "1_000", "٣", "1\n", "None", "e5", ".", "1e+"]
 )
@@ -147,8 +153,10 @@ def test_what_is_not_a_number_is_an_unexpected_answer(text: str) -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["NAN", "nan", "INF", "-inf", "NINF", "Infinity", "9.9E37", "-9.9E37", "9.91E37", "1e400", "1e999999999", "9" * 70]
-    + ["1e99999999999999999999"],
+    [
+        *("NAN", "nan", "INF", "-inf", "NINF", "Infinity", "9.9E37", "-9.9E37", "9.91E37"),
+        *("1e400", "1e999999999", "1e99999999999999999999", "1e-99999999999999999999", "9" * 70),
+    ],
 )
 def test_no_finite_number_is_an_error_without_a_value(text: str) -> None:
     with pytest.raises(NoValue):

@@ -181,7 +181,7 @@ class Channels:
         known(table, ChannelOptions, where)
         if n is not None:
             table = numbered(table, n)
-        scale = _scale(table.get("scale", 1), f"{where}.scale")
+        scale = _scale(table["scale"], f"{where}.scale") if "scale" in table else None
         reading, setting = _reading(table, where, scale), self._setting(table, where, scale)
         if reading is None and setting is None:
             raise WiringError(f'{where} needs ask = "..." or set = "..."')
@@ -252,11 +252,11 @@ def _texts(value: Any, where: str) -> list[str]:
     return [_text(each, where) for each in (value if isinstance(value, list | tuple) else [value])]
 
 
-def _scale(value: Any, where: str) -> Decimal | None:
-    """The step of one raw, exactly as it is written; None for 1."""
+def _scale(value: Any, where: str) -> Decimal:
+    """The step of one raw, exactly as it is written."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < float("inf"):
         raise WiringError(f"{where} must be a number above 0, the step of one raw integer, not {value!r}")
-    return None if value == 1 else Decimal(repr(value))
+    return Decimal(repr(value))
 
 
 def known(table: Any, options: type, where: str) -> None:

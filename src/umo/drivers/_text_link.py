@@ -10,6 +10,9 @@ from umo.drivers._text_pattern import NoValue, Pattern, UnexpectedAnswer, shown,
 from umo.drivers._text_port import Dial, Hangup, Port
 from umo.errors import DeviceTimeout, DriverError
 
+_MOST_DOUBLED = 4
+"""How often the quiet time is doubled: a device that answered late once is given longer."""
+
 
 @dataclass(frozen=True)
 class Dialogue:
@@ -44,6 +47,8 @@ class TextLink:
         self._port: Port | None = None
         self._ready = False
         self._boots = True
+        self._failures = 0
+        """Connections that were dropped in succession."""
         self._data = bytearray()
         self._timeout = self._deadline = 0.0
         self._started = self._heard = self._free = 0.0
@@ -52,6 +57,7 @@ class TextLink:
         """Begin one call of the driver, which ends within `timeout` s: connected, nothing left over."""
         self._timeout, self._deadline = timeout, monotonic() + timeout
         if self._ready and self._port is not None:
+            self._failures = 0  # any failure would have dropped the connection
             try:
                 self._look(self._port)
             except Hangup:
@@ -95,6 +101,7 @@ class TextLink:
 
     def dropped(self, error: DriverError) -> DriverError:
         """The error, after the connection was dropped because of it."""
+        self._failures += 1
         self.close()
         return error
 
@@ -132,7 +139,8 @@ class TextLink:
     def _settle(self, port: Port) -> None:
         """Wait until the device has started and the line was quiet for its time; what comes in is thrown away."""
         dialogue = self._dialogue
-        while (ready := max(self._heard + dialogue.quiet, self._started)) > (now := monotonic()):
+        quiet = dialogue.quiet * 2 ** min(max(self._failures - 1, 0), _MOST_DOUBLED)
+        while (ready := max(self._heard + quiet, self._started)) > (now := monotonic()):
             if now >= self._deadline:
                 what = "the device has not started yet" if now < self._started else "the line is not quiet"
                 raise _StillStarting(f"{what}: timed out ({self._timeout * 1000:g} ms)")

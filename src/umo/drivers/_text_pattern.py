@@ -104,6 +104,7 @@ class Pattern:
 
 def raw_of(text: str, scale: Decimal | None) -> int:
     """The number in the text divided by the scale, to the nearest whole number, half to even; exact for any digits.
+    Without a scale the number must be whole.
 
     Not a number is an UnexpectedAnswer; NAN and INF are a NoValue, as are 9.9E37 (infinity) and 9.91E37 (not a number)
     of SCPI-1999, volume 1, section 7.2.1.
@@ -116,7 +117,7 @@ def raw_of(text: str, scale: Decimal | None) -> int:
     try:
         number = Decimal(text)
     except InvalidOperation:  # an exponent of twenty digits
-        raise NoValue(f"the device answers {shown(text)}, which is too large") from None
+        raise NoValue(f"the device answers {shown(text)}, whose exponent is out of range") from None
     if not number:
         return 0
     if number.copy_abs() >= _OVERFLOW:
@@ -125,7 +126,10 @@ def raw_of(text: str, scale: Decimal | None) -> int:
         number = _CONTEXT.divide(number, scale)
     if number.adjusted() > _CONTEXT.prec - 20:
         raise NoValue(f"the device answers {shown(text)}, which is too large")
-    return int(number.to_integral_value(context=_CONTEXT))
+    whole = number.to_integral_value(context=_CONTEXT)
+    if scale is None and whole != number:
+        raise UnexpectedAnswer(f"{shown(text)} is not a whole number, and the channel has no scale")
+    return int(whole)
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ class Port:
         self._out.register(self._fd, select.POLLOUT)
 
     def close(self) -> None:
-        with suppress(OSError):  # an unplugged line
+        with suppress(Exception):  # an unplugged line: termios.error
             self._owner.close()
 
     def receive(self, seconds: float) -> bytes:
@@ -143,7 +143,21 @@ class SerialDial:
         except (serial.SerialException, ValueError) as error:
             raise _reason(self.path, error) from None
         _keep_dtr(line.fileno())
-        return line
+        return _SerialLine(line)
+
+
+class _SerialLine:
+    """pyserial's line; closing it does not wait until what is unsent has gone out, which may take 30 s."""
+
+    def __init__(self, line: Any) -> None:
+        self._line = line
+        self.fileno = line.fileno
+
+    def close(self) -> None:
+        try:
+            self._line.reset_output_buffer()
+        finally:
+            self._line.close()
 
 
 def _reason(path: str, error: Exception) -> OSError:

@@ -21,7 +21,7 @@ from umo.drivers.contract import Driver, IntArray
 from umo.errors import ChannelsFailed, DriverError, WiringError
 
 _MOST_PLANS = 256
-_QUIET = 0.1
+_QUIET = 0.5
 _LONGEST_WATCHDOG = 86400.0
 Encoding = Literal["ascii", "latin-1", "utf-8"]
 Parity = Literal["none", "even", "odd", "mark", "space"]
@@ -37,7 +37,7 @@ class Text(Driver[TextChannel]):
         states: answers that stand for levels, { 0 = "OFF", 1 = ["ON", "1"] }, instead of a number.
         set: the request that writes, "VOLT {:.3f}", or a request for each level, { 0 = "OUTP OFF", 1 = "OUTP ON" }.
         acknowledge, confirm: as the options below, for this channel; "" and {} for none.
-        scale: the step of one raw integer (default 1): raw = number / scale, to the nearest. Numbers are decimal.
+        scale: the step of one raw integer: raw = number / scale, to the nearest. Without it numbers are whole.
         bits, signed: default 64 and signed; with levels as many bits as they need, unsigned.
     In a pattern `{}` is the value and `*` any text; a regular expression stands between slashes, with one group.
 
@@ -54,16 +54,16 @@ class Text(Driver[TextChannel]):
         together: what joins several queries in one line, and their answers, such as ";"; requests that set, too.
         longest_request: characters of such a line at most. longest_answer: bytes of an answer at most.
         pause: s between an answer and the next request.
-        boot_time: s that the device may need after a connection; a serial line: after the first one, or after the device
-            was away. greeting: a line of the device that ends it earlier.
-        quiet: s for which a new connection must be quiet first. Default: 0.1 on a serial line, 0 on TCP.
+        boot_time: s that the device may need after connecting; on a serial line after the first connection, and after
+            the device was away. greeting: a line of the device that ends it earlier.
+        quiet: s for which a new connection must be quiet first. Default: 0.5 on a serial line, 0 on TCP.
         watchdog_set: the request that arms the device's watchdog, with {s} or {ms} for the time; 0 disarms it.
 
     Each call returns within `timeout`, including a reconnection. There is no retry. After a timeout, an answer that is
     neither as declared nor in `errors`, or data that nobody asked for, the connection is closed, and the next call
     opens it again. A serial line has no transaction numbers: an answer that comes later than `timeout` + `quiet` after
-    its request can be found only by `identify`, whose answer must be the next line. A channel without acknowledge and
-    confirm counts as written when its request has been sent.
+    its request can be taken for that of another, unless `identify` finds it. `quiet` is doubled with each failure in
+    succession, up to 16 times. A channel without acknowledge and confirm counts as written when its request is sent.
     """
 
     def __init__(
