@@ -159,8 +159,8 @@ def test_outputs_of_the_firmware_are_seen_by_its_converter(instrument: Text) -> 
         instrument.write(instrument.channel(f"out{n}"), 1)
         *levels, count, fixed = read(instrument, "out0", "out1", "out2", "adc0", "adc1")
         assert levels == [1, n >= 1, n >= 2]
-        assert count == pytest.approx((n + 1) * 500 * 1024 / 5000, abs=1)
-        assert fixed == pytest.approx(1250 * 1024 / 5000, abs=1)
+        assert count == pytest.approx((n + 1) * 500 * 1024 / 5000, abs=2)
+        assert fixed == pytest.approx(1250 * 1024 / 5000, abs=2)
 
 
 def test_numbers_go_to_the_firmware_and_back(instrument: Text) -> None:
