@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import re
+import tomllib
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from peers.text_devices import PATIENT, CannotRun, Supply, avr, supply
+from peers.text_devices import PATIENT, PEERS, CannotRun, Supply, avr, built, supply
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, OnOff, connect
 from umo.drivers.text import Text
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError
 
+PAGE = (Path(__file__).parents[1] / "docs" / "driver-text.md").read_text("utf-8")
 SUPPLY: dict[str, Any] = {
     "volt{n}": {"ask": ":CH{n}:VOLT?", "set": ":CH{n}:VOLT {:.3f}", "scale": 0.001},
     "measured{n}": {"ask": ":CH{n}:MEAS?", "scale": 0.001},
@@ -232,3 +236,41 @@ def test_the_watchdog_of_the_firmware_drops_its_outputs(board: str, instrument: 
     quiet.watchdog(0)
     quiet.write(level, 0)
     quiet.close()
+
+
+# The sketch of the page ---------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def sketched(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """The sketch of docs/driver-text.md, compiled with a small Arduino core, on the emulated board."""
+    found = re.search(r"^```cpp\n(.*?)^```", PAGE, re.M | re.S)
+    assert found is not None
+    source = tmp_path_factory.mktemp("sketch") / "sketch.cpp"
+    source.write_text(f'#include "Arduino.h"\n{found[1]}')
+    try:
+        with avr(built(source, "-Wall", "-std=c++11", f"-I{PEERS / 'text_avr'}")) as path:
+            yield path
+    except CannotRun as error:
+        pytest.skip(str(error))
+
+
+def test_the_sketch_of_the_page_works_with_the_wiring_of_the_page(sketched: str) -> None:
+    found = re.search(r"^```toml[^\n]*\n(.*?)^```", PAGE, re.M | re.S)
+    assert found is not None
+    options = tomllib.loads(found[1])["drivers"]["board"]
+    for key in ("type", "timeout", "watchdog"):
+        del options[key]
+    driver = opened(**options | {"serial": sketched, "quiet": 0.03})
+    lamp = driver.channel("D8")
+    driver.watchdog(0.5)
+    driver.write(lamp, 1)
+    assert read(driver, "D8", "D9", "A1") == [1, 0, pytest.approx(256, abs=2)]
+    assert read(driver, "A0") == [pytest.approx(102, abs=2)]  # the board's: 500 mV for the output that is high
+    for wrong in ("D7", "A6"):
+        with pytest.raises(DriverError, match="ERR unknown"):
+            read(driver, wrong)
+    driver.close()
+    later = opened(**options | {"serial": sketched, "boot_time": 1.0, "quiet": 0.03})  # its watchdog expires meanwhile
+    assert read(later, "D8") == [0]
+    later.close()

@@ -78,7 +78,9 @@ def firmware() -> tuple[Path, Path]:
 
 
 def built(source: Path, *options: str) -> Path:
-    """The firmware made of a C or C++ source."""
+    """The firmware made of a C or C++ source. Raises CannotRun."""
+    if not _kept:
+        firmware()
     target = Path(_kept[-1].name) / f"{source.stem}.elf"
     compiler = "avr-gcc" if source.suffix == ".c" else "avr-g++"
     machine = ["-mmcu=atmega328p", "-DF_CPU=16000000UL", "-Os"]
