@@ -62,7 +62,8 @@ def test_an_emulated_avr_on_a_serial_line(board: str) -> None:
                 device="firmware in C on an emulated ATmega328P (simavr)",
                 timeout=0.1,
                 line=tap,
-            )
+            ),
+            cycles=50,  # 40 ms each
         )
     assert certificate.passed, str(certificate)
 

@@ -10,6 +10,7 @@ import shutil
 import signal
 import subprocess
 import tempfile
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -51,12 +52,16 @@ def supply(port: int = 0, folder: Path | None = None) -> Iterator[Supply]:
         listen = f"TCP-LISTEN:{port},bind=127.0.0.1,reuseaddr,fork,nodelay"
         command = ["socat", "-d", "-d", listen, f"EXEC:sh {PEERS / 'text_supply.sh'} {place}"]
         with subprocess.Popen(command, stderr=subprocess.PIPE, bufsize=0, start_new_session=True) as process:
+            assert process.stderr is not None
+            log = threading.Thread(target=process.stderr.read, daemon=True)
             try:
-                assert process.stderr is not None
                 said = _wait_for(process.stderr, r"listening on .*:(\d+)")
+                log.start()  # a full pipe would stop socat
                 yield Supply(int(said[1]), place, process)
             finally:
                 os.killpg(process.pid, signal.SIGTERM)  # socat makes a process for each connection
+                if log.is_alive():
+                    log.join(PATIENT)
 
 
 @cache
