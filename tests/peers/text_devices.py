@@ -107,6 +107,22 @@ def avr(elf: Path | None = None) -> Iterator[str]:
             process.stdin.close()
 
 
+@contextmanager
+def quick() -> Iterator[int]:
+    """The port of the device of the bench (text_bench.c). Raises CannotRun."""
+    if shutil.which("cc") is None:
+        raise CannotRun("the device of the bench needs a C compiler")
+    with tempfile.TemporaryDirectory(prefix="umo-lines-") as folder:
+        program = Path(folder) / "text_bench"
+        subprocess.run(["cc", "-O2", "-Wall", "-o", program, PEERS / "text_bench.c"], check=True)
+        with subprocess.Popen([program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0) as process:
+            assert process.stdin is not None and process.stdout is not None
+            try:
+                yield int(_wait_for(process.stdout, r"port (\d+)")[1])
+            finally:
+                process.terminate()
+
+
 def _wait_for(output: IO[bytes], pattern: str) -> re.Match[str]:
     """The first line that holds the pattern; `output` is not buffered, so `select` sees what is left."""
     while select.select([output], [], [], PATIENT)[0]:

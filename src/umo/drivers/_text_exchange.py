@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from umo.drivers._text_channel import Query, TextChannel
 from umo.drivers._text_link import TextLink
@@ -13,8 +13,7 @@ from umo.drivers.contract import IntArray
 _NOTHING: Mapping[int, Exception] = {}
 
 
-@dataclass(frozen=True)
-class Asked:
+class Asked(NamedTuple):
     """One line that asks. `parts` has an element for each query in it: the channels that take a part of its answer,
     with their places in the block."""
 
@@ -47,8 +46,7 @@ class Asked:
         return failed
 
 
-@dataclass(frozen=True)
-class Told:
+class Told(NamedTuple):
     """One line that sets channels, and how the device confirms it."""
 
     request: str

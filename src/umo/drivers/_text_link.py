@@ -183,36 +183,42 @@ class TextLink:
             raise self.dropped(DriverError(f"sending {shown(request)}: {error}")) from None
         if not sent:
             raise self._late(request)
-        self._free = monotonic()
+        if dialogue.pause:
+            self._free = monotonic()
         if dialogue.echo and (line := self._line(request)) != stripped(request):
             text = f"the device echoes {shown(line)}, not {shown(request)}; echo = false if it does not echo"
             raise self.dropped(UnexpectedAnswer(text))
 
     def _line(self, request: str) -> str:
         """The next line, without its terminator and the blanks around it."""
-        assert self._port is not None
         data, end, searched = self._data, self._end, 0
         while (at := data.find(end, searched)) < 0:
             if len(data) > self._dialogue.longest_answer:
                 break
-            searched = max(len(data) - len(end) + 1, 0)
-            if (left := self._left()) <= 0:
-                raise self._late(request)
-            try:
-                data += self._port.receive(left)
-            except Hangup as error:
-                raise self.dropped(DriverError(f"waiting for the answer to {shown(request)}: {error}")) from None
+            searched = max(len(data) - len(end) + 1, 0)  # a terminator may be in two pieces
+            self._take(request)
         if not 0 <= at <= self._dialogue.longest_answer:
             text = f"the answer to {shown(request)} is longer than {self._dialogue.longest_answer} bytes"
             raise self.dropped(UnexpectedAnswer(text))
         line = bytes(data[:at])
         del data[: at + len(end)]
-        self._free = monotonic()
+        if self._dialogue.pause:
+            self._free = monotonic()
         try:
             return stripped(line.decode(self._dialogue.encoding))
         except UnicodeDecodeError:
             text = f"the answer to {shown(request)} is not {self._dialogue.encoding}: {shown(line)}"
             raise self.dropped(UnexpectedAnswer(text)) from None
+
+    def _take(self, request: str) -> None:
+        """Wait for some bytes, if the time is not over."""
+        assert self._port is not None
+        if (left := self._left()) <= 0:
+            raise self._late(request)
+        try:
+            self._data += self._port.receive(left)
+        except Hangup as error:
+            raise self.dropped(DriverError(f"waiting for the answer to {shown(request)}: {error}")) from None
 
     def _left(self) -> float:
         return self._deadline - monotonic()

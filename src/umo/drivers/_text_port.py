@@ -54,7 +54,7 @@ class Port:
 
     def send(self, data: bytes, seconds: float) -> bool:
         """False if the device did not take all of it in the time."""
-        deadline = monotonic() + seconds
+        deadline = 0.0
         while True:
             try:
                 data = data[os.write(self._fd, data) :]
@@ -64,6 +64,7 @@ class Port:
                 raise Hangup(plain(error)) from None
             if not data:
                 return True
+            deadline = deadline or monotonic() + seconds
             if not self._out.poll(max(deadline - monotonic(), 0.0) * 1000):
                 return False
 

@@ -230,6 +230,10 @@ class Text(Driver[TextChannel]):
 
     def _told(self, channels: Sequence[TextChannel], requests: list[str]) -> Iterable[Told]:
         """The lines that set: each request by itself, or joined where none of them is acknowledged."""
+        if self._together is None:
+            for i, (channel, request) in enumerate(zip(channels, requests, strict=True)):
+                yield Told(request, *channel.done, (i,))
+            return
         numbers = range(len(requests))
         for (acknowledge, confirm), run in groupby(numbers, lambda i: channels[i].done):
             some = list(run)
