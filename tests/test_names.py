@@ -13,6 +13,7 @@ SHOWN_TO_THE_OBJECTS = TREE / "objects" / "link.py"
 """Protocols of what lies above, under the names that those things have."""
 ROLES = {"__init__", "application", "control", "objects", "plant", "run", "errors"}
 """Modules with one part in many places: a station's files, a command of the command line, its errors."""
+ROLES |= {"text"}  # a driver's module has the name of its type in a wiring
 ROLES_OF_CLASSES = {"Plant"}
 """Each station's own."""
 

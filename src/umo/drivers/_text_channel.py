@@ -60,7 +60,7 @@ class Query:
 
 
 @dataclass(frozen=True)
-class Reading:
+class ReadCommand:
     """How a channel is read: the request, and how its answer becomes a raw integer."""
 
     ask: str
@@ -81,7 +81,7 @@ class Reading:
 
 
 @dataclass(frozen=True)
-class Setting:
+class WriteCommand:
     """How a channel is written: the request for a raw integer, and how the device confirms it."""
 
     template: Template | None
@@ -106,8 +106,14 @@ class Setting:
 class TextChannel(Channel):
     """A channel of a line protocol."""
 
-    reading: Reading | None = None
-    setting: Setting | None = None
+    reading: ReadCommand | None = None
+    setting: WriteCommand | None = None
+    least: int = field(init=False, compare=False)
+    most: int = field(init=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "least", self.lowest)
+        object.__setattr__(self, "most", min(self.highest, _MOST_RAW))
 
     # Plans are looked up by their channels in every period, and a string keeps its hash.
     def __hash__(self) -> int:
@@ -138,8 +144,8 @@ class TextChannel(Channel):
         return self.setting.request(self._fitting(raw))
 
     def _fitting(self, raw: int) -> int:
-        if not self.lowest <= raw <= min(self.highest, _MOST_RAW):
-            raise NoValue(f"{raw} does not fit channel {self.text}: {self.lowest} to {min(self.highest, _MOST_RAW)}")
+        if not self.least <= raw <= self.most:
+            raise NoValue(f"{raw} does not fit channel {self.text}: {self.least} to {self.most}")
         return raw
 
 
@@ -196,7 +202,7 @@ class Channels:
             raise WiringError(f"{where}: level {max(levels)} does not fit its {bits} bits")
         return channel
 
-    def _setting(self, table: ChannelOptions, where: str, scale: Decimal | None) -> Setting | None:
+    def _setting(self, table: ChannelOptions, where: str, scale: Decimal | None) -> WriteCommand | None:
         given = table.get("set")
         if given is None:
             if "acknowledge" in table or "confirm" in table:
@@ -213,10 +219,10 @@ class Channels:
             acknowledge = Pattern(text, f"{where}.acknowledge") if text else None
         if "confirm" in table:
             confirm = Query.parse(table["confirm"], f"{where}.confirm")
-        return Setting(template, levels, scale, acknowledge, confirm)
+        return WriteCommand(template, levels, scale, acknowledge, confirm)
 
 
-def _reading(table: ChannelOptions, where: str, scale: Decimal | None) -> Reading | None:
+def _reading(table: ChannelOptions, where: str, scale: Decimal | None) -> ReadCommand | None:
     ask = table.get("ask")
     if ask is None:
         for key in ("answer", "states"):
@@ -229,7 +235,7 @@ def _reading(table: ChannelOptions, where: str, scale: Decimal | None) -> Readin
         for text in texts:
             if states.setdefault(text, level) != level:
                 raise WiringError(f"{where}.states: {text!r} stands for {states[text]} and for {level}")
-    return Reading(ask, answer, states, scale)
+    return ReadCommand(ask, answer, states, scale)
 
 
 def _levels(table: Any, where: str, of: Callable[[Any, str], T]) -> dict[int, T]:

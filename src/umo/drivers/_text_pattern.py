@@ -16,6 +16,7 @@ _WILD = re.compile(r"(\{\}|\*)")
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _NONE = re.compile(r"[+-]?(?:nan|n?inf(?:inity)?)", re.IGNORECASE)
 _N = re.compile(r"\{n(?::(\w*))?\}")
+_ALL = ("", "{}", "")
 _OVERFLOW = Decimal("9.9E37")
 _CONTEXT = Context(prec=60, Emax=MAX_EMAX, Emin=MIN_EMIN)
 """60 digits: 64 bits, and the decimals that decide how they are rounded."""
@@ -83,6 +84,8 @@ class Pattern:
 
     def match(self, line: str) -> str | None:
         """The value in the line, "" for a pattern without; None if the line is not of this form."""
+        if self.pieces == _ALL:
+            return line if line.isprintable() else None
         if self.regex is not None:
             found = self.regex.fullmatch(line)
             return None if found is None else (found[1] or "") if self.has_value else ""
