@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 
 import gpiod
-from bench.drivers.case import Case, NotHere, cycle, split
 from gpiod.line import Direction, Value
 from tests.kernel.gpio_sim import Chip
 
+from bench.drivers.case import Case, NotHere, cycle, split
 from umo.drivers.gpio import Gpio
 
 
