@@ -47,7 +47,8 @@ Faults = Annotated[
         "--fault",
         metavar="TEXT",
         help="Inject a fault: PATH KIND \\[amount] \\[at TIME] \\[for TIME], such as 'z.encoder stuck at 5 s'. May be "
-        "repeated. Kinds: stuck, noise, drift, bit flip, delay, drop-out, disconnect, exception, wrong length, out of range.",
+        "repeated. Kinds: stuck, noise, drift, bit flip, delay, drop-out, disconnect, exception, wrong length, out of "
+        "range.",
     ),
 ]
 FaultSeed = Annotated[

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import inf, isfinite
+from math import frexp, inf, isfinite
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -35,6 +35,9 @@ class Profile:
     _duration: float = field(default=0.0, init=False)
     _origin: float = field(default=0.0, init=False)
     _final: float = field(default=0.0, init=False)
+    _scale: float = field(default=1.0, init=False, repr=False)
+    """Of the lengths that ruckig is given. Its tolerances are absolute: with speeds of 1e5 it finds no profile for one
+    in ten motions that are planned anew on the way. A power of two changes no digit."""
 
     def hold(self, position: float, velocity: float = 0.0) -> None:
         """Set the position and velocity from which the profile goes on."""
@@ -61,8 +64,8 @@ class Profile:
                 f"no profile to {target!r}: the duration must be finite and not negative, not {duration!r}"
             )
         plan = self._plan()
-        plan.target_position = [target]
-        plan.max_velocity = [min(velocity, self.velocity)]
+        plan.target_position = [target * self._scale]
+        plan.max_velocity = [min(velocity, self.velocity) * self._scale]
         if duration:
             plan.minimum_duration = duration
         return self._calculate(plan, f"to {target!r}")
@@ -72,17 +75,18 @@ class Profile:
         The setpoint moves on at this velocity. Returns the duration in s until it is reached."""
         plan = self._plan()
         plan.control_interface = _ruckig().ControlInterface.Velocity
-        plan.target_velocity = [min(max(velocity, -self.velocity), self.velocity)]
+        plan.target_velocity = [min(max(velocity, -self.velocity), self.velocity) * self._scale]
         return self._calculate(plan, f"at {velocity!r} per s")
 
     def _plan(self) -> Any:
         plan = _ruckig().InputParameter(1)
-        plan.current_position = [self.setpoint.position]
-        plan.current_velocity = [self.setpoint.velocity]
-        plan.current_acceleration = [self.setpoint.acceleration]
-        plan.max_velocity = [self.velocity]
-        plan.max_acceleration = [self.acceleration]
-        plan.max_jerk = [self.jerk]
+        scale = self._scale = 2.0 ** -frexp(self.velocity)[1]
+        plan.current_position = [self.setpoint.position * scale]
+        plan.current_velocity = [self.setpoint.velocity * scale]
+        plan.current_acceleration = [self.setpoint.acceleration * scale]
+        plan.max_velocity = [self.velocity * scale]
+        plan.max_acceleration = [self.acceleration * scale]
+        plan.max_jerk = [self.jerk * scale]
         return plan
 
     def _calculate(self, plan: Any, what: str) -> float:
@@ -94,7 +98,7 @@ class Profile:
         if result not in (ruckig.Result.Working, ruckig.Result.Finished):
             raise RangeError(f"no profile {what} within the limits of {self!r}: {result.name}")
         self._elapsed = self._origin = 0.0
-        self._final = plan.target_velocity[0]
+        self._final = plan.target_velocity[0] / self._scale
         self._duration = float(self._trajectory.duration)
         return self._duration
 
@@ -111,8 +115,9 @@ class Profile:
             if not elapsed < self._duration:  # NaN as well, with which ruckig would read beyond its memory
                 return self._end(elapsed - self._duration)
             self._elapsed = elapsed
+            scale = self._scale
             (position,), (velocity,), (acceleration,) = self._trajectory.at_time(elapsed)
-            self.setpoint = Setpoint(position + self._origin, velocity, acceleration)
+            self.setpoint = Setpoint(position / scale + self._origin, velocity / scale, acceleration / scale)
         elif moving := self.setpoint.velocity:
             _check_time(dt)
             self.setpoint = Setpoint(self.setpoint.position + moving * dt, moving, 0.0)
@@ -123,7 +128,7 @@ class Profile:
         _check_time(beyond)
         (position,), *_ = self._trajectory.at_time(self._duration)
         self._duration = 0.0
-        self.setpoint = Setpoint(position + self._origin + self._final * beyond, self._final, 0.0)
+        self.setpoint = Setpoint(position / self._scale + self._origin + self._final * beyond, self._final, 0.0)
         return self.setpoint
 
 

@@ -50,6 +50,7 @@ class Image(ABC):
         self.slot_of = {id(item): slot for slot, item in enumerate(self.items)}
         self.timer = -1 if wired.timer is None else self.slot_of[id(wired.timer)]
         self.transfer = Transfer(self.wires, wired, self.timer)
+        self._least_ticks, self._most_ticks = self.wires[self.timer].raw_bounds if wired.timer is not None else (0, 0)
         self.commands: Commands
         self._marked: list[Failure] = []
         """Sensors that were marked BAD and not logged yet."""
@@ -200,9 +201,13 @@ class Image(ABC):
         except Exception as error:
             self._fail_input(slot, reported(error), failures)
         else:
-            if slot == self.timer:
+            if slot != self.timer:
+                self._accept(slot, raw, failures)
+            elif self._least_ticks <= raw <= self._most_ticks:
                 self.clock.advance(raw)
-            self._accept(slot, raw, failures)
+                self._accept(slot, raw, failures)
+            else:  # the clock must not jump: every law and every timeout counts on it
+                self._fail_input(slot, f"read {raw} missed periods, which is outside its range", failures)
         self._tell_marked()
         if failures:
             raise DriverError("could not be read", failures)

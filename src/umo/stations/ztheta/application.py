@@ -3,8 +3,9 @@
 from .control import Manipulator
 
 
-async def main(m: Manipulator, parts: int = 3, start: float = -45.0, turn: float = 90.0) -> None:
-    """Home, then serve `parts` parts: picked at the angle `start`, turned by `turn` (both deg), placed."""
+async def main(m: Manipulator, parts: int = 3, start: float = -45.0, turn: float = 90.0) -> dict[str, int] | None:
+    """Home, then serve `parts` parts: picked at the angle `start`, turned by `turn` (both deg), placed. Returns how many
+    were placed without the puff of pressure, if any."""
     m.progress("homing", done=0, total=parts)
     await m.home()
     for number in range(1, parts + 1):
@@ -20,3 +21,4 @@ async def main(m: Manipulator, parts: int = 3, start: float = -45.0, turn: float
         m.progress(f"{part}: placed", done=number)
     m.progress("done")
     await m.z.move_to(m.transit_height)
+    return {"placed_without_puff": m.unblown} if m.unblown else None

@@ -51,7 +51,7 @@ class Gripper(Compound):
     def control(self) -> None:
         if not self.holding:
             return
-        if state_of(self.pressure) is PassFail.PASS:
+        if self.sealed:
             self._failing = 0.0
             return
         self._failing += self.dt
@@ -59,11 +59,16 @@ class Gripper(Compound):
             self.holding = False
             raise GripError("the part was lost: the vacuum failed while it was held")
 
+    @property
+    def sealed(self) -> bool:
+        """Whether there is vacuum in the cup."""
+        return state_of(self.pressure) is PassFail.PASS
+
     async def grip(self) -> bool:
         """Vacuum on; whether the switch passed within `seal_time`. If not, the vacuum is off again."""
         self.vacuum.write(OnOff.ON)
         try:
-            await until(lambda: state_of(self.pressure) is PassFail.PASS, timeout=self.seal_time)
+            await until(lambda: self.sealed, timeout=self.seal_time)
         except TimeExpired:
             self.vacuum.write(OnOff.OFF)
             return False
@@ -99,9 +104,14 @@ class Manipulator(Compound):
     """How long the courier takes to bring the next part, s."""
     puff_time: float = 0.05
     """How long the pressure blows a part off the cup, s."""
+    bleed_time: float = 1.0
+    """How long the cup takes to lose its vacuum without being blown, s."""
 
     stop_order = ("z.motor", "theta", "counterweight", "pressure_solenoid", "z", "gripper")
     max_period = "10 ms"
+
+    def setup(self) -> None:
+        self.unblown = 0  # parts that were put down without the puff
 
     async def home(self) -> None:
         """Carry the arm, then find both axes' references."""
@@ -123,12 +133,24 @@ class Manipulator(Compound):
         """Put the part down and blow it off the cup."""
         await self.z.move_to(self.pick_height + self.clearance)
         await self.z.move_to(self.pick_height, speed=self.touch_speed)
+        await self._release()
+        await self.z.move_to(self.pick_height + self.clearance, speed=self.touch_speed)
+        if self.gripper.sealed:
+            raise GripError("the part came up with the cup: the vacuum does not switch off")
+
+    async def _release(self) -> None:
+        """Vacuum off, and a puff. If the puff does not reach the cup, wait until its vacuum is gone."""
         self.gripper.let_go()
         self.pressure_solenoid.write(OnOff.ON)
         await wait(self.puff_time)
+        blown = not self.gripper.sealed
         self.pressure_solenoid.write(OnOff.OFF)
-        await until(lambda: state_of(self.gripper.pressure) is PassFail.FAIL, timeout=1.0)
-        await self.z.move_to(self.pick_height + self.clearance, speed=self.touch_speed)
+        if not blown:
+            self.unblown += 1
+            self.progress("the puff does not reach the cup: waiting until its vacuum is gone")
+            await wait(self.bleed_time)
+        if self.gripper.sealed:
+            raise GripError("the cup keeps its vacuum: the part cannot be put down")
 
     async def _try_grip(self) -> bool:
         """Down to the part and grip it; if nothing is held, up again, and time for the courier."""

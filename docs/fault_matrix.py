@@ -1,0 +1,422 @@
+"""Makes docs/fault-matrix.md: every station that ships, under every kind of fault, on every one of its objects.
+
+    python docs/fault_matrix.py                     runs all of it on all cores and writes the page
+    python docs/fault_matrix.py conveyor            prints the table of one station, with what each cell ended in
+    python docs/fault_matrix.py ztheta z.encoder    prints that of one object
+
+Each cell is a run in virtual time. What the run claims is compared with what the plant knows, which no control code can
+read. A run that takes ten times as long as one without faults counts as hanging.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import date
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from umo import Compound, StopError, UmoError
+from umo.cycle import connect, drive
+from umo.drivers.contract import Direction
+from umo.objects import Binary
+from umo.process.outcome import message_of, plain
+from umo.process.station import find
+from umo.testing.faults import KINDS
+from umo.wiring import Wired, resolve
+from umo.wiring.injection import OF_DRIVERS
+from umo.wiring.patterns import generalised
+
+DRIVER = "plant"
+PAGE = Path(__file__).with_name("fault-matrix.md")
+SEED = 1
+LONGEST = 120.0
+"""s of wall-clock time that a cell may take."""
+SLOWER = 10
+"""A run that takes so many times the periods of one without faults hangs."""
+SLOW = "slow drift"
+"""Of a thousandth of the range in a second; `drift` is a hundredth."""
+COLUMNS = [kind for known in KINDS for kind in ((known, SLOW) if known == "drift" else (known,))]
+DRIFTS = ("drift", SLOW)
+"""Binary objects have none."""
+LOUD = OF_DRIVERS
+"""Kinds that make a call fail; tried at the first moment only."""
+DEFECTS = ("WRONG", "HANG", "TRACEBACK", "UNSAFE")
+WORDS = {
+    "ok": "the work was done, and the plant agrees",
+    "degraded": "the work was done in part, or in another way; the result says which part; the plant agrees",
+    "stopped": "the run failed with one clear message; every actuator is at its default (an actuator with the fault "
+    "was sent its default)",
+    "not reached": "the same, but an actuator on the faulty connection could not be sent its default: the message "
+    "names it, exit status 3",
+    "not seen": "the result is not true, and nothing that the machine measures shows it; the reasons are below",
+}
+"""How a cell may end. Anything else is a defect, and fails the test."""
+
+
+@dataclass
+class Run:
+    """One run of a machine to its end."""
+
+    machine: Any
+    wired: Wired
+    result: Any = None
+    error: BaseException | None = None
+    ended: bool = False
+    """Whether the application came to its end."""
+    reports: dict[str, Any] = field(default_factory=dict)
+    plant: Any = None
+    seen: dict[str, Any] = field(default_factory=dict)
+    """What an observer kept of the truth."""
+    periods: int = 0
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A station, the options of a short run, and the truth about it."""
+
+    name: str
+    machine: dict[str, Any]
+    options: dict[str, Any]
+    moments: dict[float, str]
+    """When a fault begins, s, and what the machine does then."""
+    lie: Callable[[Run], str]
+    """What of the claim of a run that ended well is not true; empty if all is."""
+    degraded: Callable[[Run], bool] = lambda run: False
+    """Whether the result says that not all of the work was done."""
+    watch: Callable[[Run], None] = lambda run: None
+    """Called after each period."""
+    unseen: dict[str, tuple[tuple[str, ...], str]] = field(default_factory=dict)
+    """By object: kinds of faults that the machine cannot notice with the sensors that it has, and why."""
+
+    def reason(self, path: str, kind: str) -> str:
+        kinds, why = self.unseen.get(generalised(path), ((), ""))
+        return why if kind in kinds else ""
+
+
+# The truth of each station -----------------------------------------------------------------------------
+
+
+def _parts_not_placed(run: Run) -> str:
+    placed = run.reports["plant"]["parts_placed"]
+    return "" if placed == 1 else f"{placed} of 1 parts placed"
+
+
+def _parts_wrongly_sorted(run: Run) -> str:
+    report, accepted = run.reports["plant"], run.result["accepted"]
+    delivered, wrong = report["parts_delivered"], report["wrongly_sorted"]
+    if delivered != 4 or wrong or len(run.plant.accepted) != accepted:
+        return f"{delivered} of 4 parts delivered, {wrong} to the wrong place"
+    return ""
+
+
+def _watch_furnace(run: Run) -> None:
+    if run.machine.soak_errors is not None:
+        error = np.abs(run.plant.temperatures - run.machine.targets)
+        run.seen["error"] = np.maximum(run.seen.get("error", 0.0), error)
+        run.seen["soaked"] = run.seen.get("soaked", 0) + 1
+
+
+def _zones_not_good(run: Run) -> str:
+    """5 K are claimed; 1 K more is allowed for the thermocouples' lag and the converters."""
+    if (soaked := run.seen["soaked"] * run.wired.period) < FURNACE.options["soak"] - 0.5:
+        return f"soaked for {soaked:g} s"
+    errors = run.result["soak_errors_K"]
+    wrong = [
+        f"zone {i}: {true:.1f} K off, {claimed:.1f} K claimed"
+        for i, (claimed, true) in enumerate(zip(errors, run.seen["error"], strict=True))
+        if claimed is not None and claimed <= 5.0 and true > 6.0
+    ]
+    return ", ".join(wrong)
+
+
+ZTHETA = Trial(
+    "ztheta",
+    {},
+    {"parts": 1},
+    {2.0: "homing", 9.5: "picking", 11.0: "turning"},
+    _parts_not_placed,
+    degraded=lambda run: bool(run.result),
+    unseen={
+        "gripper.vacuum": (
+            ("noise",),
+            "a valve that chatters keeps a vacuum that lifts the part, and is below the threshold of the pressure switch",
+        ),
+    },
+)
+CONVEYOR = Trial(
+    "conveyor",
+    {},
+    {"parts": 4},
+    {0.5: "starting", 2.2: "sorting"},
+    _parts_wrongly_sorted,
+    unseen={
+        "diverter": (
+            ("stuck", "noise", "bit flip", "out of range", "wrong length"),
+            "no sensor sees the diverter, or the parts behind it",
+        ),
+    },
+)
+FURNACE = Trial(
+    "furnace",
+    {"zones": 3},
+    {"peak": 200.0, "soak": 15.0, "ramp": 4.0},
+    {15.0: "heating up", 70.0: "soaking"},
+    _zones_not_good,
+    degraded=lambda run: bool(run.result["zones_good"] < 3),
+    watch=_watch_furnace,
+    unseen={
+        "zones.*.temperature": (
+            (SLOW, "stuck", "bit flip"),
+            "a zone has one thermocouple; a reading that is wrong by less than a heater can explain has nothing to be "
+            "compared with",
+        ),
+        "timer": (
+            ("noise", "drift", SLOW, "bit flip"),
+            "the timer is the only clock of the machine; a count of missed periods within its range is believed",
+        ),
+    },
+)
+TRIALS = {trial.name: trial for trial in (ZTHETA, CONVEYOR, FURNACE)}
+
+# One cell ----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, order=True)
+class Cell:
+    """One fault at one moment, and how the run ended."""
+
+    station: str
+    path: str
+    kind: str
+    moment: float
+    verdict: str = ""
+    detail: str = ""
+    seconds: float = 0.0
+
+    amount: str = ""
+
+    @property
+    def fault(self) -> str:
+        kind = "drift" if self.kind == SLOW else self.kind
+        return " ".join(filter(None, [self.path, kind, self.amount, f"at {self.moment:g} s"]))
+
+
+class Hung(BaseException):
+    """The wall-clock time of a cell is over."""
+
+
+def carried_out(trial: Trial, faults: Iterable[str], most: int) -> Run:
+    """Run the station, at most so many periods."""
+    station = find(trial.name)
+    machine, file = station.machine(**trial.machine), station.wiring(None)
+    main = station.main
+    assert main is not None
+    names = main.__code__.co_varnames[1 : main.__code__.co_argcount]
+    for_main = {key: value for key, value in trial.options.items() if key in names}
+    for_plant = {key: value for key, value in trial.options.items() if key == "parts"}
+    wired = resolve(machine, file, for_plant | {"fault": list(faults), "fault_seed": SEED})
+    connection = connect(machine, wired)
+    run = Run(machine, wired)
+
+    def observe(frame: Any) -> None:
+        run.periods += 1
+        trial.watch(run)
+        if run.periods >= most:
+            connection.stop.request()
+
+    async def application(m: Compound) -> Any:
+        result = await main(m, **for_main)
+        run.ended = True
+        return result
+
+    try:
+        with connection as m:
+            run.plant = connection.driver("plant")
+            connection.machine.observers.append(observe)
+            run.result = drive(m, application)
+    except Exception as error:
+        run.error = error
+    run.reports = dict(connection.reports)
+    return run
+
+
+def not_at_default(run: Run, path: str, kind: str) -> list[str]:
+    """The actuators that are not at their defaults at the hardware, and are not named as such."""
+    named = {failure.path for failure in run.error.failures} if isinstance(run.error, StopError) else set()
+    found = []
+    for wire in run.wired.wires:
+        if wire.item.direction is not Direction.OUTPUT or wire.item.path in named:
+            continue
+        if wire.item.path == path and kind not in LOUD:  # it was sent there, and did not go
+            continue
+        level = wire.driver.levels.get(wire.channel.text)  # type: ignore[attr-defined]
+        if level != wire.raw(wire.item._default_value()):  # type: ignore[attr-defined]
+            found.append(wire.item.path)
+    return found
+
+
+def judged(trial: Trial, run: Run, path: str, kind: str) -> tuple[str, str]:
+    """The verdict of a cell, and the detail."""
+    if left := not_at_default(run, path, kind):
+        return "UNSAFE", f"not at the default: {', '.join(left)}"
+    if run.error is not None:
+        message = message_of(run.error)
+        if not isinstance(run.error, UmoError) or len(message.splitlines()) > 2:
+            return "TRACEBACK", message
+        return ("not reached" if isinstance(run.error, StopError) else "stopped"), message
+    if not run.ended:
+        return "HANG", f"after {run.periods} periods: {plain(run.result)}"
+    if lie := trial.lie(run):
+        reason = trial.reason(path, kind)
+        return ("not seen", f"{lie}: {reason}") if reason else ("WRONG", lie)
+    return ("degraded" if trial.degraded(run) else "ok"), str(plain(run.result))
+
+
+def tried(cell: Cell, most: int) -> Cell:
+    """Carry out one cell."""
+    logging.getLogger("umo").setLevel(logging.CRITICAL)
+    trial, begun = TRIALS[cell.station], time.perf_counter()
+    signal.signal(signal.SIGALRM, _hang)
+    signal.setitimer(signal.ITIMER_REAL, LONGEST)
+    try:
+        run = carried_out(trial, [cell.fault], most)
+        verdict, detail = judged(trial, run, cell.path, cell.kind)
+    except Hung:
+        verdict, detail = "HANG", f"after {LONGEST:g} s of wall-clock time"
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+    seconds = time.perf_counter() - begun
+    return replace(cell, verdict=verdict, detail=" ".join(detail.split()), seconds=seconds)
+
+
+def _hang(number: int, frame: object) -> None:
+    raise Hung
+
+
+# All of them -------------------------------------------------------------------------------------------
+
+
+def cells(station: str, *paths: str) -> Iterator[Cell]:
+    """All cells of a station, or those of some objects."""
+    trial = TRIALS[station]
+    machine = find(station).machine(**trial.machine)
+    items = {item.path: item for item in machine.atoms()}
+    for path in paths or [*items, DRIVER]:
+        item = items.get(path)
+        for kind in COLUMNS if item else OF_DRIVERS:
+            if isinstance(item, Binary) and kind in DRIFTS:
+                continue
+            slow = f"{(item.maximum - item.minimum) / 1000:g} {item.units}/s" if kind == SLOW else ""  # type: ignore
+            for moment in list(trial.moments)[: 1 if kind in LOUD else None]:
+                yield Cell(station, path, kind, moment, amount=slow)
+
+
+def normal(station: str) -> int:
+    """The periods of a run without faults."""
+    run = carried_out(TRIALS[station], ["timer noise 0"], 10**9)
+    assert run.error is None and not TRIALS[station].lie(run), run
+    return run.periods
+
+
+def all_tried(wanted: Iterable[Cell], show: Callable[[str], object] = lambda text: None) -> list[Cell]:
+    """All the cells, carried out on all cores. `show` is told the progress."""
+    wanted = list(wanted)
+    most = {name: SLOWER * normal(name) for name in {cell.station for cell in wanted}}
+    done: list[Cell] = []
+    with get_context("spawn").Pool(os.cpu_count()) as pool:
+        for cell in pool.imap(partial(_tried, most), wanted):
+            done.append(cell)
+            show(f"\r{len(done)} of {len(wanted)}: {cell.station}: {cell.fault}: {cell.verdict}\x1b[K")
+    show("\r\x1b[K")
+    return done
+
+
+def _tried(most: dict[str, int], cell: Cell) -> Cell:
+    return tried(cell, most[cell.station])
+
+
+# The page ----------------------------------------------------------------------------------------------
+
+INTRODUCTION = """# The fault matrix
+
+Every station that ships, run in virtual time under every [kind of fault](howto-inject-faults.md) on every one of its
+objects and on its driver. What a run claims is compared with what the plant knows. `python docs/fault_matrix.py` makes
+this page; `tests/test_fault_matrix.py` runs the same cells.
+
+{words}
+
+Several words in a cell: the fault began at several moments of the run, in this order. `{loud}` begin at the first one
+only. Amounts are the defaults; a slow drift is a thousandth of the range in a second. The faults last to the end of the
+run. Made on {day}, seed {seed}: {count} runs.
+"""
+
+
+def page(done: Sequence[Cell]) -> str:
+    words = "\n".join(["| word | how the run ended |", "| --- | --- |", *(f"| {k} | {v} |" for k, v in WORDS.items())])
+    head = INTRODUCTION.format(
+        words=words, loud="`, `".join(LOUD), day=date.today().isoformat(), seed=SEED, count=len(done)
+    )
+    return "\n".join([head, *(_section(trial, done) for trial in TRIALS.values())])
+
+
+def _section(trial: Trial, done: Sequence[Cell]) -> str:
+    mine = [cell for cell in done if cell.station == trial.name]
+    moments = ", ".join(f"{what} ({moment:g} s)" for moment, what in trial.moments.items())
+    lines = [f"## {trial.name}", "", f"Moments: {moments}.", "", *table(mine)]
+    unseen = {cell.path: cell for cell in mine if cell.verdict == "not seen"}
+    if unseen:
+        reasons = dict.fromkeys(
+            f"- `{generalised(path)}`: {trial.reason(path, cell.kind)}." for path, cell in unseen.items()
+        )
+        lines += ["", "Not seen:", "", *reasons]
+    return "\n".join([*lines, ""])
+
+
+def table(done: Sequence[Cell]) -> list[str]:
+    """A row for each object, a column for each kind."""
+    cells: dict[str, dict[str, list[Cell]]] = {}
+    for cell in done:
+        cells.setdefault(cell.path, {}).setdefault(cell.kind, []).append(cell)
+    head = ["| object | " + " | ".join(COLUMNS) + " |", "| --- " * (1 + len(COLUMNS)) + "|"]
+    return head + [
+        f"| {path} | " + " | ".join(_words(kinds.get(kind, [])) for kind in COLUMNS) + " |"
+        for path, kinds in cells.items()
+    ]
+
+
+def _words(found: Sequence[Cell]) -> str:
+    words = [cell.verdict for cell in sorted(found, key=lambda cell: cell.moment)]
+    return ", ".join(words if len(set(words)) > 1 else words[:1]) or "-"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("station", nargs="?", choices=list(TRIALS))
+    parser.add_argument("path", nargs="*")
+    given = parser.parse_args()
+    names = [given.station] if given.station else list(TRIALS)
+    begun = time.perf_counter()
+    done = all_tried([cell for name in names for cell in cells(name, *given.path)], sys.stderr.write)
+    if given.station is None:
+        PAGE.write_text(page(done), encoding="utf-8")
+    for cell in done:
+        if given.station is not None or cell.verdict in DEFECTS:
+            print(f"{cell.verdict:11} {cell.seconds:5.1f} s  {cell.fault}: {cell.detail}")
+    bad = sum(cell.verdict in DEFECTS for cell in done)
+    print(f"{len(done)} runs in {time.perf_counter() - begun:.0f} s, {bad} defects")
+    return int(bad > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
