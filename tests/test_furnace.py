@@ -121,6 +121,21 @@ def test_a_loose_thermocouple_is_ridden_over() -> None:
     assert {quality[2] for _, quality, *_ in run.states} == {Quality.GOOD, Quality.STALE}
 
 
+def test_a_zone_whose_temperature_stands_still_is_faulted_after_300_equal_readings() -> None:
+    run = Run(soak=60.0, fault="zones.3.temperature stuck at 310 s")
+    assert run.error is None
+    assert run.result["zones_faulted"] == "zone 3"
+    begin = next(time for time, text in run.phases if "zone 3 faulted" in text)
+    assert begin == pytest.approx(340.0, abs=0.5)
+    _, _, heaters, fans = run.states[-1]
+    assert (heaters[3], fans[3]) == (0.0, 1.0)
+
+
+def test_a_soak_by_a_clock_that_is_wrong_by_hours_is_refused() -> None:
+    with pytest.raises(DriverError, match="outside its range"):
+        Run(fault="timer out of range at 300 s")
+
+
 def test_a_thermocouple_that_is_broken_from_the_start_is_faulted_at_once() -> None:
     run = Run(6, peak=300.0, faults=["broken-thermocouple:0@0"])
     assert run.result["zones_faulted"] == "zone 0"

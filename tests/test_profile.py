@@ -37,6 +37,28 @@ def test_a_path_ends_at_its_target_and_keeps_every_limit(start: float, target: f
     assert (periods - 1) * dt <= duration + 1e-9
 
 
+@given(
+    size=st.sampled_from([1e-6, 1e-3, 1.0, 1e3, 1e5, 1e7]),
+    share=st.floats(0.01, 0.99),
+    target=st.floats(-1.0, 1.0),
+    velocity=st.floats(-1.0, 1.0),
+)
+def test_a_motion_is_planned_anew_at_any_moment_in_units_of_any_size(
+    size: float, share: float, target: float, velocity: float
+) -> None:
+    """The planner has absolute tolerances: in um, one in ten such plans was refused."""
+    profile = Profile(velocity=size, acceleration=10.0 * size, jerk=200.0 * size)
+    duration = profile.to(size)
+    middle = profile.step(round(share * duration, 3))
+    profile.at(velocity * size)
+    profile.setpoint = middle
+    profile.to(target * size)
+    profile.setpoint = middle
+    stop = profile.at(0.0)
+    assert profile.step(stop + 1.0).velocity == 0.0
+    assert abs(profile.setpoint.position - middle.position) <= abs(middle.velocity) * stop + 1e-9 * size + size
+
+
 def test_at_the_end_the_setpoint_stays_at_the_target() -> None:
     profile = limits()
     profile.to(1.0)

@@ -67,6 +67,30 @@ class Run:
         assert abs(self.plant.z_um - self.z_um) < 1_000.0
 
 
+INJECTED = {
+    "gripper.vacuum stuck at 11 s": (GripError, "the part came up with the cup"),
+    "gripper.pressure stuck at 11 s": (GripError, "the cup keeps its vacuum"),
+    "z.encoder stuck at 3 s": (AxisError, "z does not follow"),
+}
+
+
+@pytest.mark.parametrize("fault", INJECTED)
+def test_each_injected_fault_ends_in_one_line_and_safely(fault: str) -> None:
+    kind, message = INJECTED[fault]
+    run = Run(wiring(), parts=1, fault=fault)
+    assert isinstance(run.error, kind)
+    assert message in str(run.error)
+    assert "also, while stopping" not in str(getattr(run.error, "__notes__", ""))
+    assert run.plant.truth().placed == 0
+
+
+def test_without_the_puff_the_part_is_put_down_when_the_vacuum_is_gone() -> None:
+    run = Run(wiring(), parts=1, fault="pressure_solenoid stuck at 2 s")
+    assert run.error is None
+    assert run.plant.truth().placed == 1
+    assert run.machine.unblown == 1
+
+
 OUTPUTS = ["dac:z", "pwm:z", *(f"dio:{line}" for line in ("step", "direction", "z_index", "theta_index"))]
 OUTPUTS += [f"dio:{line}" for line in ("counterweight", "vacuum", "pressure")]
 

@@ -8,7 +8,7 @@ import json
 import runpy
 import sys
 from collections.abc import Callable, Coroutine, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from enum import Enum
 from functools import partial
 from pathlib import Path
@@ -51,7 +51,7 @@ class Job:
 
     def dump(self) -> bytes:
         try:
-            return json.dumps(asdict(self), default=_plain).encode()
+            return json.dumps(vars(self), default=_plain).encode()
         except TypeError as error:
             raise DeclarationError(
                 f"options and wiring must be plain data (JSON) for another process: {error}"

@@ -82,9 +82,10 @@ class InjectedFault:
     def parse(cls, text: str) -> InjectedFault:
         """The fault that a text describes."""
         found = _TEXT.fullmatch(text.strip())
-        path, *words = found["head"].split() if found else [""]
-        if not words or found is None:
+        head = found["head"].split() if found else []
+        if found is None or len(head) < 2:
             raise DeclarationError(f"is not {FORM}, such as 'z.encoder stuck at 5 s'")
+        path, *words = head
         count = next((n for n in (3, 2) if _plain(" ".join(words[:n])) in map(_plain, KINDS)), 1)
         return cls(
             path,

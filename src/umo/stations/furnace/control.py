@@ -46,6 +46,7 @@ class Furnace(Compound):
     tolerance: float = 5.0  # a zone has arrived when it is within this of its set temperature, K
     following_error: float = 60.0  # a zone that is further below its setpoint does not heat, K
     margin: float = 25.0  # a zone that is further above its limit cannot be switched off, K
+    frozen_after: int = 300  # equal readings in a row: the converter stands still, it has noise when it works
     most_faulted: float = 0.1  # share of the zones that may be faulted; one of several may be in any case
 
     signals = {"setpoint": "degC", "faulted_zones": ""}
@@ -65,6 +66,8 @@ class Furnace(Compound):
         self.setpoints = self.targets = np.zeros(len(self.zones))
         self.ramp = 0.0  # K/s
         self.faulted = np.zeros(len(self.zones), np.bool_)
+        self._last = np.zeros(len(self.zones))
+        self._equal = np.zeros(len(self.zones), np.int64)  # readings in a row that were as the last one
         self.soak_errors: Any = None  # the largest error of each zone since the soak began, K; None before
         self.setpoint, self.faulted_zones, self.phase = 0.0, 0, ""
 
@@ -84,12 +87,15 @@ class Furnace(Compound):
             raise HeatingError(f"{_named(cold)}: {self.heating.error.max():.0f} K below the setpoint")
 
     def _check_zones(self, temperatures: Any) -> None:
-        """A zone without a valid temperature is faulted: heater off, fan on."""
+        """A zone without a valid temperature, or with one that stands still, is faulted: heater off, fan on."""
         quality = self.temperatures.quality
         hot = (temperatures > self.limits + self.margin) & (quality != Quality.BAD)
         if hot.any():
             raise OverTemperature(f"{_named(hot)}: {temperatures[hot].max():.0f} degC, the heater does not switch off")
-        found = ((quality == Quality.BAD) | (quality == Quality.OUT_OF_RANGE)) & ~self.faulted
+        self._equal = np.where(temperatures == self._last, self._equal + 1, 0)
+        self._last = temperatures
+        invalid = (quality == Quality.BAD) | (quality == Quality.OUT_OF_RANGE) | (self._equal >= self.frozen_after)
+        found = invalid & ~self.faulted
         if not found.any():
             return
         self.faulted = self.faulted | found

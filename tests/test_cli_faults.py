@@ -1,0 +1,63 @@
+"""`umo run --fault`, `umo check` with faults, and what a run with faults says of itself."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from umo.process.station import find
+
+
+def test_a_run_with_a_fault_says_so(umo, tmp_path):
+    result = umo(
+        "run", "conveyor", "--parts", "2", "--fault", "belt.speed stuck at 1 s", "--fault", "entry noise 0 % at 1 s",
+        "--fault-seed", "3", "--summary", "s.json",
+    )  # fmt: skip
+    assert result.exit_code == 1
+    assert result.stdout.count("injected fault") == 2
+    assert "belt.speed stuck at 1 s" in result.stdout
+    assert "the drive runs at" in result.stderr
+    faults = ["belt.speed stuck at 1 s", "entry noise 0 % at 1 s"]
+    assert json.loads((tmp_path / "s.json").read_text())["injected_faults"] == faults
+    (folder,) = (tmp_path / "runs").iterdir()
+    assert (folder / "trace.csv").read_text().splitlines()[0].endswith(",injected_faults[]")
+
+
+def test_a_run_without_faults_does_not_mention_them(umo, tmp_path):
+    result = umo("run", "conveyor", "--parts", "1", "--summary", "s.json")
+    assert result.exit_code == 0
+    assert "fault" not in result.stdout + (tmp_path / "s.json").read_text()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("belt.sped stuck", "no object or driver 'belt.sped' (did you mean 'belt.speed'?)"),
+        ("belt.speed stock", "no kind 'stock' (did you mean 'stuck'?)"),
+        ("belt.speed noise 3 kg", "cannot be expressed in 'm/s'"),
+    ],
+)
+def test_a_wrong_fault_is_a_mistake_of_the_user(umo, text, message):
+    result = umo("run", "conveyor", "--fault", text)
+    assert result.exit_code == 2
+    assert message in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 2
+
+
+def test_the_faults_of_a_wiring_are_checked(umo, tmp_path: Path):
+    file = find("conveyor").wirings["simulated"]
+    text = file.read_text().replace('".plant:Plant"', '"umo.stations.conveyor.plant:Plant"')
+    for fault, status in (("belt.speed stuck at 1 s", 0), ("belt.speed stuck at 1 litre", 2)):
+        changed = tmp_path / "faulty.toml"
+        changed.write_text(f'faults = ["{fault}"]\nfault_seed = 4\n{text}')
+        assert tomllib.loads(changed.read_text())
+        result = umo("check", "conveyor", "-w", str(changed))
+        assert result.exit_code == status, result.stderr
+    assert "faults: fault 'belt.speed stuck at 1 litre'" in result.stderr
+
+
+def test_the_help_names_the_form_of_a_fault(umo):
+    assert "[at TIME]" in umo("run", "--help").stdout
