@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import difflib
+import inspect
 import os
+import re
 from collections.abc import Iterable, Sequence
 from itertools import islice
 from pathlib import Path
@@ -115,6 +117,23 @@ def some(names: Sequence[str]) -> str:
 def printable(text: str) -> str:
     """Without control characters: a terminal obeys them."""
     return "".join(c if c.isprintable() else "?" for c in text)
+
+
+def options_in(doc: str) -> dict[str, str]:
+    """What the section "Options:" of a docstring says of each name: `host, port: the device`, and lines that are
+    indented further."""
+    found: dict[str, str] = {}
+    names: list[str] = []
+    for line in inspect.cleandoc(doc).partition("\nOptions:\n")[2].splitlines():
+        head = re.match(r"    (\w+(?:, \w+)*): (.*)", line)
+        if head:
+            names = head[1].split(", ")
+            found |= dict.fromkeys(names, head[2])
+        elif not line.startswith("     "):
+            break
+        else:
+            found |= {name: f"{found[name]} {line.strip()}" for name in names}
+    return found
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

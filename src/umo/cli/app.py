@@ -243,8 +243,13 @@ def conform(
     guarded(lambda: conform_wiring(target, wiring, choice, context.args))
 
 
-@app.command(epilog="Examples: umo drivers  |  umo drivers modbus  |  umo drivers .card:Card")
+@app.command(
+    epilog="Examples: umo drivers  |  umo drivers modbus  |  umo drivers .card:Card  |  "
+    "umo drivers fmu --model tank.fmu",
+    context_settings=OF_THE_MACHINE,
+)
 def drivers(
+    context: typer.Context,
     name: Annotated[
         str | None,
         typer.Argument(
@@ -253,10 +258,13 @@ def drivers(
         ),
     ] = None,
 ) -> None:
-    """List the drivers, or describe one: its options and its channels."""
-    from .show import show_drivers
+    """List the drivers, or describe one: its options, channels and functions.
 
-    guarded(lambda: show_drivers(name))
+    Some drivers know their channels only with their options; give these after the name.
+    """
+    from .describe import show_driver, show_drivers
+
+    guarded(lambda: show_drivers() if name is None else show_driver(name, context.args))
 
 
 @app.command(
@@ -445,6 +453,23 @@ def new(
     from .new import make_station
 
     guarded(lambda: make_station(directory))
+
+
+@app.command(
+    "new-driver",
+    epilog="Examples: umo new-driver my_card && pytest test_my_card.py",
+)
+def new_driver(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the module, such as my_card.")],
+) -> None:
+    """Create a driver with its tests in this folder: NAME.py and test_NAME.py.
+
+    The driver works at once, with a device in memory. Its tests run the conformance kit, which proves that a driver
+    keeps the contract. Replace the device in memory by the calls of the real one; the tests stay.
+    """
+    from .new import make_driver
+
+    guarded(lambda: make_driver(name, Path.cwd()))
 
 
 def _version(value: bool) -> None:

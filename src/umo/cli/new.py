@@ -1,14 +1,23 @@
-"""`umo new`: a small working station to begin from (the files of `template/`)."""
+"""`umo new` and `umo new-driver`: a small working station, or a driver, to begin from (the files of `template/`)."""
 
 from __future__ import annotations
 
+import importlib.util
+import keyword
+import re
 import shutil
+import sys
 from importlib.resources import as_file, files
 from pathlib import Path
 
 from umo.process.station import StationError
+from umo.system.packages import MARK
+from umo.text import printable
 
 from .console import out
+
+EXAMPLE, CLASS = "my_card", "MyCard"
+"""The names in the template of a driver."""
 
 
 def make_station(directory: Path) -> None:
@@ -16,8 +25,52 @@ def make_station(directory: Path) -> None:
     if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
         raise StationError(f"{directory} is not empty; nothing was written")
     try:
-        with as_file(files("umo.cli") / "template") as template:
+        with as_file(files("umo.cli") / "template" / "station") as template:
             shutil.copytree(template, directory, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
     except OSError as error:
         raise StationError(f"{directory} cannot be written: {error}") from error
     out.print(f"{directory} is a station. Try:  umo run {directory}   umo tree {directory}   pytest {directory}")
+
+
+def make_driver(name: str, folder: Path) -> None:
+    """`NAME.py` and `test_NAME.py` in the folder. StationError if the name cannot be used or a file exists."""
+    _check_module(name, folder)
+    cls = "".join(part.capitalize() for part in name.split("_"))
+    texts = {}
+    for pattern in ("{}.py", "test_{}.py"):
+        text = (files("umo.cli") / "template" / "driver" / pattern.format(EXAMPLE)).read_text("utf-8")
+        texts[folder / pattern.format(name)] = text.replace(EXAMPLE, name).replace(CLASS, cls)
+    for file in texts:
+        if file.exists():
+            raise StationError(f"{file.name} exists; nothing was written")
+    for file, text in texts.items():
+        file.write_text(text, "utf-8")
+    kind = f"{'.' if (folder / MARK).is_file() else ''}{name}:{cls}"
+    driver, test = (file.name for file in texts)
+    out.print(
+        f"{driver} is a driver, with a device in memory; {test} proves that it keeps its contract. Try:\n"
+        f"  pytest {test}\n"
+        f"  umo drivers {kind}\n"
+        f"In {driver}, replace CHANNELS, the options and the class Device by those of your device.\n"
+        f'In a wiring: [drivers.{name}] type = "{kind}"',
+        highlight=False,
+        markup=False,
+        soft_wrap=True,
+    )
+
+
+def _check_module(name: str, folder: Path) -> None:
+    """StationError for a name that a module of the user's cannot have."""
+    if not re.fullmatch(r"[a-z][a-z0-9_]*", name) or keyword.iskeyword(name):
+        near = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name)  # MyCard
+        near = re.sub(r"[^a-z0-9]+", "_", near.lower()).strip("_").lstrip("0123456789_")
+        near = f"{near}_driver" if keyword.iskeyword(near) else near or EXAMPLE
+        what = "small letters, digits and _, beginning with a letter, and not a word of Python"
+        raise StationError(f"{printable(name)!r} is not the name of a module: {what}; try {near}")
+    if name in sys.stdlib_module_names or name == "umo" or _is_installed(name, folder):
+        raise StationError(f"{name} is the name of an installed module, which the driver would hide; try {name}_driver")
+
+
+def _is_installed(name: str, folder: Path) -> bool:
+    spec = importlib.util.find_spec(name)
+    return spec is not None and (spec.origin is None or Path(spec.origin).parent != folder.resolve())

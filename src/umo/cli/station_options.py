@@ -15,6 +15,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from umo.drivers import Driver
 from umo.objects import Compound
 from umo.process.parameters import (
     arguments_for,
@@ -103,9 +104,24 @@ def parse(
 ) -> dict[str, Any]:
     """The values of a station's options; StationError for what it does not take."""
     options = options_of(station, wiring, application=application)
-    given, others = _parse(station, options, arguments)
+    return values_of(station.name, options, arguments)
+
+
+def options_of_driver(cls: type[Driver], name: str) -> list[Option]:
+    """Those options of a driver that a text can give."""
+    try:
+        parameters = inspect.signature(cls, eval_str=True).parameters.values()
+    except (TypeError, ValueError, NameError):  # a class without a signature
+        return []
+    found = [typed(each, {}) for each in parameters]
+    return [_option(each, name) for each in found if is_plain(each.annotation)]
+
+
+def values_of(name: str, options: Sequence[Option], arguments: Sequence[str]) -> dict[str, Any]:
+    """The values of these options of a station or a driver; StationError for what it does not take."""
+    given, others = _parse(name, options, arguments)
     if others:
-        raise StationError(_unknown(station, options, others[0]))
+        raise StationError(_unknown(name, options, others[0]))
     return given
 
 
@@ -121,15 +137,15 @@ def machine_and_words(station: Station, arguments: Sequence[str]) -> tuple[Compo
     """The machine with the options that are among the arguments, and the other arguments. StationError if one of those
     is an option too."""
     options = options_of_machine(station)
-    given, others = _parse(station, options, arguments)
+    given, others = _parse(station.name, options, arguments)
     for argument in others:
         if argument.startswith("--"):
-            raise StationError(_unknown(station, options, argument))
+            raise StationError(_unknown(station.name, options, argument))
     return machine_with(station, given), others
 
 
-def _parse(station: Station, options: Sequence[Option], arguments: Sequence[str]) -> tuple[dict[str, Any], list[str]]:
-    parser = _Parser(prog=station.name, add_help=False, allow_abbrev=False)
+def _parse(name: str, options: Sequence[Option], arguments: Sequence[str]) -> tuple[dict[str, Any], list[str]]:
+    parser = _Parser(prog=name, add_help=False, allow_abbrev=False)
     parser._negative_number_matcher = NEGATIVE
     for option in options:
         option.add_to(parser)
@@ -137,12 +153,12 @@ def _parse(station: Station, options: Sequence[Option], arguments: Sequence[str]
     return vars(given), others
 
 
-def _unknown(station: Station, options: Sequence[Option], argument: str) -> str:
+def _unknown(taker: str, options: Sequence[Option], argument: str) -> str:
     flags = [option.flag for option in options]
     name = argument.partition("=")[0]
     near = did_you_mean(name.lstrip("-"), [flag.lstrip("-") for flag in flags])
     known = f"; it has: {', '.join(flags)}" if flags else ""
-    return f"{station.name} has no option {name}{near}{known}"
+    return f"{taker} has no option {name}{near}{known}"
 
 
 def help_panel(station: Station, wiring: str | None, *, application: bool = True) -> Panel:

@@ -1,0 +1,135 @@
+"""`umo drivers`: which drivers there are, and what one of them takes."""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.text import Text
+from rich.tree import Tree
+
+from umo.drivers import Driver, registry
+from umo.errors import ChannelError, WiringError
+from umo.system.packages import package_of
+from umo.text import options_in, reason_of
+
+from .console import out
+from .show import label
+from .station_options import options_of_driver, values_of
+
+FUNCTIONS = [name for name, value in vars(Driver).items() if inspect.isfunction(value)]
+"""Of a driver, in the order of the contract."""
+OF_ALL = {
+    "timeout": ("duration = 10 periods", "of one call of the driver"),
+    "watchdog": ("duration", "of the circuit: its outputs go to safe levels after this time without a request"),
+}
+"""Options that the wiring has for every driver; the last one for those with a watchdog."""
+
+
+def show_drivers() -> None:
+    """Every registered driver with its options and channels, or why it cannot be imported."""
+    tree = Tree("drivers; a wiring may also name module:Class")
+    for known in registry.known():
+        try:
+            cls = registry.find(known)
+        except WiringError as error:
+            tree.add(label((known, "bold"), (str(error), "red")))
+            continue
+        branch = tree.add(label((known, "bold"), (_doc(cls).partition("\n")[0], "")))
+        brief = [_brief(each) for each in _parameters(cls).values()]
+        branch.add(Text(f"options: {', '.join([*brief, *_of_all(cls)])}"))
+        if forms := _forms(cls, {}):
+            branch.add(Text(f"channels: {forms}"))
+    out.print(tree)
+
+
+def show_driver(name: str, arguments: Sequence[str]) -> None:
+    """The driver of this name, or `module:Class`: what its docstring says, its options with their types, its channels
+    and functions. The arguments are options for drivers that know their channels only with them."""
+    cls = _find(name)
+    given = values_of(name, options_of_driver(cls, name), arguments)
+    doc = _doc(cls)
+    first, *others = doc.split("\n\n")
+    tree = Tree(label((cls.__name__, "bold"), (" ".join(first.split()), "")))
+    options = tree.add("options")
+    described = options_in(doc)
+    for key, parameter in _parameters(cls).items():
+        options.add(label((_written(parameter), "cyan"), (described.get(key, ""), "")))
+    for key, (kind, text) in _of_all(cls).items():
+        options.add(label((f"{key}: {kind}", "cyan"), (text, "")))
+    tree.add(Text(f"channels: {_forms(cls, given) or 'known with its options: give them after the name'}"))
+    own = [each for each in FUNCTIONS if getattr(cls, each) is not getattr(Driver, each)]
+    tree.add(Text(f"functions of its own: {', '.join(own)}"))
+    out.print(tree)
+    for paragraph in others:
+        if not paragraph.startswith("Options:\n"):
+            out.print(Text(f"\n{paragraph}"))
+
+
+def _find(name: str) -> type[Driver]:
+    """A driver by name or `module:Class`; modules of the current folder first, `.module:Class` of the station there."""
+    if name.startswith("."):
+        return registry.find(f"{package_of(Path.cwd())}{name}")
+    if ":" in name and str(Path.cwd()) not in sys.path:
+        sys.path.insert(0, str(Path.cwd()))
+    return registry.find(name)
+
+
+def _doc(cls: type[Driver]) -> str:
+    """Its own docstring: that of `Driver` says nothing of it."""
+    return inspect.cleandoc(cls.__doc__ or "")
+
+
+def _parameters(cls: type[Driver]) -> dict[str, inspect.Parameter]:
+    try:
+        found = inspect.signature(cls).parameters.values()
+    except (TypeError, ValueError):  # a class without a signature
+        return {}
+    return {each.name: each for each in found if each.kind in (each.POSITIONAL_OR_KEYWORD, each.KEYWORD_ONLY)}
+
+
+def _of_all(cls: type[Driver]) -> dict[str, tuple[str, str]]:
+    has_watchdog = cls.watchdog is not Driver.watchdog
+    return {key: value for key, value in OF_ALL.items() if key != "watchdog" or has_watchdog}
+
+
+def _brief(parameter: inspect.Parameter) -> str:
+    return parameter.name if parameter.default is parameter.empty else f"{parameter.name} = {parameter.default!r}"
+
+
+def _written(parameter: inspect.Parameter) -> str:
+    """`host: str = '127.0.0.1'`, as in the source; `model: Path (required)`."""
+    kind = parameter.annotation
+    text = kind if isinstance(kind, str) else inspect.formatannotation(kind)
+    name = parameter.name if kind is parameter.empty else f"{parameter.name}: {text}"
+    return f"{name} (required)" if parameter.default is parameter.empty else f"{name} = {parameter.default!r}"
+
+
+def _forms(cls: type[Driver], given: dict[str, Any]) -> str:
+    """The forms that the driver itself names for a channel that it does not know; empty if it needs options. With
+    options, an error of its constructor is the user's."""
+    try:
+        driver = _made(cls, given)
+    except (Exception, SystemExit) as error:
+        if given:
+            raise WiringError(reason_of(error)) from error
+        return ""
+    try:
+        driver.channel("?")
+    except ChannelError as error:
+        return str(error).partition("the forms are: ")[2]
+    except (Exception, SystemExit):
+        return ""
+    return "any text"
+
+
+def _made(cls: type[Driver], given: dict[str, Any]) -> Driver:
+    """The driver, its options converted as those of a wiring."""
+    if not given:
+        return cls()
+    from umo.wiring.entry import options_of
+
+    return cls(**options_of(cls.__name__, inspect.signature(cls, eval_str=True).parameters, given))
