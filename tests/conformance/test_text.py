@@ -91,6 +91,7 @@ def test_a_scpi_supply_behind_socat(scpi: Supply, together: str | None) -> None:
                 device="a supply that speaks SCPI, in POSIX shell behind socat",
                 timeout=0.1,
                 line=tap,
-            )
+            ),
+            cycles=200,  # a process of the shell for each measurement
         )
     assert certificate.passed, str(certificate)
