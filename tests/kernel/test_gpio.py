@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import subprocess
@@ -409,6 +410,35 @@ def test_lines_that_do_not_exist_are_named(chip: Chip, gpio: Make) -> None:
     ):
         with pytest.raises(DriverError, match=message):
             use(driver, text)
+
+
+@pytest.mark.parametrize(
+    ("number", "message"),
+    [
+        (errno.ENODEV, "line 4 has no interrupt: its edges cannot be counted"),
+        (errno.EOPNOTSUPP, "line 4: the chip does not take these settings"),
+        (errno.E2BIG, "line 4: the kernel takes at most 10 different settings"),
+    ],
+)
+def test_a_line_that_the_chip_refuses_says_why(
+    gpio: Make, monkeypatch: pytest.MonkeyPatch, number: int, message: str
+) -> None:
+    """gpio-sim takes everything: its answer is replaced."""
+    driver = gpio("edges:4")
+
+    def refuse(*arguments: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(gpiod.Chip, "request_lines", refuse)
+    with pytest.raises(DriverError, match=message):
+        use(driver, "edges:4")
+
+
+def test_a_chip_that_has_gone_is_not_taken_for_one_without_interrupts(chip: Chip, gpio: Make) -> None:
+    driver = gpio("edges:4")
+    chip.go()
+    with pytest.raises(DriverError, match="the chip has gone"):
+        use(driver, "edges:4")
 
 
 def test_one_line_under_two_names_is_refused(gpio: Make) -> None:

@@ -235,12 +235,10 @@ class Lines:
                     raise DriverError(f"{self.name}: {who}") from error
             sleep(_AGAIN)
 
-    def _refused(self, settings: Iterable[int], error: OSError) -> OSError:
-        """Why the chip does not take a line with its settings."""
+    def _refused(self, settings: Iterable[int], error: OSError) -> DriverError:
+        """Why the chip does not take a line with its settings. Raises ENODEV if the chip has gone."""
         lines = ", ".join(map(self._called, settings))
-        if error.errno == errno.ENODEV:
-            return error
-        if error.errno == errno.ENXIO:
+        if error.errno in (errno.ENXIO, errno.ENODEV):
             return DriverError(f"{self.name}: {lines} has no interrupt: its edges cannot be counted")
         if error.errno == errno.E2BIG:
             return DriverError(f"{self.name}: {lines}: the kernel takes at most 10 different settings in one request")
