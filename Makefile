@@ -1,4 +1,5 @@
-# make demo | test | lint | bench | docs | kernel | test-kernel; each makes .venv first. PYTHON=python3.12 make test picks another Python.
+# make demo | test | lint | bench | docs | kernel | test-kernel; each but kernel makes .venv first.
+# PYTHON=python3.12 make test picks another Python.
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/installed
@@ -38,6 +39,8 @@ docs: $(STAMP)
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[all,dev]'
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[spi]' 2>/dev/null || \
+	    echo "spidev could not be built, for which a C compiler is needed: the driver spi is left out"
 	touch $(STAMP)
 
 clean:

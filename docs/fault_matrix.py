@@ -369,7 +369,8 @@ this page; `tests/test_fault_matrix.py` runs the same cells.
 
 Several words in a cell: the fault began at several moments of the run, in this order. `{loud}` begin at the first one
 only, and so do the others if the run came to its end with them, but `stuck` and `wrong length`. Amounts are the
-defaults; a slow drift is a ten-thousandth of the range in a second. The faults last to the end of the run. Made on {day}, seed {seed}: {count} runs.
+defaults; a slow drift is a ten-thousandth of the range in a second. The faults last to the end of the run.
+Made on {day}, seed {seed}: {count} runs.
 """
 
 
