@@ -24,6 +24,7 @@ def test_a_new_driver_passes_its_own_tests(umo, tmp_path: Path) -> None:
     assert "5 passed" in tests.stdout
 
 
+@pytest.mark.slow
 def test_the_tests_of_a_new_driver_fail_if_it_breaks_a_rule(umo, tmp_path: Path) -> None:
     umo("new-driver", "valve_island")
     file = tmp_path / "valve_island.py"
@@ -35,6 +36,7 @@ def test_the_tests_of_a_new_driver_fail_if_it_breaks_a_rule(umo, tmp_path: Path)
     assert "1 failed, 4 passed" in tests.stdout
 
 
+@pytest.mark.slow
 def test_a_new_driver_is_clean_for_ruff_and_mypy(umo, tmp_path: Path) -> None:
     umo("new-driver", "valve_island")
     rules = "E,F,W,I,B,UP,SIM,C4,PIE,RET,RUF,PERF"
@@ -96,6 +98,14 @@ def test_a_new_driver_overwrites_nothing(umo, tmp_path: Path, file: str) -> None
     assert result.exit_code == 2
     assert f"{file} exists; nothing was written" in result.stderr
     assert [each.read_text() for each in tmp_path.glob("*.py")] == ["mine"]
+
+
+@pytest.mark.parametrize(("name", "try_"), [("my machine", "my-machine"), (".hidden", "hidden"), ("a;b\x1b", "a-b")])
+def test_a_new_station_has_a_name_that_needs_no_quotes(umo, tmp_path: Path, name: str, try_: str) -> None:
+    result = umo("new", name)
+    assert result.exit_code == 2
+    assert result.stderr.rstrip().endswith(f"try {try_}")
+    assert not (tmp_path / name).exists()
 
 
 def test_a_folder_that_cannot_be_written_is_named(umo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

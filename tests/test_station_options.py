@@ -15,6 +15,23 @@ from umo.process.job import Job, Plan
 from umo.process.station import Station, StationError, find
 
 
+async def described(m: object, strokes: int = 3, force: float = 2.5) -> None:
+    """Press.
+
+    Options:
+        strokes: how many.
+    """
+
+
+def test_the_help_shows_what_the_docstring_says_of_an_option() -> None:
+    console = Console(width=120)
+    with console.capture() as captured:
+        console.print(help_panel(station(described), None))
+    strokes, force = (line for line in captured.get().splitlines() if "--" in line)
+    assert "how many  [default: 3]" in strokes
+    assert "application  [default: 2.5]" in force
+
+
 class Colour(Enum):
     RED = "red"
     BLUE = "blue"

@@ -583,7 +583,7 @@ def test_many_requests_in_one_packet_are_answered_in_their_order() -> None:
 
 def test_an_address_in_use_is_said_in_one_sentence_and_the_plant_is_left_closed() -> None:
     plant = FakePlant()
-    with served(FakePlant()) as port, pytest.raises(DriverError, match=f"127.0.0.1:{port}: address already in use"):
+    with served(FakePlant()) as port, pytest.raises(WiringError, match=f"127.0.0.1:{port}: address already in use"):
         asyncio.run(serve(*of(plant, port), stop=asyncio.Event()))
     assert not plant.is_open
 

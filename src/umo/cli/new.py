@@ -21,7 +21,12 @@ EXAMPLE, CLASS = "my_card", "MyCard"
 
 
 def make_station(directory: Path) -> None:
-    """Copy the template. StationError if the directory exists and is not empty."""
+    """Copy the template. StationError if the directory exists and is not empty, or for a name that is awkward."""
+    name = directory.name
+    if name and not directory.exists() and not re.fullmatch(r"\w[\w.-]*", name):
+        near = re.sub(r"[^\w.-]+", "-", name).strip("-.") or "my-machine"
+        what = "letters, digits, _, - and ., beginning with a letter or a digit"
+        raise StationError(f"{printable(name)!r} is not a name for a station: {what}; try {near}")
     if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
         raise StationError(f"{directory} is not empty; nothing was written")
     try:

@@ -15,7 +15,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from umo.drivers import Driver
+from umo.drivers import Driver, registry
 from umo.objects import Compound
 from umo.process.parameters import (
     arguments_for,
@@ -28,7 +28,7 @@ from umo.process.parameters import (
     without_none,
 )
 from umo.process.station import Station, StationError
-from umo.text import did_you_mean
+from umo.text import did_you_mean, options_in
 from umo.wiring import driver_options
 
 TYPES = {int: "INTEGER", float: "NUMBER", str: "TEXT", Path: "PATH"}
@@ -47,6 +47,8 @@ class Option:
     taker: str
     """"machine", "application", or the type of the driver."""
     required: bool = False
+    about: str = ""
+    """What the docstring of its taker says of it, in a section "Options:"."""
 
     @property
     def flag(self) -> str:
@@ -85,7 +87,7 @@ def options_of(station: Station, wiring: str | None, *, application: bool = True
     for name, (driver, parameter) in driver_options(station.wiring(wiring)).items():
         parameter = typed(parameter, {})
         if name not in found and is_plain(parameter.annotation):
-            found[name] = _option(parameter, driver)
+            found[name] = _option(parameter, driver, registry.find(driver))
     return list(found.values())
 
 
@@ -114,7 +116,7 @@ def options_of_driver(cls: type[Driver], name: str) -> list[Option]:
     except (TypeError, ValueError, NameError):  # a class without a signature
         return []
     found = [typed(each, {}) for each in parameters]
-    return [_option(each, name) for each in found if is_plain(each.annotation)]
+    return [_option(each, name, cls) for each in found if is_plain(each.annotation)]
 
 
 def values_of(name: str, options: Sequence[Option], arguments: Sequence[str]) -> dict[str, Any]:
@@ -168,7 +170,8 @@ def help_panel(station: Station, wiring: str | None, *, application: bool = True
         default = option.default.value if isinstance(option.default, Enum) else option.default
         shown = "" if default is None or default == () else f"[default: {default}]"
         shown = "[required]" if option.required else shown
-        table.add_row(*map(Text, (option.flag, option.metavar, option.taker, shown)))
+        about = "  ".join(filter(None, (option.about.rstrip("."), shown)))
+        table.add_row(*map(Text, (option.flag, option.metavar, option.taker, about)))
     return Panel(table, title=f"Options of {station.name}", title_align="left", border_style="dim")
 
 
@@ -181,12 +184,13 @@ def _of_function(function: Any, taker: str, skip: int = 0) -> list[Option]:
     """The parameters that a text can give."""
     found = parameters_of(function, skip).values()
     return [
-        replace(_option(each, taker), required=each.default is each.empty)
+        replace(_option(each, taker, function), required=each.default is each.empty)
         for each in found
         if is_plain(each.annotation)
     ]
 
 
-def _option(parameter: inspect.Parameter, taker: str) -> Option:
+def _option(parameter: inspect.Parameter, taker: str, described: Any) -> Option:
     default = None if parameter.default is parameter.empty else parameter.default
-    return Option(parameter.name, without_none(parameter.annotation), default, taker)
+    about = options_in(described.__doc__ or "").get(parameter.name, "")
+    return Option(parameter.name, without_none(parameter.annotation), default, taker, about=about)

@@ -22,7 +22,11 @@ class Written:
 
 
 class Simulated(Driver):
-    """Channels of any name, input and output alike, 63 bits and a sign."""
+    """Channels of any name, input and output alike, 63 bits and a sign.
+
+    Options:
+        history: how many of the last writes are kept.
+    """
 
     def __init__(self, *, history: int = 10_000) -> None:
         self._raws: dict[str, int] = {}

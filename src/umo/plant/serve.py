@@ -54,8 +54,8 @@ async def serve(
     """Serve each map at its host and port (0: a free one) until `stop` is set; returns what is reported.
 
     `report` is a JSON file, replaced whole, written whenever the plant's report has changed and at the end. WiringError
-    for a watchdog's time that its register cannot hold, or if `report` is not a regular file; DriverError if an
-    address is taken or the plant cannot be opened. An exception of the plant's code ends the service.
+    for a watchdog's time that its register cannot hold, if `report` is not a regular file or an address is taken;
+    DriverError if the plant cannot be opened. An exception of the plant's code ends the service.
     """
     for each in maps:
         if not 0 <= each.watchdog <= LONGEST_WATCHDOG:
@@ -83,11 +83,11 @@ async def _listen(box: Box, peers: set[asyncio.Transport], stack: contextlib.Exi
         loop = asyncio.get_running_loop()
         server = await loop.create_server(lambda: Connection(box.request, peers), host, port, start_serving=False)
     except UnicodeError:
-        raise DriverError(f"cannot serve at {host}:{port}: not the name of a host") from None
+        raise WiringError(f"cannot serve at {host}:{port}: not the name of a host") from None
     except OSError as error:
         number = error.errno or 0  # below 0 for a name that was not found
         reason = os.strerror(number) if number > 0 else error.strerror or str(error)
-        raise DriverError(f"cannot serve at {host}:{port}: {reason.lower()}") from None
+        raise WiringError(f"cannot serve at {host}:{port}: {reason.lower()}") from None
 
     def close() -> None:
         server.close()

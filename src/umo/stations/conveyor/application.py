@@ -9,8 +9,14 @@ from .control import Conveyor, Part
 async def main(
     m: Conveyor, parts: int = 10, speed: float = 0.3, nominal: float = 80.0, tolerance: float = 4.0
 ) -> dict[str, object]:
-    """Sort `parts` parts at `speed` m/s: those within `tolerance` mm of `nominal` mm stay on the belt, the others are
-    pushed onto the chute. Returns how many of each, and the lengths in mm.
+    """Sort parts by length: those within the tolerance stay on the belt, the others are pushed onto the chute. Returns
+    how many of each, and the lengths in mm.
+
+    Options:
+        parts: how many.
+        speed: of the belt, m/s.
+        nominal: length, mm.
+        tolerance: largest deviation of an accepted part from it, mm.
 
     RangeError if the belt moves by more than half of the tolerance in a period: a length is measured no better.
     """

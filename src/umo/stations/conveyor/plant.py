@@ -49,10 +49,16 @@ class Workpiece:
 
 
 class Plant(Driver):
-    """The conveyor, simulated. From `fault_at` s on it has the `faults`.
+    """The conveyor, simulated. A third of the parts are out of tolerance, none so near to a limit that measuring could
+    err.
 
-    `parts` come, a third of them out of `tolerance`, but none so near to a limit that measuring could err; `nominal`
-    and `tolerance` are in mm. `seed` decides their lengths and the gaps between them.
+    Options:
+        seed: decides the lengths of the parts and the gaps between them.
+        parts: how many come.
+        nominal: length, mm.
+        tolerance: in mm.
+        faults: what fails.
+        fault_at: from when on, s.
     """
 
     def __init__(

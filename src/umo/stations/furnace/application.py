@@ -6,7 +6,13 @@ from .control import Furnace
 
 
 async def main(m: Furnace, peak: float = 850.0, soak: float = 120.0, ramp: float = 3.0) -> dict[str, Any]:
-    """Heat up to `peak` degC, the highest temperature of the profile, at `ramp` K/s, and keep it for `soak` s."""
+    """Heat up and keep the profile.
+
+    Options:
+        peak: highest temperature of the profile, degC.
+        soak: time for which it is kept, s.
+        ramp: K/s.
+    """
     await m.heat_up(peak, ramp)
     await m.soak(soak)
     m.say("done", done=2)

@@ -8,7 +8,11 @@ MOST_ZONES = 5000
 
 
 def machine(zones: int = 40) -> Furnace:
-    """A tunnel of `zones` zones, 1 to 5,000."""
+    """A tunnel of zones.
+
+    Options:
+        zones: how many, 1 to 5,000.
+    """
     if not 1 <= zones <= MOST_ZONES:
         raise DeclarationError(f"a tunnel has 1 to {MOST_ZONES} zones, not {zones}")
     return Furnace(

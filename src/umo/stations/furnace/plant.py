@@ -46,8 +46,12 @@ class FurnaceChannel(Channel):
 
 
 class Plant(Driver[FurnaceChannel]):
-    """The furnace, simulated: `seed` decides the spread of the zones, `faults` what fails ("broken-thermocouple:7",
-    "stuck-heater:3@90"). Opened again, it is as hot as it was."""
+    """The furnace, simulated. Opened again, it is as hot as it was.
+
+    Options:
+        seed: decides the spread of the zones.
+        faults: what fails, KIND:ZONE or KIND:ZONE@SECONDS, such as stuck-heater:3@90.
+    """
 
     def __init__(self, *, seed: int = 0, faults: Sequence[str] = ()) -> None:
         self._seed = seed

@@ -4,8 +4,13 @@ from .control import Manipulator
 
 
 async def main(m: Manipulator, parts: int = 3, start: float = -45.0, turn: float = 90.0) -> dict[str, int] | None:
-    """Home, then serve `parts` parts: picked at the angle `start`, turned by `turn` (both deg), placed. Returns how
-    many were placed without the puff of pressure, if any."""
+    """Home, then serve the parts: pick, turn, place. Returns how many were placed without the puff of pressure, if any.
+
+    Options:
+        parts: how many.
+        start: angle at which they are picked, deg.
+        turn: angle by which they are turned, deg.
+    """
     m.progress("homing", done=0, total=parts)
     await m.home()
     for number in range(1, parts + 1):

@@ -80,12 +80,14 @@ DAC, PWM, STEP_LINE, DIRECTION, INPUTS, TICK = (
 
 
 class Plant(Driver[PlantChannel]):
-    """The station, simulated.
+    """The station, simulated. The first `open` builds the machine; a later one finds it where it was left, with its
+    circuits switched on afresh (counts at 0). After `close` it can still be advanced.
 
-    `seed` decides where everything starts, `parts` (1 to 6) how many the courier carries, `preset` what the z
-    counter loads at its index (raw 58117 is 121,999.4 um), `faults` which of `FAULTS` it has. The first `open`
-    builds the machine; a later one finds it where it was left, with its circuits switched on afresh (counts at 0).
-    After `close` it can still be advanced.
+    Options:
+        seed: decides where everything starts.
+        parts: how many the courier carries, 1 to 6.
+        preset: what the z counter loads at its index; raw 58117 is 121,999.4 um.
+        faults: what is wrong with it, such as leaky-cup (`FAULTS`).
     """
 
     def __init__(

@@ -6,7 +6,11 @@ from umo.control import wait
 
 
 async def main(m: Tank, target: float = 300.0) -> None:
-    """Fill to `target` mm, keep it there for a while, drain."""
+    """Fill, keep the level for a while, drain.
+
+    Options:
+        target: level, mm.
+    """
     m.progress("filling")
     await m.fill(target)
     m.progress("keeping the level")
