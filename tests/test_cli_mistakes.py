@@ -196,6 +196,7 @@ def test_brackets_in_names_are_shown_as_they_are(umo: Umo, tank: Path, tmp_path:
     assert result.exit_code == 0
     assert "umo run [red]tank, [bold]:star:" in said(result)
     assert "trace and plot: runs/[red]tank-" in said(result)
+    (tmp_path / "[green]new").mkdir()
     assert "[green]new is a station" in said(umo("new", "[green]new"))
 
 

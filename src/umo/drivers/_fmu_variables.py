@@ -96,7 +96,7 @@ def variables_of(description: Any) -> Mapping[str, Any]:
 def channel_of(description: Any, text: str) -> FmuChannel:
     """The channel of this text: `NAME`, `NAME:SCALE` or `tick`. ChannelError names the nearest variables."""
     variables = variables_of(description)
-    if text == TICK and TICK not in variables:
+    if text == TICK:
         return FmuChannel(text, Direction.INPUT, 31)
     name, scale = (text, None) if text in variables else _parted(text)
     variable = variables.get(name)
