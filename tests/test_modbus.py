@@ -647,8 +647,8 @@ def test_a_driver_that_is_not_open_says_so() -> None:
 def test_without_pymodbus_the_driver_names_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in [*(name for name in sys.modules if name.startswith("pymodbus.")), "pymodbus"]:
         monkeypatch.setitem(sys.modules, name, None)
-    monkeypatch.delitem(sys.modules, "umo.drivers.modbus.link")
-    monkeypatch.delattr("umo.drivers.modbus.link")
+    monkeypatch.delitem(sys.modules, "umo.drivers.modbus.unit")
+    monkeypatch.delattr("umo.drivers.modbus.unit")
     with pytest.raises(DriverError, match=r'pip install "umo\[modbus\]"'):
         Modbus().open()
 

@@ -19,7 +19,7 @@ from peers.modbus_device import PATIENT, Peer, running
 from peers.modbus_map import CELL, coil, discrete, holding, input_register, value
 from umo import Compound, DigitalActuator, DigitalSensor, check, connect
 from umo.drivers.modbus import Modbus
-from umo.drivers.modbus.rtu import Line
+from umo.drivers.modbus.rtu import SerialLine
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, WiringError
 
 pytest.importorskip("pymodbus")
@@ -53,7 +53,7 @@ def connected() -> Iterator[Unit]:
     yield connected
     for driver in drivers:
         driver.close()
-    assert Line._lines == {}
+    assert SerialLine._lines == {}
 
 
 def read(driver: Modbus, *texts: str) -> list[int]:
@@ -225,7 +225,7 @@ def test_an_exception_answer_is_not_a_failure_of_the_line_and_the_other_requests
     texts = ("input:0", "discrete:1", "holding:2")
     driver = connected(start("4:exception=2"))
     assert read(driver, *texts) == [input_register(0), discrete(1), holding(2)]
-    driver._link._transport._recovery = 60.0  # type: ignore[union-attr]
+    driver._connection._transport._recovery = 60.0  # type: ignore[union-attr]
     out = np.full(3, -99, np.int64)
     with pytest.raises(ChannelsFailed) as caught:
         driver.read_many([driver.channel(text) for text in texts], out)
@@ -254,7 +254,7 @@ def test_while_a_unit_recovers_its_other_functions_go_on(start: Start, connected
     peer = start("3:silent")
     driver = connected(peer)
     assert read(driver, "holding:1", "coil:1") == [holding(1), coil(1)]
-    driver._link._transport._recovery = 60.0  # type: ignore[union-attr]
+    driver._connection._transport._recovery = 60.0  # type: ignore[union-attr]
     driver.timeout = HASTY
     with pytest.raises(DeviceTimeout):
         one(driver, "holding:1")
@@ -284,7 +284,7 @@ def test_a_call_waits_for_the_end_of_the_recovery_if_that_leaves_it_half_of_its_
 def test_the_late_answer_itself_ends_the_recovery(start: Start, connected: Unit) -> None:
     driver = connected(start("2:late=150"))
     assert one(driver, "holding:1") == holding(1)
-    driver._link._transport._recovery = 60.0  # type: ignore[union-attr]
+    driver._connection._transport._recovery = 60.0  # type: ignore[union-attr]
     driver.timeout = HASTY
     with pytest.raises(DeviceTimeout):
         one(driver, "holding:1")
@@ -374,7 +374,7 @@ def test_several_units_of_one_line_are_wired_as_several_drivers(start: Start) ->
         assert m.lost.read() == input_register(3)
         assert set(peer.units()) == {1, 2, 3}
     assert peer.requests()[-1] == (6, 1, 1, 0), "the motor is reset at the end"
-    assert Line._lines == {}
+    assert SerialLine._lines == {}
 
 
 def test_two_objects_on_one_register_of_one_unit_are_found_and_the_same_register_of_another_is_another(
@@ -426,7 +426,7 @@ def test_a_line_that_does_not_exist_fails_at_open_and_leaves_nothing_open() -> N
     with pytest.raises(DriverError, match="no device /dev/ttyUMO7"):
         driver.open()
     driver.close()
-    assert (os.listdir("/proc/self/fd"), Line._lines) == (before, {})
+    assert (os.listdir("/proc/self/fd"), SerialLine._lines) == (before, {})
 
 
 @pytest.mark.parametrize("path", ["/dev/null", __file__])

@@ -17,7 +17,7 @@ from umo.drivers.modbus.unchanged import Unchanged
 from umo.errors import ChannelsFailed, DriverError, WiringError
 
 if TYPE_CHECKING:
-    from umo.drivers.modbus.link import Link
+    from umo.drivers.modbus.unit import Unit
 
 _MOST_PLANS = 256
 _LONGEST_WATCHDOG = 65.535
@@ -25,10 +25,10 @@ _MOST_REGISTERS, _MOST_READ_BACK = 123, 121
 """Registers of one write by function 16, and by function 23."""
 
 
-def _find_link(serial: bool) -> type[Link] | None:
+def _find_unit(serial: bool) -> type[Unit] | None:
     """The protocol's side, None without pymodbus, or pyserial: a wiring can be checked all the same."""
     try:
-        from umo.drivers.modbus.link import Link
+        from umo.drivers.modbus.unit import Unit
 
         if serial:
             import umo.drivers.modbus.rtu  # noqa: F401
@@ -36,7 +36,7 @@ def _find_link(serial: bool) -> type[Link] | None:
         if (error.name or "").partition(".")[0] not in ("pymodbus", "serial"):
             raise
         return None
-    return Link
+    return Unit
 
 
 class _NoWatchdog(DriverError, NotImplementedError):
@@ -118,10 +118,10 @@ class Modbus(Driver[ModbusChannel]):
         self._skip = 0.0 if skip_unchanged is None else duration("skip_unchanged", skip_unchanged)
         self._recovery = duration("recovery", recovery)
         self._unchanged = Unchanged(self._skip)
-        self._link_type = _find_link(
+        self._unit_type = _find_unit(
             not isinstance(self.place, Host)
         )  # here and not in `open`: a guardian has no time for imports
-        self._link: Link | None = None
+        self._connection: Unit | None = None
         self._reads, self._writes = _Plans(self._plan_reads), _Plans(self._plan_writes)
 
     def channel(self, text: str) -> ModbusChannel:
@@ -133,17 +133,17 @@ class Modbus(Driver[ModbusChannel]):
 
     def open(self) -> None:
         """Connect, within `timeout`."""
-        if self._link_type is None:
+        if self._unit_type is None:
             library = "pymodbus" if isinstance(self.place, Host) else "pymodbus and pyserial"
             raise DriverError(f'the modbus driver needs {library}: pip install "umo[modbus]"')
-        self._link = self._link_type(self.place, self._unit, self._recovery)
-        self._link.open(self.timeout)
+        self._connection = self._unit_type(self.place, self._unit, self._recovery)
+        self._connection.open(self.timeout)
 
     def close(self) -> None:
         self._unchanged.forget()
-        if self._link is not None:
-            self._link.close()
-            self._link = None
+        if self._connection is not None:
+            self._connection.close()
+            self._connection = None
 
     def read(self, channel: ModbusChannel) -> int:
         out = np.empty(1, np.int64)
@@ -155,8 +155,8 @@ class Modbus(Driver[ModbusChannel]):
 
     def read_many(self, channels: Sequence[ModbusChannel], out: IntArray) -> None:
         plan = self._reads.of(channels)
-        link = self._begin()
-        self._each(plan, lambda _, request: request.decode(link.read(request), out))
+        unit = self._begin()
+        self._each(plan, lambda _, request: request.decode(unit.read(request), out))
 
     def write_many(self, channels: Sequence[ModbusChannel], raws: IntArray) -> None:
         self._write(channels, raws.tolist(), self._read_write, self._skip > 0)
@@ -179,7 +179,7 @@ class Modbus(Driver[ModbusChannel]):
         plan = self._writes.of(channels)
         # All values are encoded before the first is sent: one that does not fit leaves the device alone.
         cells = [request.encode(raws) for request in plan]
-        link, now = self._begin(), monotonic()
+        unit, now = self._begin(), monotonic()
         if skip:
             sent = [i for i, request in enumerate(plan) if not self._unchanged.covers(request, cells[i], now)]
             plan, cells = tuple(plan[i] for i in sent), [cells[i] for i in sent]
@@ -188,24 +188,24 @@ class Modbus(Driver[ModbusChannel]):
             if self._skip:
                 self._unchanged.begins(request)
             if read_back and request.table is HOLDING:
-                request.check_taken(cells[i], link.write_and_read(request, cells[i]))
+                request.check_taken(cells[i], unit.write_and_read(request, cells[i]))
             else:
-                link.write(request, cells[i])
+                unit.write(request, cells[i])
             if self._skip:
                 self._unchanged.confirmed(request, cells[i], now)
 
         self._each(plan, carry_out)
 
-    def _begin(self) -> Link:
-        if self._link is None:
+    def _begin(self) -> Unit:
+        if self._connection is None:
             raise DriverError("it is not open")
         try:
-            if self._link.begin(self.timeout):
+            if self._connection.begin(self.timeout):
                 self._unchanged.forget()
         except BaseException:
             self._unchanged.forget()
             raise
-        return self._link
+        return self._connection
 
     def _each(self, plan: Requests, carry_out: Callable[[int, Request], None]) -> None:
         try:

@@ -33,7 +33,7 @@ _STEP = 0.005
 """s between two looks at a line while a unit recovers."""
 
 
-Asked = tuple[int, int]
+UnitFunction = tuple[int, int]
 """A unit and a function."""
 
 
@@ -45,10 +45,10 @@ class Owed:
     since: float
 
 
-class Line:
+class SerialLine:
     """A serial line of this process, shared by the drivers of its units; open while one of them is."""
 
-    _lines: ClassVar[dict[tuple[int, str], Line]] = {}
+    _lines: ClassVar[dict[tuple[int, str], SerialLine]] = {}
 
     def __init__(self, place: Serial, key: tuple[int, str]) -> None:
         self.place = place
@@ -57,7 +57,7 @@ class Line:
         self._port: SerialPort | None = None
         self.opened = 0.0
         """When the port was."""
-        self._owed: dict[Asked, Owed | None] = {}
+        self._owed: dict[UnitFunction, Owed | None] = {}
         """What is owed by the units that were asked since the line was opened."""
         self._last = 0.0
         """When the last byte was on the line."""
@@ -65,7 +65,7 @@ class Line:
         """What came in unasked since the line was last silent."""
 
     @classmethod
-    def join(cls, place: Serial) -> Line:
+    def join(cls, place: Serial) -> SerialLine:
         """The line of this device file; a child process has its own."""
         key = (os.getpid(), os.path.realpath(place.path))
         line = cls._lines.setdefault(key, cls(place, key))
@@ -98,13 +98,13 @@ class Line:
             self._port.close()
         self._port = None
 
-    def owed(self, asked: Asked) -> Owed | None:
+    def owed(self, asked: UnitFunction) -> Owed | None:
         """What may be taken for the answer if this is asked now."""
         if asked[1] in _UNMISTAKABLE:
             return None
         return self._owed.get(asked, Owed(b"", self.opened))
 
-    def settle(self, asked: Asked) -> None:
+    def settle(self, asked: UnitFunction) -> None:
         """Nothing is owed: the answer has come, or its time is over."""
         self._owed[asked] = None
 
@@ -181,7 +181,7 @@ class Rtu:
 
     def __init__(self, place: Serial, unit: int, recovery: float) -> None:
         self.framer = FramerRTU(DecodePDU(False))
-        self._line = Line.join(place)
+        self._line = SerialLine.join(place)
         self._unit = unit
         self._recovery = recovery
         self._deadline = 0.0
@@ -207,7 +207,7 @@ class Rtu:
         self._recover((frame[0], frame[1]))
         return self._line.exchange(frame, self._deadline)
 
-    def _recover(self, asked: Asked) -> None:
+    def _recover(self, asked: UnitFunction) -> None:
         """Until nothing is owed that may be taken for the answer, if that leaves half of the time that is left."""
         line, latest = self._line, (monotonic() + self._deadline) / 2
         while (owed := line.owed(asked)) is not None:

@@ -69,7 +69,7 @@ class _Client(ModbusClientMixin[ModbusPDU]):
         return answer
 
 
-class Link:
+class Unit:
     """One unit. After any failure but an exception answer the transport makes sure that an answer that comes late is
     never taken for a later one."""
 
