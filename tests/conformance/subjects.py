@@ -31,6 +31,7 @@ def careful(driver: type[Careful] = Careful, **changes: Any) -> Iterator[Subject
             "line": tap,
             "checksum": True,
             "timeout": HASTE,
+            "settle": 0.2,
         }
         yield Subject(**given | changes)
 

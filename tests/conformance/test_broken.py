@@ -9,7 +9,7 @@ import pytest
 from conformance import broken
 from conformance.careful import Careful
 from conformance.subjects import careful
-from umo.testing.conformance import Judgement, all_rules, conform, examine
+from umo.testing.conformance import Judgement, all_rules, conform, examine, leak_rules
 
 ENOUGH_TO_GROW = 300
 QUICK = 20
@@ -30,8 +30,9 @@ def nothing_left() -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True)
-def hangs_are_found_soon(monkeypatch: pytest.MonkeyPatch) -> None:
+def what_is_broken_is_found_soon(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(examine, "HANG", 0.5)
+    monkeypatch.setattr(leak_rules, "FADE", 0.5)
 
 
 @pytest.fixture(autouse=True)

@@ -193,7 +193,7 @@ def _plan(subject: Subject, wires: Sequence[Wire], devices: Sequence[str]) -> Ta
     table = Table("output", "channel", "raw levels", "values", "default", title=f"to be driven: {', '.join(devices)}")
     for wire in wires:
         if (output := ranges.get(wire.channel.text)) is None:
-            table.add_row(wire.item.path, wire.channel.text, "read", "", "")
+            table.add_row(wire.item.path, wire.channel.text, "read; a write must be refused", "", "")
             continue
         low, high = sorted((wire.value(output.least), wire.value(output.greatest)))
         values = f"{low:g} to {high:g} {wire.item.units}" if isinstance(wire.item, Digital) else "both states"

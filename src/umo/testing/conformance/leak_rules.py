@@ -160,7 +160,7 @@ def _cycle(trial: Trial, probe: Probe) -> Callable[[], object]:
     return cycle
 
 
-@rule("time", "The time per transfer, 99 of 100 within the timeout.")
+@rule("time", "The median time per transfer is within the timeout; the certificate has the times.")
 def time_per_transfer(trial: Trial) -> str:
     count = max(20, min(trial.cycles, TIMED))
     with trial.opened(direct=True) as probe:
@@ -174,10 +174,10 @@ def time_per_transfer(trial: Trial) -> str:
             trial.times[kind] = TransferTime(median, p99, count)
     if not trial.times:
         raise NotTried("the subject has no channels")
-    slow = {kind: each.p99 for kind, each in trial.times.items() if each.p99 > trial.subject.timeout}
-    if slow and min(each.median for each in trial.times.values()) > trial.subject.timeout:
-        kind, p99 = next(iter(slow.items()))
-        raise RuleBroken(f"{kind} takes {p99 * 1e3:.1f} ms, its timeout is {trial.subject.timeout * 1e3:g} ms")
+    for kind, each in trial.times.items():
+        if each.median > trial.subject.timeout:
+            took, allowed = each.median * 1e3, trial.subject.timeout * 1e3
+            raise RuleBroken(f"{kind} takes {took:.1f} ms, its timeout is {allowed:g} ms")
     return ", ".join(f"{kind} {each.median * 1e6:.0f} us" for kind, each in trial.times.items())
 
 

@@ -23,7 +23,7 @@ NO_ANSWER = "the device answers neither reads nor writes over the line"
 
 
 @rule("late answer", "After a timeout, the late answer is never taken for that of a later request.")
-def late_answer(trial: Trial) -> None:
+def late_answer(trial: Trial) -> str | None:
     tried = False
     with trial.opened() as probe:
         values = apart(trial, probe)
@@ -36,6 +36,7 @@ def late_answer(trial: Trial) -> None:
             tried |= _late_level(trial, probe, behind)
     if not tried:
         raise NotTried(f"{NO_TWO}, and {NO_VIEW}")
+    return None if trial.line.ordered else "on a serial line: answers that come before the next request"
 
 
 def _comes_late(trial: Trial, probe: Probe, behind: bool, call: Callable[..., object], *arguments: Any) -> bool:
