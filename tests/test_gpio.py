@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from umo import ChannelError, DriverError, WiringError
-from umo.drivers._gpio_channel import Settings, parse
 from umo.drivers.contract import Direction
 from umo.drivers.gpio import Gpio
+from umo.drivers.gpio.channel import Settings, parse
 
 DEFAULTS = Settings(bias="pull-up", debounce=1000)
 
@@ -127,9 +127,8 @@ def test_a_file_that_is_not_a_chip_is_an_error() -> None:
 def test_without_the_library_a_wiring_can_be_checked_and_opening_says_what_to_install(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    for name in [name for name in sys.modules if name.startswith(("gpiod", "umo.drivers._gpio_"))]:
-        if name != "umo.drivers._gpio_channel":
-            monkeypatch.delitem(sys.modules, name)
+    for name in [name for name in sys.modules if name.startswith(("gpiod", "umo.drivers.gpio.lines", "umo.drivers.gpio.request"))]:
+        monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "gpiod", None)
     driver = Gpio()
     assert driver.channel("line:7").bits == 1

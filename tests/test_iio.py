@@ -21,10 +21,10 @@ from umo import (
     WiringError,
     check,
 )
-from umo.drivers import _iio_device
-from umo.drivers._iio_scan import LENGTH, ScanLayout, ScanType
 from umo.drivers.contract import PhysicalScale
 from umo.drivers.iio import Iio
+from umo.drivers.iio import sysfs as kernels_files
+from umo.drivers.iio.scan import LENGTH, ScanLayout, ScanType
 
 FILES = {
     "name": "adc",
@@ -67,8 +67,8 @@ def sysfs(tmp_path, monkeypatch):
     (folder / "trigger0").mkdir()
     (folder / "trigger0" / "name").write_text("tick\n")
     (folder / "trigger0" / "sampling_frequency").write_text("100.0\n")
-    monkeypatch.setattr(_iio_device, "SYSFS", folder)
-    monkeypatch.setattr(_iio_device, "DEV", tmp_path)
+    monkeypatch.setattr(kernels_files, "SYSFS", folder)
+    monkeypatch.setattr(kernels_files, "DEV", tmp_path)
     return folder / "iio:device0"
 
 
@@ -122,7 +122,7 @@ def test_a_device_that_is_not_there_is_named_with_those_that_are(sysfs):
 
 
 def test_without_any_device_the_error_says_so(tmp_path, monkeypatch):
-    monkeypatch.setattr(_iio_device, "SYSFS", tmp_path / "none")
+    monkeypatch.setattr(kernels_files, "SYSFS", tmp_path / "none")
     with pytest.raises(DriverError, match="no IIO device 'adc'; there is none"):
         opened()
 
@@ -147,7 +147,7 @@ def test_a_channel_has_the_kernels_name(sysfs):
 
 
 def test_without_the_device_a_channel_of_the_right_form_is_taken(tmp_path, monkeypatch):
-    monkeypatch.setattr(_iio_device, "SYSFS", tmp_path)
+    monkeypatch.setattr(kernels_files, "SYSFS", tmp_path)
     driver = Iio(device="adc", trigger="tick")
     assert driver.channel("in_voltage1-voltage2").bits == 32
     for text in ("voltage0", "in_voltage0_raw ", "in_", "IN_VOLTAGE0", ""):

@@ -11,9 +11,8 @@ import umo
 TREE = Path(umo.__file__).parent
 SHOWN_TO_THE_OBJECTS = TREE / "objects" / "link.py"
 """Protocols of what lies above, under the names that those things have."""
-ROLES = {"__init__", "application", "control", "objects", "plant", "run", "errors"}
-"""Modules with one part in many places: a station's files, a command of the command line, its errors."""
-ROLES |= {"text"}  # a driver's module has the name of its type in a wiring
+ROLES = {"__init__", "application", "control", "objects", "plant", "run", "errors", "driver", "channel"}
+"""Modules with one part in many places: a station's files, a driver's, a command of the command line, its errors."""
 ROLES_OF_CLASSES = {"Plant"}
 """Each station's own."""
 

@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from umo import ChannelError, ChannelsFailed, DeviceTimeout, Direction, DriverError, WiringError
-from umo.drivers._register_driver import RegisterDriver
-from umo.drivers._register_plan import plan
-from umo.drivers._registers import LARGEST, WIDTHS, ChipRegisters, RegisterChannel
+from umo.drivers.registers.blocks import plan
+from umo.drivers.registers.driver import RegisterDriver
+from umo.drivers.registers.map import LARGEST, WIDTHS, ChipRegisters, RegisterChannel
 
 TABLES: dict[str, dict[str, Any]] = {
     "who": {"address": 0x0F, "access": "r"},

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-import umo.drivers.text as text_module
+import umo.drivers.text.driver as text_module
 from peers.line_server import LineServer, line_server
 from umo import BinaryActuator, Compound, DigitalSensor, OnOff, check
 from umo.drivers.text import Text

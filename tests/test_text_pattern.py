@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from umo.drivers._text_channel import Channels
-from umo.drivers._text_exchange import joined
-from umo.drivers._text_pattern import NoValue, Pattern, Template, UnexpectedAnswer, raw_of
 from umo.drivers.contract import Direction
+from umo.drivers.text.channel import Channels
+from umo.drivers.text.exchange import joined
+from umo.drivers.text.pattern import NoValue, Pattern, Template, UnexpectedAnswer, raw_of
 from umo.errors import ChannelError, DriverError, WiringError
 
 INT64 = st.integers(-(2**63), 2**63 - 1)

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from umo.drivers._device_file import opening
-from umo.drivers._register_driver import RegisterDriver
-from umo.drivers._registers import RegisterChannel, whole
+from umo.drivers.registers.driver import RegisterDriver
+from umo.drivers.registers.map import RegisterChannel, whole
 from umo.errors import DriverError, WiringError
 
 SYSFS = Path("/sys/bus/i2c/devices")

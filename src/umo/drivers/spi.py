@@ -8,8 +8,8 @@ from collections.abc import Iterable
 from typing import Any, Literal
 
 from umo.drivers._device_file import opening
-from umo.drivers._register_driver import RegisterDriver
-from umo.drivers._registers import RegisterChannel, whole
+from umo.drivers.registers.driver import RegisterDriver
+from umo.drivers.registers.map import RegisterChannel, whole
 from umo.errors import DriverError, WiringError
 
 _MODES = (0, 1, 2, 3)

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from umo.drivers._fmu_variables import TICK, FmuChannel, channel_of, check_start, described, variables_of
 from umo.drivers.contract import Direction, Driver, IntArray
+from umo.drivers.fmu.variables import TICK, FmuChannel, channel_of, check_start, described, variables_of
 from umo.errors import ChannelsFailed, DriverError, WiringError
 
 if TYPE_CHECKING:
-    from umo.drivers._fmu_instance import FmuInstance
+    from umo.drivers.fmu.instance import FmuInstance
 
 _MOST_GROUPS = 64
 _MOST_REPORTED = 40
@@ -66,7 +66,7 @@ class Fmu(Driver[FmuChannel]):
 
     def open(self) -> None:
         """Unpack, load and initialise the model."""
-        from umo.drivers._fmu_instance import FmuInstance
+        from umo.drivers.fmu.instance import FmuInstance
 
         self.close()
         self._check_step()

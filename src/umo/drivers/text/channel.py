@@ -10,8 +10,8 @@ from typing import Any, TypeVar
 
 from typing_extensions import TypedDict
 
-from umo.drivers._text_pattern import NoValue, Pattern, Template, UnexpectedAnswer, numbered, raw_of, shown
 from umo.drivers.contract import Channel, Direction
+from umo.drivers.text.pattern import NoValue, Pattern, Template, UnexpectedAnswer, numbered, raw_of, shown
 from umo.errors import ChannelError, DriverError, WiringError
 from umo.text import did_you_mean
 

@@ -8,13 +8,12 @@ from contextlib import suppress
 from time import monotonic
 from typing import TYPE_CHECKING, Literal
 
-from umo.drivers import _gpio_channel
-from umo.drivers._gpio_channel import GpioChannel
 from umo.drivers.contract import Driver, IntArray
+from umo.drivers.gpio.channel import GpioChannel, checked, parse
 from umo.errors import DriverError, WiringError
 
 if TYPE_CHECKING:
-    from umo.drivers._gpio_lines import Lines, LineTransfer
+    from umo.drivers.gpio.lines import Lines, LineTransfer
 
 _MOST_PLANS = 256
 
@@ -56,7 +55,7 @@ class Gpio(Driver[GpioChannel]):
         if not isinstance(chip, str) or not chip:
             raise WiringError(f"chip must be the path, name or label of a GPIO chip, not {chip!r}")
         self.chip = chip
-        self._settings = _gpio_channel.checked(bias, drive, active_low, debounce)
+        self._settings = checked(bias, drive, active_low, debounce)
         self._lines_type = _find_lines()  # here and not in `open`: a guardian has no time for imports
         self._named: dict[str, GpioChannel] = {}
         self._lines: Lines | None = None
@@ -66,13 +65,13 @@ class Gpio(Driver[GpioChannel]):
         """The last block of each kind: that of the next period is the same."""
 
     def channel(self, text: str) -> GpioChannel:
-        self._named[text] = channel = _gpio_channel.parse(text, self._settings)
+        self._named[text] = channel = parse(text, self._settings)
         return channel
 
     def devices(self) -> Sequence[str]:
         """The chip's device file, however the option names it; a chip that is not there stands for itself."""
         if self._lines_type is not None:
-            from umo.drivers._gpio_chip import path_of
+            from umo.drivers.gpio.chip import path_of
 
             with suppress(OSError):
                 return [f"gpio {path_of(self.chip)}"]
@@ -186,7 +185,7 @@ class Gpio(Driver[GpioChannel]):
 def _find_lines() -> type[Lines] | None:
     """The library's side, None without gpiod: a wiring can be checked all the same."""
     try:
-        from umo.drivers._gpio_lines import Lines
+        from umo.drivers.gpio.lines import Lines
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] != "gpiod":
             raise

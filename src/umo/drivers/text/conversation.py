@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from time import monotonic, sleep
 
-from umo.drivers._text_channel import Query
-from umo.drivers._text_pattern import NoValue, Pattern, UnexpectedAnswer, shown, stripped
-from umo.drivers._text_port import Dial, Hangup, Port
+from umo.drivers.text.channel import Query
+from umo.drivers.text.pattern import NoValue, Pattern, UnexpectedAnswer, shown, stripped
+from umo.drivers.text.port import Dial, Hangup, Port
 from umo.errors import DeviceTimeout, DriverError
 
 _MOST_DOUBLED = 4

@@ -12,12 +12,12 @@ from typing import Literal, TypeVar, get_args
 import numpy as np
 
 from umo.drivers import _hosts
-from umo.drivers._text_channel import ChannelOptions, Channels, Query, QueryOptions, TextChannel
-from umo.drivers._text_exchange import Asked, Told, joined
-from umo.drivers._text_link import Dialogue, TextLink
-from umo.drivers._text_pattern import NoValue, Pattern
-from umo.drivers._text_port import Dial, SerialDial, TcpDial
 from umo.drivers.contract import Driver, IntArray
+from umo.drivers.text.channel import ChannelOptions, Channels, Query, QueryOptions, TextChannel
+from umo.drivers.text.conversation import Dialogue, TextLink
+from umo.drivers.text.exchange import Asked, Told, joined
+from umo.drivers.text.pattern import NoValue, Pattern
+from umo.drivers.text.port import Dial, SerialDial, TcpDial
 from umo.errors import ChannelsFailed, DriverError, WiringError
 
 _MOST_PLANS = 256

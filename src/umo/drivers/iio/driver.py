@@ -13,10 +13,10 @@ from time import monotonic
 
 import numpy as np
 
-from umo.drivers import _iio_device
 from umo.drivers._device_file import explained
-from umo.drivers._iio_scan import Scan, element, trigger_named
 from umo.drivers.contract import Channel, Direction, Driver, IntArray, PhysicalScale
+from umo.drivers.iio import sysfs
+from umo.drivers.iio.scan import Scan, element, trigger_named
 from umo.errors import ChannelError, ChannelsFailed, DeviceTimeout, DriverError, WiringError
 
 FORMS = ("in_TYPE[N]", "in_TYPE[N]-TYPE[M]", "in_TYPE[N]_x", "out_TYPE[N] (names of the kernel, without _raw)")
@@ -90,7 +90,7 @@ class Iio(Driver[IioChannel]):
         """If the device is there, the channel must be one of its own."""
         match = _NAME.fullmatch(text)
         folder = self._there()
-        known = FORMS if folder is None else _iio_device.channels(folder)
+        known = FORMS if folder is None else sysfs.channels(folder)
         if match is None or (folder is not None and text not in known):
             raise ChannelError(text, known)
         direction = Direction.INPUT if match[1] == "in" else Direction.BOTH
@@ -112,11 +112,11 @@ class Iio(Driver[IioChannel]):
         folder = self._there()
         if folder is None or channel.name in self._conditioned:
             return None
-        return _iio_device.scale_of(folder, channel.name)
+        return sysfs.scale_of(folder, channel.name)
 
     def _there(self) -> Path | None:
         with suppress(DriverError):
-            return _iio_device.find(self.device)
+            return sysfs.find(self.device)
         return None
 
     # The device ----------------------------------------------------------------------------------------
@@ -175,7 +175,7 @@ class Iio(Driver[IioChannel]):
         if not self._opened:
             raise DriverError("it is not open")
         if self._folder is None:
-            self._folder = _iio_device.find(self.device)
+            self._folder = sysfs.find(self.device)
         return monotonic() + self.timeout
 
     def _drop(self) -> None:
@@ -241,10 +241,10 @@ class Iio(Driver[IioChannel]):
             return DeviceTimeout("the device did not answer its driver in the kernel")
         if error.errno == errno.EBUSY and self._folder is not None:
             enable = self._folder / "buffer" / "enable"
-            on = f"; its buffer is on ({enable})" if _iio_device.text(enable) == "1" else ""
-            return DriverError(f"{explained(_iio_device.place(self._folder), error)}{on}")
+            on = f"; its buffer is on ({enable})" if sysfs.text(enable) == "1" else ""
+            return DriverError(f"{explained(sysfs.place(self._folder), error)}{on}")
         if error.errno == errno.ENOENT and self._folder is not None and self._folder.exists():
-            return DriverError(f"{self.device} has no such channel: {', '.join(_iio_device.channels(self._folder))}")
+            return DriverError(f"{self.device} has no such channel: {', '.join(sysfs.channels(self._folder))}")
         if error.errno in _GONE:
             self._drop()
             return DriverError(f"the device {self.device} is gone")

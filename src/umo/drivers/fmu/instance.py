@@ -19,7 +19,7 @@ from fmpy import fmi2, fmi3
 from fmpy.fmi1 import FMICallException
 from fmpy.logging import addLoggerProxy
 
-from umo.drivers._fmu_variables import FLOATS, INTEGERS, kind_of, variables_of
+from umo.drivers.fmu.variables import FLOATS, INTEGERS, kind_of, variables_of
 from umo.errors import DriverError
 
 WARNING, DISCARD, ERROR, FATAL = 1, 2, 3, 4

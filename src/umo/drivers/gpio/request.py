@@ -8,7 +8,7 @@ from datetime import timedelta
 import gpiod
 from gpiod.line import Bias, Direction, Drive, Edge, Value
 
-from umo.drivers._gpio_channel import Settings
+from umo.drivers.gpio.channel import Settings
 
 
 class Bank:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from umo.drivers._text_channel import Query, TextChannel
-from umo.drivers._text_link import TextLink
-from umo.drivers._text_pattern import NoValue, Pattern, UnexpectedAnswer, shown
 from umo.drivers.contract import IntArray
+from umo.drivers.text.channel import Query, TextChannel
+from umo.drivers.text.conversation import TextLink
+from umo.drivers.text.pattern import NoValue, Pattern, UnexpectedAnswer, shown
 
 _NOTHING: Mapping[int, Exception] = {}
 

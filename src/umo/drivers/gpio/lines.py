@@ -16,9 +16,9 @@ import gpiod
 from gpiod.line import Value
 
 from umo.drivers._device_file import opening
-from umo.drivers._gpio_channel import GpioChannel
-from umo.drivers._gpio_chip import named, path_of
-from umo.drivers._gpio_request import Bank, EdgeCount, line_settings
+from umo.drivers.gpio.channel import GpioChannel
+from umo.drivers.gpio.chip import named, path_of
+from umo.drivers.gpio.request import Bank, EdgeCount, line_settings
 from umo.errors import DriverError
 from umo.text import did_you_mean
 

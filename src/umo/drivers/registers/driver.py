@@ -10,9 +10,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from umo.drivers._register_plan import RegisterBlock, plan
-from umo.drivers._registers import ChipRegisters, Register, RegisterChannel, whole
 from umo.drivers.contract import Direction, Driver, IntArray
+from umo.drivers.registers.blocks import RegisterBlock, plan
+from umo.drivers.registers.map import ChipRegisters, Register, RegisterChannel, whole
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, WiringError
 
 T = TypeVar("T")

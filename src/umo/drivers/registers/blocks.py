@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from umo.drivers._registers import Register, RegisterChannel
+from umo.drivers.registers.map import Register, RegisterChannel
 
 
 class BlockPart(NamedTuple):

@@ -14,8 +14,8 @@ from pathlib import Path
 from time import monotonic
 from typing import Literal, NamedTuple
 
-from umo.drivers import _iio_device
 from umo.drivers._device_file import opening
+from umo.drivers.iio import sysfs
 from umo.errors import DeviceTimeout, DriverError
 from umo.text import did_you_mean
 
@@ -76,12 +76,12 @@ class ScanLayout:
 def element(folder: Path, channel: str) -> tuple[str, int, ScanType]:
     """A channel's place in a scan; DriverError if it has none."""
     elements = folder / "scan_elements"
-    kind = _iio_device.text(elements / f"{channel}_type")
+    kind = sysfs.text(elements / f"{channel}_type")
     if not kind:
         there = sorted(file.name.removesuffix("_type") for file in elements.glob("in_*_type"))
         listed = f"those that have: {', '.join(there)}" if there else f"{folder.name} has no buffer"
         raise DriverError(f"{channel} cannot be scanned by a trigger; {listed}")
-    return channel, int(_iio_device.text(elements / f"{channel}_index")), ScanType.parse(kind)
+    return channel, int(sysfs.text(elements / f"{channel}_index")), ScanType.parse(kind)
 
 
 class Scan:
@@ -97,7 +97,7 @@ class Scan:
     ) -> None:
         self.channels = frozenset(channels)
         self._folder = folder
-        self._file = _iio_device.place(folder)
+        self._file = sysfs.place(folder)
         self._clock = clock
         self._layout = ScanLayout.of(element(folder, channel) for channel in sorted(self.channels))
         self._values: dict[str, int] = {}
@@ -117,7 +117,7 @@ class Scan:
         folder = self._folder
         put(folder / "buffer" / "enable", "0")  # left on by a process that was killed: the file is ours, nobody reads
         for file in sorted((folder / "scan_elements").glob("*_en")):
-            if _iio_device.text(file) != "0":
+            if sysfs.text(file) != "0":
                 put(file, "0")
         for channel in sorted(self.channels):
             put(folder / "scan_elements" / f"{channel}_en", "1")
@@ -176,7 +176,7 @@ def put(file: Path, value: str) -> None:
 
 def trigger_named(name: str) -> Path:
     """The folder of the trigger; DriverError names those that exist."""
-    there = {_iio_device.text(folder / "name"): folder for folder in _iio_device.folders("trigger")}
+    there = {sysfs.text(folder / "name"): folder for folder in sysfs.folders("trigger")}
     if name in there:
         return there[name]
     listed = f"there are: {', '.join(sorted(there))}" if there else "there is none"

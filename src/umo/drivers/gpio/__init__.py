@@ -1,0 +1,5 @@
+"""The lines of a GPIO chip."""
+
+from umo.drivers.gpio.driver import Gpio
+
+__all__ = ["Gpio"]
