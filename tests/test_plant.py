@@ -27,6 +27,7 @@ from typer.testing import Result
 
 from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, OnOff, PassFail, WiringError
 from umo.drivers.contract import Channel, Direction, Driver
+from umo.drivers.modbus import Modbus
 from umo.errors import ChannelError, DriverError
 from umo.plant.box import Box
 from umo.plant.register_map import Point, RegisterMap, register_maps
@@ -543,3 +544,22 @@ def test_a_new_station_runs_on_its_own_plant_over_modbus(umo: Callable[..., Resu
     found = json.loads(report.read_text())
     assert found["requests"] > 20
     assert last.startswith(f"requests {found['requests']}, watchdog drops ")
+
+
+@pytest.mark.parametrize("word_order", ["big", "little"])
+@pytest.mark.parametrize("kind", ["int64", "float32:0.1", "float64:0.1"])
+def test_a_box_packs_wide_registers_and_floats_as_the_driver_reads_them(kind: str, word_order: str) -> None:
+    changes = {"word_order": word_order, "wire": {"angle": {"driver": "inputs", "channel": f"input:10:{kind}"}}}
+    (point,) = (p for each in maps(Plant(), **changes) for p in each.points if p.path == "angle")
+    channel = Modbus(word_order=word_order).channel(f"input:10:{kind}")
+    for raw in (0, 1, 12_345, channel.highest & 2**62 - 1, channel.lowest):
+        assert channel.raw(point.words(raw)) == raw
+        assert point.raw(channel.words(raw)) == raw
+
+
+def test_a_serial_line_cannot_be_served() -> None:
+    wiring = modbus()
+    del wiring["drivers"]["drive"]["port"]
+    wiring["drivers"]["drive"]["serial"] = "/dev/ttyS0"
+    with pytest.raises(WiringError, match="driver drive is on a serial line; a box serves Modbus TCP"):
+        register_maps(resolve(press(), simulated(Plant())), resolve(press(), wiring))

@@ -145,6 +145,14 @@ class Modbus(Driver[ModbusChannel]):
             self._connection.close()
             self._connection = None
 
+    def initialize(self, channel: ModbusChannel, default: int | None) -> None:
+        """A sensor of a serial line waits for the end of the recovery from opening it, so that the first reading of
+        a machine that connects is not refused."""
+        if default is None:
+            self._begin().recover(self.timeout)
+        else:
+            self.write(channel, default)
+
     def read(self, channel: ModbusChannel) -> int:
         out = np.empty(1, np.int64)
         self.read_many((channel,), out)

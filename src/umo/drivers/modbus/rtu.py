@@ -201,6 +201,13 @@ class Rtu:
         known, self._known = self._known, self._line.opened
         return known != self._line.opened
 
+    def recover(self, deadline: float) -> None:
+        """Wait until the recovery from opening the line is over, or the deadline."""
+        until = min(self._line.opened + self._recovery, deadline)
+        while (left := until - monotonic()) > 0:
+            sleep(min(left, _STEP))
+            self._line.discard()
+
     def exchange(self, request: ModbusPDU) -> bytes:
         """Send the request; unit, function and data of its answer, which may be an exception answer."""
         frame = self.framer.buildFrame(request)

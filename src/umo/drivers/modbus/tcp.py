@@ -46,6 +46,9 @@ class Tcp:
         self._data = b""
         return True
 
+    def recover(self, deadline: float) -> None:
+        """A new connection has nothing to recover from."""
+
     def close(self) -> None:
         if self._socket is not None:
             self._socket.close()

@@ -46,6 +46,8 @@ class Transport(Protocol):
 
     def begin(self, deadline: float) -> bool: ...
 
+    def recover(self, deadline: float) -> None: ...
+
     def exchange(self, request: ModbusPDU) -> bytes: ...
 
     def failed(self, error: Lost) -> None: ...
@@ -92,6 +94,13 @@ class Unit:
         self._timeout = timeout
         try:
             self._transport.open(monotonic() + timeout)
+        except Lost as lost:
+            raise self._broken("connecting", lost) from None
+
+    def recover(self, timeout: float) -> None:
+        """Wait until answers to whoever had the line before cannot come any more, for at most `timeout` s."""
+        try:
+            self._transport.recover(monotonic() + timeout)
         except Lost as lost:
             raise self._broken("connecting", lost) from None
 
