@@ -49,9 +49,8 @@ def rule(identifier: str, text: str) -> Callable[[C], C]:
 
 def all_rules() -> tuple[Rule, ...]:
     """Every rule, in the order in which they are tried."""
-    for theme in THEMES:
-        import_module(f"umo.testing.conformance.{theme}_rules")
-    return tuple(_RULES.values())
+    modules = [import_module(f"umo.testing.conformance.{theme}_rules").__name__ for theme in THEMES]
+    return tuple(sorted(_RULES.values(), key=lambda each: modules.index(each.check.__module__)))
 
 
 def chosen_rules(only: Iterable[str] | None) -> tuple[Rule, ...]:
