@@ -322,7 +322,7 @@ def cells(station: str, *paths: str) -> Iterator[Cell]:
         for kind in COLUMNS if item else OF_DRIVERS:
             if isinstance(item, Binary) and kind in DRIFTS:
                 continue
-            slow = f"{(item.maximum - item.minimum) / 10_000:.3g} {item.units}/s" if kind == SLOW else ""  # type: ignore
+            slow = f"{(item.maximum - item.minimum) / 10_000:.3g} {item.units}/s" if kind == SLOW else ""  # type: ignore[union-attr]
             for moment in list(trial.moments)[: 1 if kind in LOUD else None]:
                 yield Cell(station, path, kind, moment, amount=slow)
 
@@ -370,6 +370,7 @@ this page; `tests/test_fault_matrix.py` runs the same cells.
 Several words in a cell: the fault began at several moments of the run, in this order. `{loud}` begin at the first one
 only, and so do the others if the run came to its end with them, but `stuck` and `wrong length`. Amounts are the
 defaults; a slow drift is a ten-thousandth of the range in a second. The faults last to the end of the run.
+
 Made on {day}, seed {seed}: {count} runs.
 """
 

@@ -8,7 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from umo.plant.simulation import Simulation
 from umo.process.station import find
+from umo.wiring import resolve
 
 
 def test_a_run_with_a_fault_says_so(umo, tmp_path):
@@ -61,3 +63,23 @@ def test_the_faults_of_a_wiring_are_checked(umo, tmp_path: Path):
 
 def test_the_help_names_the_form_of_a_fault(umo):
     assert "[at TIME]" in umo("run", "--help").stdout
+
+
+def test_a_plant_that_is_served_has_its_faults_on_its_own_time():
+    station = find("conveyor")
+    machine, now = station.machine(), [0.0]
+    wired = resolve(machine, station.wirings["simulated"], {"fault": ["emergency_stop stuck OPEN at 10 ms"]})
+    slot = [wire.item.path for wire in wired.wires].index("emergency_stop")
+    with Simulation(wired, lambda: now[0]) as plant:
+        seen = []
+        for _ in range(8):
+            now[0] += 0.002
+            plant.catch_up()
+            seen.append(plant.read(slot))
+    assert seen == [1, 1, 1, 1, 0, 0, 0, 0]
+
+
+def test_umo_plant_refuses_a_wrong_fault(umo):
+    result = umo("plant", "conveyor", "--port", "0", "--fault", "belt.sped stuck")
+    assert result.exit_code == 2
+    assert "did you mean 'belt.speed'?" in result.stderr

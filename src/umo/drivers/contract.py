@@ -127,7 +127,7 @@ class Driver(ABC, Generic[C]):
 
     def read_many(self, channels: Sequence[C], out: IntArray) -> None:
         """Read all channels into `out`, in place: the sensors of one period, if possible in one bus transfer.
-        Raises ChannelsFailed if only some channels failed."""
+        Raises ChannelsFailed if only some channels failed. A place of `out` that is not filled counts as failed."""
         failed: dict[str, Exception] = {}
         for i, channel in enumerate(channels):
             try:

@@ -64,7 +64,7 @@ class InjectedFault:
     """How long it lasts. Default: to the end of the run."""
 
     def __post_init__(self) -> None:
-        amount = f"{self.amount:.17g}" if isinstance(self.amount, int | float) else " ".join(self.amount.split())
+        amount = _shown(self.amount) if isinstance(self.amount, int | float) else " ".join(self.amount.split())
         ends = self.for_ == inf
         set_ = object.__setattr__  # frozen
         set_(self, "kind", _kind(self.kind))
@@ -98,10 +98,15 @@ class InjectedFault:
     def __str__(self) -> str:
         words = [self.path, self.kind, str(self.amount)]
         if self.at:
-            words.append(f"at {float(self.at):.17g} s")
+            words.append(f"at {_shown(self.at)} s")
         if self.for_ != inf:
-            words.append(f"for {float(self.for_):.17g} s")
+            words.append(f"for {_shown(self.for_)} s")
         return " ".join(filter(None, words))
+
+
+def _shown(number: object) -> str:
+    """The shortest text of a number that is read as the same one."""
+    return repr(number).removesuffix(".0")
 
 
 def _plain(kind: str) -> str:
