@@ -127,7 +127,8 @@ def test_a_file_that_is_not_a_chip_is_an_error() -> None:
 def test_without_the_library_a_wiring_can_be_checked_and_opening_says_what_to_install(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    for name in [name for name in sys.modules if name.startswith(("gpiod", "umo.drivers.gpio.lines", "umo.drivers.gpio.request"))]:
+    ours = ("gpiod", "umo.drivers.gpio.lines", "umo.drivers.gpio.request")
+    for name in [name for name in sys.modules if name.startswith(ours)]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "gpiod", None)
     driver = Gpio()
