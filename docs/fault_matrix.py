@@ -177,7 +177,7 @@ FURNACE = Trial(
     "furnace",
     {"zones": 3},
     {"peak": 200.0, "soak": 15.0, "ramp": 4.0},
-    {15.0: "heating up", 70.0: "soaking"},
+    {5.0: "heating up", 70.0: "soaking"},
     _zones_not_good,
     degraded=lambda run: bool(run.result["zones_good"] < 3),
     watch=_watch_furnace,
