@@ -180,20 +180,17 @@ def test_any_driver_is_described_by_its_module_and_class(
 ) -> None:
     if not name.startswith("tank"):
         monkeypatch.chdir(card)
-    assert lines(umo("drivers", name)) == [
-        f"driver {name}",
-        "Card  A card with one DAC.",
-        "options: address = 7, timeout, watchdog",
-        "channels: dac:0",
-        "functions of its own: channel, devices",
-    ]
+    found = lines(umo("drivers", name))
+    assert found[0] == "Card  A card with one DAC."
+    assert found[2].startswith("address: int = 7")
+    assert found[-2:] == ["channels: dac:0", "functions of its own: channel, devices"]
 
 
 def test_a_driver_without_a_docstring_does_not_take_that_of_its_base(
     umo: Umo, card: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(card)
-    assert lines(umo("drivers", ".card:Bare"))[1:3] == ["Bare", "options: bus, timeout, watchdog"]
+    assert lines(umo("drivers", ".card:Bare"))[:3] == ["Bare", "options", "bus: int (required)"]
 
 
 @pytest.mark.parametrize(
@@ -214,5 +211,5 @@ def test_a_name_that_is_not_a_driver_is_refused(umo: Umo, name: str, said: str) 
 
 def test_a_registered_driver_is_described_alone(umo: Umo) -> None:
     found = lines(umo("drivers", "modbus"))
-    assert found[1] == "Modbus  One unit of a Modbus TCP device."
+    assert found[0].startswith("Modbus  One unit of a Modbus device, on TCP or on a serial line (RTU)")
     assert not any("timerfd" in line for line in found)

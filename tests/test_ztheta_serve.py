@@ -723,7 +723,7 @@ def test_a_watchdog_above_0_is_never_none(watchdog: float, milliseconds: int) ->
 
 
 def test_an_address_that_cannot_be_a_name_is_said_in_one_sentence() -> None:
-    with pytest.raises(DriverError, match="not the name of a host"):
+    with pytest.raises(WiringError, match="not the name of a host"):
         asyncio.run(serve(*of(FakePlant(), host="a" * 70), stop=asyncio.Event()))
 
 
