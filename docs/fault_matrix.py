@@ -35,7 +35,7 @@ from umo.process.outcome import message_of, plain
 from umo.process.station import find
 from umo.testing.faults import KINDS
 from umo.wiring import Wired, resolve
-from umo.wiring.injection import OF_DRIVERS
+from umo.wiring.faults.words import OF_DRIVERS
 from umo.wiring.patterns import generalised
 
 DRIVER = "plant"

@@ -32,10 +32,10 @@ from umo import (
     connect,
 )
 from umo.cycle.block import UNREAD
-from umo.drivers.faulty import Faulty
 from umo.process.job import Job
 from umo.testing import Scripted, VirtualTimer, periods, put
 from umo.testing.faults import KINDS, InjectedFault
+from umo.wiring.faults.wrapper import Faulty
 
 
 class Bench(Compound):
@@ -296,7 +296,7 @@ def test_a_delay_in_virtual_time_counts_from_the_timeout_on():
 
 def test_a_delay_in_wall_clock_time_waits_at_most_for_the_timeout(monkeypatch):
     waited: list[float] = []
-    monkeypatch.setattr("umo.drivers._effects.time.sleep", waited.append)
+    monkeypatch.setattr("umo.wiring.faults.effects.time.sleep", waited.append)
     with connect(bench(), wiring(box(), "height delay 7 ms"), realtime=True) as m:
         m.sample()
     assert set(waited) == {0.007}
@@ -310,7 +310,7 @@ def test_a_delay_in_wall_clock_time_waits_at_most_for_the_timeout(monkeypatch):
 
 
 def test_a_delay_in_virtual_time_does_not_wait(monkeypatch):
-    monkeypatch.setattr("umo.drivers._effects.time.sleep", lambda seconds: pytest.fail("waited"))
+    monkeypatch.setattr("umo.wiring.faults.effects.time.sleep", lambda seconds: pytest.fail("waited"))
     with connected("height delay 7 ms") as (m, _):
         periods(m, 3)
 

@@ -17,12 +17,12 @@ from umo.cycle.image import Image
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.stopping import StopFlag
 from umo.cycle.transfer import PATIENCE, settling, wait_for
-from umo.drivers.faulty import bare
 from umo.errors import DeclarationError, DriverError, Failure, StopError
 from umo.objects import Compound
 from umo.system.custody import Custody
 from umo.text import Moment, cause_of
 from umo.wiring import Wired, resolve
+from umo.wiring.faults.wrapper import bare
 
 C = TypeVar("C", bound=Compound)
 

@@ -17,9 +17,9 @@ from umo.cycle.signals import Signal, signals_of
 from umo.cycle.stop_order import stop_sequence
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
-from umo.drivers.faulty import Injection
 from umo.errors import DriverError
 from umo.objects import Compound, Node
+from umo.wiring.faults.wrapper import Injection
 
 INJECTED = "injected_faults"
 """The signal of a run with faults: how many are in effect."""

@@ -22,7 +22,7 @@ from umo.process.parameters import arguments_for, parameters_of
 from umo.process.station import StationError, find
 from umo.text import reason_of
 from umo.wiring import Wired, driver_options, resolve
-from umo.wiring.injection import InjectedFault
+from umo.wiring.faults.words import InjectedFault
 from umo.wiring.options import OF_WIRINGS
 
 MAIN = "__umo_main__"

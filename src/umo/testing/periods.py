@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Protocol, cast, runtime_checkable
 
-from umo.drivers.faulty import bare
 from umo.errors import DeclarationError
 from umo.objects import Atomic, Binary, BinarySensor, Compound, DigitalSensor, TwoState
 from umo.objects.scaling import to_raw
+from umo.wiring.faults.wrapper import bare
 
 if TYPE_CHECKING:
     from umo.cycle.image import Image

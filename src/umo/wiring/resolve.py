@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any
 
 from umo.drivers import registry
 from umo.drivers.contract import INT64, Channel, Direction, Driver
-from umo.drivers.faulty import Injection
 from umo.errors import DeclarationError, Fault, WiringError
 from umo.objects import Atomic, BinaryActuator, Compound, Digital, DigitalActuator, DigitalSensor, Node
 from umo.objects.atomic import Calibration
@@ -27,7 +26,9 @@ from umo.objects.scaling import to_raw
 from umo.objects.units import seconds
 from umo.system.packages import station_of
 from umo.text import cause_of, reason_of
-from umo.wiring.injection import InjectedFault, inject
+from umo.wiring.faults.binding import inject
+from umo.wiring.faults.words import InjectedFault
+from umo.wiring.faults.wrapper import Injection
 from umo.wiring.options import FAULT, FAULT_SEED, OF_WIRINGS, REALTIME, RESERVED
 from umo.wiring.patterns import collapsed, expand, expand_parameters
 from umo.wiring.resolved import Parameter, Process, Wire, Wired

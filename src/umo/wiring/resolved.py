@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from umo.drivers.contract import Channel, Driver, PhysicalScale
-from umo.drivers.faulty import Injection
 from umo.errors import DeclarationError, RangeError
 from umo.objects import Compound
 from umo.objects.atomic import Atomic, Binary, Calibration, Digital
 from umo.objects.linearization import Linearization
 from umo.objects.scaling import raw_bounds, to_raw, to_value
 from umo.objects.units import convert
+from umo.wiring.faults.wrapper import Injection
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,9 +8,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from umo.drivers._effects import Effect
 from umo.drivers.contract import Channel, Driver, IntArray
 from umo.errors import ChannelsFailed, DriverError
+from umo.wiring.faults.effects import Effect
 
 log = logging.getLogger("umo")
 EARLY = 1e-9
