@@ -20,12 +20,11 @@ from hypothesis import strategies as st
 
 from peers.modbus_device import PATIENT, Peer, running
 from peers.modbus_map import CELL, coil, discrete, holding, input_register, value
-from umo.drivers import _hosts
 from umo.drivers.contract import Driver
 from umo.drivers.modbus import Modbus
 from umo.drivers.modbus import driver as modbus
 from umo.drivers.modbus.plan import plan_reads
-from umo.drivers.modbus.tcp import Tcp
+from umo.drivers.streams import Stream, hosts
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, WiringError
 
 HASTY = 0.05  # for calls that are to time out
@@ -121,7 +120,7 @@ def test_an_option_beyond_its_range_is_a_wiring_error_before_anything_is_opened(
     ],
 )
 def test_every_spelling_of_an_address_is_the_same_device(host: str, devices: list[str]) -> None:
-    with patch.object(_hosts, "_looked_up", side_effect=AssertionError):
+    with patch.object(hosts, "_looked_up", side_effect=AssertionError):
         assert Modbus(host=host, port=5020).devices() == devices
 
 
@@ -168,7 +167,7 @@ def test_a_look_up_that_does_not_end_is_left_alone_and_the_name_stands_for_itsel
             ends.wait(PATIENT)
         raise socket.gaierror(socket.EAI_AGAIN, "no server")
 
-    with patch.object(socket, "getaddrinfo", stuck), patch.object(_hosts, "LONGEST_LOOKUP", 0.01):
+    with patch.object(socket, "getaddrinfo", stuck), patch.object(hosts, "LONGEST_LOOKUP", 0.01):
         assert Modbus(host="press.lan").devices() == ["modbus tcp press.lan:502"]
         ends.set()
         for thread in threading.enumerate():
@@ -455,7 +454,7 @@ def test_requests_beside_one_that_the_device_refuses_are_carried_out(start: Star
         "coil:3": f"{where}coil 3: exception 4, device failure",
     }
     assert out.tolist() == [-99, -99, discrete(0), -99, coil(9), holding(5)]
-    with patch.object(Tcp, "_dial", side_effect=AssertionError):
+    with patch.object(hosts.Dial, "__call__", side_effect=AssertionError):
         assert read(driver, *MIXED)[2:] == [discrete(0), coil(3), coil(9), holding(5)]
 
 
@@ -524,7 +523,7 @@ def test_an_exception_answer_keeps_the_connection(start: Start, connected: Conne
     driver = connected(start("1:exception=2"))
     with pytest.raises(DriverError):
         read(driver, *READING)
-    with patch.object(Tcp, "_dial", side_effect=AssertionError):
+    with patch.object(hosts.Dial, "__call__", side_effect=AssertionError):
         assert read(driver, *READING)
 
 
@@ -687,16 +686,15 @@ FRAMES = st.builds(
 def test_whatever_the_device_answers_is_a_value_or_a_driver_error(answer: bytes, writing: bool) -> None:
     near, far = socket.socketpair()
 
-    client, send = Tcp, Tcp._send
-
-    def reply(client: Any, request: bytes) -> None:
-        send(client, request)
-        far.sendall(answer)
-        far.shutdown(socket.SHUT_WR)
+    class Replying(Stream):
+        def send(self, data: bytes, deadline: float) -> None:
+            super().send(data, deadline)
+            far.sendall(answer)
+            far.shutdown(socket.SHUT_WR)
 
     driver = Modbus()
     driver.timeout = PATIENT
-    with patch.object(client, "_dial", lambda _: near), patch.object(client, "_send", reply), near, far:
+    with patch.object(hosts.Dial, "__call__", lambda *_: Replying(near, "the end")), near, far:
         driver.open()
         channel = driver.channel("coil:0" if writing else "input:0:int32")
         try:

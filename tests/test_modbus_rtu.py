@@ -76,8 +76,8 @@ def one(driver: Modbus, text: str) -> int:
         ({"port": 502}, "port is for TCP"),
         ({"serial": ""}, "serial must name a device file"),
         ({"baudrate": 0}, "baudrate must be a whole number from 50 to 4000000, not 0"),
-        ({"parity": "mark"}, "parity must be 'even', 'odd' or 'none', not 'mark'"),
-        ({"stop_bits": 3}, "stop_bits must be a whole number from 1 to 2, not 3"),
+        ({"parity": "evn"}, "parity must be one of 'none', 'even', 'odd', 'mark', 'space', not 'evn'"),
+        ({"stop_bits": 3}, "stop_bits must be one of 1, 2, not 3"),
         (
             {"unit": 0},
             r"from 1 to 247 on a serial line \(0 is a broadcast, which no unit confirms\), not 0",
@@ -493,8 +493,5 @@ def test_an_adapter_that_was_taken_out_is_an_error_and_is_opened_again_when_it_i
 def test_without_pyserial_the_driver_of_a_line_names_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in [*(name for name in sys.modules if name.startswith("serial.")), "serial"]:
         monkeypatch.setitem(sys.modules, name, None)
-    for module in ("rtu", "serial_port"):
-        monkeypatch.delitem(sys.modules, f"umo.drivers.modbus.{module}")
-        monkeypatch.delattr(f"umo.drivers.modbus.{module}")
     with pytest.raises(DriverError, match=r'needs pymodbus and pyserial: pip install "umo\[modbus\]"'):
         Modbus(serial="/dev/ttyUSB0").open()

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import umo.drivers.text.driver as text_module
 from peers.line_server import LineServer, line_server
 from umo import BinaryActuator, Compound, DigitalSensor, OnOff, check
 from umo.drivers.text import Text
@@ -24,6 +23,7 @@ from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, WiringError
 
 PATIENT = 10.0
 HASTY = 0.05
+LINE: dict[str, Any] = {"host": None, "serial": "/dev/ttyUSB0"}
 CHANNELS: dict[str, Any] = {
     "a": {"ask": "A?", "set": "A {}"},
     "b": {"ask": "B?"},
@@ -322,7 +322,7 @@ def test_a_connection_that_the_device_closed_between_calls_is_opened_again() -> 
 
 def _wait_for_input(driver: Text) -> None:
     link: Any = driver._link
-    assert link._port._in.poll(PATIENT * 1000)
+    assert link._stream._in.poll(PATIENT * 1000)
 
 
 def test_an_error_answer_fails_for_its_own_channels() -> None:
@@ -383,12 +383,14 @@ def suppress_waiting() -> Iterator[None]:
     ("options", "why"),
     [
         ({"host": None}, 'needs host = "..." for TCP or serial'),
-        ({"serial": "/dev/ttyUSB0"}, "one of the two"),
+        ({"serial": "/dev/ttyUSB0"}, "host is for TCP: give host and port, or serial and baudrate, not both"),
         ({"port": 0}, "port must be a whole number from 1 to 65535, not 0"),
-        ({"baudrate": 0}, "baudrate must be a whole number from 1"),
-        ({"parity": "odd "}, "parity must be one of 'none', 'even', 'odd', 'mark', 'space', not 'odd '"),
-        ({"flow": "rts"}, "flow must be one of 'none', 'rtscts', 'xonxoff'"),
-        ({"data_bits": 9}, "data_bits must be one of 5, 6, 7, 8, not 9"),
+        ({"baudrate": 9600}, "baudrate is for a serial line: it needs serial ="),
+        ({**LINE, "serial": ""}, "serial must name a device file"),
+        ({**LINE, "baudrate": 0}, "baudrate must be a whole number from 50 to 4000000, not 0"),
+        ({**LINE, "parity": "odd "}, "parity must be one of 'none', 'even', 'odd', 'mark', 'space', not 'odd '"),
+        ({**LINE, "flow": "rts"}, "flow must be one of 'none', 'rtscts', 'xonxoff'"),
+        ({**LINE, "data_bits": 9}, "data_bits must be one of 5, 6, 7, 8, not 9"),
         ({"encoding": "utf-16"}, "encoding must be one of 'ascii', 'latin-1', 'utf-8'"),
         ({"pause": -1.0}, "pause must be from 0 to 60 s"),
         ({"quiet": float("nan")}, "quiet must be from 0 to 60 s"),
@@ -443,7 +445,8 @@ def test_a_wiring_is_checked_with_the_key_of_each_fault() -> None:
 
 
 def test_a_wiring_is_checked_without_pyserial(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(text_module, "find_spec", lambda name: None)
+    for name in ("serial", "serial.rs485"):
+        monkeypatch.setitem(sys.modules, name, None)
     driver = Text(serial="/dev/ttyUSB0", channels=CHANNELS)
     assert driver.channel("a").text == "a"
     with pytest.raises(DriverError, match=re.escape('needs pyserial: pip install "umo[text]"')):

@@ -2,4 +2,4 @@
 
 from umo.drivers.modbus.channel import ModbusChannel as ModbusChannel
 from umo.drivers.modbus.driver import Modbus as Modbus
-from umo.drivers.modbus.place import Host as Host
+from umo.drivers.streams import Host as Host

@@ -6,18 +6,11 @@ unit, function and data here: what TCP and serial lines have in common.
 
 from __future__ import annotations
 
+from umo.drivers.streams import Lost
 from umo.errors import DriverError
 
 EXCEPTION_SIZE = 3
 READ_WRITE = 23
-
-
-class Lost(Exception):
-    """The connection is of no more use; says why."""
-
-
-class TimedOut(Lost):
-    """The deadline has passed; says what came in place of the answer, if anything did."""
 
 
 class Recovering(Lost):

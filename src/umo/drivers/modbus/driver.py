@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from umo.drivers._options import duration, one_of, within
 from umo.drivers.contract import Driver, IntArray
 from umo.drivers.modbus.answer import Refused
 from umo.drivers.modbus.channel import HIGHEST_ADDRESS, HOLDING, ModbusChannel, parse
-from umo.drivers.modbus.place import Host, duration, place_of, within
 from umo.drivers.modbus.plan import Request, Requests, plan_reads, plan_writes
 from umo.drivers.modbus.unchanged import Unchanged
-from umo.errors import ChannelsFailed, DriverError, WiringError
+from umo.drivers.streams import Host, Serial, place_of
+from umo.drivers.streams.place import Parity
+from umo.errors import ChannelsFailed, DriverError
 
 if TYPE_CHECKING:
     from umo.drivers.modbus.unit import Unit
@@ -23,17 +25,15 @@ _MOST_PLANS = 256
 _LONGEST_WATCHDOG = 65.535
 _MOST_REGISTERS, _MOST_READ_BACK = 123, 121
 """Registers of one write by function 16, and by function 23."""
+_DEFAULT = Host("127.0.0.1", 502, "modbus tcp"), Serial("", 19200, "even")
 
 
-def _find_unit(serial: bool) -> type[Unit] | None:
-    """The protocol's side, None without pymodbus, or pyserial: a wiring can be checked all the same."""
+def _find_unit() -> type[Unit] | None:
+    """The protocol's side; None without pymodbus: a wiring can be checked all the same."""
     try:
         from umo.drivers.modbus.unit import Unit
-
-        if serial:
-            import umo.drivers.modbus.rtu  # noqa: F401
     except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] not in ("pymodbus", "serial"):
+        if (error.name or "").partition(".")[0] != "pymodbus":
             raise
         return None
     return Unit
@@ -90,7 +90,7 @@ class Modbus(Driver[ModbusChannel]):
         port: int | None = None,
         serial: str | None = None,
         baudrate: int | None = None,
-        parity: Literal["even", "odd", "none"] | None = None,
+        parity: Parity | None = None,
         stop_bits: Literal[1, 2] | None = None,
         rs485: bool = False,
         unit: int = 1,
@@ -101,13 +101,13 @@ class Modbus(Driver[ModbusChannel]):
         skip_unchanged: str | float | None = None,
         recovery: str | float = 0.25,
     ) -> None:
-        self.place = place_of(host, port, serial, baudrate, parity, stop_bits, rs485)
+        line = {"baudrate": baudrate, "parity": parity, "stop_bits": stop_bits, "rs485": rs485 or None}
+        self.place = place_of(_DEFAULT, host, port, serial, **line)
         if isinstance(self.place, Host):
             within("unit", unit, 0, 255)
         else:
             within("unit", unit, 1, 247, " on a serial line (0 is a broadcast, which no unit confirms)")
-        if word_order not in ("big", "little"):
-            raise WiringError(f"word_order must be 'big' or 'little', not {word_order!r}")
+        one_of("word_order", word_order, ("big", "little"))
         if watchdog_register is not None:
             within("watchdog_register", watchdog_register, 0, HIGHEST_ADDRESS)
         self._unit = unit
@@ -118,9 +118,8 @@ class Modbus(Driver[ModbusChannel]):
         self._skip = 0.0 if skip_unchanged is None else duration("skip_unchanged", skip_unchanged)
         self._recovery = duration("recovery", recovery)
         self._unchanged = Unchanged(self._skip)
-        self._unit_type = _find_unit(
-            not isinstance(self.place, Host)
-        )  # here and not in `open`: a guardian has no time for imports
+        # Imported here and not in `open`: a guardian has no time for imports.
+        self._unit_type = _find_unit() if self.place.prepared() else None
         self._connection: Unit | None = None
         self._reads, self._writes = _Plans(self._plan_reads), _Plans(self._plan_writes)
 

@@ -18,10 +18,9 @@ from typing import ClassVar
 from pymodbus.framer import FramerRTU
 from pymodbus.pdu import DecodePDU, ModbusPDU
 
-from umo.drivers.modbus.answer import Lost, Recovering, TimedOut, answer_size
-from umo.drivers.modbus.place import Serial
+from umo.drivers.modbus.answer import Recovering, answer_size
 from umo.drivers.modbus.rtu_frame import SUM, answer_end, is_answer
-from umo.drivers.modbus.serial_port import Gone, SerialPort
+from umo.drivers.streams import Gone, Lost, Serial, Stream, TimedOut
 from umo.errors import DriverError
 
 _LONGEST = 256
@@ -52,9 +51,11 @@ class SerialLine:
 
     def __init__(self, place: Serial, key: tuple[int, str]) -> None:
         self.place = place
+        self._dial = place.dial()
+        self._silence = silence(place)
         self._key = key
         self._users = 0
-        self._port: SerialPort | None = None
+        self._port: Stream | None = None
         self.opened = 0.0
         """When the port was."""
         self._owed: dict[UnitFunction, Owed | None] = {}
@@ -81,7 +82,7 @@ class SerialLine:
             self._lines.pop(self._key, None)
 
     @property
-    def port(self) -> SerialPort:
+    def port(self) -> Stream:
         if self._port is None:
             raise Gone("the serial line is closed")
         return self._port
@@ -89,7 +90,7 @@ class SerialLine:
     def open(self, deadline: float) -> None:
         """If it is not, or has failed since. DriverError, in words of its own."""
         if self._port is None:
-            self._port = SerialPort(self.place, deadline)
+            self._port = self._dial(deadline)
             self.opened = self._last = monotonic()
             self._owed.clear()
 
@@ -137,7 +138,7 @@ class SerialLine:
     def _wait_for_silence(self, deadline: float) -> None:
         """Until nobody has sent anything for 3.5 characters."""
         self.discard()
-        while (pause := self._last + self.place.silence - monotonic()) > 0:
+        while (pause := self._last + self._silence - monotonic()) > 0:
             if monotonic() + pause > deadline:
                 raise TimedOut("the line was not silent")
             sleep(pause)
@@ -174,6 +175,11 @@ class SerialLine:
             raise TimedOut(f"{len(data)} of {size} bytes of an answer came" if data else "") from None
         self._last = monotonic()
         return more
+
+
+def silence(place: Serial) -> float:
+    """s between two frames: 3.5 characters, above 19200 baud 1.75 ms (Modbus over Serial Line V1.02, 2.5.1.1)."""
+    return 3.5 * place.character if place.baudrate <= 19200 else 1.75e-3
 
 
 class Rtu:

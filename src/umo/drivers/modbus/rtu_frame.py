@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pymodbus.framer import FramerRTU
 
-from umo.drivers.modbus.answer import EXCEPTION_SIZE, Lost, answer_size, check, check_start
+from umo.drivers.modbus.answer import EXCEPTION_SIZE, answer_size, check, check_start
+from umo.drivers.streams import Lost
 
 SUM = 2
 """Bytes of the check sum."""

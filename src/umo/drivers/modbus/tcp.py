@@ -4,45 +4,38 @@
 
 from __future__ import annotations
 
-import select
-import socket
 import struct
-from time import monotonic
 
 from pymodbus.framer import FramerSocket
 from pymodbus.pdu import DecodePDU, ModbusPDU
 
-from umo.drivers.modbus.answer import Lost, TimedOut, check
-from umo.drivers.modbus.place import Host
-from umo.errors import DriverError
+from umo.drivers.modbus.answer import check
+from umo.drivers.streams import Gone, Host, Lost, Stream, TimedOut
 
 _HEADER = struct.Struct(">HHH")
 _SHORTEST, _LONGEST = 2, 254  # what may follow the header: unit, function and up to 252 bytes of data
 
 
 class Tcp:
-    """A connection of one driver. Every method but `close` raises Lost, after which it is to be closed."""
+    """A connection of one driver. After Lost it is closed, by `failed`."""
 
     def __init__(self, place: Host) -> None:
         self.framer = FramerSocket(DecodePDU(False))
-        self.deadline = 0.0
-        self._addresses = _resolved(place)
-        self._socket: socket.socket | None = None
-        self._idle = select.poll()
+        self._dial = place.dial()
+        self._deadline = 0.0
+        self._stream: Stream | None = None
         self._transaction = 0
         self._data = b""
 
     def begin(self, deadline: float) -> bool:
         """Connected, nothing left over; everything until the next `begin` ends by this time. True if the connection is
         a new one."""
-        self.deadline = deadline
-        if self._socket is not None and not self._clean():
-            self.close()
-        if self._socket is not None:
+        self._deadline = deadline
+        # Data is an answer that nobody waits for; the end of the stream is seen in the same way.
+        if self._stream is not None and not self._data and self._stream.idle():
             return False
-        self._socket = self._dial()
-        self._idle = select.poll()
-        self._idle.register(self._socket, select.POLLIN)
+        self.close()
+        self._stream = self._dial(deadline)
         self._data = b""
         return True
 
@@ -50,71 +43,37 @@ class Tcp:
         """A new connection has nothing to recover from."""
 
     def close(self) -> None:
-        if self._socket is not None:
-            self._socket.close()
-        self._socket = None
+        if self._stream is not None:
+            self._stream.close()
+        self._stream = None
 
     def open(self, deadline: float) -> None:
         self.begin(deadline)
 
     def failed(self, error: Lost) -> None:
-        """What comes late finds nobody: it is never taken for a later answer."""
+        """An answer that comes late is lost with the connection."""
         self.close()
 
     def exchange(self, request: ModbusPDU) -> bytes:
         """Send the request; unit, function and data of its answer, which may be an exception answer."""
+        if self._stream is None:
+            raise Gone("the connection is closed")
         self._transaction = request.transaction_id = self._transaction % 65535 + 1
         frame = self.framer.buildFrame(request)
-        self._send(frame)
-        answer = self._answer()
+        self._stream.send(frame, self._deadline)
+        answer = self._answer(self._stream)
         check(frame[_HEADER.size :], answer)
         return answer
 
-    def _clean(self) -> bool:
-        """Nothing has come in unasked: neither the device's goodbye nor an answer nobody waits for."""
-        return not self._data and not self._idle.poll(0)
-
-    def _left(self) -> float:
-        """Seconds until the deadline."""
-        left = self.deadline - monotonic()
-        if left <= 0:
-            raise TimedOut
-        return left
-
-    def _dial(self) -> socket.socket:
-        error = OSError("no address")
-        for family, kind, protocol, _, address in self._addresses:
-            connection = socket.socket(family, kind, protocol)
-            try:
-                connection.settimeout(self._left())
-                connection.connect(address)
-                connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            except (TimeoutError, TimedOut):
-                connection.close()
-                raise TimedOut from None
-            except OSError as failed:
-                connection.close()
-                error = failed
-            else:
-                return connection
-        raise Lost(_plain(error))
-
-    def _send(self, frame: bytes) -> None:
-        assert self._socket is not None
-        try:
-            self._socket.settimeout(self._left())
-            self._socket.sendall(frame)
-        except TimeoutError:
-            raise TimedOut from None
-        except OSError as error:
-            raise Lost(_plain(error)) from None
-
-    def _answer(self) -> bytes:
-        """What follows the header of the frame with this transaction's number; those before it are passed over."""
+    def _answer(self, stream: Stream) -> bytes:
+        """What follows the header of the frame with this transaction's number; earlier answers are passed over."""
         passed_over = ""
         while True:
             while not (end := frame_end(self._data)):
-                self._data += self._take(passed_over)
+                try:
+                    self._data += stream.receive(self._deadline)
+                except TimedOut:
+                    raise TimedOut(passed_over) from None
             frame, self._data = self._data[:end], self._data[end:]
             given = int.from_bytes(frame[:2], "big")
             if given == self._transaction:
@@ -123,19 +82,6 @@ class Tcp:
             if not 0 < given < self._transaction:
                 raise Lost(wrong)
             passed_over = f"{wrong}, and no other"
-
-    def _take(self, passed_over: str) -> bytes:
-        assert self._socket is not None
-        try:
-            self._socket.settimeout(self._left())
-            data = self._socket.recv(4096)
-        except (TimeoutError, TimedOut):
-            raise TimedOut(passed_over) from None
-        except OSError as error:
-            raise Lost(_plain(error)) from None
-        if not data:
-            raise Lost("the device closed the connection")
-        return data
 
 
 def frame_end(data: bytes) -> int:
@@ -147,17 +93,3 @@ def frame_end(data: bytes) -> int:
         raise Lost("the received data is not Modbus")
     end = _HEADER.size + length
     return end if len(data) >= end else 0
-
-
-def _resolved(place: Host) -> list[tuple[socket.AddressFamily, socket.SocketKind, int, str, tuple[object, ...]]]:
-    try:
-        return socket.getaddrinfo(place.host, place.port, type=socket.SOCK_STREAM)  # type: ignore[return-value]
-    except OSError as error:
-        raise DriverError(f"{place.host}:{place.port}: {_plain(error)}") from None
-    except UnicodeError:
-        raise DriverError(f"{place.host!r} is not the name of a host") from None
-
-
-def _plain(error: OSError) -> str:
-    text = error.strerror or str(error)
-    return text[:1].lower() + text[1:]

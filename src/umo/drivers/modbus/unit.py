@@ -16,11 +16,12 @@ from pymodbus.client.mixin import ModbusClientMixin
 from pymodbus.framer import FramerBase
 from pymodbus.pdu import ModbusPDU
 
-from umo.drivers.modbus.answer import Lost, Recovering, Refused, TimedOut
+from umo.drivers.modbus.answer import Recovering, Refused
 from umo.drivers.modbus.channel import COIL, DISCRETE, HOLDING, INPUT
-from umo.drivers.modbus.place import Host, Serial
 from umo.drivers.modbus.plan import Request
+from umo.drivers.modbus.rtu import Rtu
 from umo.drivers.modbus.tcp import Tcp
+from umo.drivers.streams import Host, Lost, Place, TimedOut
 from umo.errors import DeviceTimeout, DriverError
 
 EXCEPTIONS = {
@@ -75,12 +76,12 @@ class Unit:
     """One unit. After any failure but an exception answer the transport makes sure that an answer that comes late is
     never taken for a later one."""
 
-    def __init__(self, place: Host | Serial, unit: int, recovery: float) -> None:
+    def __init__(self, place: Place, unit: int, recovery: float) -> None:
         _be_quiet()
         self._unit = unit
         self._name = f"unit {unit}"
         self._timeout = 0.0
-        self._transport: Transport = _transport(place, unit, recovery)
+        self._transport: Transport = Tcp(place) if isinstance(place, Host) else Rtu(place, unit, recovery)
         client = self._client = _Client(self._transport)
         self._readers = {
             COIL: client.read_coils,
@@ -180,14 +181,6 @@ class Unit:
         limit = f"{self._timeout * 1000:g} ms"
         why = f"{error} within {limit}" if str(error) else f"timed out ({limit})"
         return DeviceTimeout(f"{self._name}: {what}: {why}")
-
-
-def _transport(place: Host | Serial, unit: int, recovery: float) -> Transport:
-    if isinstance(place, Host):
-        return Tcp(place)
-    from umo.drivers.modbus.rtu import Rtu  # needs pyserial
-
-    return Rtu(place, unit, recovery)
 
 
 def _be_quiet() -> None:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from time import monotonic, sleep
 
+from umo.drivers.streams import Gone, Stream, TimedOut
+from umo.drivers.streams.place import Dial
 from umo.drivers.text.channel import Query
 from umo.drivers.text.pattern import NoValue, Pattern, UnexpectedAnswer, shown, stripped
-from umo.drivers.text.port import Dial, Hangup, Port
 from umo.errors import DeviceTimeout, DriverError
 
 _MOST_DOUBLED = 4
@@ -44,8 +45,10 @@ class TextLink:
     def __init__(self, dial: Dial, dialogue: Dialogue) -> None:
         self._dial, self._dialogue = dial, dialogue
         self._end = dialogue.answer_terminator.encode(dialogue.encoding)
-        self._port: Port | None = None
+        self._stream: Stream | None = None
         self._ready = False
+        self._looked = False
+        """Nothing has come in unasked, as has just been seen."""
         self._boots = True
         self._failures = 0
         """Connections that were dropped in succession."""
@@ -56,29 +59,31 @@ class TextLink:
     def begin(self, timeout: float) -> None:
         """Begin one call of the driver, which ends within `timeout` s: connected, nothing left over."""
         self._timeout, self._deadline = timeout, monotonic() + timeout
-        if self._ready and self._port is not None:
+        if self._ready and self._stream is not None:
             self._failures = 0  # any failure would have dropped the connection
             try:
-                self._look(self._port)
-            except Hangup:
+                self._look(self._stream)
+            except Gone:
                 self.close()  # and opened again
-        if self._port is None:
-            self._open()
-        if self._port is not None and not self._ready:
-            self._prepare(self._port)
+        stream = self._stream or self._open()
+        if not self._ready:
+            self._prepare(stream)
+        self._looked = True
 
     def close(self) -> None:
-        if self._port is not None:
-            self._port.close()
-        self._port, self._ready = None, False
+        if self._stream is not None:
+            self._stream.close()
+        self._stream, self._ready = None, False
         self._data.clear()
 
     def ask(self, request: str) -> str:
         """The device's answer; NoValue if it is one of the error answers."""
         self._send(request)
         line = self._line(request)
-        self._nothing_waits()
-        self.refuse(line, request)
+        if self._data:
+            raise self._unasked()
+        if self._dialogue.errors:
+            self.refuse(line, request)
         return line
 
     def refuse(self, line: str, request: str) -> None:
@@ -112,18 +117,24 @@ class TextLink:
 
     # Opening -------------------------------------------------------------------------------------------
 
-    def _open(self) -> None:
+    def _open(self) -> Stream:
         """A serial line starts its device when it is opened first, or after the device was away; TCP always."""
         boots, self._boots = self._boots, True
-        self._port = self._dial(self._deadline)
+        try:
+            stream = self._stream = self._dial(self._deadline)
+        except TimedOut as error:
+            raise DeviceTimeout(f"connecting: {str(error) or 'timed out'}") from None
+        except Gone as error:
+            raise DriverError(f"connecting: {error}") from None
         self._boots = self._dialogue.starts_always
         self._heard = monotonic()
         self._started = self._heard + (self._dialogue.boot_time if boots else 0.0)
+        return stream
 
-    def _prepare(self, port: Port) -> None:
+    def _prepare(self, stream: Stream) -> None:
         """Bring a new connection into step; a call whose time is over leaves the rest to the next one."""
         try:
-            self._settle(port)
+            self._settle(stream)
             self._data.clear()
             dialogue = self._dialogue
             if dialogue.identify is not None:
@@ -132,11 +143,13 @@ class TextLink:
                 self.tell(request, dialogue.acknowledge, dialogue.confirm)
         except _StillStarting as error:
             raise DeviceTimeout(str(error)) from None
+        except Gone as error:
+            raise self.dropped(DriverError(f"connecting: {error}")) from None
         except DriverError as error:
             raise self.dropped(error) from None
         self._ready = True
 
-    def _settle(self, port: Port) -> None:
+    def _settle(self, stream: Stream) -> None:
         """Wait until the device has started and the line was quiet for its time; what comes in is thrown away."""
         dialogue = self._dialogue
         quiet = dialogue.quiet * 2 ** min(max(self._failures - 1, 0), _MOST_DOUBLED)
@@ -144,11 +157,13 @@ class TextLink:
             if now >= self._deadline:
                 what = "the device has not started yet" if now < self._started else "the line is not quiet"
                 raise _StillStarting(f"{what}: timed out ({self._timeout * 1000:g} ms)")
-            data = port.receive(min(ready, self._deadline) - now)
-            if data:
-                self._heard = monotonic()
-                if dialogue.greeting is not None and self._greets(dialogue.greeting, data):
-                    self._started = self._heard
+            try:
+                data = stream.receive(min(ready, self._deadline))
+            except TimedOut:
+                continue
+            self._heard = monotonic()
+            if dialogue.greeting is not None and self._greets(dialogue.greeting, data):
+                self._started = self._heard
 
     def _greets(self, greeting: Pattern, data: bytes) -> bool:
         self._data += data
@@ -157,37 +172,45 @@ class TextLink:
         encoding = self._dialogue.encoding
         return any(greeting.match(stripped(line.decode(encoding, "replace"))) is not None for line in lines)
 
-    def _look(self, port: Port) -> None:
+    def _look(self, stream: Stream) -> None:
         """Nothing may have come in unasked: it would be taken for the answer to the next request."""
-        self._data += port.receive(0.0)
-        self._nothing_waits()
+        if not stream.idle() and (data := stream.waiting()):
+            self._data += data
+            raise self._unasked()
 
-    def _nothing_waits(self) -> None:
-        if self._data:
-            sent = shown(bytes(self._data).decode(self._dialogue.encoding, "replace"))
-            raise self.dropped(UnexpectedAnswer(f"the device sent {sent} unasked"))
+    def _unasked(self) -> DriverError:
+        sent = shown(bytes(self._data).decode(self._dialogue.encoding, "replace"))
+        return self.dropped(UnexpectedAnswer(f"the device sent {sent} unasked"))
 
     # Lines ---------------------------------------------------------------------------------------------
 
     def _send(self, request: str) -> None:
-        assert self._port is not None
-        dialogue = self._dialogue
-        if dialogue.pause and (wait := self._free + dialogue.pause - monotonic()) > 0:
-            if wait > self._left():
-                raise self._late(request)
-            sleep(wait)
+        dialogue, stream = self._dialogue, self._stream
+        assert stream is not None
+        if dialogue.pause:
+            self._pause(request)
         try:
-            self._look(self._port)
-            sent = self._port.send((request + dialogue.terminator).encode(dialogue.encoding), self._left())
-        except Hangup as error:
+            if not self._looked:
+                self._look(stream)
+            self._looked = False
+            stream.send((request + dialogue.terminator).encode(dialogue.encoding), self._deadline)
+        except TimedOut:
+            raise self._late(request) from None
+        except Gone as error:
             raise self.dropped(DriverError(f"sending {shown(request)}: {error}")) from None
-        if not sent:
-            raise self._late(request)
         if dialogue.pause:
             self._free = monotonic()
         if dialogue.echo and (line := self._line(request)) != stripped(request):
             text = f"the device echoes {shown(line)}, not {shown(request)}; echo = false if it does not echo"
             raise self.dropped(UnexpectedAnswer(text))
+
+    def _pause(self, request: str) -> None:
+        """Until the device takes the next request."""
+        if (wait := self._free + self._dialogue.pause - monotonic()) > 0:
+            if wait > self._deadline - monotonic():
+                raise self._late(request)
+            sleep(wait)
+            self._looked = False
 
     def _line(self, request: str) -> str:
         """The next line, without its terminator and the blanks around it."""
@@ -211,17 +234,14 @@ class TextLink:
             raise self.dropped(UnexpectedAnswer(text)) from None
 
     def _take(self, request: str) -> None:
-        """Wait for some bytes, if the time is not over."""
-        assert self._port is not None
-        if (left := self._left()) <= 0:
-            raise self._late(request)
+        """Wait for some bytes."""
+        assert self._stream is not None
         try:
-            self._data += self._port.receive(left)
-        except Hangup as error:
+            self._data += self._stream.receive(self._deadline)
+        except TimedOut:
+            raise self._late(request) from None
+        except Gone as error:
             raise self.dropped(DriverError(f"waiting for the answer to {shown(request)}: {error}")) from None
-
-    def _left(self) -> float:
-        return self._deadline - monotonic()
 
     def _late(self, request: str) -> DriverError:
         limit = f"{self._timeout * 1000:g} ms"

@@ -2,30 +2,28 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
-from importlib.util import find_spec
 from itertools import groupby
 from typing import Literal, TypeVar, get_args
 
 import numpy as np
 
-from umo.drivers import _hosts
+from umo.drivers._options import one_of, within
 from umo.drivers.contract import Driver, IntArray
+from umo.drivers.streams import Host, Serial, place_of
+from umo.drivers.streams.place import Flow, Parity
 from umo.drivers.text.channel import ChannelOptions, Channels, Query, QueryOptions, TextChannel
 from umo.drivers.text.conversation import Dialogue, TextLink
 from umo.drivers.text.exchange import Asked, Told, joined
 from umo.drivers.text.pattern import NoValue, Pattern
-from umo.drivers.text.port import Dial, SerialDial, TcpDial
 from umo.errors import ChannelsFailed, DriverError, WiringError
 
 _MOST_PLANS = 256
 _QUIET = 0.5
 _LONGEST_WATCHDOG = 86400.0
 Encoding = Literal["ascii", "latin-1", "utf-8"]
-Parity = Literal["none", "even", "odd", "mark", "space"]
-Flow = Literal["none", "rtscts", "xonxoff"]
+_DEFAULT = Host("", 5025), Serial("", 9600, "none")
 
 
 class Text(Driver[TextChannel]):
@@ -42,8 +40,11 @@ class Text(Driver[TextChannel]):
     In a pattern `{}` is the value and `*` any text; a regular expression stands between slashes, with one group.
 
     Options:
-        host, port: a TCP device, or a gateway to a serial line; the name is resolved once, by `open`.
-        serial, baudrate, data_bits, parity, stop_bits, flow, dtr: a serial line; dtr is the level of that output.
+        host, port: a TCP device, or a gateway to a serial line; a host name is looked up once, by `open`. Default: port
+            5025.
+        serial: the device file of a serial line, in place of host and port.
+        baudrate, data_bits, parity, stop_bits, flow, dtr: its settings; dtr is the level of that output. Default: 9600,
+            8, "none" (or "even", "odd", "mark", "space"), 1, "none" (or "rtscts", "xonxoff"), true.
         terminator, answer_terminator, encoding: the end of requests, and of answers if it differs.
         errors: patterns of answers with which the device refuses a request.
         acknowledge: the pattern of the answer to a request that sets.
@@ -71,14 +72,14 @@ class Text(Driver[TextChannel]):
         *,
         channels: dict[str, ChannelOptions],
         host: str | None = None,
-        port: int = 5025,
+        port: int | None = None,
         serial: str | None = None,
-        baudrate: int = 9600,
-        data_bits: Literal[5, 6, 7, 8] = 8,
-        parity: Parity = "none",
-        stop_bits: Literal[1, 2] = 1,
-        flow: Flow = "none",
-        dtr: bool = True,
+        baudrate: int | None = None,
+        data_bits: Literal[5, 6, 7, 8] | None = None,
+        parity: Parity | None = None,
+        stop_bits: Literal[1, 2] | None = None,
+        flow: Flow | None = None,
+        dtr: bool | None = None,
         terminator: str = "\n",
         answer_terminator: str | None = None,
         encoding: Encoding = "ascii",
@@ -97,21 +98,13 @@ class Text(Driver[TextChannel]):
         quiet: float | None = None,
         watchdog_set: str | None = None,
     ) -> None:
-        if (host is None) == (serial is None):
-            raise WiringError('a text driver needs host = "..." for TCP or serial = "/dev/tty..."; one of the two')
-        for name, value, known in (
-            ("data_bits", data_bits, (5, 6, 7, 8)),
-            ("parity", parity, get_args(Parity)),
-            ("stop_bits", stop_bits, (1, 2)),
-            ("flow", flow, get_args(Flow)),
-            ("encoding", encoding, get_args(Encoding)),
-        ):
-            if value not in known:
-                raise WiringError(f"{name} must be one of {', '.join(map(repr, known))}, not {value!r}")
-        _within("port", port, 1, 65535)
-        _within("baudrate", baudrate, 1, 100_000_000)
-        _within("longest_request", longest_request, 1, 1 << 20)
-        _within("longest_answer", longest_answer, 1, 1 << 20)
+        if host is None and serial is None:
+            raise WiringError('a text driver needs host = "..." for TCP or serial = "/dev/tty..."')
+        line = {"baudrate": baudrate, "data_bits": data_bits, "parity": parity, "stop_bits": stop_bits}
+        self.place = place_of(_DEFAULT, host, port, serial, **line, flow=flow, dtr=dtr)
+        one_of("encoding", encoding, get_args(Encoding))
+        within("longest_request", longest_request, 1, 1 << 20)
+        within("longest_answer", longest_answer, 1, 1 << 20)
         if quiet is None:
             quiet = _QUIET if serial else 0.0
         for name, seconds in (("pause", pause), ("boot_time", boot_time), ("quiet", quiet)):
@@ -144,10 +137,7 @@ class Text(Driver[TextChannel]):
         self._channels = Channels(channels, self._dialogue.acknowledge, self._dialogue.confirm)
         self._together, self._longest = together, longest_request
         self._watchdog_set = watchdog_set
-        self._device = f"serial {os.path.realpath(serial)}" if serial else ""
-        self._host, self._port = host or "", port
-        self._serial = SerialDial(serial, baudrate, data_bits, parity, stop_bits, flow, dtr) if serial else None
-        self._imported = not serial or _import_serial()  # here and not in `open`: a guardian has no time for imports
+        self._prepared = self.place.prepared()
         self._link: TextLink | None = None
         self._asked = lru_cache(_MOST_PLANS)(self._plan)
 
@@ -155,16 +145,14 @@ class Text(Driver[TextChannel]):
         return self._channels.named(text)
 
     def devices(self) -> Sequence[str]:
-        """Its serial line, or its addresses; a name is looked up, for at most 2 s, and one that is not found stands for
-        itself."""
-        return [self._device] if self._device else [f"tcp {each}:{self._port}" for each in _hosts.addresses(self._host)]
+        """The host's addresses and port, or the device file."""
+        return self.place.devices()
 
     def open(self) -> None:
         """Connect and identify the device, within `timeout`."""
-        if not self._imported:
+        if not self._prepared:
             raise DriverError('a serial line needs pyserial: pip install "umo[text]"')
-        dial: Dial = self._serial or TcpDial(self._host, self._port)
-        self._link = TextLink(dial, self._dialogue)
+        self._link = TextLink(self.place.dial(), self._dialogue)
         self._link.begin(self.timeout)
 
     def close(self) -> None:
@@ -273,19 +261,6 @@ def _each(
 
 def _query(table: QueryOptions | None, where: str) -> Query | None:
     return None if table is None else Query.parse(table, where)
-
-
-def _import_serial() -> bool:
-    if find_spec("serial") is None:
-        return False
-    import serial  # noqa: F401
-
-    return True
-
-
-def _within(name: str, value: int, least: int, most: int) -> None:
-    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-        raise WiringError(f"{name} must be a whole number from {least} to {most}, not {value!r}")
 
 
 def _check_sendable(thing: object, terminator: str, encoding: str) -> None:

@@ -1,0 +1,104 @@
+"""Hosts: their addresses, looked up within a limit, and connections to them."""
+
+from __future__ import annotations
+
+import socket
+from concurrent.futures import Future
+from ipaddress import IPv4Address, IPv6Address, ip_address
+from threading import Thread
+from time import monotonic
+from typing import Any
+
+from umo.drivers.streams.stream import Gone, Stream, TimedOut, plain
+from umo.errors import DriverError
+
+LONGEST_LOOKUP = 2.0
+"""Seconds, for the names of devices. The resolver itself has no limit."""
+Found = list[tuple[Any, ...]]
+"""As `socket.getaddrinfo` returns it."""
+
+
+def addresses(host: str) -> tuple[str, ...]:
+    """Every numeric address of the host, IPv6 in brackets, so that two names of one device compare equal. A name that
+    cannot be looked up stands for itself.
+
+    "Any address" (0.0.0.0, ::) is reached on this computer's own, IPv4 within IPv6 is IPv4. Raises nothing and
+    ends within `LONGEST_LOOKUP`.
+    """
+    try:
+        found = _found(host, None, LONGEST_LOOKUP)
+    except (OSError, ValueError):
+        return (host.lower().rstrip("."),)
+    return tuple(sorted({_normal(str(address[0]), address[3:]) for *_, address in found}))
+
+
+class Dial:
+    """Opens connections to a TCP port. The name of the host is looked up once, by the first of them."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._host, self._port = host, port
+        self._found: Found = []
+
+    def __call__(self, deadline: float) -> Stream:
+        """Raises Gone or TimedOut; DriverError for a name that is not found."""
+        self._found = self._found or self._look_up(deadline)
+        failed = OSError("no address")
+        for family, kind, protocol, _, address in self._found:
+            connection = socket.socket(family, kind, protocol)
+            try:
+                if (left := deadline - monotonic()) <= 0:
+                    raise TimeoutError
+                connection.settimeout(left)
+                connection.connect(address)
+                connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                connection.setblocking(False)
+                return Stream(connection, "the device closed the connection")
+            except TimeoutError:
+                connection.close()
+                raise TimedOut from None
+            except OSError as error:
+                connection.close()
+                failed = error
+        raise Gone(plain(failed))
+
+    def _look_up(self, deadline: float) -> Found:
+        try:
+            return _found(self._host, self._port, deadline - monotonic())
+        except TimeoutError:
+            raise TimedOut(f"{self._host} was not looked up") from None
+        except OSError as error:
+            raise DriverError(f"{self._host}:{self._port}: {plain(error)}") from None
+        except ValueError:  # UnicodeError, and a NUL
+            raise DriverError(f"{self._host!r} is not the name of a host") from None
+
+
+def _found(host: str, port: int | None, seconds: float) -> Found:
+    try:
+        return socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_NUMERICHOST)
+    except OSError:
+        return _looked_up(host, port, seconds)
+
+
+def _looked_up(host: str, port: int | None, seconds: float) -> Found:
+    """In a thread, as nothing else can leave a resolver that waits for its server."""
+    outcome: Future[Found] = Future()
+
+    def look_up() -> None:
+        try:
+            outcome.set_result(socket.getaddrinfo(host, port, type=socket.SOCK_STREAM))
+        except Exception as error:
+            outcome.set_exception(error)
+
+    Thread(target=look_up, name="umo look-up", daemon=True).start()
+    return outcome.result(max(seconds, 0.0))
+
+
+def _normal(text: str, scope: tuple[object, ...]) -> str:
+    address: IPv4Address | IPv6Address = ip_address(text.partition("%")[0])
+    if isinstance(address, IPv6Address) and address.ipv4_mapped is not None:
+        address = address.ipv4_mapped
+    if address.is_unspecified:
+        address = ip_address("127.0.0.1" if address.version == 4 else "::1")
+    if address.version == 4:
+        return str(address)
+    return f"[{address}%{scope[0]}]" if any(scope) else f"[{address}]"

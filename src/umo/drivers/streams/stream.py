@@ -1,0 +1,93 @@
+"""A stream of bytes to a device, which never blocks beyond a deadline. Deadlines are in s of `monotonic`."""
+
+from __future__ import annotations
+
+import os
+import select
+from contextlib import suppress
+from time import monotonic
+from typing import Protocol
+
+_MOST = 4096
+"""Bytes that are received at once."""
+
+
+class Lost(Exception):
+    """The connection cannot be used any more; the text says why."""
+
+
+class Gone(Lost):
+    """The device has closed the connection, or the serial line has failed: it was unplugged."""
+
+
+class TimedOut(Lost):
+    """The deadline has passed; the text says what happened in place of the answer, if anything did."""
+
+
+class File(Protocol):
+    """What a stream owns: a socket or an open device file."""
+
+    def fileno(self) -> int: ...
+
+    def close(self) -> None: ...
+
+
+class Stream:
+    """An open connection or serial line that does not block."""
+
+    def __init__(self, file: File, end: str) -> None:
+        """`end` is the text of Gone when the stream ends."""
+        self._file, self._end = file, end
+        self._fd = file.fileno()
+        self._in, self._out = select.poll(), select.poll()
+        self._in.register(self._fd, select.POLLIN)
+        self._out.register(self._fd, select.POLLOUT)
+
+    def close(self) -> None:
+        with suppress(OSError):  # it was unplugged
+            self._file.close()
+
+    def idle(self) -> bool:
+        """Nothing has come in, and the stream has not ended."""
+        return not self._in.poll(0)
+
+    def waiting(self) -> bytes:
+        """What has come in so far, at most 4096 bytes. Raises Gone."""
+        try:
+            data = os.read(self._fd, _MOST)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            raise Gone(plain(error)) from None
+        if not data:
+            raise Gone(self._end)
+        return data
+
+    def receive(self, deadline: float) -> bytes:
+        """What has come in, at most 4096 bytes, after waiting for the first byte. Raises TimedOut or Gone."""
+        left = deadline - monotonic()
+        if left <= 0 or not self._in.poll(left * 1000):
+            raise TimedOut
+        return self.waiting()
+
+    def send(self, data: bytes, deadline: float) -> None:
+        """Send all of it. Raises TimedOut or Gone."""
+        while True:
+            try:
+                sent = os.write(self._fd, data)
+            except BlockingIOError:
+                sent = 0
+            except OSError as error:
+                raise Gone(plain(error)) from None
+            if sent == len(data):
+                return
+            data = data[sent:]
+            left = deadline - monotonic()
+            if left <= 0 or not self._out.poll(left * 1000):
+                raise TimedOut
+
+
+def plain(error: OSError) -> str:
+    """The text of the operating system, as a part of a sentence."""
+    text = error.strerror or str(error)
+    return text[:1].lower() + text[1:]
