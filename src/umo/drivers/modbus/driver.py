@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from umo.drivers._options import duration, one_of, within
+from umo.drivers._plans import Plans
 from umo.drivers.contract import Driver, IntArray
 from umo.drivers.modbus.answer import Refused
 from umo.drivers.modbus.channel import HIGHEST_ADDRESS, HOLDING, ModbusChannel, parse
@@ -21,7 +22,6 @@ from umo.errors import ChannelsFailed, DriverError
 if TYPE_CHECKING:
     from umo.drivers.modbus.unit import Unit
 
-_MOST_PLANS = 256
 _LONGEST_WATCHDOG = 65.535
 _MOST_REGISTERS, _MOST_READ_BACK = 123, 121
 """Registers of one write by function 16, and by function 23."""
@@ -121,7 +121,7 @@ class Modbus(Driver[ModbusChannel]):
         # Imported here and not in `open`: a guardian has no time for imports.
         self._unit_type = _find_unit() if self.place.prepared() else None
         self._connection: Unit | None = None
-        self._reads, self._writes = _Plans(self._plan_reads), _Plans(self._plan_writes)
+        self._reads, self._writes = Plans(self._plan_reads), Plans(self._plan_writes)
 
     def channel(self, text: str) -> ModbusChannel:
         return parse(text, little=self._little, unit=self._unit)
@@ -226,30 +226,6 @@ class Modbus(Driver[ModbusChannel]):
 
     def _plan_writes(self, channels: Sequence[ModbusChannel]) -> Requests:
         return plan_writes(channels, most_registers=_MOST_READ_BACK if self._read_write else _MOST_REGISTERS)
-
-
-class _Plans:
-    """The plan of each group of channels, made once; a machine has few groups, the bound is for others."""
-
-    def __init__(self, make: Callable[[Sequence[ModbusChannel]], Requests]) -> None:
-        self._make = make
-        self._known: dict[tuple[ModbusChannel, ...], Requests] = {}
-        self._last: tuple[Sequence[ModbusChannel], Requests] = ((), ())
-
-    def __len__(self) -> int:
-        return len(self._known)
-
-    def of(self, channels: Sequence[ModbusChannel]) -> Requests:
-        if channels is self._last[0] and isinstance(channels, tuple):
-            return self._last[1]
-        key = tuple(channels)
-        plan = self._known.get(key)
-        if plan is None:
-            if len(self._known) >= _MOST_PLANS:
-                self._known.clear()
-            plan = self._known[key] = self._make(key)
-        self._last = channels, plan
-        return plan
 
 
 def _each(plan: Requests, carry_out: Callable[[int, Request], None]) -> None:

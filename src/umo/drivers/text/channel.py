@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from typing_extensions import TypedDict
 
 from umo.drivers.contract import Channel, Direction
-from umo.drivers.text.pattern import NoValue, Pattern, Template, UnexpectedAnswer, numbered, raw_of, shown
+from umo.drivers.text.pattern import NoValue, Pattern, RawOf, Template, UnexpectedAnswer, numbered, shown
 from umo.errors import ChannelError, DriverError, WiringError
 from umo.text import did_you_mean
 
@@ -66,14 +66,14 @@ class ReadCommand:
     ask: str
     answer: Pattern
     states: Mapping[str, int]
-    scale: Decimal | None
+    number: Callable[[str], int]
 
     def raw(self, line: str) -> int:
         value = self.answer.match(line)
         if value is None:
             raise UnexpectedAnswer(f"the answer {shown(line)} does not match {self.answer.text!r}")
         if not self.states:
-            return raw_of(value, self.scale)
+            return self.number(value)
         level = self.states.get(value.strip())
         if level is None:
             raise UnexpectedAnswer(f"the answer {shown(line)} is none of the states {', '.join(self.states)}")
@@ -86,13 +86,12 @@ class WriteCommand:
 
     template: Template | None
     levels: Mapping[int, str]
-    scale: Decimal | None
     acknowledge: Pattern | None
     confirm: Query | None
 
     def request(self, raw: int) -> str:
         if self.template is not None:
-            return self.template.filled(raw, self.scale)
+            return self.template.filled(raw)
         if raw not in self.levels:
             raise DriverError(f"{raw} is not a level: {', '.join(map(str, self.levels))}")
         return self.levels[raw]
@@ -135,13 +134,14 @@ class TextChannel(Channel):
     def raw(self, line: str) -> int:
         """The raw integer in an answer."""
         assert self.reading is not None
-        return self._fitting(self.reading.raw(line))
+        raw = self.reading.raw(line)
+        return raw if self.least <= raw <= self.most else self._fitting(raw)
 
     def request(self, raw: int) -> str:
         """The request that sets it to a raw integer; DriverError if it has no level for it."""
         if self.setting is None:
             raise DriverError(f"channel {self.text} cannot be written: it has no set")
-        return self.setting.request(self._fitting(raw))
+        return self.setting.request(raw if self.least <= raw <= self.most else self._fitting(raw))
 
     def _fitting(self, raw: int) -> int:
         if not self.least <= raw <= self.most:
@@ -219,7 +219,7 @@ class Channels:
             acknowledge = Pattern(text, f"{where}.acknowledge") if text else None
         if "confirm" in table:
             confirm = Query.parse(table["confirm"], f"{where}.confirm")
-        return WriteCommand(template, levels, scale, acknowledge, confirm)
+        return WriteCommand(template, levels, acknowledge, confirm)
 
 
 def _reading(table: ChannelOptions, where: str, scale: Decimal | None) -> ReadCommand | None:
@@ -235,7 +235,7 @@ def _reading(table: ChannelOptions, where: str, scale: Decimal | None) -> ReadCo
         for text in texts:
             if states.setdefault(text, level) != level:
                 raise WiringError(f"{where}.states: {text!r} stands for {states[text]} and for {level}")
-    return ReadCommand(ask, answer, states, scale)
+    return ReadCommand(ask, answer, states, RawOf(scale))
 
 
 def _levels(table: Any, where: str, of: Callable[[Any, str], T]) -> dict[int, T]:

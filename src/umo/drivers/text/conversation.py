@@ -44,6 +44,7 @@ class TextLink:
 
     def __init__(self, dial: Dial, dialogue: Dialogue) -> None:
         self._dial, self._dialogue = dial, dialogue
+        self.errors = dialogue.errors
         self._end = dialogue.answer_terminator.encode(dialogue.encoding)
         self._stream: Stream | None = None
         self._ready = False
@@ -82,13 +83,13 @@ class TextLink:
         line = self._line(request)
         if self._data:
             raise self._unasked()
-        if self._dialogue.errors:
+        if self.errors:
             self.refuse(line, request)
         return line
 
     def refuse(self, line: str, request: str) -> None:
         """NoValue if the line is one of the error answers."""
-        for pattern in self._dialogue.errors:
+        for pattern in self.errors:
             if pattern.match(line) is not None:
                 raise NoValue(f"the device answers {shown(line)} to {shown(request)}")
 
@@ -215,6 +216,8 @@ class TextLink:
     def _line(self, request: str) -> str:
         """The next line, without its terminator and the blanks around it."""
         data, end, searched = self._data, self._end, 0
+        if not data:
+            self._take(request)
         while (at := data.find(end, searched)) < 0:
             if len(data) > self._dialogue.longest_answer:
                 break

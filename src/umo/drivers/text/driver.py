@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import lru_cache
-from itertools import groupby
+from collections.abc import Callable, Mapping, Sequence
 from typing import Literal, TypeVar, get_args
 
 import numpy as np
 
 from umo.drivers._options import one_of, within
+from umo.drivers._plans import Plans
 from umo.drivers.contract import Driver, IntArray
 from umo.drivers.streams import Host, Serial, place_of
 from umo.drivers.streams.place import Flow, Parity
 from umo.drivers.text.channel import ChannelOptions, Channels, Query, QueryOptions, TextChannel
 from umo.drivers.text.conversation import Dialogue, TextLink
-from umo.drivers.text.exchange import Asked, Told, joined
+from umo.drivers.text.exchange import Asked, Told, plan_reads, plan_writes
 from umo.drivers.text.pattern import NoValue, Pattern
 from umo.errors import ChannelsFailed, DriverError, WiringError
 
-_MOST_PLANS = 256
 _QUIET = 0.5
 _LONGEST_WATCHDOG = 86400.0
 Encoding = Literal["ascii", "latin-1", "utf-8"]
@@ -135,11 +133,12 @@ class Text(Driver[TextChannel]):
             longest_answer=longest_answer,
         )
         self._channels = Channels(channels, self._dialogue.acknowledge, self._dialogue.confirm)
-        self._together, self._longest = together, longest_request
+        self._joins, self._longest = together is not None, longest_request
         self._watchdog_set = watchdog_set
         self._prepared = self.place.prepared()
         self._link: TextLink | None = None
-        self._asked = lru_cache(_MOST_PLANS)(self._plan)
+        self._reads = Plans[TextChannel, tuple[Asked, ...]](lambda some: plan_reads(some, together, longest_request))
+        self._writes = Plans[TextChannel, tuple[Told, ...]](lambda some: plan_writes(some, together))
 
     def channel(self, text: str) -> TextChannel:
         return self._channels.named(text)
@@ -169,8 +168,7 @@ class Text(Driver[TextChannel]):
         self._write((channel,), [raw])
 
     def read_many(self, channels: Sequence[TextChannel], out: IntArray) -> None:
-        plan = self._asked(tuple(channels))
-        link = self._begin()
+        plan, link = self._reads.of(channels), self._begin()
         _each(plan, channels, lambda asked: asked.read(link, out))
 
     def write_many(self, channels: Sequence[TextChannel], raws: IntArray) -> None:
@@ -189,46 +187,17 @@ class Text(Driver[TextChannel]):
     def _write(self, channels: Sequence[TextChannel], raws: list[int]) -> None:
         # All requests are made before the first is sent: a value that does not fit leaves the device alone.
         requests = [channel.request(raw) for channel, raw in zip(channels, raws, strict=True)]
-        told = list(self._told(channels, requests))
+        told: Sequence[Told] = self._writes.of(channels)
+        if self._joins:
+            told = [line for each in told for line in each.lines(requests, self._longest)]
         link = self._begin()
-        _each(told, channels, lambda each: each.write(link))
+        _each(told, channels, lambda each: each.write(link, requests))
 
     def _begin(self) -> TextLink:
         if self._link is None:
             raise DriverError("it is not open")
         self._link.begin(self.timeout)
         return self._link
-
-    def _plan(self, channels: tuple[TextChannel, ...]) -> tuple[Asked, ...]:
-        """Each request once, whatever number of channels takes a part of its answer."""
-        readers: dict[str, list[int]] = {}
-        for i, channel in enumerate(channels):
-            if channel.reading is None:
-                raise DriverError(f"channel {channel.text} cannot be read: it has no ask")
-            readers.setdefault(channel.reading.ask, []).append(i)
-        asks = list(readers)
-        return tuple(
-            Asked(
-                (self._together or "").join(asks[i] for i in group),
-                self._together,
-                tuple(tuple((place, channels[place]) for place in readers[asks[i]]) for i in group),
-            )
-            for group in joined(asks, self._together, self._longest)
-        )
-
-    def _told(self, channels: Sequence[TextChannel], requests: list[str]) -> Iterable[Told]:
-        """The lines that set: each request by itself, or joined where none of them is acknowledged."""
-        if self._together is None:
-            for i, (channel, request) in enumerate(zip(channels, requests, strict=True)):
-                yield Told(request, *channel.done, (i,))
-            return
-        numbers = range(len(requests))
-        for (acknowledge, confirm), run in groupby(numbers, lambda i: channels[i].done):
-            some = list(run)
-            by = self._together if acknowledge is None else None
-            for group in joined([requests[i] for i in some], by, self._longest):
-                places = tuple(some[i] for i in group)
-                yield Told((by or "").join(requests[i] for i in places), acknowledge, confirm, places)
 
 
 class _NoWatchdog(DriverError, NotImplementedError):
@@ -239,13 +208,14 @@ Step = TypeVar("Step", Asked, Told)
 
 
 def _each(
-    steps: Sequence[Step], channels: Sequence[TextChannel], carry_out: Callable[[Step], Mapping[int, Exception]]
+    steps: Sequence[Step], channels: Sequence[TextChannel], carry_out: Callable[[Step], Mapping[int, Exception] | None]
 ) -> None:
     """Line after line, as far as the device is in step; what failed is told at the end."""
     failed: dict[int, Exception] = {}
     for i, step in enumerate(steps):
         try:
-            failed.update(carry_out(step))
+            if some := carry_out(step):
+                failed.update(some)
         except NoValue as error:
             failed.update(dict.fromkeys(step.places, error))
         except DriverError as error:

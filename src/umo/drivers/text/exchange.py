@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import groupby
 from typing import NamedTuple
 
 from umo.drivers.contract import IntArray
 from umo.drivers.text.channel import Query, TextChannel
 from umo.drivers.text.conversation import TextLink
 from umo.drivers.text.pattern import NoValue, Pattern, UnexpectedAnswer, shown
+from umo.errors import DriverError
 
 _NOTHING: Mapping[int, Exception] = {}
 
@@ -26,37 +28,76 @@ class Asked(NamedTuple):
         return [place for part in self.parts for place, _ in part]
 
     def read(self, link: TextLink, out: IntArray) -> Mapping[int, Exception]:
-        """Put the values into their places; those that the device has none for."""
-        answer = link.ask(self.request)
-        answers = [answer] if len(self.parts) == 1 else answer.split(self.by)
-        if len(answers) != len(self.parts):
-            text = f"{len(self.parts)} queries, {len(answers)} answers: {shown(answer)}"
+        """Put the values into their places; the errors of those for which the device has no value."""
+        answer, parts = link.ask(self.request), self.parts
+        answers = [answer] if len(parts) == 1 else answer.split(self.by)
+        if len(answers) != len(parts):
+            text = f"{len(parts)} queries, {len(answers)} answers: {shown(answer)}"
             raise link.dropped(UnexpectedAnswer(text))
-        failed: dict[int, Exception] = {}
-        for text, part in zip(answers, self.parts, strict=True):
-            for place, channel in part:
-                try:
-                    if len(answers) > 1:
-                        link.refuse(text, self.request)
-                    out[place] = channel.raw(text)
-                except NoValue as error:
-                    failed[place] = error
-                except UnexpectedAnswer as error:
-                    raise link.dropped(error) from None
+        failed = _NOTHING
+        i = 0
+        try:
+            for part in parts:
+                line = answers[i]
+                i += 1
+                for place, channel in part:
+                    try:
+                        if link.errors and len(answers) > 1:
+                            link.refuse(line, self.request)
+                        out[place] = channel.raw(line)
+                    except NoValue as error:
+                        failed = {**failed, place: error}
+        except UnexpectedAnswer as error:
+            raise link.dropped(error) from None
         return failed
 
 
 class Told(NamedTuple):
-    """One line that sets channels, and how the device confirms it."""
+    """Channels that are set, and how the device confirms it. `by` joins their requests in one line; None: it is one
+    channel."""
 
-    request: str
+    places: tuple[int, ...]
     acknowledge: Pattern | None
     confirm: Query | None
-    places: tuple[int, ...]
+    by: str | None
 
-    def write(self, link: TextLink) -> Mapping[int, Exception]:
-        link.tell(self.request, self.acknowledge, self.confirm)
-        return _NOTHING
+    def lines(self, requests: Sequence[str], longest: int) -> list[Told]:
+        """As many as needed, so that none is longer than `longest` characters."""
+        if self.by is None:
+            return [self]
+        groups = joined([requests[i] for i in self.places], self.by, longest)
+        return [self._replace(places=tuple(self.places[i] for i in group)) for group in groups]
+
+    def write(self, link: TextLink, requests: Sequence[str]) -> None:
+        places = self.places
+        request = requests[places[0]] if len(places) == 1 else (self.by or "").join(requests[i] for i in places)
+        link.tell(request, self.acknowledge, self.confirm)
+
+
+def plan_reads(channels: Sequence[TextChannel], by: str | None, longest: int) -> tuple[Asked, ...]:
+    """Each request once, whatever number of channels takes a part of its answer."""
+    readers: dict[str, list[tuple[int, TextChannel]]] = {}
+    for i, channel in enumerate(channels):
+        if channel.reading is None:
+            raise DriverError(f"channel {channel.text} cannot be read: it has no ask")
+        readers.setdefault(channel.reading.ask, []).append((i, channel))
+    asks = list(readers)
+    return tuple(
+        Asked((by or "").join(asks[i] for i in group), by, tuple(tuple(readers[asks[i]]) for i in group))
+        for group in joined(asks, by, longest)
+    )
+
+
+def plan_writes(channels: Sequence[TextChannel], by: str | None) -> tuple[Told, ...]:
+    """Each channel by itself; those that follow each other and are not acknowledged together, if `by` joins them."""
+    told: list[Told] = []
+    for (acknowledge, confirm), run in groupby(range(len(channels)), lambda i: channels[i].done):
+        places = tuple(run)
+        if by is not None and acknowledge is None:
+            told.append(Told(places, acknowledge, confirm, by))
+        else:
+            told.extend(Told((i,), acknowledge, confirm, None) for i in places)
+    return tuple(told)
 
 
 def joined(requests: Sequence[str], by: str | None, longest: int) -> list[list[int]]:

@@ -18,6 +18,8 @@ _NONE = re.compile(r"[+-]?(?:nan|n?inf(?:inity)?)", re.IGNORECASE)
 _N = re.compile(r"\{n(?::(\w*))?\}")
 _ALL = ("", "{}", "")
 _OVERFLOW = Decimal("9.9E37")
+_SHORT = 18
+"""Characters of a number that need no check for an overflow."""
 _CONTEXT = Context(prec=60, Emax=MAX_EMAX, Emin=MIN_EMIN)
 """60 digits: 64 bits, and the decimals that decide how they are rounded."""
 _WHOLE_FORMATS = ("d", "x", "X", "o", "b")
@@ -56,6 +58,8 @@ class Pattern:
     has_value: bool = False
     regex: re.Pattern[str] | None = field(init=False, compare=False, default=None)
     pieces: tuple[str, ...] = field(init=False, compare=False, default=())
+    is_all: bool = field(init=False, compare=False, default=False)
+    """It is "{}": the whole line is the value."""
 
     def __post_init__(self) -> None:
         text = self.text
@@ -72,6 +76,7 @@ class Pattern:
         if not text:
             raise WiringError(f"{self.where} is empty")
         object.__setattr__(self, "pieces", pieces)
+        object.__setattr__(self, "is_all", pieces == _ALL)
 
     def _compiled(self, text: str) -> re.Pattern[str]:
         try:
@@ -84,14 +89,15 @@ class Pattern:
 
     def match(self, line: str) -> str | None:
         """The value in the line, "" for a pattern without; None if the line is not of this form."""
-        if self.pieces == _ALL:
+        if self.is_all:
             return line if line.isprintable() else None
+        pieces = self.pieces
+        if len(pieces) == 1:
+            return "" if line == pieces[0] else None
         if self.regex is not None:
             found = self.regex.fullmatch(line)
             return None if found is None else (found[1] or "") if self.has_value else ""
-        first, *rest = self.pieces
-        if not rest:
-            return "" if line == first else None
+        first, *rest = pieces
         if not line.startswith(first) or not line.endswith(rest[-1]):
             return None
         at, end, value = len(first), len(line) - len(rest[-1]), ""
@@ -103,6 +109,27 @@ class Pattern:
                 value = part
             at = stop + len(rest[i + 1])
         return value
+
+
+@dataclass(frozen=True)
+class RawOf:
+    """The raw integer of a number, as `raw_of`, without Decimal where the number has no more digits than the scale."""
+
+    scale: Decimal | None
+    factors: tuple[int, ...] = field(init=False, compare=False, default=())
+    """By the number of digits after the point; none if the scale is not 1, 0.1, 0.01 and so on."""
+
+    def __post_init__(self) -> None:
+        _, digits, exponent = (self.scale or Decimal(1)).normalize().as_tuple()
+        if digits == (1,) and isinstance(exponent, int) and -_SHORT <= exponent <= 0:
+            object.__setattr__(self, "factors", tuple(10**i for i in range(-exponent, -1, -1)))
+
+    def __call__(self, text: str) -> int:
+        whole, _, part = text.partition(".")
+        digits, decimals = whole + part, len(part)
+        if decimals < len(self.factors) and digits.isdigit() and digits.isascii() and len(digits) <= _SHORT:
+            return int(digits) * self.factors[decimals]
+        return raw_of(text, self.scale)
 
 
 def raw_of(text: str, scale: Decimal | None) -> int:
@@ -140,6 +167,9 @@ class Template:
     before: str
     spec: str
     after: str
+    scale: Decimal | None
+    is_whole: bool
+    """The format is one of whole numbers."""
 
     @classmethod
     def parse(cls, text: str, where: str, scale: Decimal | None) -> Template:
@@ -153,35 +183,35 @@ class Template:
             raise WiringError(f"{where}: {text!r} needs one {{}} for the number, such as {{:.3f}}")
         at = next(i for i, part in enumerate(parts) if part[1] is not None)
         before, after = ("".join(part[0] for part in piece) for piece in (parts[: at + 1], parts[at + 1 :]))
-        template = cls(before, fields[0][1], after)
-        template._check(text, where, scale)
-        return template
+        spec = fields[0][1]
+        _check_format(spec, text, where, scale)
+        is_whole = spec.endswith(_WHOLE_FORMATS)
+        return cls(before, spec if spec[-1:].isalpha() else f"{spec}f", after, scale, is_whole)
 
-    def _check(self, text: str, where: str, scale: Decimal | None) -> None:
-        whole = scale is None or scale == scale.to_integral_value()
-        if self.spec.endswith(_WHOLE_FORMATS) and not whole:
-            raise WiringError(f"{where}: {text!r} writes whole numbers, and the scale is {scale}")
-        try:
-            written = self.number(1, scale)
-        except (ValueError, TypeError) as error:
-            raise WiringError(f"{where}: {{:{self.spec}}} is not the format of a number: {error}") from None
-        if self.spec.endswith(_WHOLE_FORMATS[1:]):
-            return
-        if "," in self.spec or "_" in self.spec:
-            raise WiringError(f"{where}: {text!r} groups the digits, which no device reads")
-        if not _NUMBER.fullmatch(written.strip()) or Decimal(written.strip()) != (scale or 1):
-            raise WiringError(
-                f"{where}: {text!r} does not show a step of the scale {scale or 1}: it writes {written!r}"
-            )
+    def filled(self, raw: int) -> str:
+        return f"{self.before}{_written(raw, self.scale, self.spec, self.is_whole)}{self.after}"
 
-    def number(self, raw: int, scale: Decimal | None) -> str:
-        if self.spec.endswith(_WHOLE_FORMATS):
-            return format(raw if scale is None else int(raw * scale), self.spec)
-        spec = self.spec if self.spec[-1:].isalpha() else f"{self.spec}f"
-        return format(Decimal(raw) if scale is None else _CONTEXT.multiply(Decimal(raw), scale), spec)
 
-    def filled(self, raw: int, scale: Decimal | None) -> str:
-        return f"{self.before}{self.number(raw, scale)}{self.after}"
+def _check_format(spec: str, text: str, where: str, scale: Decimal | None) -> None:
+    is_whole = spec.endswith(_WHOLE_FORMATS)
+    if is_whole and scale is not None and scale != scale.to_integral_value():
+        raise WiringError(f"{where}: {text!r} writes whole numbers, and the scale is {scale}")
+    try:
+        written = _written(1, scale, spec if spec[-1:].isalpha() else f"{spec}f", is_whole)
+    except (ValueError, TypeError) as error:
+        raise WiringError(f"{where}: {{:{spec}}} is not the format of a number: {error}") from None
+    if spec.endswith(_WHOLE_FORMATS[1:]):
+        return
+    if "," in spec or "_" in spec:
+        raise WiringError(f"{where}: {text!r} groups the digits, which no device reads")
+    if not _NUMBER.fullmatch(written.strip()) or Decimal(written.strip()) != (scale or 1):
+        raise WiringError(f"{where}: {text!r} does not show a step of the scale {scale or 1}: it writes {written!r}")
+
+
+def _written(raw: int, scale: Decimal | None, spec: str, is_whole: bool) -> str:
+    if is_whole:
+        return format(raw if scale is None else int(raw * scale), spec)
+    return format(Decimal(raw) if scale is None else _CONTEXT.multiply(Decimal(raw), scale), spec)
 
 
 def numbered(thing: Any, n: int) -> Any:
