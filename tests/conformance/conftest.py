@@ -1,45 +1,5 @@
-"""Every certificate of a driver that docs/certificates.md shows must agree with the page."""
+"""Certificates are compared with the page of the docs."""
 
-from __future__ import annotations
+from certificates import certify, the_page_agrees
 
-import importlib.util
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
-
-import pytest
-
-from umo.testing.conformance import Certificate, all_rules, examine
-
-DOCS = Path(__file__).parents[2] / "docs"
-
-
-@pytest.fixture(scope="session")
-def certify() -> Any:
-    """docs/certify.py as a module."""
-    spec = importlib.util.spec_from_file_location("umo_docs_certify", DOCS / "certify.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-@pytest.fixture(autouse=True)
-def the_page_agrees(certify: Any) -> Iterator[None]:
-    """A rule that the page calls passed has passed here too, as far as all rules were tried."""
-    made: list[Certificate] = []
-    calls = examine.on_certificate  # a test may put another list in its place
-    calls.append(made.append)
-    try:
-        yield
-    finally:
-        calls.remove(made.append)
-    shown = certify.verdicts(certify.PAGE.read_text("utf-8"))
-    for certificate in made:
-        if certificate.name in shown and len(certificate.findings) == len(all_rules()):
-            different = {
-                rule: (shown[certificate.name].get(rule), mark)
-                for rule, mark in certify.marks(certificate).items()
-                if shown[certificate.name].get(rule) != mark
-            }
-            assert different == {}, f"docs/certificates.md (python docs/certify.py DIR makes it): {certificate}"
+__all__ = ["certify", "the_page_agrees"]

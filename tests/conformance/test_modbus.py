@@ -13,13 +13,10 @@ import pytest
 from peers.modbus_device import Peer, running
 from peers.modbus_map import coil, holding
 from umo.drivers.modbus import Modbus
+from umo.testing.conformance import Input, Output, PtyTap, Subject, TcpTap, conform
 
-conformance = pytest.importorskip("umo.testing.conformance")
 pytest.importorskip("pymodbus")
 pytest.importorskip("serial")
-Input, Output, PtyTap, Subject, TcpTap, conform = (
-    getattr(conformance, name) for name in ("Input", "Output", "PtyTap", "Subject", "TcpTap", "conform")
-)
 FEW = 300
 """Cycles, where the 10,000 of TCP would add nothing but time."""
 KEPT = 50
@@ -130,6 +127,7 @@ def test_wide_outputs_conform() -> None:
             inputs=INPUTS,
             loopbacks=tuple((output.channel, output.channel) for output in WIDE),
             timeout=0.1,
+            device="libmodbus on TCP",
         )
         certificate = conform(subject, cycles=FEW)
     assert certificate.passed, certificate

@@ -2,30 +2,16 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
-
-import pytest
 
 from umo.drivers.counter import Counter
 from umo.drivers.gpio import Gpio
+from umo.testing.conformance import Input, Output, Subject
 
 from .gpio_sim import Chip, Trace, connected, fixed
-
-kit = pytest.importorskip("umo.testing.conformance")
-CYCLES = 600
-"""tracemalloc makes a cycle 100 times slower in the guest; test_gpio.py repeats 15,000 without it."""
-
-
-def proved(subject: Any) -> None:
-    certificate = kit.conform(subject, cycles=CYCLES)
-    if folder := os.environ.get("UMO_KERNEL_RESULTS"):
-        certificate.save(Path(folder))
-    print(certificate)
-    assert certificate.passed, certificate
+from .proof import proved
 
 
 class Recorder:
@@ -64,20 +50,20 @@ def test_gpio_keeps_the_contract(gpio_chip: Callable[..., Chip]) -> None:
 
     with Trace(chip.label) as trace, connected(chip, {0: 2, 1: 3, 4: 8, 5: 9, 6: 10, 7: 11}):
         proved(
-            kit.Subject(
+            Subject(
                 name="gpio",
                 make=lambda: Gpio(chip=chip.label),
                 device="gpio-sim of Linux 6.12",
                 outputs=(
-                    kit.Output("line:0", default=0, least=0, greatest=1),
-                    kit.Output("line:1", default=1, least=0, greatest=1),
-                    kit.Output("lines:4-7", default=5, least=0, greatest=15),
+                    Output("line:0", default=0, least=0, greatest=1),
+                    Output("line:1", default=1, least=0, greatest=1),
+                    Output("lines:4-7", default=5, least=0, greatest=15),
                 ),
                 inputs=(
-                    kit.Input("line:2", steady=False),
-                    kit.Input("line:PUMP", steady=False),
-                    kit.Input("lines:8-11", steady=False),
-                    kit.Input("edges:12:both"),
+                    Input("line:2", steady=False),
+                    Input("line:PUMP", steady=False),
+                    Input("lines:8-11", steady=False),
+                    Input("edges:12:both"),
                 ),
                 loopbacks=(("line:0", "line:2"), ("line:1", "line:PUMP"), ("lines:4-7", "lines:8-11")),
                 gone=gone,
@@ -99,12 +85,12 @@ def test_counter_keeps_the_contract() -> None:
             (driver / "bind").write_text("counter-0")
 
     proved(
-        kit.Subject(
+        Subject(
             name="counter",
             make=lambda: Counter(device="counter-0", bits=31),
             device="interrupt-counter of Linux 6.12 on gpio-sim",
-            outputs=(kit.Output("enable:0", default=0, least=0, greatest=1),),
-            inputs=(kit.Input("count:0"),),
+            outputs=(Output("enable:0", default=0, least=0, greatest=1),),
+            inputs=(Input("count:0"),),
             refused=("preset:0",),
             gone=gone,
         )

@@ -19,7 +19,8 @@ from umo import BinaryActuator, BinarySensor, Compound, DeviceTimeout, DigitalAc
 from umo.drivers.i2c import I2c
 from umo.testing.conformance import Input, Output, Subject
 
-from .test_contract import proved
+from .i2c_stub import i2c_bus
+from .proof import proved
 
 smbus2 = pytest.importorskip("smbus2", reason='needs smbus2: pip install "umo[i2c]"')
 
@@ -38,15 +39,9 @@ PAGED = {
 @pytest.fixture
 def bus() -> Iterator[str]:
     """A bus with two chips. The second has pages: 0x10 to 0x1f, selected by 0x7f."""
-    before = set(Path("/dev").glob("i2c-*"))
-    stub = Path(os.environ["UMO_KERNEL_MODULES"]) / "i2c-stub.ko"
-    options = ["bank_reg=0,0x7f", "bank_mask=0,3", "bank_start=0,0x10", "bank_end=0,0x1f"]
-    subprocess.run(["busybox", "insmod", stub, f"chip_addr={ADC:#x},{EXPANDER:#x}", *options], check=True)
-    try:
-        (made,) = set(Path("/dev").glob("i2c-*")) - before
-        yield str(made)
-    finally:
-        subprocess.run(["busybox", "rmmod", "i2c_stub"], check=True)
+    options = ("bank_reg=0,0x7f", "bank_mask=0,3", "bank_start=0,0x10", "bank_end=0,0x1f")
+    with i2c_bus(ADC, EXPANDER, options=options) as path:
+        yield path
 
 
 @pytest.fixture

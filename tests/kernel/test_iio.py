@@ -28,7 +28,7 @@ from umo.drivers.contract import PhysicalScale
 from umo.drivers.iio import Iio
 from umo.testing.conformance import Input, Output, Subject
 
-from .test_contract import proved
+from .proof import proved
 
 CONFIGFS = Path("/sys/kernel/config/iio")
 SYSFS = Path("/sys/bus/iio/devices")

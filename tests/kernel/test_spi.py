@@ -20,7 +20,7 @@ from umo.drivers.spi import Spi
 from umo.testing.conformance import Input, Output, Subject
 
 from .gpio_sim import Trace, fixed
-from .test_contract import proved
+from .proof import proved
 
 if spi._library() is None:
     pytest.skip("needs spidev, which pip builds with a C compiler", allow_module_level=True)

@@ -101,7 +101,7 @@ class Certificate:
         return table
 
     def __str__(self) -> str:
-        console = Console(width=WIDTH, no_color=True)
+        console = Console(width=WIDTH, color_system=None)
         with console.capture() as captured:
             console.print(self.table())
         return "\n" + captured.get()

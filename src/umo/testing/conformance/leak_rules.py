@@ -8,7 +8,6 @@ import threading
 import tracemalloc
 from collections.abc import Callable
 from contextlib import suppress
-from itertools import pairwise
 from time import monotonic, perf_counter, sleep
 from typing import Any
 
@@ -24,8 +23,8 @@ RARE = 100
 """Cycles for each time that the driver is opened and closed, and that its connection is dropped."""
 FADE = 2.0
 """s until what was closed has ended at the other end too."""
-ROUNDS = 3
-"""Measurements of memory: a cache may still fill in the first ones."""
+ROUNDS, MOST_ROUNDS = 3, 9
+"""Measurements of memory: a cache may still fill in the first ones. More, if it grew in each of them."""
 PER_CYCLE = 4.0
 """Bytes by which the memory may grow in each cycle: less than one entry of a list."""
 FREE = 4096
@@ -105,28 +104,29 @@ def memory(trial: Trial) -> str:
     with trial.opened(direct=True) as probe:
         cycle = _cycle(trial, probe)
         _repeat(trial, probe, cycle, max(10, cycles // 10))
-        growth = _growths(trial, probe, cycle, cycles)
-    allowed = FREE + PER_CYCLE * cycles
+        allowed = FREE + PER_CYCLE * cycles
+        growth = _growth(trial, probe, cycle, cycles, allowed)
     if growth > allowed:
         raise RuleBroken(f"the memory grew by {growth} bytes in each {cycles} cycles, {growth / cycles:.0f} a cycle")
     return f"{ROUNDS * cycles} cycles"
 
 
-def _growths(trial: Trial, probe: Probe, cycle: Callable[[], object], cycles: int) -> int:
+def _growth(trial: Trial, probe: Probe, cycle: Callable[[], object], cycles: int, allowed: float) -> int:
     """The least growth of some rounds, in bytes."""
     own = not tracemalloc.is_tracing()
     if own:
         tracemalloc.start()
     gc.freeze()  # what is there already need not be looked at again and again
     try:
-        sizes = []
-        for number in range(ROUNDS + 1):
+        growths: list[int] = []
+        while len(growths) < ROUNDS or (min(growths) > allowed and len(growths) < MOST_ROUNDS):
+            trial.share = len(growths) / max(ROUNDS, len(growths) + 1)
             gc.collect()
-            sizes.append(tracemalloc.get_traced_memory()[0])
-            if number < ROUNDS:
-                trial.share = number / ROUNDS
-                _repeat(trial, probe, cycle, cycles)
-        return min(after - before for before, after in pairwise(sizes))
+            before = tracemalloc.get_traced_memory()[0]
+            _repeat(trial, probe, cycle, cycles)
+            gc.collect()
+            growths.append(tracemalloc.get_traced_memory()[0] - before)
+        return min(growths)
     finally:
         gc.unfreeze()
         if own:

@@ -1,0 +1,14 @@
+"""The conformance kit in the guest."""
+
+from __future__ import annotations
+
+from umo.testing.conformance import Subject, conform
+
+CYCLES = 600
+"""tracemalloc makes a cycle 100 times slower in the guest; test_gpio.py repeats 15,000 without it."""
+
+
+def proved(subject: Subject) -> None:
+    """`--certificates DIR` keeps the certificate."""
+    certificate = conform(subject, cycles=CYCLES)
+    assert certificate.passed, certificate
