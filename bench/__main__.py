@@ -16,7 +16,9 @@ import numpy as np
 from rich.console import Console
 
 from bench import figures, forms, live, native, report, scan, zones
+from bench.drivers import kernel
 from bench.drivers import table as drivers
+from bench.drivers.case import IN_KERNEL
 from bench.kills import campaign, show
 
 ROUNDS, QUICK_ROUNDS = 400, 60
@@ -63,13 +65,18 @@ def _options() -> argparse.Namespace:
 
 
 def _drivers(console: Console, rounds: int, file: Path | None) -> int:
-    rows, reasons = drivers.measure(rounds)
+    rows, reasons = drivers.measure(rounds, _in_kernel)
     console.print(drivers.grid(rows))
     for missing in reasons:
         console.print(missing)
     if file:
-        file.write_text(json.dumps({"drivers": drivers.as_json(rows)}, indent=2) + "\n")
+        file.write_text(json.dumps({"drivers": drivers.as_json(rows), "missing": reasons}, indent=2) + "\n")
     return 0
+
+
+def _in_kernel(names: list[str]) -> drivers.Others:
+    """The test kernel measures these; in it the others are not measured."""
+    return ([], []) if IN_KERNEL else kernel.measured(names, quick=True)
 
 
 def _all(console: Console, rounds: int, options: argparse.Namespace) -> int:
@@ -94,7 +101,7 @@ def _all(console: Console, rounds: int, options: argparse.Namespace) -> int:
     beside = [] if options.quick else live.measure(live.SHORT, console)
     if beside:
         console.print(report.target_grid(beside, live.TITLE))
-    rows, reasons = ([], []) if options.quick else drivers.measure(QUICK_DRIVER_ROUNDS)
+    rows, reasons = ([], []) if options.quick else drivers.measure(QUICK_DRIVER_ROUNDS, _in_kernel)
     if rows:
         console.print(drivers.grid(rows))
     for missing in (*reasons, *filter(None, [native.missing()])):

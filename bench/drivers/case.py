@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from time import perf_counter_ns
 from typing import Any
@@ -14,6 +16,8 @@ from umo.drivers.contract import Channel, Driver
 SIZES = (2, 13, 100)
 """Numbers of channels, inputs and outputs together."""
 WARM_UP = 3
+IN_KERNEL = os.environ.get("UMO_KERNEL") == "1"
+"""This is the test kernel. Modules with `NEEDS_KERNEL` are measured there, the others outside of it."""
 
 
 class NotHere(Exception):
@@ -68,6 +72,24 @@ def cycle(driver: Driver[Any], inputs: Sequence[Channel], outputs: Sequence[Chan
             driver.write_many(outputs, written[turn])
 
     return run
+
+
+@contextmanager
+def counted(owner: Any, *names: str) -> Iterator[list[str]]:
+    """The names of the calls of these functions of a class or module, within the block."""
+    calls: list[str] = []
+    kept = {name: getattr(owner, name) for name in names}
+
+    def counting(name: str) -> Callable[..., object]:
+        return lambda *arguments: (calls.append(name), kept[name](*arguments))[1]
+
+    for name in kept:
+        setattr(owner, name, counting(name))
+    try:
+        yield calls
+    finally:
+        for name, function in kept.items():
+            setattr(owner, name, function)
 
 
 def split(channels: int) -> tuple[int, int]:

@@ -1,28 +1,27 @@
 """Lines of the kernel's gpio-sim; by hand: one request of gpiod for the inputs and one for the outputs. A transfer is a
-system call. In the test kernel only: tests/kernel/boot python -m bench --drivers."""
+system call."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 
 import gpiod
 from gpiod.line import Direction, Value
 from tests.kernel.gpio_sim import Chip
 
-from bench.drivers.case import Case, NotHere, cycle, split
+from bench.drivers.case import Case, counted, cycle, split
 from umo.drivers.gpio import Gpio
+
+NEEDS_KERNEL = True
 
 
 def cases(channels: int, stack: ExitStack) -> Iterator[Case]:
-    if os.environ.get("UMO_KERNEL") != "1":
-        raise NotHere("it needs the test kernel: tests/kernel/boot python -m bench --drivers")
     own, hand = (Chip(f"bench-{who}-{channels}", channels) for who in ("own", "hand"))
     for chip in (own, hand):
         stack.callback(chip.remove)
     run = _own(own, channels, stack)
-    with _counted() as calls:
+    with counted(gpiod.LineRequest, "get_values", "set_values") as calls:
         run()
     yield Case("gpio, gpio-sim", "gpiod", channels, run, _hand(hand, channels, stack), len(calls))
 
@@ -36,24 +35,6 @@ def _own(chip: Chip, channels: int, stack: ExitStack) -> Callable[[], None]:
     for number, line in enumerate(lines):
         driver.initialize(line, None if number < inputs else 0)
     return cycle(driver, lines[:inputs], lines[inputs:])
-
-
-@contextmanager
-def _counted() -> Iterator[list[str]]:
-    """The names of the transfers that gpiod makes."""
-    calls: list[str] = []
-    kept = {name: getattr(gpiod.LineRequest, name) for name in ("get_values", "set_values")}
-
-    def counting(name: str) -> Callable[..., object]:
-        return lambda *arguments: (calls.append(name), kept[name](*arguments))[1]
-
-    for name in kept:
-        setattr(gpiod.LineRequest, name, counting(name))
-    try:
-        yield calls
-    finally:
-        for name, function in kept.items():
-            setattr(gpiod.LineRequest, name, function)
 
 
 def _hand(chip: Chip, channels: int, stack: ExitStack) -> Callable[[], None]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import pkgutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from statistics import median
@@ -13,7 +14,7 @@ from typing import Any
 from rich.table import Table as Grid
 
 import bench.drivers as package
-from bench.drivers.case import SIZES, Case, NotHere
+from bench.drivers.case import IN_KERNEL, SIZES, Case, NotHere
 from bench.scan import quiet
 
 TARGET = 1.2
@@ -38,30 +39,50 @@ class Figures:
         return self.umo[1] / self.by_hand[1]
 
 
-def measure(rounds: int) -> tuple[list[Figures], list[str]]:
-    """All rows, and why the rows of a driver are missing."""
-    figures, missing = [], []
+Others = tuple[list[Figures], list[str]]
+
+
+def measure(rounds: int, others: Callable[[list[str]], Others] | None = None) -> Others:
+    """All rows, and what is missing and why. `others` measures the drivers that need the test kernel, or run outside
+    of it; default: they are left out."""
+    figures: list[Figures] = []
+    missing: list[str] = []
+    elsewhere = []
     for name in names():
-        with ExitStack() as stack:
-            try:
-                rows = list(_rows(name, stack))
-            except NotHere as error:
-                missing.append(f"{name}: not measured: {error}")
+        try:
+            cases = module(name).cases
+            if getattr(module(name), "NEEDS_KERNEL", False) is not IN_KERNEL:
+                elsewhere.append(name)
                 continue
-            with quiet():
-                for row in rows:
-                    row.measure(CYCLES)  # to warm up
-                    row.times = {key: [] for key in row.times}
-                for _ in range(rounds):
-                    for row in rows:
-                        row.measure(CYCLES)
-            figures += [_figures(row) for row in sorted(rows, key=lambda row: row.driver)]
+        except NotHere as error:
+            missing.append(f"{name}: not measured: {error}")
+            continue
+        with ExitStack() as stack:
+            rows, reasons = _rows(name, cases, stack)
+            missing += reasons
+            figures += _measured(rows, rounds)
+    if elsewhere and others is not None:
+        more, reasons = others(elsewhere)
+        return figures + more, missing + reasons
     return figures, missing
+
+
+def _measured(rows: list[Case], rounds: int) -> list[Figures]:
+    with quiet():
+        for row in rows:
+            row.measure(CYCLES)  # to warm up
+            row.times = {key: [] for key in row.times}
+        for _ in range(rounds):
+            for row in rows:
+                row.measure(CYCLES)
+    return [_figures(row) for row in sorted(rows, key=lambda row: row.driver)]
 
 
 def names() -> list[str]:
     """The modules that have rows."""
-    return [found.name for found in pkgutil.iter_modules(package.__path__) if found.name not in ("case", "table")]
+    return [
+        found.name for found in pkgutil.iter_modules(package.__path__) if found.name not in ("case", "kernel", "table")
+    ]
 
 
 def module(name: str) -> Any:
@@ -72,10 +93,22 @@ def module(name: str) -> Any:
         raise NotHere(f"{error.name} is not installed") from None
 
 
-def _rows(name: str, stack: ExitStack) -> Iterator[Case]:
-    cases = module(name).cases
+def _rows(
+    name: str, cases: Callable[[int, ExitStack], Iterator[Case]], stack: ExitStack
+) -> tuple[list[Case], list[str]]:
+    """The rows of all sizes, and why some are missing."""
+    rows: list[Case] = []
+    reasons: dict[str, list[int]] = {}
     for channels in SIZES:
-        yield from cases(channels, stack)
+        try:
+            rows += cases(channels, stack)
+        except NotHere as error:
+            reasons.setdefault(str(error), []).append(channels)
+    return rows, [f"{name}: {_sizes(sizes)}not measured: {reason}" for reason, sizes in reasons.items()]
+
+
+def _sizes(sizes: list[int]) -> str:
+    return "" if len(sizes) == len(SIZES) else f"{' and '.join(map(str, sizes))} channels "
 
 
 def _figures(row: Case) -> Figures:
@@ -101,6 +134,12 @@ def grid(figures: list[Figures]) -> Grid:
             end_section=below is not None and below.driver.partition(",")[0] != row.driver.partition(",")[0],
         )
     return grid
+
+
+def from_json(rows: list[dict[str, Any]]) -> list[Figures]:
+    """Of `as_json`."""
+    fields = [field.name for field in dataclasses.fields(Figures)]
+    return [Figures(**{key: tuple(v) if isinstance(v := row[key], list) else v for key in fields}) for row in rows]
 
 
 def as_json(figures: list[Figures]) -> list[dict[str, Any]]:
