@@ -233,6 +233,21 @@ def test_a_file_or_count_that_the_device_does_not_have_is_an_error(devices: Make
         opened(text)
 
 
+def test_a_counter_that_returns_is_initialised_again_until_that_succeeds(devices: Make) -> None:
+    folder = devices()
+    driver = opened("count:0", function="quadrature x4")
+    driver._disconnect()  # as after ENODEV
+    (folder / "enable").write_text("0\n")
+    (folder / "function_available").write_text("increase\n")
+    for _ in range(2):
+        with pytest.raises(DriverError, match="no function 'quadrature x4'"):
+            read(driver, "count:0")
+    (folder / "function_available").write_text("increase\nquadrature x4\n")
+    assert read(driver, "count:0") == 0
+    assert (folder / "enable").read_text() == "1"
+    driver.close()
+
+
 def test_closing_leaves_no_descriptor_and_it_opens_again(devices: Make) -> None:
     devices(count="5")
     before = len(os.listdir("/proc/self/fd")) if os.path.isdir("/proc/self/fd") else 0

@@ -92,6 +92,19 @@ def test_with_its_options_a_driver_names_its_channels(umo, cards: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("driver", "form"),
+    [
+        ("i2c", "ADDRESS:BITS[:big|little][:signed]"),
+        ("spi", "REGISTER.HIGH:LOW"),
+        ("iio", "out_TYPE[N]"),
+        ("fmu", "NAME:SCALE"),
+    ],
+)
+def test_a_driver_with_required_options_names_the_forms_of_its_channels(umo, driver: str, form: str) -> None:
+    assert form in " ".join(umo("drivers", driver).output.partition("channels: ")[2].split())
+
+
+@pytest.mark.parametrize(
     ("words", "message"),
     [
         (("--file", "none.txt"), "No such file or directory: 'none.txt'"),

@@ -140,6 +140,8 @@ def opened(**options):
         ({"address_bits": 12}, "address_bits must be 0, 8 or 16"),
         ({"pec": True, "auto_increment": True}, "pec is for registers moved one by one"),
         ({"page_register": 256}, "page_register must be a whole number from 0 to 255"),
+        ({"setup": {"0x10:8": "1"}}, r"setup\.0x10:8 must be a whole number from 0 to 255, not '1'"),
+        ({"identity": {"0x10:8": 1.5}}, r"identity\.0x10:8 must be a whole number from 0 to 255, not 1\.5"),
         ({"registers": {"x": {"address": 256}}}, r"registers\.x\.address"),
     ],
 )

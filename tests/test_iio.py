@@ -98,9 +98,12 @@ def many(driver, *names):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"device": ""}, "device is empty"),
-        ({"sampling_frequency": 0.0}, "sampling_frequency is in Hz and above 0"),
-        ({"sampling_frequency": float("nan")}, "sampling_frequency is in Hz and above 0"),
+        ({"device": ""}, "device must be a name, a label or a number such as \"iio:device0\", not ''"),
+        ({"device": 3}, "device must be a name.*, not 3"),
+        ({"sampling_frequency": 0.0}, "sampling_frequency must be in Hz and above 0, not 0.0"),
+        ({"sampling_frequency": float("nan")}, "sampling_frequency must be in Hz and above 0"),
+        ({"sampling_frequency": "100"}, "sampling_frequency must be in Hz and above 0, not '100'"),
+        ({"sampling_frequency": 100.0}, "sampling_frequency is that of scans: it needs the option trigger"),
         ({"conditioned": ["voltage0"]}, "conditioned lists channels such as 'in_voltage0', not 'voltage0'"),
     ],
 )
@@ -390,9 +393,10 @@ def test_a_trigger_that_is_not_there_is_named_with_those_that_are(sysfs):
         opened(trigger="tock")
 
 
-def test_the_frequency_of_the_trigger_is_set(sysfs, records):
-    started(records, sampling_frequency=250.0).close()
-    assert (sysfs.with_name("trigger0") / "sampling_frequency").read_text() == "250"
+@pytest.mark.parametrize(("hertz", "text"), [(250.0, "250"), (12345.678, "12345.678"), (1e7, "10000000")])
+def test_the_frequency_of_the_trigger_is_set(sysfs, records, hertz, text):
+    started(records, sampling_frequency=hertz).close()
+    assert (sysfs.with_name("trigger0") / "sampling_frequency").read_text() == text
 
 
 # The scale ------------------------------------------------------------------------------------------

@@ -109,14 +109,14 @@ def _written(parameter: inspect.Parameter) -> str:
 
 
 def _forms(cls: type[Driver], given: dict[str, Any]) -> str:
-    """The forms that the driver itself names for a channel that it does not know; empty if it needs options. With
-    options, an error of its constructor is the user's."""
+    """The forms that the driver itself names for a channel that it does not know; if it needs options, those of its
+    class. With options, an error of its constructor is the user's."""
     try:
         driver = _made(cls, given)
     except (Exception, SystemExit) as error:
         if given:
             raise WiringError(reason_of(error)) from error
-        return ""
+        return ", ".join(cls.forms)
     try:
         driver.channel("?")
     except ChannelError as error:

@@ -84,6 +84,8 @@ class Driver(ABC, Generic[C]):
     initialised and reset."""
     period: float = 0.0
     """Sampling period of the machine in s; 0: no timer. Set from the wiring before `open`."""
+    forms: Sequence[str] = ()
+    """The forms of its channels, such as "line:N". For `umo drivers`, if the driver cannot be made without options."""
     realtime: bool = False
     """True if the driver has a timer channel that runs in real time. Default: False."""
 

@@ -135,8 +135,12 @@ class Counter(Driver[CounterChannel]):
             raise DriverError("it is not open")
         if self._folder is None:
             self._folder = _found(self.device)
-            for channel, default in list(self._used.items()):
-                self._initialize(channel, default)
+            try:
+                for channel, default in list(self._used.items()):
+                    self._initialize(channel, default)
+            except BaseException:
+                self._disconnect()  # the next call tries it again
+                raise
 
     def _disconnect(self) -> None:
         for file in self._files.values():

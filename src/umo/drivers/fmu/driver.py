@@ -43,6 +43,8 @@ class Fmu(Driver[FmuChannel]):
     call into a model cannot be interrupted: `timeout` does not bound it.
     """
 
+    forms = ("NAME", "NAME:SCALE (of a float)", "tick")
+
     def __init__(
         self, *, model: Path, start_values: Mapping[str, int | float | bool | str] | None = None, substeps: int = 1
     ) -> None:

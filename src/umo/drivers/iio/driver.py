@@ -59,6 +59,8 @@ class Iio(Driver[IioChannel]):
     Source: the kernel's Documentation/ABI/testing/sysfs-bus-iio.
     """
 
+    forms = FORMS
+
     def __init__(
         self,
         *,
@@ -67,10 +69,13 @@ class Iio(Driver[IioChannel]):
         sampling_frequency: float | None = None,
         conditioned: Sequence[str] = (),
     ) -> None:
-        if not device:
-            raise WiringError('device is empty: give a name, a label or a number such as "iio:device0"')
-        if sampling_frequency is not None and not 0 < sampling_frequency < 1e9:
-            raise WiringError(f"sampling_frequency is in Hz and above 0, not {sampling_frequency!r}")
+        if not isinstance(device, str) or not device:
+            raise WiringError(f'device must be a name, a label or a number such as "iio:device0", not {device!r}')
+        if sampling_frequency is not None:
+            if not isinstance(sampling_frequency, int | float) or not 0 < sampling_frequency < 1e9:
+                raise WiringError(f"sampling_frequency must be in Hz and above 0, not {sampling_frequency!r}")
+            if trigger is None:
+                raise WiringError("sampling_frequency is that of scans: it needs the option trigger")
         for name in conditioned:
             if not _NAME.fullmatch(name):
                 raise WiringError(f"conditioned lists channels such as 'in_voltage0', not {name!r}")
@@ -223,18 +228,17 @@ class Iio(Driver[IioChannel]):
         """Write a raw value, or read one."""
         if self._folder is None:  # lost with the channel before
             raise DriverError(f"the device {self.device} is gone")
-        file = str(self._folder / f"{name}_raw")
+        way = os.O_RDONLY if value is None else os.O_WRONLY
         try:
-            way = os.O_RDONLY if value is None else os.O_WRONLY
             fd = self._files.get((name, way))
             if fd is None:
-                fd = self._files[name, way] = os.open(file, way | os.O_CLOEXEC)
+                fd = self._files[name, way] = os.open(self._folder / f"{name}_raw", way | os.O_CLOEXEC)
             if value is None:
                 return os.pread(fd, _LONGEST, 0).decode("ascii", "replace")
             os.pwrite(fd, value.encode(), 0)
             return ""
         except OSError as error:
-            raise self._failed(value, file, error) from error
+            raise self._failed(value, str(self._folder / f"{name}_raw"), error) from error
 
     def _failed(self, value: str | None, file: str, error: OSError) -> DriverError:
         if error.errno == errno.ETIMEDOUT:

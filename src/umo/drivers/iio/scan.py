@@ -123,7 +123,7 @@ class Scan:
             put(folder / "scan_elements" / f"{channel}_en", "1")
         if frequency is not None:
             files = [each / "sampling_frequency" for each in (trigger_named(trigger), folder)]
-            put(next((file for file in files if file.exists()), files[0]), f"{frequency:g}")
+            put(next((file for file in files if file.exists()), files[0]), f"{frequency:.6f}".rstrip("0").rstrip("."))
         put(folder / "trigger" / "current_trigger", trigger)
         put(folder / "buffer" / "length", str(LENGTH))
         put(folder / "buffer" / "enable", "1")

@@ -12,7 +12,7 @@ import numpy as np
 
 from umo.drivers.contract import Direction, Driver, IntArray
 from umo.drivers.registers.blocks import RegisterBlock, plan
-from umo.drivers.registers.map import ChipRegisters, Register, RegisterChannel, whole
+from umo.drivers.registers.map import FORMS, ChipRegisters, Register, RegisterChannel, whole
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, WiringError
 
 T = TypeVar("T")
@@ -25,6 +25,7 @@ class RegisterDriver(Driver[RegisterChannel]):
     its first write, the register's `initial` value, or else what the register holds then.
     """
 
+    forms = ("REGISTER", "REGISTER.FIELD (names of the option registers)", *FORMS)
     longest = 32
     """Bytes of a block."""
 
@@ -44,11 +45,12 @@ class RegisterDriver(Driver[RegisterChannel]):
         )
         self._page_register = page_register
         self._auto_increment = auto_increment
-        self._identity = [(self._readable(name), value) for name, value in identity.items()]
+        self._identity = [self._readable(name, value) for name, value in identity.items()]
         self._setup = [self._writable(name, value) for name, value in setup.items()]
         self._plan = lru_cache(maxsize=256)(partial(plan, joined=auto_increment, longest=self.longest))
         self._opened = self._connected = self._broken = False
-        self._deadline = 0.0
+        self._deadline: float | None = None
+        """Of the call, from its first transfer on."""
         self._page: int | None = None
         self._shadow: dict[Hashable, int] = {}
         """The bytes that were written last, by their places: two registers of the wiring may be one of the chip."""
@@ -146,11 +148,10 @@ class RegisterDriver(Driver[RegisterChannel]):
     # How -----------------------------------------------------------------------------------------------
 
     def _begin(self) -> None:
-        """Begin one call: its deadline, and the bus opened again after a failure."""
+        """Begin one call; the bus is opened again after a failure."""
         if not self._opened:
             raise DriverError("it is not open")
-        self._deadline = monotonic() + self.timeout
-        self._page = None
+        self._deadline = self._page = None
         if self._broken:
             self._shut()
         if not self._connected:
@@ -216,7 +217,9 @@ class RegisterDriver(Driver[RegisterChannel]):
         self._page = page
 
     def _transfer(self, what: str, call: Callable[[], T]) -> T:
-        if monotonic() > self._deadline:
+        if self._deadline is None:
+            self._deadline = monotonic() + self.timeout
+        elif monotonic() > self._deadline:
             raise DeviceTimeout(f"{what}: timed out ({self.timeout * 1000:g} ms)")
         try:
             return call()
@@ -227,16 +230,14 @@ class RegisterDriver(Driver[RegisterChannel]):
             self._broken = True
             raise DriverError(f"{what}: {self._explained(error)}") from error
 
-    def _readable(self, name: str) -> RegisterChannel:
+    def _readable(self, name: str, value: int) -> tuple[RegisterChannel, int]:
         channel = self.channel(name)
         if Direction.INPUT not in channel.direction:
             raise WiringError(f"identity: {name} cannot be read")
-        return channel
+        return channel, whole(f"identity.{name}", value, channel.lowest, channel.highest)
 
     def _writable(self, name: str, value: int) -> tuple[RegisterChannel, int]:
         channel = self.channel(name)
-        try:
-            channel.check(value)
-        except DriverError as error:
-            raise WiringError(f"setup: {error}") from None
-        return channel, value
+        if Direction.OUTPUT not in channel.direction:
+            raise WiringError(f"setup: {name} cannot be written")
+        return channel, whole(f"setup.{name}", value, channel.lowest, channel.highest)

@@ -21,6 +21,9 @@ FIELD_KEYS = ("bits", "signed")
 LARGEST = (1 << 63) - 1
 """The largest raw integer that the contract's buffers (int64) hold."""
 
+FORMS = ("ADDRESS:BITS[:big|little][:signed]", "REGISTER.BIT", "REGISTER.HIGH:LOW")
+"""Of channels that the wiring does not name."""
+
 _DIRECT = re.compile(r"(0x[0-9a-fA-F]+|[0-9]+):([0-9]+)(?::(big|little))?(:signed)?")
 _BITS = re.compile(r"([0-9]+)(?::([0-9]+))?")
 _PLAIN_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
@@ -141,7 +144,7 @@ class ChipRegisters:
     @property
     def forms(self) -> list[str]:
         named = [*self.registers, *(f"{name}.{field}" for name, fields in self.fields.items() for field in fields)]
-        return [*named, "ADDRESS:BITS[:big|little][:signed]", "REGISTER.BIT", "REGISTER.HIGH:LOW"]
+        return [*named, *FORMS]
 
     def _direct(self, text: str) -> Register | None:
         match = _DIRECT.fullmatch(text)
