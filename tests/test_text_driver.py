@@ -12,12 +12,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import monotonic
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 
 from peers.line_server import LineServer, line_server
 from umo import BinaryActuator, Compound, DigitalSensor, OnOff, check
+from umo.drivers.streams import Stream, hosts
 from umo.drivers.text import Text
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, WiringError
 
@@ -78,6 +80,26 @@ def test_channels_are_read_and_set() -> None:
         driver.write(driver.channel("a"), -7)
         assert read(driver, "b") == [2]
         assert server.received == ["A?", "B?", "C?", "ALL?", "ALL?", "A -7", "B?"]
+
+
+@pytest.mark.parametrize("end", ["\r\n", "abc", "\n"])
+def test_an_answer_that_comes_byte_by_byte_is_one_answer(end: str) -> None:
+    near, far = socket.socketpair()
+    near.setblocking(False)
+    answer = f"12{end}".encode()
+
+    class Bytewise(Stream):
+        """Sees one byte at a time."""
+
+        def receive(self, deadline: float) -> bytes:
+            return answer[(i := next(places)) : i + 1]
+
+    places = iter(range(len(answer)))
+    driver = Text(host="127.0.0.1", channels=CHANNELS, answer_terminator=end)
+    with near, far, patch.object(hosts.Dial, "__call__", lambda *_: Bytewise(near, "the end")):
+        driver.open()
+        assert read(driver, "a") == [12]
+        driver.close()
 
 
 def test_channels_of_one_request_share_it_in_a_block() -> None:

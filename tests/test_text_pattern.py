@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from decimal import Decimal
 from time import monotonic
 from typing import Any
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 from umo.drivers.contract import Direction
 from umo.drivers.text.channel import Channels
 from umo.drivers.text.exchange import joined
-from umo.drivers.text.pattern import NoValue, Pattern, Template, UnexpectedAnswer, raw_of
+from umo.drivers.text.pattern import NoValue, Pattern, RawOf, Template, UnexpectedAnswer, raw_of
 from umo.errors import ChannelError, DriverError, WiringError
 
 INT64 = st.integers(-(2**63), 2**63 - 1)
@@ -135,6 +136,25 @@ def test_decimals_are_exact(raw: int, places: int) -> None:
 )
 def test_numbers_are_rounded_to_the_nearest_step(text: str, scale: str | None, raw: int) -> None:
     assert raw_of(text, Decimal(scale) if scale else None) == raw
+
+
+PLAIN = st.from_regex(r"[+-]?[0-9]{0,20}\.?[0-9]{0,6}(e[+-]?[0-9])?", fullmatch=True)
+
+
+@given(
+    PLAIN | st.text("0123456789.-+ _e²٣", max_size=8),
+    st.sampled_from([None, "1", "0.1", "0.001", "1e-12", "10", "0.25", "1e-30"]),
+)
+def test_the_quick_way_for_plain_decimals_gives_the_exact_number(text: str, scale: str | None) -> None:
+    step = Decimal(scale) if scale else None
+
+    def outcome(of: Callable[[], int]) -> int | str:
+        try:
+            return of()
+        except (NoValue, UnexpectedAnswer) as error:
+            return str(error)
+
+    assert outcome(lambda: RawOf(step)(text)) == outcome(lambda: raw_of(text, step))
 
 
 def test_without_a_scale_a_number_must_be_whole() -> None:

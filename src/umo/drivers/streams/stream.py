@@ -54,37 +54,43 @@ class Stream:
     def waiting(self) -> bytes:
         """What has come in so far, at most 4096 bytes. Raises Gone."""
         try:
-            data = os.read(self._fd, _MOST)
-        except BlockingIOError:
-            return b""
+            return os.read(self._fd, _MOST) or self._ended()
         except OSError as error:
-            raise Gone(plain(error)) from None
-        if not data:
-            raise Gone(self._end)
-        return data
+            return _nothing(error)
 
     def receive(self, deadline: float) -> bytes:
         """What has come in, at most 4096 bytes, after waiting for the first byte. Raises TimedOut or Gone."""
         left = deadline - monotonic()
         if left <= 0 or not self._in.poll(left * 1000):
             raise TimedOut
-        return self.waiting()
+        try:
+            return os.read(self._fd, _MOST) or self._ended()
+        except OSError as error:
+            return _nothing(error)
 
     def send(self, data: bytes, deadline: float) -> None:
         """Send all of it. Raises TimedOut or Gone."""
         while True:
             try:
                 sent = os.write(self._fd, data)
-            except BlockingIOError:
-                sent = 0
             except OSError as error:
-                raise Gone(plain(error)) from None
+                sent = len(_nothing(error))
             if sent == len(data):
                 return
             data = data[sent:]
             left = deadline - monotonic()
             if left <= 0 or not self._out.poll(left * 1000):
                 raise TimedOut
+
+    def _ended(self) -> bytes:
+        raise Gone(self._end)
+
+
+def _nothing(error: OSError) -> bytes:
+    """What was transferred, b"": the stream is not ready. Any other error is Gone."""
+    if isinstance(error, BlockingIOError):
+        return b""
+    raise Gone(plain(error)) from None
 
 
 def plain(error: OSError) -> str:

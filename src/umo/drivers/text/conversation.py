@@ -8,7 +8,7 @@ from time import monotonic, sleep
 from umo.drivers.streams import Gone, Stream, TimedOut
 from umo.drivers.streams.place import Dial
 from umo.drivers.text.channel import Query
-from umo.drivers.text.pattern import NoValue, Pattern, UnexpectedAnswer, shown, stripped
+from umo.drivers.text.pattern import BLANKS, NoValue, Pattern, UnexpectedAnswer, shown, stripped
 from umo.errors import DeviceTimeout, DriverError
 
 _MOST_DOUBLED = 4
@@ -44,7 +44,7 @@ class TextLink:
 
     def __init__(self, dial: Dial, dialogue: Dialogue) -> None:
         self._dial, self._dialogue = dial, dialogue
-        self.errors = dialogue.errors
+        self.errors, self._longest = dialogue.errors, dialogue.longest_answer
         self._end = dialogue.answer_terminator.encode(dialogue.encoding)
         self._stream: Stream | None = None
         self._ready = False
@@ -62,10 +62,11 @@ class TextLink:
         self._timeout, self._deadline = timeout, monotonic() + timeout
         if self._ready and self._stream is not None:
             self._failures = 0  # any failure would have dropped the connection
-            try:
-                self._look(self._stream)
-            except Gone:
-                self.close()  # and opened again
+            if not self._stream.idle():
+                try:
+                    self._look(self._stream)
+                except Gone:
+                    self.close()  # and opened again
         stream = self._stream or self._open()
         if not self._ready:
             self._prepare(stream)
@@ -96,7 +97,9 @@ class TextLink:
     def tell(self, request: str, acknowledge: Pattern | None, confirm: Query | None) -> None:
         """A request that sets something, confirmed as the device does it."""
         if acknowledge is not None:
-            self._must_be(acknowledge, request, self.ask(request))
+            line = self.ask(request)
+            if acknowledge.match(line) is None:
+                self._must_be(acknowledge, request, line)
         else:
             self._send(request)
         if confirm is not None:
@@ -169,13 +172,13 @@ class TextLink:
     def _greets(self, greeting: Pattern, data: bytes) -> bool:
         self._data += data
         *lines, rest = bytes(self._data).split(self._end)
-        self._data[:] = rest[-self._dialogue.longest_answer :]
+        self._data[:] = rest[-self._longest :]
         encoding = self._dialogue.encoding
         return any(greeting.match(stripped(line.decode(encoding, "replace"))) is not None for line in lines)
 
     def _look(self, stream: Stream) -> None:
         """Nothing may have come in unasked: it would be taken for the answer to the next request."""
-        if not stream.idle() and (data := stream.waiting()):
+        if data := stream.waiting():
             self._data += data
             raise self._unasked()
 
@@ -191,7 +194,7 @@ class TextLink:
         if dialogue.pause:
             self._pause(request)
         try:
-            if not self._looked:
+            if not self._looked and not stream.idle():
                 self._look(stream)
             self._looked = False
             stream.send((request + dialogue.terminator).encode(dialogue.encoding), self._deadline)
@@ -215,32 +218,40 @@ class TextLink:
 
     def _line(self, request: str) -> str:
         """The next line, without its terminator and the blanks around it."""
-        data, end, searched = self._data, self._end, 0
-        if not data:
-            self._take(request)
-        while (at := data.find(end, searched)) < 0:
-            if len(data) > self._dialogue.longest_answer:
-                break
-            searched = max(len(data) - len(end) + 1, 0)  # a terminator may be in two pieces
-            self._take(request)
-        if not 0 <= at <= self._dialogue.longest_answer:
-            text = f"the answer to {shown(request)} is longer than {self._dialogue.longest_answer} bytes"
-            raise self.dropped(UnexpectedAnswer(text))
-        line = bytes(data[:at])
-        del data[: at + len(end)]
+        end = self._end
+        received = b"" if self._data else self._take(request)
+        at = received.find(end)
+        whole = 0 <= at == len(received) - len(end) <= self._longest  # as it mostly is: no more and no less
+        line = received[:at] if whole else self._pieces(received, request)
         if self._dialogue.pause:
             self._free = monotonic()
         try:
-            return stripped(line.decode(self._dialogue.encoding))
+            return line.decode(self._dialogue.encoding).strip(BLANKS)
         except UnicodeDecodeError:
             text = f"the answer to {shown(request)} is not {self._dialogue.encoding}: {shown(line)}"
             raise self.dropped(UnexpectedAnswer(text)) from None
 
-    def _take(self, request: str) -> None:
+    def _pieces(self, received: bytes, request: str) -> bytes:
+        """The next line of what has been received and what follows."""
+        data, end, searched = self._data, self._end, 0
+        data += received
+        while (at := data.find(end, searched)) < 0:
+            if len(data) > self._longest:
+                break
+            searched = max(len(data) - len(end) + 1, 0)  # a terminator may be in two pieces
+            data += self._take(request)
+        if not 0 <= at <= self._longest:
+            text = f"the answer to {shown(request)} is longer than {self._longest} bytes"
+            raise self.dropped(UnexpectedAnswer(text))
+        line = bytes(data[:at])
+        del data[: at + len(end)]
+        return line
+
+    def _take(self, request: str) -> bytes:
         """Wait for some bytes."""
         assert self._stream is not None
         try:
-            self._data += self._stream.receive(self._deadline)
+            return self._stream.receive(self._deadline)
         except TimedOut:
             raise self._late(request) from None
         except Gone as error:

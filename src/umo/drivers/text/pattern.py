@@ -10,7 +10,7 @@ from typing import Any
 
 from umo.errors import DriverError, WiringError
 
-_BLANKS = " \t\r"
+BLANKS = " \t\r"
 _SHOWN = 60
 _WILD = re.compile(r"(\{\}|\*)")
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
@@ -40,7 +40,7 @@ def shown(text: object) -> str:
 
 
 def stripped(line: str) -> str:
-    return line.strip(_BLANKS)
+    return line.strip(BLANKS)
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ def raw_of(text: str, scale: Decimal | None) -> int:
     Not a number is an UnexpectedAnswer; NAN and INF are a NoValue, as are 9.9E37 (infinity) and 9.91E37 (not a number)
     of SCPI-1999, volume 1, section 7.2.1.
     """
-    text = text.strip(_BLANKS)
+    text = text.strip(BLANKS)
     if not _NUMBER.fullmatch(text):
         if _NONE.fullmatch(text):
             raise NoValue(f"the device answers {text}, which is not a finite number")
@@ -168,8 +168,6 @@ class Template:
     spec: str
     after: str
     scale: Decimal | None
-    is_whole: bool
-    """The format is one of whole numbers."""
 
     @classmethod
     def parse(cls, text: str, where: str, scale: Decimal | None) -> Template:
@@ -185,19 +183,17 @@ class Template:
         before, after = ("".join(part[0] for part in piece) for piece in (parts[: at + 1], parts[at + 1 :]))
         spec = fields[0][1]
         _check_format(spec, text, where, scale)
-        is_whole = spec.endswith(_WHOLE_FORMATS)
-        return cls(before, spec if spec[-1:].isalpha() else f"{spec}f", after, scale, is_whole)
+        return cls(before, spec if spec[-1:].isalpha() else f"{spec}f", after, scale)
 
     def filled(self, raw: int) -> str:
-        return f"{self.before}{_written(raw, self.scale, self.spec, self.is_whole)}{self.after}"
+        return f"{self.before}{_written(raw, self.scale, self.spec)}{self.after}"
 
 
 def _check_format(spec: str, text: str, where: str, scale: Decimal | None) -> None:
-    is_whole = spec.endswith(_WHOLE_FORMATS)
-    if is_whole and scale is not None and scale != scale.to_integral_value():
+    if spec.endswith(_WHOLE_FORMATS) and scale is not None and scale != scale.to_integral_value():
         raise WiringError(f"{where}: {text!r} writes whole numbers, and the scale is {scale}")
     try:
-        written = _written(1, scale, spec if spec[-1:].isalpha() else f"{spec}f", is_whole)
+        written = _written(1, scale, spec if spec[-1:].isalpha() else f"{spec}f")
     except (ValueError, TypeError) as error:
         raise WiringError(f"{where}: {{:{spec}}} is not the format of a number: {error}") from None
     if spec.endswith(_WHOLE_FORMATS[1:]):
@@ -208,10 +204,10 @@ def _check_format(spec: str, text: str, where: str, scale: Decimal | None) -> No
         raise WiringError(f"{where}: {text!r} does not show a step of the scale {scale or 1}: it writes {written!r}")
 
 
-def _written(raw: int, scale: Decimal | None, spec: str, is_whole: bool) -> str:
-    if is_whole:
+def _written(raw: int, scale: Decimal | None, spec: str) -> str:
+    if spec[-1] in _WHOLE_FORMATS:
         return format(raw if scale is None else int(raw * scale), spec)
-    return format(Decimal(raw) if scale is None else _CONTEXT.multiply(Decimal(raw), scale), spec)
+    return format(Decimal(raw) if scale is None else _CONTEXT.multiply(raw, scale), spec)
 
 
 def numbered(thing: Any, n: int) -> Any:
