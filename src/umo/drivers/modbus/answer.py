@@ -18,7 +18,7 @@ class Recovering(Lost):
 
 
 class Refused(DriverError):
-    """The device answered by an exception, or this request was held back: the other requests may be well."""
+    """The device answered with an exception, or this request was not sent: other requests may succeed."""
 
 
 def answer_size(request: bytes) -> int:

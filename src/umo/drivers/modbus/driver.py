@@ -40,7 +40,7 @@ def _find_unit() -> type[Unit] | None:
 
 
 class _NoWatchdog(DriverError, NotImplementedError):
-    """This device has no watchdog, as any driver without one says it, and a DriverError besides."""
+    """NotImplementedError, as every driver without a watchdog raises it, and a DriverError."""
 
 
 class Modbus(Driver[ModbusChannel]):
@@ -52,10 +52,10 @@ class Modbus(Driver[ModbusChannel]):
     address, 0 to 65535, counted from 0; many manuals count from 1 and put the table before it.
 
     Options:
-        host, port: a TCP device or gateway; a host name is resolved once, by `open`. Default: 127.0.0.1, 502.
+        host, port: a TCP device or gateway; a host name is looked up once, by `open`. Default: 127.0.0.1, 502.
         serial: the device file of a serial line, in place of host and port.
-        baudrate, parity, stop_bits: its settings. Default: 19200, "even" (or "odd", "none"), 1.
-        rs485: the kernel switches the direction of the line, for UARTs that cannot by themselves.
+        baudrate, parity, stop_bits: its settings. Default: 19200, "even" (or "odd", "none", "mark", "space"), 1.
+        rs485: the kernel switches the direction of the line, for a UART whose circuit does not.
         unit: 1 to 247. TCP takes 0 to 255: a device that is not a gateway often has 0 or 255.
         word_order: which word of a wider value has the lowest address, the "big" (high) or the "little".
         watchdog_register: the holding register that takes the watchdog's time in ms, if there is one.
@@ -63,10 +63,10 @@ class Modbus(Driver[ModbusChannel]):
             off, since a device may answer exception 2 to an address that it does not have.
         read_write: write registers by function 23, which reads them back: a value that the unit did not take is
             an error. Default: off, since many devices do not have the function.
-        skip_unchanged: a request of a period whose values are those that were confirmed less than this time ago is
-            not sent, such as "200 ms". Default: every period sends everything.
+        skip_unchanged: a request of a period is not sent if the unit confirmed the same values less than this time ago,
+            such as "200 ms". Default: every period sends everything.
         recovery: serial lines: after a request failed, the unit is not asked for the same function again for this
-            time. With `timeout`, it must be longer than the unit ever takes to answer. Default: "250 ms".
+            time. It should be longer than the unit's longest time to answer. Default: "250 ms".
 
     All channels of a period move in as few requests as their addresses allow: the cells of one table that
     follow each other in one request, up to the protocol's maxima. Only addressed cells are written.
@@ -145,8 +145,8 @@ class Modbus(Driver[ModbusChannel]):
             self._connection = None
 
     def initialize(self, channel: ModbusChannel, default: int | None) -> None:
-        """A sensor of a serial line waits for the end of the recovery from opening it, so that the first reading of
-        a machine that connects is not refused."""
+        """On a serial line a sensor waits for the end of the recovery that follows opening the line, so that the first
+        reading of a machine is not refused."""
         if default is None:
             self._begin().recover(self.timeout)
         else:
@@ -229,7 +229,8 @@ class Modbus(Driver[ModbusChannel]):
 
 
 def _each(plan: Requests, carry_out: Callable[[int, Request], None]) -> None:
-    """Carry out request after request, as far as the device is there; what failed is told at the end."""
+    """Carry out request after request. After a lost connection the later requests fail too. Errors are raised at the
+    end."""
     if len(plan) == 1:
         carry_out(0, plan[0])
         return

@@ -1,8 +1,8 @@
 """The requests to one unit, through pymodbus; imported only when a driver is made.
 
-pymodbus builds the requests and decodes the answers. What lies between is umo's (tcp.py, rtu.py): pymodbus's own
-transactions wait for a time each, of which one call may have several, and pass over what is wrong. Here everything in a
-call ends by one deadline, and nothing is decoded that does not answer the request in everything.
+pymodbus builds the requests and decodes the answers. umo sends and receives them (tcp.py, rtu.py): pymodbus's own
+transactions have a timeout each, although a call may need several, and they skip wrong answers. Here all requests of a
+call share one deadline, and an answer is decoded only if it fits its request in every part.
 """
 
 from __future__ import annotations

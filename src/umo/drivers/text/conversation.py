@@ -38,9 +38,9 @@ class Dialogue:
 
 
 class TextLink:
-    """One connection. It is dropped after any failure but an error that the device answers, and the next call opens it
-    again. An answer that comes late is lost with the connection; on a serial line it is thrown away until the line has
-    been quiet for a time, and the answer to `identify` shows that none is left."""
+    """One connection. It is dropped after any failure except an error answer of the device, and the next call opens it
+    again. On TCP a late answer is lost with the connection. On a serial line everything that comes in is thrown away
+    until the line has been quiet for a time; then the answer to `identify` shows that no late answer is left."""
 
     def __init__(self, dial: Dial, dialogue: Dialogue) -> None:
         self._dial, self._dialogue = dial, dialogue
@@ -122,7 +122,7 @@ class TextLink:
     # Opening -------------------------------------------------------------------------------------------
 
     def _open(self) -> Stream:
-        """A serial line starts its device when it is opened first, or after the device was away; TCP always."""
+        """Each TCP connection starts the device; a serial line only the first one, and one after the device was away."""
         boots, self._boots = self._boots, True
         try:
             stream = self._stream = self._dial(self._deadline)
@@ -136,7 +136,7 @@ class TextLink:
         return stream
 
     def _prepare(self, stream: Stream) -> None:
-        """Bring a new connection into step; a call whose time is over leaves the rest to the next one."""
+        """Bring a new connection into step. If the time of the call ends first, the next call goes on with it."""
         try:
             self._settle(stream)
             self._data.clear()

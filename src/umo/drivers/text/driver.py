@@ -48,14 +48,15 @@ class Text(Driver[TextChannel]):
         acknowledge: the pattern of the answer to a request that sets.
         confirm: a query after each request that sets, { ask = "SYST:ERR?", answer = '*0,"No error"' }.
         identify: a query after connecting, { ask = "*IDN?", answer = "ACME,PSU*" }: any other device is refused.
-        startup: requests that are sent after each connecting.
+        startup: requests that are sent after each connection is made.
         echo: the device repeats each request before it answers.
         together: what joins several queries in one line, and their answers, such as ";"; requests that set, too.
         longest_request: characters of such a line at most. longest_answer: bytes of an answer at most.
         pause: s between an answer and the next request.
-        boot_time: s that the device may need after connecting; on a serial line after the first connection, and after
-            the device was away. greeting: a line of the device that ends it earlier.
-        quiet: s for which a new connection must be quiet first. Default: 0.5 on a serial line, 0 on TCP.
+        boot_time: s that the device may need after connecting; on a serial line only after the first connection, or if
+            the device had been removed. greeting: a line from the device that ends this time early.
+        quiet: s for which the device must send nothing before a new connection is used. Default: 0.5 on a serial line,
+            0 on TCP.
         watchdog_set: the request that arms the device's watchdog, with {s} or {ms} for the time; 0 disarms it.
 
     Each call returns within `timeout`, including a reconnection. There is no retry. After a timeout, an answer that is
@@ -201,7 +202,7 @@ class Text(Driver[TextChannel]):
 
 
 class _NoWatchdog(DriverError, NotImplementedError):
-    """This device has no watchdog, as any driver without one says it, and a DriverError besides."""
+    """NotImplementedError, as every driver without a watchdog raises it, and a DriverError."""
 
 
 Step = TypeVar("Step", Asked, Told)
@@ -210,7 +211,7 @@ Step = TypeVar("Step", Asked, Told)
 def _each(
     steps: Sequence[Step], channels: Sequence[TextChannel], carry_out: Callable[[Step], Mapping[int, Exception] | None]
 ) -> None:
-    """Line after line, as far as the device is in step; what failed is told at the end."""
+    """Carry out line after line. After a lost connection the later lines fail too. Errors are raised at the end."""
     failed: dict[int, Exception] = {}
     for i, step in enumerate(steps):
         try:
