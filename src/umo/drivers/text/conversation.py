@@ -122,7 +122,7 @@ class TextLink:
     # Opening -------------------------------------------------------------------------------------------
 
     def _open(self) -> Stream:
-        """Each TCP connection starts the device; a serial line only the first one, and one after the device was away."""
+        """Each TCP connection starts the device; of a serial line the first one, or one after the device was away."""
         boots, self._boots = self._boots, True
         try:
             stream = self._stream = self._dial(self._deadline)
