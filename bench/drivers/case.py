@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from time import perf_counter_ns
 from typing import Any
@@ -72,6 +72,13 @@ def cycle(driver: Driver[Any], inputs: Sequence[Channel], outputs: Sequence[Chan
             driver.write_many(outputs, written[turn])
 
     return run
+
+
+def without_clock(module: Any, stack: ExitStack) -> None:
+    """The module's `monotonic` costs nothing. In user-mode Linux the clock is a system call of 25 us, as long as a
+    transfer; elsewhere it takes 0.05 us."""
+    stack.callback(setattr, module, "monotonic", module.monotonic)
+    module.monotonic = float
 
 
 @contextmanager

@@ -8,8 +8,9 @@ from contextlib import ExitStack
 from smbus2 import SMBus
 from tests.kernel.i2c_stub import i2c_bus
 
-from bench.drivers.case import Case, counted, cycle, split
+from bench.drivers.case import Case, counted, cycle, split, without_clock
 from umo.drivers.i2c import I2c
+from umo.drivers.registers import driver as timed
 
 NEEDS_KERNEL = True
 OWN, HAND = 0x20, 0x48
@@ -20,6 +21,7 @@ _stubs: list[str] = []
 
 
 def cases(channels: int, stack: ExitStack) -> Iterator[Case]:
+    without_clock(timed, stack)
     path = _bus(stack)
     for name, blocks in (("i2c, i2c-stub", False), ("i2c, i2c-stub, blocks", True)):
         driver = I2c(bus=path, address=OWN, auto_increment=blocks)

@@ -7,8 +7,9 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
-from bench.drivers.case import Case, NotHere, counted, cycle
+from bench.drivers.case import Case, NotHere, counted, cycle, without_clock
 from umo.drivers.iio import Iio
+from umo.drivers.iio import driver as timed
 from umo.drivers.iio.sysfs import find
 
 NEEDS_KERNEL = True
@@ -20,6 +21,7 @@ def cases(channels: int, stack: ExitStack) -> Iterator[Case]:
     """Of 2 channels, and of all."""
     if channels > 13:
         raise NotHere("the IIO dummy has 5 channels")
+    without_clock(timed, stack)
     inputs = INPUTS[: channels - 1]
     own, hand = names = (f"bench-own-{channels}", f"bench-hand-{channels}")
     for name in names:

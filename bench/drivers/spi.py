@@ -8,7 +8,8 @@ from contextlib import ExitStack
 
 from spidev import SpiDev
 
-from bench.drivers.case import Case, counted, cycle, split
+from bench.drivers.case import Case, counted, cycle, split, without_clock
+from umo.drivers.registers import driver as timed
 from umo.drivers.spi import Spi
 
 NEEDS_KERNEL = True
@@ -17,6 +18,7 @@ READ, BURST = 0x80, 0x40
 
 
 def cases(channels: int, stack: ExitStack) -> Iterator[Case]:
+    without_clock(timed, stack)
     inputs, outputs = split(channels)
     for name, blocks in (("spi, spi-gpio", False), ("spi, spi-gpio, blocks", True)):
         driver = Spi(bus=0, auto_increment=blocks, burst_mask=BURST if blocks else 0)
