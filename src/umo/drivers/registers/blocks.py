@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from typing import NamedTuple
 
 from umo.drivers.registers.map import Register, RegisterChannel
@@ -14,6 +14,8 @@ class BlockPart(NamedTuple):
     register: Register
     start: int
     channels: tuple[tuple[int, RegisterChannel], ...]
+    whole: bool
+    """All of its bits are written."""
 
 
 class RegisterBlock(NamedTuple):
@@ -23,6 +25,8 @@ class RegisterBlock(NamedTuple):
     address: int
     size: int
     parts: tuple[BlockPart, ...]
+    places: tuple[Hashable, ...]
+    """Of its bytes in the chip."""
 
     @property
     def first(self) -> int:
@@ -42,7 +46,7 @@ def plan(channels: Sequence[RegisterChannel], *, joined: bool, longest: int) -> 
             run.append(register)
         else:
             runs.append([register])
-    blocks = [_block(run, of) for run in runs]
+    blocks = [_block(run, of, joined) for run in runs]
     return tuple(sorted(blocks, key=lambda block: block.first))
 
 
@@ -50,7 +54,19 @@ def _follows(register: Register, run: list[Register]) -> bool:
     return register.page == run[-1].page and register.address == run[-1].address + run[-1].size
 
 
-def _block(run: list[Register], of: dict[Register, list[tuple[int, RegisterChannel]]]) -> RegisterBlock:
+def places_of(page: int | None, address: int, size: int, *, joined: bool) -> tuple[Hashable, ...]:
+    """The places of bytes in a chip, which counts its addresses in bytes (`joined`) or in registers."""
+    return tuple((page, address + i) if joined else (page, address, i) for i in range(size))
+
+
+def _block(run: list[Register], of: dict[Register, list[tuple[int, RegisterChannel]]], joined: bool) -> RegisterBlock:
     first, last = run[0], run[-1]
-    parts = tuple(BlockPart(register, register.address - first.address, tuple(of[register])) for register in run)
-    return RegisterBlock(first.page, first.address, last.address - first.address + last.size, parts)
+    size = last.address - first.address + last.size
+    parts = tuple(_part(register, register.address - first.address, tuple(of[register])) for register in run)
+    return RegisterBlock(
+        first.page, first.address, size, parts, places_of(first.page, first.address, size, joined=joined)
+    )
+
+
+def _part(register: Register, start: int, channels: tuple[tuple[int, RegisterChannel], ...]) -> BlockPart:
+    return BlockPart(register, start, channels, any(channel.whole for _, channel in channels))

@@ -11,10 +11,11 @@ from typing import Any, TypeVar
 import numpy as np
 
 from umo.drivers.contract import Direction, Driver, IntArray
-from umo.drivers.registers.blocks import RegisterBlock, plan
+from umo.drivers.registers.blocks import BlockPart, RegisterBlock, places_of, plan
 from umo.drivers.registers.map import FORMS, ChipRegisters, Register, RegisterChannel, whole
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, WiringError
 
+D = TypeVar("D")
 T = TypeVar("T")
 
 
@@ -81,7 +82,7 @@ class RegisterDriver(Driver[RegisterChannel]):
 
         def take(block: RegisterBlock) -> None:
             data = self._read_block(block.page, block.address, block.size)
-            for register, start, placed in block.parts:
+            for register, start, placed, _ in block.parts:
                 contents = register.unpack(data[start : start + register.size])
                 for i, channel in placed:
                     out[i] = channel.decode(contents)
@@ -98,30 +99,24 @@ class RegisterDriver(Driver[RegisterChannel]):
         self._each(self._plan(tuple(channels)), lambda block: self._put_block(block, raws))
 
     def _put_block(self, block: RegisterBlock, raws: Sequence[int]) -> None:
-        data = b"".join(part.register.pack(self._contents(part.register, part.channels, raws)) for part in block.parts)
+        data = b"".join([self._packed(part, raws) for part in block.parts])
         self._write_block(block.page, block.address, data)
-        self._shadow.update(zip(self._places(block.page, block.address, block.size), data, strict=True))
+        self._shadow.update(zip(block.places, data, strict=True))
 
-    def _contents(self, register: Register, placed: Sequence[tuple[int, RegisterChannel]], raws: Sequence[int]) -> int:
-        contents = 0 if any(channel.whole for _, channel in placed) else self._before(register)
-        for i, channel in placed:
+    def _packed(self, part: BlockPart, raws: Sequence[int]) -> bytes:
+        contents = 0 if part.whole else self._before(part.register)
+        for i, channel in part.channels:
             contents = channel.encode(raws[i], contents)
-        return contents
+        return part.register.pack(contents)
 
     def _before(self, register: Register) -> int:
         """What the register holds, for its bits that are not written now."""
-        places = self._places(register.page, register.address, register.size)
+        places = places_of(register.page, register.address, register.size, joined=self._auto_increment)
         if self._shadow.keys() >= set(places):
             return register.unpack(bytes(self._shadow[place] for place in places))
         if register.initial is not None:
             return register.initial
         return register.unpack(self._read_block(register.page, register.address, register.size))
-
-    def _places(self, page: int | None, address: int, size: int) -> list[Hashable]:
-        """Of the bytes of a block."""
-        if self._auto_increment:
-            return [(page, address + i) for i in range(size)]
-        return [(page, address, i) for i in range(size)]
 
     # The bus -------------------------------------------------------------------------------------------
 
@@ -197,7 +192,7 @@ class RegisterDriver(Driver[RegisterChannel]):
 
     def _read_block(self, page: int | None, address: int, size: int) -> bytes:
         self._turn_to(page)
-        data = self._transfer(f"reading {address:#04x}", lambda: self._get(address, size))
+        data = self._transfer("reading", self._get, address, size)
         if len(data) != size:
             self._broken = True
             raise DriverError(f"reading {address:#04x}: {len(data)} bytes in place of {size}")
@@ -205,7 +200,7 @@ class RegisterDriver(Driver[RegisterChannel]):
 
     def _write_block(self, page: int | None, address: int, data: bytes) -> None:
         self._turn_to(page)
-        self._transfer(f"writing {address:#04x}", lambda: self._put(address, data))
+        self._transfer("writing", self._put, address, data)
 
     def _turn_to(self, page: int | None) -> None:
         """Select a page, once in a call: the chip may have been reset since the call before."""
@@ -213,22 +208,24 @@ class RegisterDriver(Driver[RegisterChannel]):
             return
         assert self._page_register is not None
         select, self._page = self._page_register, None
-        self._transfer(f"selecting page {page}", lambda: self._put(select, bytes([page])))
+        self._transfer(f"selecting page {page} by", self._put, select, bytes([page]))
         self._page = page
 
-    def _transfer(self, what: str, call: Callable[[], T]) -> T:
+    def _transfer(self, what: str, call: Callable[[int, D], T], address: int, data: D) -> T:
         if self._deadline is None:
             self._deadline = monotonic() + self.timeout
         elif monotonic() > self._deadline:
-            raise DeviceTimeout(f"{what}: timed out ({self.timeout * 1000:g} ms)")
+            raise DeviceTimeout(f"{what} {address:#04x}: timed out ({self.timeout * 1000:g} ms)")
         try:
-            return call()
+            return call(address, data)
         except TimeoutError as error:
             self._broken = True
-            raise DeviceTimeout(f"{what}: the bus is held, or the device does not answer in time") from error
+            raise DeviceTimeout(
+                f"{what} {address:#04x}: the bus is held, or the device does not answer in time"
+            ) from error
         except OSError as error:
             self._broken = True
-            raise DriverError(f"{what}: {self._explained(error)}") from error
+            raise DriverError(f"{what} {address:#04x}: {self._explained(error)}") from error
 
     def _readable(self, name: str, value: int) -> tuple[RegisterChannel, int]:
         channel = self.channel(name)

@@ -100,7 +100,7 @@ class RegisterChannel(Channel):
 
     def check(self, raw: int) -> None:
         """DriverError if it cannot be written."""
-        if Direction.OUTPUT not in self.direction:
+        if self.direction is Direction.INPUT:
             raise DriverError(f"{self.text} is an input")
         if not self.lowest <= raw <= self.highest:
             raise DriverError(f"{raw} does not fit {self.text}: it takes {self.lowest} to {self.highest}")
