@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from umo.drivers.fmu.instance import FmuInstance
 
 _MOST_GROUPS = 64
+_FEW = 8
+"""Floats of a group up to which plain arithmetic takes less time than arrays; the results are the same."""
 _MOST_REPORTED = 40
 
 
@@ -191,17 +193,21 @@ class _Group:
         places = [i for i, channel in enumerate(channels) if channel.kind == kind]
         self._channels = [channels[i] for i in places]
         self.texts = [channel.text for channel in self._channels]
-        self._places: Any = slice(None) if len(places) == len(channels) else np.array(places)
+        self._places: Any = ... if len(places) == len(channels) else np.array(places)
         buffer, self._arguments = instance.arguments(kind, [channel.reference for channel in self._channels])
         self._values: npt.NDArray[Any] = np.ctypeslib.as_array(buffer)
         scales = [channel.scale for channel in self._channels]
         self._scales = None if None in scales else np.array(scales, float)
+        self._few = scales if None not in scales and len(scales) <= _FEW else []
         self._counts = np.zeros(len(places))
         self._lowest, self._highest = self._channels[0].lowest, self._channels[0].highest  # the same for one type
         self._call, self._function = instance.call, instance.function(verb, kind)
 
     def get(self, out: IntArray) -> None:
         self._call(self._function, *self._arguments)
+        if self._few and (few := self._rounded()):
+            out[self._places] = few
+            return
         if self._scales is not None:
             counts: Any = self._counts
             np.divide(self._values, self._scales, counts)
@@ -214,6 +220,14 @@ class _Group:
             out[self._places] = counts
         else:
             self._keep_good(counts, out)
+
+    def _rounded(self) -> list[int]:
+        """The raw integers of a few floats; empty if one does not fit."""
+        try:
+            found = [round(value / scale) for value, scale in zip(self._values.tolist(), self._few, strict=True)]
+        except (ValueError, OverflowError):  # NaN, infinity
+            return []
+        return found if min(found) >= self._lowest and max(found) <= self._highest else []
 
     def _keep_good(self, counts: npt.NDArray[Any], out: IntArray) -> None:
         """ChannelsFailed for the readings that are not raw integers; the others stand."""
@@ -233,7 +247,7 @@ class _Group:
         if self._scales is None:
             self._values[:] = raws[self._places]
         else:
-            self._values[:] = raws[self._places] * self._scales
+            np.multiply(raws[self._places], self._scales, self._values, casting="same_kind")
         self._call(self._function, *self._arguments)
 
 
