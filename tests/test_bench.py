@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from contextlib import ExitStack
 from pathlib import Path
@@ -14,6 +15,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from bench import forms, native, report, scan, zones
 from bench.driver import Fill, Loop
+from bench.drivers import kernel
 from bench.drivers import table as drivers
 from bench.drivers.case import SIZES, Case, NotHere
 from bench.mix import commands, layout, readings
@@ -159,3 +161,20 @@ def test_a_driver_whose_device_is_not_here_is_named_and_the_others_are_measured(
     assert missing == ["gone: not measured: there is no chip"]
     assert [(row.driver, row.channels, row.transfers) for row in figures] == [("one", n, 3) for n in SIZES]
     assert drivers.grid(figures).row_count == len(SIZES)
+
+
+def test_drivers_of_kernel_interfaces_are_measured_in_the_test_kernel(monkeypatch):
+    module = SimpleNamespace(cases=None, NEEDS_KERNEL=True)
+    monkeypatch.setattr(drivers, "names", lambda: ["gpio", "spi"])
+    monkeypatch.setattr(drivers, "module", lambda name: module)
+    row = drivers.Figures("gpio, gpio-sim", "gpiod", 2, 2, (1.0, 2.0), (1.0, 2.0))
+    (same,) = drivers.from_json(json.loads(json.dumps(drivers.as_json([row]))))
+    assert same == row
+    assert drivers.measure(1, lambda names: ([same], names)) == ([row], ["gpio", "spi"])
+
+
+def test_a_test_kernel_that_is_not_built_is_said_in_one_line_with_the_command(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    _, (reason,) = kernel.measured(["gpio", "spi"], quick=True)
+    assert reason.startswith("gpio, spi: not measured: they need the test kernel: make kernel, then tests/kernel/boot ")
+    assert "\n" not in reason

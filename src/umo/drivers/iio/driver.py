@@ -48,7 +48,8 @@ class Iio(Driver[IioChannel]):
         device: name ("ads1015"), label, or number ("iio:device0").
         trigger: name of a trigger, such as an hrtimer. All input channels of a period then come from one record, taken
             at one instant. Default: each channel is read for itself.
-        sampling_frequency: of the trigger, or of the device if the trigger has none, in Hz. Default: as it stands.
+        sampling_frequency: of the trigger, or of the device if the trigger has none, in Hz; only with a trigger.
+            Default: as it stands.
         conditioned: channels with a divider, an amplifier or a transducer between the object and the converter: the
             kernel's scale is not the object's, and is not compared.
 
