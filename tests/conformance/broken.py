@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import select
 import socket
 import threading
 from collections.abc import Sequence
@@ -376,6 +377,151 @@ class RaisesKeyErrors(Careful):
             {0: "ok", 1: "busy"}[status]
 
 
+class TakesAPartForTheWhole(Careful):
+    """What comes in at once counts as the whole answer."""
+
+    def receive(self, length: int) -> bytes:
+        assert self.connection is not None
+        self.connection.settimeout(self.left())
+        try:
+            data = self.connection.recv(length)
+        except TimeoutError:
+            raise DeviceTimeout("timed out") from None
+        if len(data) < length:
+            raise DriverError("the device closed the connection")
+        return data
+
+
+class ConnectsWithoutATimeout(Careful):
+    """The timeout is set once there is a connection."""
+
+    def connect(self) -> None:
+        if self.connection is not None and select.select([self.connection], [], [], 0)[0]:
+            self.drop()
+        if self.connection is None:
+            self.connection = socket.create_connection((self.host, self.port))
+
+
+class WritesTheWholePort(Careful):
+    """Outputs share a register: the driver sends all of it, from a copy that begins with 0."""
+
+    def __init__(self, *, host: str = "127.0.0.1", port: int = 4000) -> None:
+        super().__init__(host=host, port=port)
+        self.register: dict[Place, int] = {}
+
+    def channel(self, text: str) -> Place:
+        channel = super().channel(text)
+        if text.startswith("out:"):
+            self.register.setdefault(channel, 0)
+        return channel
+
+    def write_raws(self, channels: Sequence[Place], raws: list[int]) -> None:
+        levels = self.register | dict(zip(channels, raws, strict=True))
+        super().write_raws(list(levels), list(levels.values()))
+        self.register |= {channel: levels[channel] for channel in self.register}
+
+
+class SkipsWhatItFailedToWrite(Careful):
+    """A level is noted before it is sent, and not sent again."""
+
+    def __init__(self, *, host: str = "127.0.0.1", port: int = 4000) -> None:
+        super().__init__(host=host, port=port)
+        self.last: dict[Place, int] = {}
+
+    def initialize(self, channel: Place, default: int | None) -> None:
+        self.last.pop(channel, None)
+        super().initialize(channel, default)
+
+    def reset(self, channel: Place, default: int | None) -> None:
+        self.last.pop(channel, None)
+        super().reset(channel, default)
+
+    def write_raws(self, channels: Sequence[Place], raws: list[int]) -> None:
+        new = {c: raw for c, raw in zip(channels, raws, strict=True) if self.last.get(c) != raw}
+        self.last |= new
+        try:
+            super().write_raws(list(new), list(new.values()))
+        except DriverError:  # of a lost connection it has not thought
+            for channel in new:
+                self.last.pop(channel)
+            raise
+
+
+class RemembersLevelsWhenReopened(Careful):
+    """A level that is the last one is not sent; close does not forget it."""
+
+    def __init__(self, *, host: str = "127.0.0.1", port: int = 4000) -> None:
+        super().__init__(host=host, port=port)
+        self.last: dict[Place, int] = {}
+
+    def write_raws(self, channels: Sequence[Place], raws: list[int]) -> None:
+        new = {c: raw for c, raw in zip(channels, raws, strict=True) if self.last.get(c) != raw}
+        try:
+            super().write_raws(list(new), list(new.values()))
+        except OSError:
+            for channel in new:
+                self.last.pop(channel, None)
+            raise
+        self.last |= new
+
+
+class ResetsAllOutputs(Careful):
+    """Reset of one output brings all of them to their defaults."""
+
+    def __init__(self, *, host: str = "127.0.0.1", port: int = 4000) -> None:
+        super().__init__(host=host, port=port)
+        self.defaults: dict[Place, int] = {}
+
+    def initialize(self, channel: Place, default: int | None) -> None:
+        if default is not None:
+            self.defaults[channel] = default
+        super().initialize(channel, default)
+
+    def reset(self, channel: Place, default: int | None) -> None:
+        if default is not None:
+            self.write_raws(list(self.defaults), list(self.defaults.values()))
+
+
+class TakesBlocksToInputs(Careful):
+    """Directions are looked at in `write` alone."""
+
+    def write_many(self, channels: Sequence[Place], raws: IntArray) -> None:
+        outputs = [(c, raw) for c, raw in zip(channels, raws.tolist(), strict=True) if Direction.OUTPUT in c.direction]
+        self.write_raws([c for c, _ in outputs], [raw for _, raw in outputs])
+
+
+class SwitchesOffWhenFinalised(Careful):
+    """Finalise of one output switches all off."""
+
+    def finalize(self, channel: Place) -> None:
+        if Direction.OUTPUT in channel.direction:
+            self.write_raws([self.channel("out:0"), self.channel("out:1")], [0, 0])
+
+
+class LeaksWhenItCannotConnect(Careful):
+    """A socket that could not be connected is left open."""
+
+    left_open: list[socket.socket] = []
+
+    def connect(self) -> None:
+        try:
+            super().connect()
+        except OSError:
+            self.left_open.append(socket.socket())
+            raise
+
+
+class WaitsForGoodbye(Careful):
+    """Close waits for the device to say goodbye."""
+
+    def close(self) -> None:
+        if self.connection is not None:
+            with suppress(OSError):
+                self.timeout *= 8
+                self.read(self.channel("in:0"))
+        super().close()
+
+
 BREAKS: dict[type[Careful], set[str]] = {
     KeyErrorForAnUnknownChannel: {"channels"},
     ConnectsWhenMade: {"before open"},
@@ -409,4 +555,14 @@ BREAKS: dict[type[Careful], set[str]] = {
     LeaksThreads: {"threads"},
     Grows: {"memory"},
     RaisesKeyErrors: {"kind of errors"},
+    TakesAPartForTheWhole: {"answer in pieces"},
+    ConnectsWithoutATimeout: {"timeout"},
+    WaitsForGoodbye: {"timeout"},
+    WritesTheWholePort: {"initialise"},
+    SkipsWhatItFailedToWrite: {"vanish"},
+    RemembersLevelsWhenReopened: {"reopen"},
+    ResetsAllOutputs: {"reset", "finalise"},
+    SwitchesOffWhenFinalised: {"finalise"},
+    TakesBlocksToInputs: {"directions"},
+    LeaksWhenItCannotConnect: {"descriptors"},
 }

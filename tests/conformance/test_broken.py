@@ -21,8 +21,9 @@ def nothing_left() -> Iterator[None]:
     yield
     broken.LeaksThreads.end.set()
     broken.LeaksThreads.end.clear()
-    while broken.LeaksSockets.left_open:
-        broken.LeaksSockets.left_open.pop().close()
+    for leaky in (broken.LeaksSockets, broken.LeaksWhenItCannotConnect):
+        while leaky.left_open:
+            leaky.left_open.pop().close()
     for connection in broken.SharesItsConnection.shared.values():
         if connection is not None:
             connection.close()

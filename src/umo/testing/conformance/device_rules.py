@@ -24,20 +24,21 @@ def vanish(trial: Trial) -> str | None:
     with trial.opened() as probe:
         trial.hurry(probe)
         with loss():
-            for call, arguments in trial.transfers(probe):
+            for call, arguments in trial.transfers(probe, default=False):
                 if in_time(trial, probe, call, *arguments) is None:
                     raise RuleBroken(f"{trial.watch.doing} succeeded while the device was away")
             _not_opened(trial)
         probe.driver.timeout = trial.patience
-        for call, arguments in trial.transfers(probe):
+        for call, arguments in trial.transfers(probe, default=False):
             if (error := trial.failure(call, *arguments)) is not None:
                 raise RuleBroken(f"the device is back, but {trial.watch.doing} failed: {reported(error)}")
+        remark = _right(trial, probe, "the device was away")
         with loss():
             pass  # nobody has noticed
         for call, arguments in trial.transfers(probe):
             if trial.failure(call, *arguments) is not None and (error := trial.failure(call, *arguments)) is not None:
                 raise RuleBroken(f"the device was away and is back, but {trial.watch.doing} fails: {reported(error)}")
-        return _right(trial, probe, "the device was away")
+    return remark
 
 
 def _not_opened(trial: Trial) -> None:
@@ -54,11 +55,9 @@ def _not_opened(trial: Trial) -> None:
 
 def _right(trial: Trial, probe: Probe, after: str) -> str | None:
     """The outputs obey, as far as they can be seen."""
-    try:
-        outputs = trial.seen
-    except NotTried:
-        return "outputs were not looked at: they cannot be seen" if trial.subject.outputs else None
-    for number, output in enumerate(outputs):
+    if trial.subject.outputs and not trial.visible:
+        return "outputs were not looked at: they cannot be seen"
+    for number, output in enumerate(trial.visible):
         probe.write(output.channel, output.other(number))
         trial.expect(probe, output, output.other(number), f"write({output.other(number)}), since {after},")
     return trial.remark
@@ -131,13 +130,16 @@ def _check_names(error: DriverError, texts: dict[str, str]) -> None:
 
 
 def _machine(trial: Trial) -> tuple[Machine, dict[str, Any]]:
-    outputs = [each for each in trial.subject.outputs if each.least < each.greatest]
+    outputs = [
+        each
+        for each in trial.subject.outputs
+        if each.least < each.greatest and max(abs(each.least), abs(each.greatest)) <= WIDEST
+    ]
     inputs = [text for text in trial.readable if text not in {each.channel for each in outputs}]
     machine = Machine(
         outputs=[
             DigitalActuator("count", default=o.default, minimum=o.least, maximum=o.greatest, resolution=1)
             for o in outputs
-            if max(abs(o.least), abs(o.greatest)) <= WIDEST
         ],
         inputs=[_sensor(trial, text) for text in inputs],
     )

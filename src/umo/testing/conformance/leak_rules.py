@@ -78,6 +78,11 @@ def _open_often(trial: Trial, count: int) -> None:
                 for _ in range(2):  # the first may find the end of the connection
                     for call, arguments in trial.transfers(probe):
                         trial.failure(call, *arguments)
+        if line is not None:
+            with line.gone():
+                probe = trial.new()
+                trial.failure(probe.open)
+                trial.failure(probe.close)
 
 
 def _counts(trial: Trial, goal: dict[str, int] | None) -> dict[str, int]:

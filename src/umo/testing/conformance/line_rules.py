@@ -91,19 +91,33 @@ def apart(trial: Trial, probe: Probe) -> dict[str, int]:
     return found
 
 
-def recovers(trial: Trial, probe: Probe, values: dict[str, int], after: str) -> None:
-    """Each channel reads its value, at the third call at the latest, and no other one before."""
+def recovers(trial: Trial, probe: Probe, values: dict[str, int], after: str, tries: int = TRIES) -> None:
+    """Each channel reads its value, at the last of the tries at the latest, and no other one before."""
     for text, raw in values.items():
-        for left in range(TRIES - 1, -1, -1):
+        for left in range(tries - 1, -1, -1):
             try:
                 found = probe.read(text)
             except OSError as error:
                 if not left:
                     raise RuleBroken(f"read of {text} still fails after {after}: {error}") from error
                 continue
-            if found != raw:
+            if not trial.alike(text, raw, found):
                 raise RuleBroken(f"{text} read {found} after {after}; it is at {raw}")
             break
+
+
+@rule("answer in pieces", "An answer that comes in several pieces is put together.")
+def answer_in_pieces(trial: Trial) -> None:
+    line = trial.line
+    with trial.opened() as probe:
+        values, before = _values(trial, probe), line.spoiled
+        with line.split():
+            recovers(trial, probe, values, "an answer in pieces", tries=1)
+            for call, arguments in trial.transfers(probe):
+                if (error := trial.failure(call, *arguments)) is not None:
+                    raise RuleBroken(f"{trial.watch.doing} failed with an answer in pieces: {error}")
+    if line.spoiled == before:
+        raise NotTried(NO_ANSWER)
 
 
 @rule("old answer", "An earlier answer in place of the right one is an error, where requests carry a number.")
@@ -151,7 +165,7 @@ def _spoiled_read(
         except OSError:
             found = raw
     probe.driver.timeout = trial.patience
-    if line.spoiled > before and found != raw:
+    if line.spoiled > before and not trial.alike(text, raw, found):
         raise RuleBroken(f"{text} read {found} from {what}; it is at {raw}")
     recovers(trial, probe, {text: raw}, what)
     return line.spoiled > before
@@ -199,8 +213,13 @@ def _each_spoiled(trial: Trial, variants: list[tuple[str, Change, bool]]) -> Non
 
 
 def _values(trial: Trial, probe: Probe) -> dict[str, int]:
+    """What the channels read that stay as they are. Outputs are brought to other levels than their defaults; the
+    inputs that read them are waited for."""
     for number, output in enumerate(trial.subject.outputs):
         probe.write(output.channel, output.other(number))
+    for number, output in enumerate(trial.subject.outputs):
+        if output.channel in trial.loops:
+            trial.is_read(probe, output, output.other(number))
     texts = (*(output.channel for output in trial.subject.outputs), *trial.loops.values(), *trial.steady)
     return {text: probe.read(text) for text in texts if text in trial.readable}
 

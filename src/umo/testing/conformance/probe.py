@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from umo.cycle.block import UNREAD
 from umo.drivers.contract import Channel, Driver, IntArray
 from umo.text import cause_of, located
 
@@ -122,9 +123,9 @@ class Probe:
         self.call(f"write of {raw} to {text}", self.driver.write, self.channel(text), raw)
 
     def read_many(self, texts: Sequence[str], out: IntArray | None = None) -> list[int]:
-        """Into `out`, which is filled with a value that no channel should have, or into a new array."""
+        """Into `out`, or into an array as umo hands it over."""
         channels = tuple(map(self.channel, texts))
-        out = np.empty(len(texts), np.int64) if out is None else out
+        out = np.full(len(texts), UNREAD) if out is None else out
         self.call(f"read_many of {', '.join(texts)}", self.driver.read_many, channels, out)
         return [self._checked(channel, raw) for channel, raw in zip(channels, out.tolist(), strict=True)]
 

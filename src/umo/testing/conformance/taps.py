@@ -18,6 +18,8 @@ from types import TracebackType
 from typing import Self
 
 QUIET = 0.005
+PIECE = 0.003
+"""s between the pieces of an answer."""
 LAST = 0.5
 """s in which an answer that is to be late must have come."""
 KEPT = 64
@@ -63,6 +65,7 @@ class Tap(ABC):
         self._change: Change | None = None
         self._hangup = self._holding = False
         self._endless = 0.0
+        self._splitting = self._gone = False
         self._open: list[Tapped] = []
         self._lock = threading.RLock()
         self._selector = selectors.DefaultSelector()
@@ -130,6 +133,17 @@ class Tap(ABC):
                         each.held = b""
 
     @contextmanager
+    def split(self) -> Iterator[None]:
+        """Each answer comes in three pieces."""
+        with self._lock:
+            self._splitting = True
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._splitting = False
+
+    @contextmanager
     def endless(self, step: float = 0.001) -> Iterator[None]:
         """In place of an answer, bytes come without an end, one every `step` s."""
         self._endless = step
@@ -142,14 +156,16 @@ class Tap(ABC):
     @contextmanager
     def gone(self) -> Iterator[None]:
         """The device is away: its connections end, and it takes no new ones."""
-        with self._lock:
-            self._vanish()
-            self.drop()
+        self._go()
         try:
             yield
         finally:
-            with self._lock:
-                self._appear()
+            self._return()
+
+    @contextmanager
+    def unreachable(self) -> Iterator[bool]:
+        """Nothing answers a request to connect, as if a cable were cut; False if this kind of line cannot do so."""
+        yield False
 
     def drop(self) -> None:
         """The device ends its connections. It takes new ones at once."""
@@ -161,6 +177,9 @@ class Tap(ABC):
         """Whatever was asked for ends, and so do the connections."""
         with self._lock:
             self._change, self._hangup, self._holding, self._endless = None, False, False, 0.0
+            self._splitting = False
+            with suppress(OSError):  # the device is not there
+                self._return()
             self.drop()
 
     def settle(self) -> None:
@@ -194,12 +213,25 @@ class Tap(ABC):
 
     # Within ------------------------------------------------------------------------------------------
 
+    def _go(self) -> None:
+        with self._lock:
+            self._gone = True
+            self._vanish()
+            self.drop()
+
+    def _return(self) -> None:
+        with self._lock:
+            if self._gone:
+                self._gone = False
+                self._appear()
+
     def _work(self) -> None:
         while not self._end:
             ready = self._selector.select(self._pause())
             with self._lock:
                 for key, _ in ready:
-                    self._serve(key.fd)
+                    if self._selector.get_map().get(key.fd) is key:  # else closed since, and perhaps used again
+                        self._serve(key.fd)
                 self._look()
             self._settled.set()
 
@@ -218,8 +250,7 @@ class Tap(ABC):
             return
         tapped = next((each for each in self._open if ready in (each.driver, each.device)), None)
         if tapped is None:
-            if ready in self._selector.get_map():  # else it was closed in the meantime
-                self._accept()
+            self._accept()
             return
         try:
             data = os.read(ready, SIZE)
@@ -242,7 +273,7 @@ class Tap(ABC):
 
     def _answered(self, tapped: Tapped, data: bytes) -> None:
         tapped.answer += data
-        if self._change is not None or self._holding or self._endless or tapped.due is not None:
+        if self._change is not None or self._holding or self._endless or self._splitting or tapped.due is not None:
             tapped.due = monotonic() + QUIET
             return
         self._put(tapped, tapped.driver, tapped.held + data)
@@ -273,6 +304,10 @@ class Tap(ABC):
             self._put(tapped, tapped.driver, self._change(answer))
             if self._hangup:
                 self._close(tapped)
+        elif self._splitting:
+            for piece in (answer[:1], answer[1 : len(answer) // 2], answer[len(answer) // 2 :]):
+                self._put(tapped, tapped.driver, piece)
+                sleep(PIECE)
         elif not self._endless:  # it began before the mode ended
             self._put(tapped, tapped.driver, answer)
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import selectors
 import socket
-from contextlib import suppress
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 
 from umo.testing.conformance.taps import Tap
 
@@ -19,9 +21,26 @@ class TcpTap(Tap):
         super().__init__()
         self._device = (host, port)
         self._listener: socket.socket | None = None
+        self._full: list[socket.socket] = []
         self.host, self.port = "127.0.0.1", 0
 
+    @contextmanager
+    def unreachable(self) -> Iterator[bool]:
+        """A listener whose queue is full: Linux lets requests to connect get lost then."""
+        if not sys.platform.startswith("linux"):
+            yield False
+            return
+        self._go()
+        address = self.host, self.port
+        try:
+            self._full = [socket.create_server(address, backlog=0), socket.create_connection(address, DIAL)]
+            yield True
+        finally:
+            self._return()
+
     def _appear(self) -> None:
+        while self._full:
+            self._full.pop().close()
         self._listener = socket.create_server((self.host, self.port), backlog=16)
         self.port = self._listener.getsockname()[1]
         self._selector.register(self._listener, selectors.EVENT_READ)

@@ -14,7 +14,11 @@ TRIES = 3
 """Calls of which the shortest counts: the computer may have been busy with something else."""
 
 
-@rule("timeout", "A call ends within `timeout`, which it reads, by a TimeoutError; also if bytes come without end.")
+@rule(
+    "timeout",
+    "A call ends within `timeout`, which it reads, by a TimeoutError; also if bytes come without end, or nothing "
+    "answers the request to connect.",
+)
 def timeout(trial: Trial) -> None:
     line = trial.line
     with trial.opened() as probe:
@@ -30,22 +34,55 @@ def timeout(trial: Trial) -> None:
         with line.endless(trial.subject.timeout / 4):
             for call, arguments in trial.transfers(probe)[1::2]:  # the blocks
                 in_time(trial, probe, call, *arguments)
+    probes = [trial.new() for _ in range(TRIES)]
     with line.silent():
-        probe = trial.new()
+        _open_in_time(trial, probes)
+    _without_a_connection(trial)
+
+
+def _open_in_time(trial: Trial, probes: list[Probe]) -> None:
+    """Open, or fail, and close. The quickest of several drivers counts."""
+    limit = _allowed(trial.subject.timeout)
+    for probe in probes:
         trial.hurry(probe)
-        in_time(trial, probe, probe.open)
-        probe.close()
+        slow = ""
+        for call in (probe.open, probe.close):
+            trial.failure(call)
+            if trial.watch.took > limit:
+                slow = _slow(trial, trial.subject.timeout)
+        if not slow:
+            return
+    raise RuleBroken(slow)
+
+
+def _without_a_connection(trial: Trial) -> None:
+    others = [trial.new() for _ in range(TRIES)]
+    with trial.opened() as probe:
+        trial.hurry(probe)
+        with trial.line.unreachable() as possible:
+            if possible:
+                for call, arguments in trial.transfers(probe, default=False)[1::2]:
+                    if in_time(trial, probe, call, *arguments) is None:
+                        raise RuleBroken(f"{trial.watch.doing} succeeded without a connection")
+                _open_in_time(trial, others)
 
 
 def in_time(trial: Trial, probe: Probe, call: Callable[..., object], *arguments: Any) -> OSError | None:
-    """The error of a call that has to end within its timeout, and half of it and 50 ms for the computer."""
-    limit = 1.5 * probe.driver.timeout + 0.05
+    """The error of a call that has to end within its timeout."""
     for _ in range(TRIES):
         error = trial.failure(call, *arguments)
-        if trial.watch.took <= limit:
+        if trial.watch.took <= _allowed(probe.driver.timeout):
             return error
-    took, allowed = trial.watch.took * 1e3, probe.driver.timeout * 1e3
-    raise RuleBroken(f"{trial.watch.doing} took {took:.0f} ms, its timeout is {allowed:g} ms")
+    raise RuleBroken(_slow(trial, probe.driver.timeout))
+
+
+def _allowed(timeout: float) -> float:
+    """s: half of the timeout more, and 50 ms for the computer."""
+    return 1.5 * timeout + 0.05
+
+
+def _slow(trial: Trial, timeout: float) -> str:
+    return f"{trial.watch.doing} took {trial.watch.took * 1e3:.0f} ms, its timeout is {timeout * 1e3:g} ms"
 
 
 @rule("patience", "A longer `timeout`, set after `open`, holds at once: initialise and reset get one.")

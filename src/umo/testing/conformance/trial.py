@@ -113,6 +113,10 @@ class Trial:
                 probe.close()
         self.unreached = left
 
+    def left_dirty(self) -> None:
+        """`restore` has something to do: an output may be left at another level than its default."""
+        self._dirty = True
+
     def hurry(self, probe: Probe) -> None:
         """Its calls have the subject's own timeout from now on."""
         probe.driver.timeout = self.subject.timeout
@@ -149,20 +153,24 @@ class Trial:
         return dict(self.subject.loopbacks)
 
     @cached_property
+    def visible(self) -> tuple[Output, ...]:
+        """Outputs whose level can be seen."""
+        by = self.loops.keys() if self.subject.levels is None else self._defaults.keys()
+        return tuple(each for each in self.subject.outputs if each.channel in by or each.channel in self.readable)
+
+    @property
     def seen(self) -> tuple[Output, ...]:
-        """Outputs whose level can be seen; NotTried if there is none."""
+        """As `visible`; NotTried if there is none."""
         if not self.subject.outputs:
             raise NotTried("the driver has no outputs")
-        by = self.loops.keys() if self.subject.levels is None else self._defaults.keys()
-        found = tuple(each for each in self.subject.outputs if each.channel in by or each.channel in self.readable)
-        if not found:
+        if not self.visible:
             raise NotTried(NO_VIEW)
-        return found
+        return self.visible
 
     @property
     def remark(self) -> str | None:
         """Which outputs the rule could not see."""
-        unseen = [each.channel for each in self.subject.outputs if each not in self.seen]
+        unseen = [each.channel for each in self.subject.outputs if each not in self.visible]
         return f"except {some(unseen)}, whose level cannot be seen" if unseen else None
 
     # Levels ------------------------------------------------------------------------------------------
@@ -186,6 +194,27 @@ class Trial:
             if monotonic() >= end:
                 return False
             sleep(LOOK)
+
+    def is_read(self, probe: Probe, output: Output, raw: int) -> bool:
+        """As `is_at`, of what the driver under test reads at the output's loop-back."""
+        end = monotonic() + self.subject.settle
+        while not self.same(output, raw, probe.read(self.loops[output.channel])):
+            if monotonic() >= end:
+                return False
+            sleep(LOOK)
+        return True
+
+    def alike(self, text: str, before: int, now: int) -> bool:
+        """Whether two readings of a channel mean one level: they are equal, or those of a loop-back agree with a level
+        of its output."""
+        if before == now or self.subject.agree is None:
+            return before == now
+        return any(
+            self.same(output, raw, before) and self.same(output, raw, now)
+            for output in self.subject.outputs
+            if self.loops.get(output.channel) == text
+            for raw in (*output.inner, output.default)
+        )
 
     def same(self, output: Output, raw: int, level: int) -> bool:
         """Whether a level that was seen is the output's raw one."""

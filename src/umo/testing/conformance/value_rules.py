@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from umo.drivers.contract import Direction
 from umo.errors import DriverError
 from umo.testing.conformance.probe import Probe
@@ -65,15 +67,20 @@ def directions(trial: Trial) -> None:
     with trial.opened() as probe:
         for each in inputs:
             before = probe.read(each.channel)
-            error = trial.failure(probe.call, f"write to {each.channel}", _write, probe, each.channel, before)
-            if error is None:
-                raise RuleBroken(f"a write to {each.channel}, an input, was taken")
+            for many in (False, True):
+                what = f"{'write_many' if many else 'write'} to {each.channel}"
+                if trial.failure(probe.call, what, _write, probe, each.channel, before, many) is None:
+                    raise RuleBroken(f"a {what}, an input, was taken")
             if each.channel in trial.steady and (after := probe.read(each.channel)) != before:
                 raise RuleBroken(f"a refused write to {each.channel} changed it from {before} to {after}")
 
 
-def _write(probe: Probe, text: str, raw: int) -> None:
+def _write(probe: Probe, text: str, raw: int, many: bool) -> None:
+    channel = probe.driver.channel(text)
     try:
-        probe.driver.write(probe.driver.channel(text), raw)
+        if many:
+            probe.driver.write_many((channel,), np.array([raw], np.int64))
+        else:
+            probe.driver.write(channel, raw)
     except NotImplementedError as error:  # the contract's own, of a driver without outputs
         raise DriverError(str(error)) from error
