@@ -17,6 +17,8 @@ from typer.testing import Result
 
 import umo as package
 from conformance.device import Device
+from umo.errors import StandsStopped
+from umo.system.custody import Custody
 from umo.system.hold import Hold
 from umo.testing.conformance import Certificate
 
@@ -132,6 +134,7 @@ MISTAKES = {
     "--only out:7": "no channel or object 'out:7' (did you mean 'out:1'?) of this driver",
     "--loopback motor": "--loopback motor: give OUTPUT=INPUT",
     "--loopback back=motor": "--loopback back=motor: back must be an actuator and motor a channel that can be read",
+    "--refused out:0": "--refused out:0: motor is wired to it",
     "--only nothing": "no channel or object 'nothing' of this driver",
 }
 
@@ -159,6 +162,26 @@ def test_a_device_that_is_not_there_is_one_line_and_status_1(umo: Umo, press: Pa
     assert result.exit_code == 1
     assert len(result.stderr.strip().splitlines()) < 12
     assert "umo: driver card (device tcp 127.0.0.1:1): " in said(result)
+
+
+def test_a_channel_that_the_device_refuses_lets_error_answers_be_tried(umo: Umo, press: Path) -> None:
+    words = ("--yes", "--cycles", "20", "--refused", "in:40", "--refused", "io:40", "--json", "made.json")
+    assert umo("conform", "press", "-w", "card", "--loopback", "motor=back", *words).exit_code == 0
+    certificate = Certificate.from_json(Path("made.json").read_text())
+    assert certificate.finding("error answer").verdict == "passed"
+    assert certificate.finding("block failures").verdict == "passed"
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="devices are held on Linux")
+def test_an_earlier_unsafe_end_stays_if_the_device_cannot_be_opened(umo: Umo, press: Path) -> None:
+    name = "device tcp 127.0.0.1:1"
+    Custody([name], "press").stopped("a test", ["motor"])
+    file = press / "wiring" / "card.toml"
+    file.write_text(file.read_text().replace("port = ", "port = 1 # "))
+    result = umo("conform", "press", "-w", "card", "--yes", "--acknowledge")
+    assert result.exit_code == 1, said(result)
+    with pytest.raises(StandsStopped):
+        Custody([name], "press")
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="devices are held on Linux")

@@ -222,6 +222,10 @@ def conform(
         list[str] | None,
         typer.Option(metavar="CHANNEL", help="Use this channel or object, and no others. Can be repeated."),
     ] = None,
+    refused: Annotated[
+        list[str] | None,
+        typer.Option(metavar="CHANNEL", help="A channel that the device refuses: its text. Can be repeated."),
+    ] = None,
     tolerance: Annotated[
         float, typer.Option(min=0.0, callback=_finite, help="Of loop-backs, in the unit of the output.")
     ] = 0.0,
@@ -239,7 +243,7 @@ def conform(
     """
     from .conform import Choice, conform_wiring
 
-    choice = Choice(driver, only or (), loopback or (), tolerance, cycles, json_file, yes, acknowledge)
+    choice = Choice(driver, only or (), loopback or (), refused or (), tolerance, cycles, json_file, yes, acknowledge)
     guarded(lambda: conform_wiring(target, wiring, choice, context.args))
 
 

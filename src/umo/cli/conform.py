@@ -45,6 +45,7 @@ class Choice:
     driver: str | None = None
     only: Sequence[str] = ()
     loopbacks: Sequence[str] = ()
+    refused: Sequence[str] = ()
     tolerance: float = 0.0
     cycles: int = 10_000
     json: Path | None = None
@@ -138,8 +139,19 @@ def _subject(
         timeout=driver.timeout,
         device=", ".join(wired.hardware.get(name, ())),
         period=driver.period,
+        refused=_refused(driver, wired, choice.refused),
         agree=partial(_agree, by_text, choice.tolerance),
     )
+
+
+def _refused(driver: Driver[Any], wired: Wired, texts: Sequence[str]) -> tuple[str, ...]:
+    """Channels of the driver that nothing is wired to: the kit reads them, and writes 0 to those that are outputs."""
+    for text in texts:
+        places = set(driver.channel(text).places)
+        for wire in wired.wires:
+            if wire.driver is driver and places & set(wire.channel.places):
+                raise StationError(f"--refused {text}: {wire.item.path} is wired to it")
+    return tuple(texts)
 
 
 def _maker(make: Callable[..., Driver[Any]], **changes: Any) -> Callable[[], Driver[Any]]:
@@ -211,16 +223,20 @@ def _plan(subject: Subject, wires: Sequence[Wire], devices: Sequence[str]) -> Ta
 def _kept(custody: Custody) -> Iterator[list[str]]:
     """The devices are held; the list takes the outputs that are not at their defaults at the end."""
     unreached: list[str] = []
+    end = custody.finish
     try:
         yield unreached
     except StopError as error:
         unreached += [failure.path for failure in error.failures]
         raise
+    except OSError:  # it was not opened, so nothing was driven: an earlier unsafe end stays
+        end = custody.abandon
+        raise
     finally:
         if unreached:
             custody.stopped("conformance", unreached)
         else:
-            custody.finish()
+            end()
 
 
 @contextmanager
