@@ -12,6 +12,10 @@ kept() { # NAME DEFAULT: into $value
     [ -r "$1" ] && read -r value <"$1"
 }
 
+keep() { # NAME VALUE: at once, as another connection may read it
+    printf '%s\n' "$2" >"$1.$$" && mv "$1.$$" "$1"
+}
+
 refuse() {
     printf '%s\n' "$1" >>errors
 }
@@ -29,7 +33,7 @@ next_error() {
 set_voltage() { # NAME NUMBER
     case $2 in
     *[!0-9.]* | *.*.* | '' | .) refuse '-104,"Data type error"' ;;
-    *) if [ "${2%%.*}" -ge 60 ]; then refuse '-222,"Data out of range"'; else printf '%s\n' "$2" >"$1"; fi ;;
+    *) if [ "${2%%.*}" -ge 60 ]; then refuse '-222,"Data out of range"'; else keep "$1" "$2"; fi ;;
     esac
 }
 
@@ -38,8 +42,8 @@ obey() { # one command; its answer into $answer
     case $1 in
     '*IDN?') answer='SOCAT,SUPPLY-1,0,1.0' ;;
     'SYST:ERR?') next_error ;;
-    'OUTP ON') echo 1 >output ;;
-    'OUTP OFF') echo 0 >output ;;
+    'OUTP ON') keep output 1 ;;
+    'OUTP OFF') keep output 0 ;;
     'OUTP?') kept output 0; answer=$value ;;
     'OVER?') answer=9.9E37 ;;
     'NAN?') answer=9.91E37 ;;
