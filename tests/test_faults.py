@@ -22,6 +22,7 @@ from umo import (
     DigitalActuator,
     DigitalSensor,
     Direction,
+    Driver,
     DriverError,
     OnOff,
     OpenClosed,
@@ -31,7 +32,7 @@ from umo import (
     WiringError,
     connect,
 )
-from umo.cycle.block import UNREAD
+from umo.drivers.contract import UNREAD
 from umo.process.job import Job
 from umo.testing import Scripted, VirtualTimer, periods, put
 from umo.testing.faults import KINDS, InjectedFault
@@ -296,7 +297,7 @@ def test_a_delay_in_virtual_time_counts_from_the_timeout_on():
 
 def test_a_delay_in_wall_clock_time_waits_at_most_for_the_timeout(monkeypatch):
     waited: list[float] = []
-    monkeypatch.setattr("umo.wiring.faults.effects.time.sleep", waited.append)
+    monkeypatch.setattr("umo.wiring.faults.wrapper.time.sleep", waited.append)
     with connect(bench(), wiring(box(), "height delay 7 ms"), realtime=True) as m:
         m.sample()
     assert set(waited) == {0.007}
@@ -310,7 +311,7 @@ def test_a_delay_in_wall_clock_time_waits_at_most_for_the_timeout(monkeypatch):
 
 
 def test_a_delay_in_virtual_time_does_not_wait(monkeypatch):
-    monkeypatch.setattr("umo.wiring.faults.effects.time.sleep", lambda seconds: pytest.fail("waited"))
+    monkeypatch.setattr("umo.wiring.faults.wrapper.time.sleep", lambda seconds: pytest.fail("waited"))
     with connected("height delay 7 ms") as (m, _):
         periods(m, 3)
 
@@ -356,6 +357,50 @@ def test_a_single_read_without_a_value_fails():
 def test_the_mark_of_a_place_that_was_not_read_is_not_a_usual_level():
     assert UNREAD not in (-(2**63), 2**63 - 1, 0, -1)
     assert np.int64(UNREAD) == UNREAD
+
+
+def test_a_place_that_the_driver_did_not_fill_is_not_read_behind_a_fault_either():
+    class Short(Scripted):
+        def read_many(self, channels, out):
+            super().read_many(channels[:1], out[:1])
+
+    circuit = Short(channels=[box().channel(name) for name in WIDTHS])
+    with (
+        pytest.raises(DriverError, match="fewer values than channels; door"),
+        connect(bench(), wiring(circuit, "height noise at 0 s", "door noise at 0 s")),
+    ):
+        pass
+
+
+@pytest.mark.parametrize("sensors", [1, 100], ids=["in lists", "in arrays"])
+def test_a_place_that_was_not_filled_is_not_read_where_its_mark_lies_within_the_range(sensors):
+    class Wide(Compound):
+        counts: list[DigitalSensor]
+
+    class Nothing(Scripted):
+        def read_many(self, channels, out):
+            pass
+
+    machine = Wide(
+        counts=[DigitalSensor("count", minimum=-9.2e18, maximum=9.2e18, resolution=1) for _ in range(sensors)]
+    )
+    wires = {"drivers": {"box": Nothing()}, "wire": {"counts.*": {"driver": "box"}}}
+    with pytest.raises(DriverError, match="fewer values than channels"), connect(machine, wires) as m:
+        m.sample()
+
+
+def test_everything_of_a_driver_is_handed_on():
+    public = {name for name in vars(Driver) if not name.startswith("_")}
+    assert public <= vars(Faulty).keys()
+
+
+def test_the_delays_of_several_objects_pass_at_the_same_time(monkeypatch):
+    waited: list[float] = []
+    monkeypatch.setattr("umo.wiring.faults.wrapper.time.sleep", waited.append)
+    with connect(bench(), wiring(box(), "* delay 7 ms"), realtime=True) as m:
+        waited.clear()
+        m.sample()
+        assert waited == [0.007]
 
 
 def test_several_faults_of_one_object_act_one_after_another():
@@ -526,6 +571,13 @@ def test_any_text_is_a_fault_or_a_declaration_error(text):
         ("height disconnect 3", "disconnect has no amount, not '3'"),
         ("height drop-out 3 mm", "is not a share"),
         ("height out of range -1 mm", "a distance from the range is above 0"),
+        ("height stuck 1e308 m", "'1e308 m' is not a level"),
+        ("height noise 1e31 mm", "'1e31 mm' is not an amount"),
+        ("height drift inf", "'inf' is not an amount"),
+        (InjectedFault("height", "noise", float("nan")), "'nan' is not an amount"),
+        ("height stuck at -1 ms", "must be finite and not negative"),
+        ("height stuck for nan s", "is not a duration"),
+        ("door out of range 5 mm", "door is binary: its level beyond the range is 2, not '5 mm'"),
         ("door drift", "door is binary: it cannot drift"),
         ("door stuck ajar", "'ajar' is not a state of door: CLOSED or OPEN"),
         ("height delay soon", "'soon' is not a duration"),

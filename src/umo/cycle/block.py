@@ -7,11 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from umo.drivers.contract import Channel, Driver
+from umo.drivers.contract import UNREAD, Channel, Driver
 from umo.objects.scaling import IntArray
-
-UNREAD = -0x7EAD_7EAD_7EAD_7EAD
-"""What a place of a buffer has until the driver fills it. A driver that leaves it there has not read the channel."""
 
 
 class Block:

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from umo.cycle.block import UNREAD, Block
+from umo.cycle.block import Block
 from umo.cycle.clock import Clock
 from umo.cycle.transfer import Transfer
-from umo.drivers.contract import Direction
+from umo.drivers.contract import UNREAD, Direction
 from umo.errors import BadInput, DriverError, Failure
 from umo.objects import Binary, BinaryActuator, BinarySensor, DigitalActuator, DigitalSensor, Quality
 from umo.objects.atomic import Digital
@@ -62,7 +62,7 @@ class Image(ABC):
         self.pending_raws: Any = self.pending_raws_array.data
         self.scales = [(*wire.scale, *wire.bounds) for wire in self.wires]
         self.linearizations = [wire.linearization for wire in self.wires]
-        self.invalid_raws = {slot: wire.invalid_raws for slot, wire in enumerate(self.wires) if wire.invalid_raws}
+        self.invalid_raws = {slot: raws for slot in range(count) if (raws := self._invalid(slot))}
         self.base = [
             Quality.UNREFERENCED if isinstance(item, DigitalSensor) and item.incremental else Quality.GOOD
             for item in self.items
@@ -349,6 +349,13 @@ class Image(ABC):
         for slot, (cause, time) in failed.items():
             self.times[slot] = time
             self._fail_input(slot, cause, failures)
+
+    def _invalid(self, slot: int) -> tuple[int, ...]:
+        """The raw integers that are not readings: those of the wiring, and the mark of a place that was not read where
+        it would lie within the range."""
+        _, _, low, high = self.scales[slot]
+        unread = (UNREAD,) if low <= self.value_of(slot, UNREAD) <= high else ()
+        return (*self.wires[slot].invalid_raws, *unread)
 
     def _refused(self, slot: int) -> str:
         """Why its raw value, which is in `raws`, is not a reading; empty if it is one."""

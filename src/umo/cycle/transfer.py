@@ -14,9 +14,9 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 
-from umo.cycle.block import UNREAD, Block
+from umo.cycle.block import Block
 from umo.cycle.journal import Journal, Kind
-from umo.drivers.contract import Channel, Direction, Driver
+from umo.drivers.contract import UNREAD, Channel, Direction, Driver
 from umo.errors import ChannelsFailed, DriverError, Failure
 from umo.objects.scaling import IntArray
 from umo.text import in_brackets, reported, some

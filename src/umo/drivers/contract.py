@@ -18,6 +18,9 @@ from umo.errors import ChannelsFailed
 IntArray = npt.NDArray[np.int64]
 INT64 = np.iinfo(np.int64)
 """The raw integers that a transfer can have."""
+UNREAD = -0x7EAD_7EAD_7EAD_7EAD
+"""What a place of a buffer has before the driver fills it; it counts as not read. A channel of 64 bits that reads
+exactly this loses the reading: one raw integer of 2**64."""
 
 
 class Direction(Flag):

@@ -12,6 +12,7 @@ from umo.drivers.contract import Channel, Direction
 from umo.drivers.modbus import Host, Modbus, ModbusChannel
 from umo.errors import WiringError
 from umo.wiring import Wire, Wired
+from umo.wiring.faults.wrapper import bare
 
 
 class Point:
@@ -113,11 +114,11 @@ def register_maps(plant: Wired, bus: Wired) -> list[RegisterMap]:
     if missing:
         raise WiringError(f"the plant has no {', '.join(missing)}")
     maps = []
-    for name, driver in bus.drivers.items():
+    for name, driver in ((name, bare(driver)) for name, driver in bus.drivers.items()):
         if isinstance(driver, Modbus):
             if not isinstance(driver.place, Host):
                 raise WiringError(f"driver {name} is on a serial line; a box serves Modbus TCP")
-            wires = [wire for wire in bus.wires if wire.driver is driver]
+            wires = [wire for wire in bus.wires if bare(wire.driver) is driver]
             points = [Point(slot := slots[wire.item.path], plant.wires[slot], wire) for wire in wires]
             register, watchdog = driver.watchdog_register, bus.watchdogs.get(name, 0.0)
             maps.append(RegisterMap(name, driver.place.host, driver.place.port, tuple(points), register, watchdog))

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from math import inf, isfinite
+from math import inf
 from typing import Any
 
-from umo.drivers.contract import Direction, Driver
+from umo.drivers.contract import INT64, Direction, Driver
 from umo.errors import DeclarationError
 from umo.objects.atomic import Binary
 from umo.objects.scaling import to_raw
@@ -22,6 +22,8 @@ from umo.wiring.patterns import is_pattern, matches
 from umo.wiring.resolved import Wire
 
 _AMOUNT = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)")
+LARGEST = 1e30
+"""Amount; nothing that is calculated with it overflows."""
 SHARES = {"noise": 10.0, "drop-out": 50.0}
 """Percent, where nothing is given."""
 PART = {"noise": 0.01, "drift": 0.01, "out of range": 0.1}
@@ -47,12 +49,12 @@ def inject(
             if not isinstance(given, InjectedFault | str):
                 raise DeclarationError(f"is not a text: {FORM}")
             fault = InjectedFault.parse(given) if isinstance(given, str) else given
-            for driver, effect in _effects_of(fault, wires, drivers, waits):
+            for driver, effect in _effects_of(fault, wires, drivers):
                 by_driver.setdefault(id(driver), []).append(effect)
             texts.append(str(fault))
         except DeclarationError as error:
             report(f"fault {str(given)!r}: {error}")
-    injection = Injection(texts, seed)
+    injection = Injection(texts, seed, waits)
     for driver in drivers.values():
         if id(driver) in by_driver:
             Faulty(driver, by_driver[id(driver)], injection)
@@ -60,16 +62,16 @@ def inject(
 
 
 def _effects_of(
-    fault: InjectedFault, wires: Sequence[Wire], drivers: Mapping[str, Driver[Any]], waits: bool
+    fault: InjectedFault, wires: Sequence[Wire], drivers: Mapping[str, Driver[Any]]
 ) -> Iterator[tuple[Driver[Any], Effect]]:
     found = [wire for wire in wires if matches(fault.path, wire.item.path)]
     if found:
         for wire in found:
-            yield wire.driver, _Binding(fault, wire, waits).effect()
+            yield wire.driver, _Binding(fault, wire).effect()
     elif fault.path in drivers:
         if fault.kind not in OF_DRIVERS:
             raise DeclarationError(f"{fault.kind} is for objects; a whole driver has: {', '.join(OF_DRIVERS)}")
-        yield drivers[fault.path], _Binding(fault, None, waits).effect()
+        yield drivers[fault.path], _Binding(fault, None).effect()
     else:
         known = [*(wire.item.path for wire in wires), *drivers]
         what = "no object of the machine matches" if is_pattern(fault.path) else "no object or driver"
@@ -79,8 +81,8 @@ def _effects_of(
 class _Binding:
     """One fault on one wire (None: on a whole driver): its numbers in raw integers."""
 
-    def __init__(self, fault: InjectedFault, wire: Wire | None, waits: bool) -> None:
-        self.fault, self.wire, self.waits = fault, wire, waits
+    def __init__(self, fault: InjectedFault, wire: Wire | None) -> None:
+        self.fault, self.wire = fault, wire
         self.given = str(fault.amount)
 
     def effect(self) -> Effect:
@@ -97,7 +99,7 @@ class _Binding:
         if kind in plain:
             return plain[kind](**about)
         if kind == "delay":
-            return effects.Delay(**about, duration=seconds(self.given) if self.given else inf, waits=self.waits)
+            return effects.Delay(**about, duration=seconds(self.given) if self.given else inf)
         if kind == "drop-out":
             return effects.DropOut(**about, share=self._share())
         assert wire is not None
@@ -111,6 +113,10 @@ class _Binding:
         if kind == "bit flip":
             return effects.BitFlip(**about, bit=self._bit(wire) if self.given else None)
         if kind == "out of range":
+            if binary and self.given:
+                raise DeclarationError(
+                    f"{wire.item.path} is binary: its level beyond the range is 2, not {self.given!r}"
+                )
             return effects.OutOfRange(**about, level=2 if binary else self._beyond(wire))
         if kind == "noise" and binary:
             return effects.Chatter(**about, share=self._share())
@@ -127,7 +133,7 @@ class _Binding:
 
     def _number(self, what: str) -> tuple[float, str]:
         found = _AMOUNT.fullmatch(self.given)
-        if found is None or not isfinite(float(found[1])):
+        if found is None or abs(float(found[1])) > LARGEST:
             raise DeclarationError(f"{self.given!r} is not {what}")
         return float(found[1]), found[2]
 
@@ -180,15 +186,14 @@ class _Binding:
         assert wire.calibration is not None
         if not self.given:  # of the electrical range
             low, high = wire.ends
-            return to_raw(high + PART["out of range"] * (high - low), *wire.scale)
+            return _whole(to_raw(high + PART["out of range"] * (high - low), *wire.scale))
         distance, steps = self._difference(wire)
         if distance <= 0:
             raise DeclarationError(f"a distance from the range is above 0, not {self.given!r}")
         if not steps:
-            return wire.nearest(wire.calibration.maximum + distance)
-        return wire.nearest(wire.calibration.maximum) + round(
-            math.copysign(distance, wire.scale[0] * (wire.ends[1] - wire.ends[0]))
-        )
+            return _whole(wire.nearest(wire.calibration.maximum + distance))
+        upwards = math.copysign(distance, wire.scale[0] * (wire.ends[1] - wire.ends[0]))
+        return _whole(wire.nearest(wire.calibration.maximum) + round(upwards))
 
 
 def _by_value(wire: Wire) -> Shift:
@@ -203,3 +208,8 @@ def _by_steps(wire: Wire) -> Shift:
         return limited(raw + difference, wire.channel)
 
     return by_steps
+
+
+def _whole(raw: int) -> int:
+    """The nearest raw integer that a transfer can have."""
+    return int(min(max(raw, INT64.min), INT64.max))

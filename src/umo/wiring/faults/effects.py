@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import inf
 from random import Random
 
-from umo.drivers.contract import INT64, Channel, Driver
-from umo.errors import DeviceTimeout
+from umo.drivers.contract import INT64, Channel
 
 MARK = "(injected fault)"
 Shift = Callable[[int, float], int]
@@ -40,8 +38,13 @@ class Effect:
     def set_in(self, level: int | None) -> None:
         """The fault begins. `level` is the raw integer that the output has; None: an input, or never written."""
 
-    def call(self, driver: Driver) -> None:
-        """Before a call that concerns the channel: raise, or wait."""
+    @property
+    def takes(self) -> float:
+        """How long a call that concerns the channel takes, s."""
+        return 0.0
+
+    def call(self) -> None:
+        """Before a call that concerns the channel: raise what the whole call ends in."""
 
     def lost(self) -> str:
         """Why this transfer of the channel fails; empty if it does not."""
@@ -129,18 +132,13 @@ class OutOfRange(Effect):
 
 @dataclass(eq=False, kw_only=True)
 class Delay(Effect):
-    """Every call takes so long. A call that would take longer than the timeout is a DeviceTimeout. Virtual time stands
-    still during a call, so there a shorter delay has no effect."""
+    """Every call takes so long."""
 
     duration: float = inf
-    waits: bool = False
-    """Whether the run is in wall-clock time."""
 
-    def call(self, driver: Driver) -> None:
-        if self.waits:
-            time.sleep(min(self.duration, driver.timeout))
-        if self.duration >= driver.timeout:
-            raise DeviceTimeout(f"timed out ({driver.timeout * 1e3:g} ms) {MARK}")
+    @property
+    def takes(self) -> float:
+        return self.duration
 
 
 @dataclass(eq=False, kw_only=True)
@@ -165,7 +163,7 @@ class Disconnect(Effect):
 class DriverMistake(Effect):
     """The code of the driver raises what is not an error of a device."""
 
-    def call(self, driver: Driver) -> None:
+    def call(self) -> None:
         raise RuntimeError(f"a mistake in the driver {MARK}")
 
 

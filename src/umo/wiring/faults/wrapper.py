@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Iterable, Mapping, Sequence
+from operator import index
 from typing import Any, Protocol
 
 import numpy as np
 
-from umo.drivers.contract import Channel, Driver, IntArray
-from umo.errors import ChannelsFailed, DriverError
-from umo.wiring.faults.effects import Effect
+from umo.drivers.contract import UNREAD, Channel, Driver, IntArray, PhysicalScale
+from umo.errors import ChannelsFailed, DeviceTimeout, DriverError
+from umo.wiring.faults.effects import MARK, Effect
 
 log = logging.getLogger("umo")
 EARLY = 1e-9
@@ -26,8 +28,9 @@ class Injection:
     """The faults of one machine. None is in effect until the machine is connected and has given its clock: so the
     guardian resets the machine without them."""
 
-    def __init__(self, texts: Sequence[str], seed: int) -> None:
-        self.texts, self.seed = tuple(texts), seed
+    def __init__(self, texts: Sequence[str], seed: int, waits: bool) -> None:
+        self.texts, self.seed, self.waits = tuple(texts), seed, waits
+        """`waits`: whether the run is in wall-clock time, so that a call with a delay takes its time."""
         self.clock: HasNow | None = None
         self.drivers: list[Faulty] = []
 
@@ -73,6 +76,9 @@ class Faulty(Driver[Any]):
     def devices(self) -> Iterable[str]:
         return self.driver.devices()
 
+    def physical_scale(self, channel: Channel) -> PhysicalScale | None:
+        return self.driver.physical_scale(channel)
+
     def finalize(self, channel: Channel) -> None:
         self.driver.finalize(channel)
 
@@ -110,8 +116,10 @@ class Faulty(Driver[Any]):
 
     def _begin(self, effects: Sequence[Effect]) -> dict[str, Exception | str]:
         """A call: raises if it fails as a whole. The channels that are lost, each with its cause."""
+        if takes := max((effect.takes for effect in effects), default=0.0):
+            self._delay(takes)
         for effect in effects:
-            effect.call(self)
+            effect.call()
         lost: dict[str, Exception | str] = {}
         for effect in effects:
             if cause := effect.lost():
@@ -119,6 +127,14 @@ class Faulty(Driver[Any]):
                     raise DriverError(cause)
                 lost[_text(effect)] = cause
         return lost
+
+    def _delay(self, seconds: float) -> None:
+        """A call beyond the timeout is a DeviceTimeout. Virtual time stands still during a call, so there a shorter
+        delay has no effect. Several delays pass at the same time."""
+        if self._injection.waits:
+            time.sleep(min(seconds, self.timeout))
+        if seconds >= self.timeout:
+            raise DeviceTimeout(f"timed out ({self.timeout * 1e3:g} ms) {MARK}")
 
     def _changed(self, raw: int, effects: Sequence[Effect], text: str) -> int:
         for effect in effects:
@@ -145,7 +161,7 @@ class Faulty(Driver[Any]):
         raw = self.driver.read(channel)
         if any(effect.short for effect in effects):
             return None  # type: ignore[return-value]  # as a driver whose answer has no value in it
-        return self._changed(raw, effects, channel.text)
+        return self._changed(index(raw), effects, channel.text) if effects else raw
 
     def write(self, channel: Channel, raw: int) -> None:
         self._put("write", channel, raw)
@@ -179,11 +195,11 @@ class Faulty(Driver[Any]):
             return
         lost = self._begin(effects)
         kept = self._kept(channels, effects, lost)
-        raws = np.zeros(len(kept), np.int64)
+        raws = np.full(len(kept), UNREAD)
         if kept:
             lost |= _partly(lambda: self.driver.read_many(tuple(channels[i] for i in kept), raws))
         for i, raw in zip(kept, raws.tolist(), strict=True):
-            out[i] = self._changed(raw, effects, channels[i].text)
+            out[i] = raw if raw == UNREAD else self._changed(raw, effects, channels[i].text)
         if lost:
             raise ChannelsFailed(lost)
 
