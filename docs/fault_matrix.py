@@ -27,9 +27,9 @@ from typing import Any
 
 import numpy as np
 
-from umo import Compound, StopError, UmoError
+from umo import StopError, UmoError
 from umo.cycle import connect, drive
-from umo.drivers.contract import Direction
+from umo.drivers.contract import Channel, Direction
 from umo.objects import Binary
 from umo.process.outcome import message_of, plain
 from umo.process.station import find
@@ -78,13 +78,15 @@ class Run:
     wired: Wired
     result: Any = None
     error: BaseException | None = None
-    ended: bool = False
-    """Whether the application came to its end."""
     reports: dict[str, Any] = field(default_factory=dict)
     plant: Any = None
     seen: dict[str, Any] = field(default_factory=dict)
     """What an observer kept of the truth."""
     periods: int = 0
+    stopped: bool = False
+    """Whether it took too many periods."""
+    sent: dict[str, int] = field(default_factory=dict)
+    """By object: the raw integer that was last sent without an error."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +98,8 @@ class Trial:
     options: dict[str, Any]
     moments: dict[float, str]
     """When a fault begins, s, and what the machine does then."""
+    level: Callable[[Any, Channel], int]
+    """The raw integer that an output of the plant has."""
     lie: Callable[[Run], str]
     """What of the claim of a run that ended well is not true; empty if all is."""
     degraded: Callable[[Run], bool] = lambda run: False
@@ -118,12 +122,23 @@ def _parts_not_placed(run: Run) -> str:
     return "" if placed == 1 else f"{placed} of 1 parts placed"
 
 
+LENGTH_ERROR = 2.0
+"""mm; half of the tolerance, nearer to which no part is made."""
+
+
 def _parts_wrongly_sorted(run: Run) -> str:
     report, accepted = run.reports["plant"], run.result["accepted"]
     delivered, wrong = report["parts_delivered"], report["wrongly_sorted"]
     if delivered != 4 or wrong or len(run.plant.accepted) != accepted:
         return f"{delivered} of 4 parts delivered, {wrong} to the wrong place"
-    return ""
+    true = [part.length for part in run.seen["parts"]]
+    errors = [abs(claimed - length) for claimed, length in zip(run.result["lengths_mm"], true, strict=True)]
+    return f"a length is {max(errors):.1f} mm off" if max(errors) > LENGTH_ERROR else ""
+
+
+def _watch_conveyor(run: Run) -> None:
+    """The parts in the order in which they come."""
+    run.seen.setdefault("parts", [*run.plant.belt, *run.plant.coming])
 
 
 def _watch_furnace(run: Run) -> None:
@@ -151,6 +166,7 @@ ZTHETA = Trial(
     {},
     {"parts": 1, "seed": 4},
     {2.0: "homing", 9.4: "turning a part"},
+    lambda plant, channel: plant._levels[channel.index],  # type: ignore[attr-defined]
     _parts_not_placed,
     degraded=lambda run: bool(run.result),
     unseen={
@@ -165,10 +181,12 @@ CONVEYOR = Trial(
     {},
     {"parts": 4},
     {0.5: "starting", 2.2: "sorting"},
+    lambda plant, channel: plant.outputs[channel.text],
     _parts_wrongly_sorted,
+    watch=_watch_conveyor,
     unseen={
         "diverter": (
-            ("stuck", "noise", "bit flip", "out of range", "wrong length"),
+            ("stuck", "bit flip", "out of range", "wrong length"),
             "no sensor sees the diverter, or the parts behind it",
         ),
     },
@@ -178,6 +196,7 @@ FURNACE = Trial(
     {"zones": 3},
     {"peak": 200.0, "soak": 15.0, "ramp": 4.0},
     {5.0: "heating up", 70.0: "soaking"},
+    lambda plant, channel: plant._levels[channel.kind, channel.zone],  # type: ignore[attr-defined]
     _zones_not_good,
     degraded=lambda run: bool(run.result["zones_good"] < 3),
     watch=_watch_furnace,
@@ -238,50 +257,50 @@ def carried_out(trial: Trial, faults: Iterable[str], most: int) -> Run:
         run.periods += 1
         trial.watch(run)
         if run.periods >= most:
+            run.stopped = True
             connection.stop.request()
-
-    async def application(m: Compound) -> Any:
-        result = await main(m, **for_main)
-        run.ended = True
-        return result
 
     try:
         with connection as m:
             run.plant = connection.driver("plant")
             connection.machine.observers.append(observe)
-            run.result = drive(m, application)
+            run.result = drive(m, lambda m: main(m, **for_main))
     except Exception as error:
         run.error = error
+    image = connection.machine.image
+    run.sent = {item.path: image.raws[slot] for slot, item in enumerate(image.items)}
     run.reports = dict(connection.reports)
     return run
 
 
-def not_at_default(run: Run, path: str, kind: str) -> list[str]:
-    """The actuators that are not at their defaults at the hardware, and are not named as such."""
+def not_at_default(trial: Trial, run: Run, path: str, kind: str) -> list[str]:
+    """The actuators that are not at their defaults in the plant. The one with the fault may be elsewhere if it was sent
+    there, and, as all of a faulty driver, if the message names it."""
     named = {failure.path for failure in run.error.failures} if isinstance(run.error, StopError) else set()
     found = []
     for wire in run.wired.wires:
-        if wire.item.direction is not Direction.OUTPUT or wire.item.path in named:
+        if wire.item.direction is not Direction.OUTPUT:
             continue
-        if wire.item.path == path and kind not in LOUD:  # it was sent there, and did not go
+        item, own = wire.item.path, wire.item.path == path
+        if item in named and (own or path == DRIVER):
             continue
-        level = wire.driver.levels.get(wire.channel.text)  # type: ignore[attr-defined]
-        if level != wire.raw(wire.item._default_value()):  # type: ignore[attr-defined]
-            found.append(wire.item.path)
+        level = run.sent[item] if own and kind not in LOUD else trial.level(run.plant, wire.channel)
+        if item in named or level != wire.raw(wire.item._default_value()):  # type: ignore[attr-defined]
+            found.append(item)
     return found
 
 
 def judged(trial: Trial, run: Run, path: str, kind: str) -> tuple[str, str]:
     """The verdict of a cell, and the detail."""
-    if left := not_at_default(run, path, kind):
+    if left := not_at_default(trial, run, path, kind):
         return "UNSAFE", f"not at the default: {', '.join(left)}"
+    if run.stopped:
+        return "HANG", f"after {run.periods} periods"
     if run.error is not None:
         message = message_of(run.error)
         if not isinstance(run.error, UmoError) or len(message.splitlines()) > 2:
             return "TRACEBACK", message
         return ("not reached" if isinstance(run.error, StopError) else "stopped"), message
-    if not run.ended:
-        return "HANG", f"after {run.periods} periods: {plain(run.result)}"
     if lie := trial.lie(run):
         reason = trial.reason(path, kind)
         return ("not seen", f"{lie}: {reason}") if reason else ("WRONG", lie)
@@ -293,7 +312,7 @@ def tried(cell: Cell, most: int) -> Cell:
     logging.getLogger("umo").setLevel(logging.CRITICAL)
     trial, begun = TRIALS[cell.station], time.perf_counter()
     signal.signal(signal.SIGALRM, _hang)
-    signal.setitimer(signal.ITIMER_REAL, LONGEST)
+    signal.setitimer(signal.ITIMER_REAL, LONGEST, 1.0)  # again and again: a reset goes on after any exception
     try:
         run = carried_out(trial, [cell.fault], most)
         verdict, detail = judged(trial, run, cell.path, cell.kind)

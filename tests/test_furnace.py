@@ -131,6 +131,15 @@ def test_a_zone_whose_temperature_stands_still_is_faulted_after_300_equal_readin
     assert (heaters[3], fans[3]) == (0.0, 1.0)
 
 
+@pytest.mark.parametrize("kind", ["out of range", "stuck 32000", "stuck -5000"])
+def test_a_reading_beyond_the_range_of_the_thermocouple_is_a_fault_of_its_zone_and_not_of_its_heater(kind: str) -> None:
+    run = Run(12, peak=200.0, fault=f"zones.3.temperature {kind} at 30 s")
+    assert run.error is None
+    assert (run.result["zones_good"], run.result["zones_faulted"]) == (11, "zone 3")
+    _, _, heaters, fans = run.states[-1]
+    assert (heaters[3], fans[3]) == (0.0, 1.0)
+
+
 def test_a_soak_by_a_clock_that_is_wrong_by_hours_is_refused() -> None:
     with pytest.raises(DriverError, match="outside its range"):
         Run(fault="timer out of range at 300 s")

@@ -89,13 +89,15 @@ class Furnace(Compound):
     def _check_zones(self, temperatures: Any) -> None:
         """A zone without a valid temperature, or with one that stands still, is faulted: heater off, fan on."""
         quality = self.temperatures.quality
-        hot = (temperatures > self.limits + self.margin) & (quality != Quality.BAD)
+        invalid = (quality == Quality.BAD) | (quality == Quality.OUT_OF_RANGE)
+        hot = (
+            temperatures > self.limits + self.margin
+        ) & ~invalid  # no zone comes out of the range without passing here
         if hot.any():
             raise OverTemperature(f"{_named(hot)}: {temperatures[hot].max():.0f} degC, the heater does not switch off")
         self._equal = np.where(temperatures == self._last, self._equal + 1, 0)
         self._last = temperatures
-        invalid = (quality == Quality.BAD) | (quality == Quality.OUT_OF_RANGE) | (self._equal >= self.frozen_after)
-        found = invalid & ~self.faulted
+        found = (invalid | (self._equal >= self.frozen_after)) & ~self.faulted
         if not found.any():
             return
         self.faulted = self.faulted | found
