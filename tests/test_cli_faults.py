@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 import tomllib
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
+from umo import TaskFailed, connect, drive
+from umo.plant.register_map import register_maps
 from umo.plant.simulation import Simulation
 from umo.process.station import find
 from umo.wiring import resolve
@@ -77,6 +80,39 @@ def test_a_plant_that_is_served_has_its_faults_on_its_own_time():
             plant.catch_up()
             seen.append(plant.read(slot))
     assert seen == [1, 1, 1, 1, 0, 0, 0, 0]
+
+
+def frames(seed: int) -> list[tuple[float, ...]]:
+    """Time, values and signals of each period of a run with faults of random numbers."""
+    station, faults = (
+        find("conveyor"),
+        ["entry noise 0.1 %", "belt.speed noise 2", "belt.setpoint noise 2 at 1 s for 2 s"],
+    )
+    connection, found = connect(station.machine(), station.wirings["simulated"], fault=faults, fault_seed=seed), []
+    with suppress(TaskFailed), connection as m:
+        image = connection.machine.image
+        connection.machine.observers.append(
+            lambda frame: found.append((frame.time, *image.values, *image.raws, *frame.signal_values))
+        )
+        drive(m, station.main)
+    return found
+
+
+def test_the_frames_of_a_run_repeat_exactly_by_its_seed():
+    first = repr(frames(3))  # NaN equals NaN here
+    assert len(first) > 10_000
+    assert first == repr(frames(3))
+    assert first != repr(frames(4))
+
+
+def test_a_box_of_a_wiring_with_faults_is_served_without_them():
+    station = find("conveyor")
+    machine = station.machine()
+    text = tomllib.loads(station.wirings["modbus"].read_text())
+    plant = resolve(machine, station.wirings["simulated"])
+    (plain,) = register_maps(plant, resolve(machine, text))
+    (found,) = register_maps(plant, resolve(machine, text | {"faults": ["entry stuck at 1 s"]}))
+    assert [point.slot for point in found.points] == [point.slot for point in plain.points]
 
 
 def test_umo_plant_refuses_a_wrong_fault(umo):
