@@ -454,7 +454,7 @@ def test_requests_beside_one_that_the_device_refuses_are_carried_out(start: Star
         "coil:3": f"{where}coil 3: exception 4, device failure",
     }
     assert out.tolist() == [-99, -99, discrete(0), -99, coil(9), holding(5)]
-    with patch.object(hosts.Dial, "__call__", side_effect=AssertionError):
+    with patch.object(hosts.TcpDial, "__call__", side_effect=AssertionError):
         assert read(driver, *MIXED)[2:] == [discrete(0), coil(3), coil(9), holding(5)]
 
 
@@ -523,7 +523,7 @@ def test_an_exception_answer_keeps_the_connection(start: Start, connected: Conne
     driver = connected(start("1:exception=2"))
     with pytest.raises(DriverError):
         read(driver, *READING)
-    with patch.object(hosts.Dial, "__call__", side_effect=AssertionError):
+    with patch.object(hosts.TcpDial, "__call__", side_effect=AssertionError):
         assert read(driver, *READING)
 
 
@@ -694,7 +694,7 @@ def test_whatever_the_device_answers_is_a_value_or_a_driver_error(answer: bytes,
 
     driver = Modbus()
     driver.timeout = PATIENT
-    with patch.object(hosts.Dial, "__call__", lambda *_: Replying(near, "the end")), near, far:
+    with patch.object(hosts.TcpDial, "__call__", lambda *_: Replying(near, "the end")), near, far:
         driver.open()
         channel = driver.channel("coil:0" if writing else "input:0:int32")
         try:

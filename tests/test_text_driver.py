@@ -96,7 +96,7 @@ def test_an_answer_that_comes_byte_by_byte_is_one_answer(end: str) -> None:
 
     places = iter(range(len(answer)))
     driver = Text(host="127.0.0.1", channels=CHANNELS, answer_terminator=end)
-    with near, far, patch.object(hosts.Dial, "__call__", lambda *_: Bytewise(near, "the end")):
+    with near, far, patch.object(hosts.TcpDial, "__call__", lambda *_: Bytewise(near, "the end")):
         driver.open()
         assert read(driver, "a") == [12]
         driver.close()

@@ -32,7 +32,7 @@ def addresses(host: str) -> tuple[str, ...]:
     return tuple(sorted({_normal(str(address[0]), address[3:]) for *_, address in found}))
 
 
-class Dial:
+class TcpDial:
     """Opens connections to a TCP port. The name of the host is looked up once, by the first of them."""
 
     def __init__(self, host: str, port: int) -> None:

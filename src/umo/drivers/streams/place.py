@@ -41,7 +41,7 @@ class Host:
         return True
 
     def dial(self) -> Dial:
-        return hosts.Dial(self.host, self.port)
+        return hosts.TcpDial(self.host, self.port)
 
 
 @dataclass(frozen=True)
