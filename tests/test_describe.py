@@ -98,6 +98,7 @@ def test_with_its_options_a_driver_names_its_channels(umo, cards: Path) -> None:
         ("spi", "REGISTER.HIGH:LOW"),
         ("iio", "out_TYPE[N]"),
         ("fmu", "NAME:SCALE"),
+        ("text", "names of the option channels"),
     ],
 )
 def test_a_driver_with_required_options_names_the_forms_of_its_channels(umo, driver: str, form: str) -> None:

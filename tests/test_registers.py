@@ -285,6 +285,53 @@ def test_every_channel_is_in_one_block_and_gets_its_own_value(registers, joined)
     assert sorted(i for block in blocks for part in block.parts for i, _ in part.channels) == list(range(len(texts)))
 
 
+@st.composite
+def like_channels(draw):
+    """Channels on neighbouring registers of one width, byte order and sign, in any order."""
+    bits, order = draw(st.sampled_from((8, 16, 32, 64))), draw(st.sampled_from(["big", "little"]))
+    sign = ":signed" if bits == 64 or draw(st.booleans()) else ""
+    number = draw(st.integers(1, 32 * 8 // bits))
+    texts = [f"{3 + i * bits // 8}:{bits}:{order}{sign}" for i in range(number)]
+    if draw(st.booleans()):
+        texts = draw(st.permutations(texts))
+    return [table({}, bytewise=True).channel(text) for text in texts]
+
+
+@given(like_channels(), st.data())
+def test_like_registers_convert_all_at_once_as_they_do_one_by_one(channels, data):
+    (block,) = plan(channels, joined=True, longest=32)
+    received = data.draw(st.binary(min_size=block.size, max_size=block.size))
+    out = np.zeros(len(channels), np.int64)
+    block.like.decode(received, out)
+    expected = {}
+    for register, start, ((i, channel),), _ in block.parts:
+        expected[i] = channel.decode(register.unpack(received[start : start + register.size]))
+    assert dict(enumerate(out.tolist())) == expected
+    raws = [data.draw(st.integers(each.lowest, each.highest)) for each in channels]
+    sent = [part.register.pack(channel.encode(raws[i], 0)) for part in block.parts for i, channel in part.channels]
+    assert block.like.encode(raws) == b"".join(sent)
+
+
+@pytest.mark.parametrize(
+    "texts",
+    [
+        ("4:8", "5:8:signed"),
+        ("4:16:big", "6:16:little"),
+        ("4:8", "5:16"),
+        ("4:24", "7:24"),
+        ("4:64", "12:64"),
+        ("4:8", "5:8.3"),
+        ("5:8.3",),
+        ("4:8", "5:8", "5:8.3"),
+        ("aligned",),
+    ],
+)
+def test_registers_that_differ_or_have_parts_are_converted_one_by_one(texts):
+    registers = table({"aligned": {"address": 4, "bits": 16, "shift": 4}}, bytewise=True)
+    (block,) = plan([registers.channel(text) for text in texts], joined=True, longest=32)
+    assert block.like is None
+
+
 # Bit fields ---------------------------------------------------------------------------------------
 
 

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from functools import lru_cache, partial
+from functools import partial
+from operator import le
 from time import monotonic
 from typing import Any, TypeVar
 
 import numpy as np
 
+from umo.drivers._plans import Plans
 from umo.drivers.contract import Direction, Driver, IntArray
 from umo.drivers.registers.blocks import BlockPart, RegisterBlock, places_of, plan
-from umo.drivers.registers.map import FORMS, ChipRegisters, Register, RegisterChannel, whole
+from umo.drivers.registers.map import FORMS, LARGEST, ChipRegisters, Register, RegisterChannel, whole
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, WiringError
 
 D = TypeVar("D")
@@ -48,7 +50,8 @@ class RegisterDriver(Driver[RegisterChannel]):
         self._auto_increment = auto_increment
         self._identity = [self._readable(name, value) for name, value in identity.items()]
         self._setup = [self._writable(name, value) for name, value in setup.items()]
-        self._plan = lru_cache(maxsize=256)(partial(plan, joined=auto_increment, longest=self.longest))
+        self._plan = partial(plan, joined=auto_increment, longest=self.longest)
+        self._reads, self._writes = Plans(self._plan), Plans(self._plan_write)
         self._opened = self._connected = self._broken = False
         self._deadline: float | None = None
         """Of the call, from its first transfer on."""
@@ -82,24 +85,39 @@ class RegisterDriver(Driver[RegisterChannel]):
 
         def take(block: RegisterBlock) -> None:
             data = self._read_block(block.page, block.address, block.size)
+            if block.like is not None:
+                block.like.decode(data, out)
+                return
             for register, start, placed, _ in block.parts:
                 contents = register.unpack(data[start : start + register.size])
                 for i, channel in placed:
                     out[i] = channel.decode(contents)
 
-        self._each(self._plan(tuple(channels)), take)
+        self._each(self._reads.of(channels), take)
 
     def write_many(self, channels: Sequence[RegisterChannel], raws: IntArray) -> None:
         self._write(channels, raws.tolist())
 
     def _write(self, channels: Sequence[RegisterChannel], raws: list[int]) -> None:
-        for channel, raw in zip(channels, raws, strict=True):  # all of them before the first is sent
-            channel.check(raw)
+        lowest, highest, blocks = self._writes.of(channels)
+        if not (all(map(le, lowest, raws)) and all(map(le, raws, highest))):  # before the first is sent
+            for channel, raw in zip(channels, raws, strict=True):
+                channel.check(raw)
         self._begin()
-        self._each(self._plan(tuple(channels)), lambda block: self._put_block(block, raws))
+        self._each(blocks, lambda block: self._put_block(block, raws))
+
+    def _plan_write(
+        self, channels: tuple[RegisterChannel, ...]
+    ) -> tuple[list[int], list[int], tuple[RegisterBlock, ...]]:
+        """The limits of each channel, and the blocks. No value is within the limits of an input."""
+        writable = [channel.direction is not Direction.INPUT for channel in channels]
+        lowest = [channel.lowest if can else LARGEST for channel, can in zip(channels, writable, strict=True)]
+        highest = [channel.highest if can else -1 for channel, can in zip(channels, writable, strict=True)]
+        return lowest, highest, self._plan(channels)
 
     def _put_block(self, block: RegisterBlock, raws: Sequence[int]) -> None:
-        data = b"".join([self._packed(part, raws) for part in block.parts])
+        like = block.like
+        data = b"".join([self._packed(part, raws) for part in block.parts]) if like is None else like.encode(raws)
         self._write_block(block.page, block.address, data)
         self._shadow.update(zip(block.places, data, strict=True))
 

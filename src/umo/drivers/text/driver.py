@@ -66,6 +66,8 @@ class Text(Driver[TextChannel]):
     succession, up to 16 times. A channel without acknowledge and confirm counts as written when its request is sent.
     """
 
+    forms = ("NAME", "NAME with a number in place of {n} (names of the option channels)")
+
     def __init__(
         self,
         *,
