@@ -466,6 +466,26 @@ def test_a_wiring_is_checked_with_the_key_of_each_fault() -> None:
     assert "the forms are: voltage" in faults(channels={"voltage": {"ask": "V?"}})[0]
 
 
+@pytest.mark.parametrize(("scale", "off"), [({}, "9.99e+03 V"), ({"scale": 0.01}, "90 V"), ({"scale": 0.0001}, "9 V")])
+def test_a_scale_that_differs_from_the_resolution_is_a_fault_where_the_units_are_known(scale: Any, off: str) -> None:
+    output = {"set": {"0": "OFF", "1": "ON"}}
+    table: dict[str, Any] = {"ask": "V?", "set": "V {}"} | scale
+    assert faults(channels={"voltage": table, "output": output}) == []
+    [fault] = faults(channels={"voltage": table | {"units": "V"}, "output": output})
+    assert f"the wired scale is up to {off} off that of the circuit, channel voltage" in fault
+
+
+def test_a_unit_that_pint_does_not_know_is_a_fault() -> None:
+    output = {"set": {"0": "OFF", "1": "ON"}}
+    [fault] = faults(channels={"voltage": {"ask": "V?", "scale": 0.001, "units": "Vlots"}, "output": output})
+    assert fault.startswith("wire.\"voltage\".channel: the unit of channel 'voltage': 'Vlots' is not a unit")
+
+
+def test_a_scale_in_another_unit_of_the_dimension_fits() -> None:
+    output = {"set": {"0": "OFF", "1": "ON"}}
+    assert faults(channels={"voltage": {"ask": "V?", "scale": 1, "units": "mV"}, "output": output}) == []
+
+
 def test_a_wiring_is_checked_without_pyserial(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("serial", "serial.rs485"):
         monkeypatch.setitem(sys.modules, name, None)

@@ -23,7 +23,7 @@ from umo.objects import Atomic, BinaryActuator, Compound, Digital, DigitalActuat
 from umo.objects.atomic import Calibration
 from umo.objects.linearization import fitted, from_table
 from umo.objects.scaling import to_raw
-from umo.objects.units import seconds
+from umo.objects.units import check_unit, seconds
 from umo.system.packages import station_of
 from umo.text import cause_of, reason_of
 from umo.wiring.faults.binding import inject
@@ -313,7 +313,14 @@ class _Resolver:
         except Exception as error:  # of the driver's code
             self.source.fault(f"{key}.channel", f"its scale cannot be read: {reason_of(error)}")
             return
-        if given is not None and wire.scale[0] and (text := wire.mismatch(given, item.units)):
+        if given is None:
+            return
+        try:
+            check_unit(given.units)
+        except DeclarationError as error:
+            self.source.fault(f"{key}.channel", f"the unit of channel {wire.channel.text!r}: {error}")
+            return
+        if wire.scale[0] and (text := wire.mismatch(given, item.units)):
             self.source.fault(key, text)
 
     # Time and parameters -------------------------------------------------------------------------------

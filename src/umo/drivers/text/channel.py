@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from typing_extensions import TypedDict
 
-from umo.drivers.contract import Channel, Direction
+from umo.drivers.contract import Channel, Direction, PhysicalScale
 from umo.drivers.text.pattern import NoValue, Pattern, RawOf, Template, UnexpectedAnswer, numbered, shown
 from umo.errors import ChannelError, DriverError, WiringError
 from umo.text import did_you_mean
@@ -39,6 +39,7 @@ class ChannelOptions(TypedDict, total=False):
     acknowledge: str
     confirm: QueryOptions
     scale: float
+    units: str
     bits: int
     signed: bool
 
@@ -107,6 +108,7 @@ class TextChannel(Channel):
 
     reading: ReadCommand | None = None
     setting: WriteCommand | None = None
+    physical: PhysicalScale | None = field(default=None, compare=False)
     least: int = field(init=False, compare=False)
     most: int = field(init=False, compare=False)
 
@@ -188,6 +190,7 @@ class Channels:
         if n is not None:
             table = numbered(table, n)
         scale = _scale(table["scale"], f"{where}.scale") if "scale" in table else None
+        units = _text(table["units"], f"{where}.units") if "units" in table else None
         reading, setting = _reading(table, where, scale), self._setting(table, where, scale)
         if reading is None and setting is None:
             raise WiringError(f'{where} needs ask = "..." or set = "..."')
@@ -197,7 +200,10 @@ class Channels:
         if isinstance(bits, bool) or not isinstance(bits, int) or not 1 <= bits <= _MOST_BITS:
             raise WiringError(f"{where}.bits must be a whole number from 1 to {_MOST_BITS}, not {bits!r}")
         signed = table.get("signed", bits > 1 and not levels)
-        channel = TextChannel(text, direction, bits, signed, reading, setting)
+        if units is not None and levels:
+            raise WiringError(f"{where}.units is for a number; levels have no unit")
+        physical = None if units is None else PhysicalScale(float(scale or 1), 0.0, units)
+        channel = TextChannel(text, direction, bits, signed, reading, setting, physical)
         if levels and max(levels) > channel.highest:
             raise WiringError(f"{where}: level {max(levels)} does not fit its {bits} bits")
         return channel

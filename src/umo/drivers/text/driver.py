@@ -9,7 +9,7 @@ import numpy as np
 
 from umo.drivers._options import one_of, within
 from umo.drivers._plans import Plans
-from umo.drivers.contract import Driver, IntArray
+from umo.drivers.contract import Driver, IntArray, PhysicalScale
 from umo.drivers.streams import Host, Serial, place_of
 from umo.drivers.streams.place import Flow, Parity
 from umo.drivers.text.channel import ChannelOptions, Channels, Query, QueryOptions, TextChannel
@@ -34,6 +34,7 @@ class Text(Driver[TextChannel]):
         set: the request that writes, "VOLT {:.3f}", or a request for each level, { 0 = "OUTP OFF", 1 = "OUTP ON" }.
         acknowledge, confirm: as the options below, for this channel; "" and {} for none.
         scale: the step of one raw integer: raw = number / scale, to the nearest. Without it numbers are whole.
+        units: the unit of the device's numbers, "V": scale is then checked against the resolution of the object.
         bits, signed: default 64 and signed; with levels as many bits as they need, unsigned.
     In a pattern `{}` is the value and `*` any text; a regular expression stands between slashes, with one group.
 
@@ -149,6 +150,10 @@ class Text(Driver[TextChannel]):
     def devices(self) -> Sequence[str]:
         """The host's addresses and port, or the device file."""
         return self.place.devices()
+
+    def physical_scale(self, channel: TextChannel) -> PhysicalScale | None:
+        """The scale of a channel that has units; zero_offset is 0."""
+        return channel.physical
 
     def open(self) -> None:
         """Connect and identify the device, within `timeout`."""

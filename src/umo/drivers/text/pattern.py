@@ -23,6 +23,7 @@ _SHORT = 18
 _CONTEXT = Context(prec=60, Emax=MAX_EMAX, Emin=MIN_EMIN)
 """60 digits: 64 bits, and the decimals that decide how they are rounded."""
 _WHOLE_FORMATS = ("d", "x", "X", "o", "b")
+_DECIMAL_FORMATS = ("e", "E", "g", "G")
 
 
 class NoValue(DriverError):
@@ -200,6 +201,9 @@ def _check_format(spec: str, text: str, where: str, scale: Decimal | None) -> No
         return
     if "," in spec or "_" in spec:
         raise WiringError(f"{where}: {text!r} groups the digits, which no device reads")
+    if scale is None and (not written.strip(" +").isdecimal() or spec == "f" or spec.endswith(_DECIMAL_FORMATS)):
+        why = "writes decimals, and the channel has no scale; set scale, the step of one raw integer, such as 0.001"
+        raise WiringError(f"{where}: {text!r} {why}")
     if not _NUMBER.fullmatch(written.strip()) or Decimal(written.strip()) != (scale or 1):
         raise WiringError(f"{where}: {text!r} does not show a step of the scale {scale or 1}: it writes {written!r}")
 
