@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from umo.drivers.contract import Direction, Driver, IntArray
+from umo.drivers.contract import Direction, Driver, IntArray, PhysicalScale
 from umo.drivers.fmu.variables import TICK, FmuChannel, channel_of, check_start, described, variables_of
 from umo.errors import ChannelsFailed, DriverError, WiringError
 
@@ -38,7 +38,8 @@ class Fmu(Driver[FmuChannel]):
 
     `open` unpacks the file into a temporary folder, loads its library and initialises the model: every opening begins
     at the model's start time. Values are set and read between steps, all of one type in one call of FMI. The raw
-    integer of a float has 48 bits with its sign; readings are rounded, half to even.
+    integer of a float has 48 bits with its sign; readings are rounded, half to even. Where the model description has
+    a unit that pint knows, a wiring is checked against SCALE in that unit.
 
     Errors: DriverError with the model's own message. After an error, or a step that it could not complete, the model
     cannot be used until it is opened again. A value that is NaN, infinite or too large fails for its channel alone. A
@@ -65,6 +66,12 @@ class Fmu(Driver[FmuChannel]):
 
     def channel(self, text: str) -> FmuChannel:
         return channel_of(self._description, text)
+
+    def physical_scale(self, channel: FmuChannel) -> PhysicalScale | None:
+        """SCALE in the unit of the model description, if pint knows that unit."""
+        if channel.scale is None or channel.units is None:
+            return None
+        return PhysicalScale(channel.scale, 0.0, channel.units)
 
     # Life ----------------------------------------------------------------------------------------
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import difflib
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from math import isfinite
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -31,6 +32,14 @@ INTEGERS: Mapping[str, tuple[int, bool]] = {
 """Bits and sign of the types that are integers already."""
 SETTABLE = ("input", "parameter")
 MOST_LISTED = 6
+ALL = "?"
+"""The text of no channel with which `umo drivers` asks for the forms: the answer has all variables."""
+LONGEST_UNIT = 40
+_FACTOR = r"(?:1|[^\W\d_]+(?:\^?-?\d)?)"
+_PRODUCT = rf"{_FACTOR}(?:[.*/]{_FACTOR})*"
+_UNIT = re.compile(rf"{_PRODUCT}(?:/\({_PRODUCT}\))?")
+"""Units as models write them: "degC", "m3/s", "kg/(m.s2)"."""
+_DIGIT = re.compile(r"(?<=[^\W\d])(-?\d)")
 
 
 @dataclass(frozen=True)
@@ -43,6 +52,8 @@ class FmuChannel(Channel):
     """Its type, as `kind_of` gives it: Real for fmi2GetReal."""
     scale: float | None = None
     """Floats: the change of the variable for one count."""
+    units: str | None = None
+    """Floats: the unit in the model description, if pint knows it."""
 
     @property
     def places(self) -> tuple[tuple[str, int], ...]:
@@ -101,14 +112,53 @@ def channel_of(description: Any, text: str) -> FmuChannel:
     name, scale = (text, None) if text in variables else _parted(text)
     variable = variables.get(name)
     if variable is None:
-        forms = [f"{each}:SCALE" if variables[each].type in FLOATS else each for each in _nearest(name, variables)]
-        raise ChannelError(text, [*forms, *_others(variables), TICK])
+        near, others = (list(variables), []) if text == ALL else (_nearest(name, variables), _others(variables))
+        forms = [f"{each}:SCALE" if variables[each].type in FLOATS else each for each in near]
+        raise ChannelError(text, [*forms, *others, TICK])
     kind, bits, signed = _raw(description, variable, text)
     if kind in FLOATS and scale is None:
         raise ChannelError(text, [f"{name}:SCALE"])
     if kind not in FLOATS and scale is not None:
         raise ChannelError(text, [name])
-    return FmuChannel(text, _direction(variable, text), bits, signed, variable.valueReference, kind, scale)
+    return FmuChannel(
+        text,
+        _direction(variable, text),
+        bits,
+        signed,
+        variable.valueReference,
+        kind,
+        scale,
+        _units(variable) if kind in FLOATS else None,
+    )
+
+
+def _units(variable: Any) -> str | None:
+    """The variable's unit as pint writes it; None for a difference of absolute values, such as of temperatures."""
+    declared = variable.declaredType
+    if variable.relativeQuantity or (variable.relativeQuantity is None and declared and declared.relativeQuantity):
+        return None
+    text = variable.unit or (declared.unit if declared else None)
+    return _known_to_pint(text) if text else None
+
+
+@lru_cache(maxsize=256)
+def _known_to_pint(text: str) -> str | None:
+    """`m3/s` of FMI is `m**3/s`, `N.m` is `N*m`. None: pint does not know it."""
+    if len(text) > LONGEST_UNIT or not _UNIT.fullmatch(text):
+        return None
+    units = _DIGIT.sub(r"**\1", text.replace("^", "").replace(".", "*"))
+    try:
+        _pint().parse_units(units)
+    except Exception:  # pint raises a dozen types
+        return None
+    return units
+
+
+@cache
+def _pint() -> Any:
+    from pint import UnitRegistry
+
+    return UnitRegistry()
 
 
 def check_start(description: Any, name: str, value: float | str) -> None:
@@ -188,4 +238,4 @@ def _nearest(name: str, variables: Mapping[str, Any]) -> list[str]:
 
 def _others(variables: Mapping[str, Any]) -> list[str]:
     others = len(variables) - MOST_LISTED
-    return [f"{others} others (fmpy info lists them)"] if others > 0 else []
+    return [f"{others} others"] if others > 0 else []
