@@ -631,6 +631,14 @@ def test_a_check_of_the_wiring_names_the_nearest_variable_and_opens_nothing(fold
     assert list(unpacked.iterdir()) == []
 
 
+def test_a_model_beside_another_timer_would_stand_still(folder):
+    given = tomllib.loads(wiring(tank_fmu(folder, 2)))
+    given["wire"]["timer"] = {"driver": "timerfd", "period": "100 ms"}
+    [fault] = check(machine(), given)
+    assert fault.key == 'wire."timer".driver'
+    assert "timerfd is the timer, so no time would pass in driver plant" in fault.message
+
+
 FLOW = """<ScalarVariable name="flow" valueReference="1" causality="input"><Real {unit}/></ScalarVariable>"""
 
 
@@ -676,7 +684,7 @@ def test_a_unit_of_a_model_is_given_as_pint_writes_it(folder, unit, given):
 
 
 def test_the_question_mark_of_umo_drivers_is_answered_with_every_variable(tank):
-    with pytest.raises(ChannelError, match="tank.level:SCALE") as error:
+    with pytest.raises(ChannelError, match=r"tank\.level:SCALE") as error:
         tank.channel("?")
     assert "odd:SCALE, steps, " in str(error.value)
     assert "others" not in str(error.value)

@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 
 from peers.modbus_device import PATIENT, Peer, running
 from peers.modbus_map import CELL, coil, discrete, holding, input_register, value
+from umo import BinaryActuator, Compound, OnOff, check
 from umo.drivers.contract import Driver
 from umo.drivers.modbus import Modbus
 from umo.drivers.modbus import driver as modbus
@@ -307,6 +308,28 @@ def test_the_watchdog_takes_its_time_in_ms_where_the_device_has_a_register_for_i
     for seconds in (-1.0, 65.6, float("nan")):
         with pytest.raises(DriverError, match="does not fit its register"):
             driver.watchdog(seconds)
+
+
+@pytest.mark.parametrize(
+    ("options", "watchdog", "message"),
+    [
+        ({}, "1 s", "a watchdog needs the option watchdog_register"),
+        ({"watchdog_register": 5}, "100 s", "a watchdog of 100 s does not fit its register (0 to 65.535 s)"),
+        ({"watchdog_register": 5, "skip_unchanged": "2 s"}, "1 s", "are not shorter than the watchdog"),
+        ({"watchdog_register": 5}, "1 s", ""),
+    ],
+)
+def test_a_watchdog_that_cannot_be_armed_is_a_fault_of_the_wiring(
+    options: dict[str, object], watchdog: str, message: str
+) -> None:
+    class Lamp(Compound):
+        lamp: BinaryActuator[OnOff]
+
+    box = {"type": "modbus", "watchdog": watchdog} | options
+    given = {"drivers": {"box": box}, "wire": {"lamp": {"driver": "box", "channel": "coil:0"}}}
+    faults = check(Lamp(lamp=BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.OFF)), given)
+    assert [fault.key for fault in faults] == ["drivers.box.watchdog"] * bool(message)
+    assert not faults or message in faults[0].message
 
 
 @pytest.mark.parametrize("kind", [DriverError, NotImplementedError])

@@ -91,6 +91,8 @@ class Driver(ABC, Generic[C]):
     """The forms of its channels, such as "line:N". For `umo drivers`, if the driver cannot be made without options."""
     realtime: bool = False
     """True if the driver has a timer channel that runs in real time. Default: False."""
+    simulates_time: bool = False
+    """True if time passes in it by reading its timer channel only, as in a plant: it must be the machine's timer."""
 
     # The paper's five segments -------------------------------------------------------------------
 
@@ -167,6 +169,9 @@ class Driver(ABC, Generic[C]):
     def watchdog(self, seconds: float) -> None:
         """Arm the watchdog of the circuit: after this time without a request it sets its outputs to safe levels."""
         raise NotImplementedError(f"{type(self).__name__} has no watchdog of its own")
+
+    def check_watchdog(self, seconds: float) -> None:
+        """WiringError or DriverError if `watchdog` cannot take this time. Nothing is sent; called before `open`."""
 
     def report(self) -> Mapping[str, Any]:
         """Results of the circuit or plant so far, as plain data by name. Called at the end of a run before `close`, and

@@ -96,6 +96,7 @@ class _Resolver:
             self.source.fault("", f"no driver of this wiring has the option {name!r}")
         wired = Wired(drivers, wires, period, timer, parameters, watchdogs, self.hardware)
         self._check_time(wired)
+        self._check_plants()
         wired = dataclasses.replace(wired, process=self._process(wired), paced=paced, injection=injection)
         return wired, collapsed(self.source.faults, origin)
 
@@ -120,6 +121,10 @@ class _Resolver:
                 self.source.fault(f"drivers.{name}.watchdog", text)
             elif watchdog is not None:
                 watchdogs[name] = watchdog
+                try:
+                    driver.check_watchdog(watchdog)
+                except Exception as error:  # of the driver's code
+                    self.source.fault(f"drivers.{name}.watchdog", reason_of(error))
         return watchdogs
 
     def _make_driver(self, name: str, table: dict[str, Any]) -> Driver | None:
@@ -405,6 +410,21 @@ class _Resolver:
                 f"{timer} runs in virtual time, but driver {name} controls hardware ({devices[0]}); "
                 'wire the timer to a real clock, { driver = "timerfd", period = ... }, or run with --realtime',
             )
+
+    def _check_plants(self) -> None:
+        """Time would stand still in a plant that is not the timer."""
+        wired = self.source.entries.get("timer")
+        timer = self.drivers.get(wired.driver) if wired is not None else None
+        if wired is None or timer is None:
+            return
+        for name in dict.fromkeys(entry.driver for entry in self.source.entries.values()):
+            driver = self.drivers.get(name)
+            if driver is not None and driver is not timer and driver.simulates_time:
+                self.source.fault(
+                    'wire."timer".driver',
+                    f"{wired.driver} is the timer, so no time would pass in driver {name}; wire the timer to {name}, "
+                    f'{{ driver = "{name}", channel = "tick", period = ... }}, and run with --realtime for real time',
+                )
 
     def _process(self, wired: Wired) -> Process:
         table, names = self.source.process, [field.name for field in dataclasses.fields(Process)]

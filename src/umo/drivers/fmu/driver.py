@@ -46,6 +46,7 @@ class Fmu(Driver[FmuChannel]):
     call into a model cannot be interrupted: `timeout` does not bound it.
     """
 
+    simulates_time = True
     forms = ("NAME", "NAME:SCALE (of a float)", "tick")
 
     def __init__(

@@ -170,6 +170,11 @@ class Modbus(Driver[ModbusChannel]):
 
     def watchdog(self, seconds: float) -> None:
         """Write the time, in ms, into the watchdog's register; 0 turns most watchdogs off."""
+        self.check_watchdog(seconds)
+        milliseconds = max(round(seconds * 1000), 1 if seconds else 0)
+        self._write((self.channel(f"holding:{self.watchdog_register}"),), [milliseconds])
+
+    def check_watchdog(self, seconds: float) -> None:
         if self.watchdog_register is None:
             raise _NoWatchdog("a watchdog needs the option watchdog_register")
         if not 0 <= seconds <= _LONGEST_WATCHDOG:
@@ -177,8 +182,6 @@ class Modbus(Driver[ModbusChannel]):
         if seconds and self._skip and self._skip + self.period >= seconds:
             text = f"skip_unchanged and a period, {(self._skip + self.period) * 1000:g} ms"
             raise DriverError(f"{text}, are not shorter than the watchdog, {seconds * 1000:g} ms")
-        milliseconds = max(round(seconds * 1000), 1 if seconds else 0)
-        self._write((self.channel(f"holding:{self.watchdog_register}"),), [milliseconds])
 
     def _write(
         self, channels: Sequence[ModbusChannel], raws: list[int], read_back: bool = False, skip: bool = False

@@ -184,13 +184,17 @@ class Text(Driver[TextChannel]):
 
     def watchdog(self, seconds: float) -> None:
         """Send `watchdog_set` with this time."""
+        self.check_watchdog(seconds)
+        assert self._watchdog_set is not None
+        milliseconds = max(round(seconds * 1000), 1 if seconds else 0)
+        request = self._watchdog_set.replace("{ms}", f"{milliseconds}").replace("{s}", f"{milliseconds / 1000:.3f}")
+        self._begin().tell(request, self._dialogue.acknowledge, self._dialogue.confirm)
+
+    def check_watchdog(self, seconds: float) -> None:
         if self._watchdog_set is None:
             raise _NoWatchdog("a watchdog needs the option watchdog_set")
         if not 0 <= seconds <= _LONGEST_WATCHDOG:
             raise DriverError(f"a watchdog of {seconds:g} s is not within 0 to {_LONGEST_WATCHDOG:g} s")
-        milliseconds = max(round(seconds * 1000), 1 if seconds else 0)
-        request = self._watchdog_set.replace("{ms}", f"{milliseconds}").replace("{s}", f"{milliseconds / 1000:.3f}")
-        self._begin().tell(request, self._dialogue.acknowledge, self._dialogue.confirm)
 
     def _write(self, channels: Sequence[TextChannel], raws: list[int]) -> None:
         # All requests are made before the first is sent: a value that does not fit leaves the device alone.

@@ -61,6 +61,8 @@ class Plant(Driver):
         fault_at: from when on, s.
     """
 
+    simulates_time = True
+
     def __init__(
         self,
         *,

@@ -53,6 +53,8 @@ class Plant(Driver[FurnaceChannel]):
         faults: what fails, KIND:ZONE or KIND:ZONE@SECONDS, such as stuck-heater:3@90.
     """
 
+    simulates_time = True
+
     def __init__(self, *, seed: int = 0, faults: Sequence[str] = ()) -> None:
         self._seed = seed
         self._faults = [_fault(text) for text in faults]

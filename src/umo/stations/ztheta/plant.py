@@ -90,6 +90,8 @@ class Plant(Driver[PlantChannel]):
         faults: what is wrong with it, such as leaky-cup (`FAULTS`).
     """
 
+    simulates_time = True
+
     def __init__(
         self,
         *,

@@ -79,6 +79,9 @@ class Faulty(Driver[Any]):
     def physical_scale(self, channel: Channel) -> PhysicalScale | None:
         return self.driver.physical_scale(channel)
 
+    def check_watchdog(self, seconds: float) -> None:
+        self.driver.check_watchdog(seconds)
+
     def finalize(self, channel: Channel) -> None:
         self.driver.finalize(channel)
 
