@@ -329,7 +329,7 @@ def test_a_linearization_of_a_wiring_is_for_the_range_that_the_entry_narrows() -
         ({"polynomial": [0, 1e300, 1e-300]}, "the polynomial of degree 2"),
         ({"table": [[0, 1]]}, "table must be two lists, [[inputs], [values]], not [[0, 1]]"),
         ({"table": [[0, 1], [0, 20]]}, "the table of 2 points covers 0 to 20, not 0 to 1300"),
-        ("K", "input should be a valid dictionary, not 'K'"),
+        ("K", "must be a table, not 'K'"),
     ],
 )
 def test_a_fault_of_the_wiring_names_its_key(entry: Any, message: str) -> None:

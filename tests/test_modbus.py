@@ -26,7 +26,7 @@ from umo.drivers.modbus import Modbus
 from umo.drivers.modbus import driver as modbus
 from umo.drivers.modbus.plan import plan_reads
 from umo.drivers.streams import Stream, hosts
-from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, WiringError
+from umo.errors import ChannelError, ChannelsFailed, DeviceTimeout, DriverError, WiringError
 
 HASTY = 0.05  # for calls that are to time out
 
@@ -330,6 +330,11 @@ def test_a_watchdog_that_cannot_be_armed_is_a_fault_of_the_wiring(
     faults = check(Lamp(lamp=BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.OFF)), given)
     assert [fault.key for fault in faults] == ["drivers.box.watchdog"] * bool(message)
     assert not faults or message in faults[0].message
+
+
+def test_an_address_that_is_too_high_is_answered_with_the_range() -> None:
+    with pytest.raises(ChannelError, match=r"no channel 'coil:99999'; the forms are: coil:N \(N 0 to 65535\)"):
+        Modbus().channel("coil:99999")
 
 
 @pytest.mark.parametrize("kind", [DriverError, NotImplementedError])

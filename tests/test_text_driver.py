@@ -10,6 +10,7 @@ import termios
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from inspect import signature
 from time import monotonic
 from typing import Any
 from unittest.mock import patch
@@ -19,9 +20,12 @@ import pytest
 
 from peers.line_server import LineServer, line_server
 from umo import BinaryActuator, Compound, DigitalSensor, OnOff, check
+from umo.drivers.contract import Driver
+from umo.drivers.modbus import Modbus
 from umo.drivers.streams import Stream, hosts
 from umo.drivers.text import Text
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, WiringError
+from umo.text import options_in
 
 PATIENT = 10.0
 HASTY = 0.05
@@ -319,7 +323,7 @@ def test_a_timeout_drops_the_connection() -> None:
 
 
 def test_half_an_answer_is_shown_when_it_times_out() -> None:
-    half = re.escape("no answer to 'A?' after b'12'")
+    half = re.escape("the device sent '12' without the terminator '\\n': timed out (50 ms); set answer_terminator")
     with device(lambda _: b"12", timeout=HASTY) as (driver, _), pytest.raises(DeviceTimeout, match=half):
         read(driver, "a")
 
@@ -462,7 +466,7 @@ def test_a_wiring_is_checked_with_the_key_of_each_fault() -> None:
     assert faults(channels=good, confirm={"query": "E?"}) == [
         "drivers.supply.confirm.query: unknown key; known: ask, answer"
     ]
-    assert "voltage.ask: input should be a valid string, not 3" in faults(channels=good | {"voltage": {"ask": 3}})[0]
+    assert "voltage.ask: must be a text, not 3" in faults(channels=good | {"voltage": {"ask": 3}})[0]
     assert "the forms are: voltage" in faults(channels={"voltage": {"ask": "V?"}})[0]
 
 
@@ -479,6 +483,39 @@ def test_a_unit_that_pint_does_not_know_is_a_fault() -> None:
     output = {"set": {"0": "OFF", "1": "ON"}}
     [fault] = faults(channels={"voltage": {"ask": "V?", "scale": 0.001, "units": "Vlots"}, "output": output})
     assert fault.startswith("wire.\"voltage\".channel: the unit of channel 'voltage': 'Vlots' is not a unit")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"port": "5020"}, "drivers.supply.port: must be a whole number, without quotes, not '5020'"),
+        ({"pause": "1"}, "drivers.supply.pause: must be a number, without quotes, not '1'"),
+        ({"echo": "true"}, "drivers.supply.echo: must be true or false, without quotes, not 'true'"),
+        ({"terminator": 5}, "drivers.supply.terminator: must be a text, not 5"),
+        ({"port": 5020.5}, "drivers.supply.port: must be a whole number, not 5020.5"),
+    ],
+)
+def test_an_option_of_another_type_is_a_fault_in_plain_words(options: dict[str, Any], message: str) -> None:
+    assert faults(channels={"voltage": {"ask": "V?"}, "output": {"set": {"0": "a", "1": "b"}}}, **options) == [message]
+
+
+def test_a_missing_timer_beside_hardware_is_explained_with_the_real_clock() -> None:
+    class Timed(Compound):
+        timer: DigitalSensor
+        voltage: DigitalSensor
+
+    timer = DigitalSensor("sampling_period", minimum=0, maximum=99, resolution=1, synchronous=False)
+    box = {"type": "modbus", "host": "127.0.0.1"}
+    given = {"drivers": {"box": box}, "wire": {"voltage": {"driver": "box", "channel": "input:0"}}}
+    [fault] = check(Timed(timer=timer, voltage=DigitalSensor("V", minimum=0, maximum=10, resolution=1)), given)
+    assert fault.message == 'is not wired; for real time use { driver = "timerfd", period = "50 ms" }'
+
+
+@pytest.mark.parametrize("driver", [Text, Modbus])
+def test_each_option_has_a_description_of_its_own(driver: type[Driver[Any]]) -> None:
+    described = options_in(driver.__doc__ or "")
+    assert list(signature(driver).parameters) and set(signature(driver).parameters) == set(described)
+    assert len(set(described.values())) == len(described)
 
 
 def test_a_scale_in_another_unit_of_the_dimension_fits() -> None:

@@ -27,6 +27,7 @@ Cancelled (BaseException)            thrown into sequences when the machine stop
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -73,13 +74,18 @@ class WiringError(UmoError, ValueError):
         self.faults = tuple(faults)
 
 
+_PLACEHOLDER = re.compile(r"(?<![^\W_])(?:N|TYPE)(?![^\W_])|[{\[]")
+"""Of a form such as "coil:N", which is not the text of a channel."""
+
+
 class ChannelError(WiringError):
     """The text of a channel is not a form that its driver knows."""
 
     def __init__(self, text: str, forms: Iterable[str]) -> None:
         forms = list(forms)
         self.text = text
-        super().__init__(f"no channel {text!r}{did_you_mean(text, forms)}; the forms are: {', '.join(forms)}")
+        near = did_you_mean(text, (form for form in forms if not _PLACEHOLDER.search(form)))
+        super().__init__(f"no channel {text!r}{near}; the forms are: {', '.join(forms)}")
 
 
 class RangeError(UmoError, ValueError):

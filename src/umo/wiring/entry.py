@@ -15,6 +15,17 @@ from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictInt, Strict
 
 from umo.text import did_you_mean
 
+PLAIN = {
+    "int_type": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "float_type": "must be a number",
+    "bool_type": "must be true or false",
+    "string_type": "must be a text",
+    "dict_type": "must be a table",
+    "finite_number": "must be a finite number",
+}
+"""pydantic's messages in plain words."""
+UNQUOTED = ("int_type", "float_type", "bool_type")
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 
 
@@ -87,7 +98,9 @@ def faults_of(
         elif detail["type"] == "missing":
             yield key, "is missing"
         else:
-            yield key, f"{detail['msg'][0].lower()}{detail['msg'][1:]}, not {detail['input']!r}"
+            message = PLAIN.get(detail["type"]) or f"{detail['msg'][0].lower()}{detail['msg'][1:]}"
+            quoted = isinstance(detail["input"], str) and detail["type"] in UNQUOTED
+            yield key, f"{message}{', without quotes' * quoted}, not {detail['input']!r}"
 
 
 def _keys_within(types: Mapping[str, inspect.Parameter], where: list[str]) -> list[str]:

@@ -198,9 +198,10 @@ class _Resolver:
         entry = self.source.entries.get(path)
         if entry is None:
             if path not in self.source.refused:
-                self.source.fault(
-                    key, 'is not wired; for hardware that does not exist yet use { driver = "simulated" }'
-                )
+                hint = 'for hardware that does not exist yet use { driver = "simulated" }'
+                if path == "timer" and self.hardware:
+                    hint = 'for real time use { driver = "timerfd", period = "50 ms" }'
+                self.source.fault(key, f"is not wired; {hint}")
             return None
         driver = self.drivers[entry.driver]
         if driver is None:

@@ -57,8 +57,8 @@ TYPES = {
     "float64": Type(4, 52, True),
 }
 FORMS = (
-    "coil:N",
-    "discrete:N",
+    "coil:N (N 0 to 65535)",
+    "discrete:N (N 0 to 65535)",
     "holding:N[:TYPE]",
     "input:N[:TYPE] (N 0 to 65535; TYPE uint16, int16, uint32, int32, uint64 or int64, float32:SCALE or float64:SCALE "
     "with a scale of 1e-12 to 1e12; 32 bits take N and N + 1, 64 bits N to N + 3)",

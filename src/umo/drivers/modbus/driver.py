@@ -52,9 +52,12 @@ class Modbus(Driver[ModbusChannel]):
     address, 0 to 65535, counted from 0; many manuals count from 1 and put the table before it.
 
     Options:
-        host, port: a TCP device or gateway; a host name is looked up once, by `open`. Default: 127.0.0.1, 502.
+        host: a TCP device or gateway; a host name is looked up once, by `open`. Default: 127.0.0.1.
+        port: its TCP port. Default: 502.
         serial: the device file of a serial line, in place of host and port.
-        baudrate, parity, stop_bits: its settings. Default: 19200, "even" (or "odd", "none", "mark", "space"), 1.
+        baudrate: of the serial line, in bit/s. Default: 19200.
+        parity: of the serial line: "even", "odd", "none", "mark" or "space". Default: "even".
+        stop_bits: of a character on the serial line, 1 or 2. Default: 1.
         rs485: the kernel switches the direction of the line, for a UART whose circuit does not.
         unit: 1 to 247. TCP takes 0 to 255: a device that is not a gateway often has 0 or 255.
         word_order: which word of a wider value has the lowest address, the "big" (high) or the "little".

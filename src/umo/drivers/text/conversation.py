@@ -259,8 +259,11 @@ class TextLink:
 
     def _late(self, request: str) -> DriverError:
         limit = f"{self._timeout * 1000:g} ms"
-        so_far = f" after {shown(bytes(self._data))}" if self._data else ""
-        return self.dropped(DeviceTimeout(f"no answer to {shown(request)}{so_far}: timed out ({limit})"))
+        if self._data:
+            sent, end = bytes(self._data).decode(self._dialogue.encoding, "replace"), self._dialogue.answer_terminator
+            text = f"the device sent {shown(sent)} without the terminator {end!r}: timed out ({limit})"
+            return self.dropped(DeviceTimeout(f"{text}; set answer_terminator"))
+        return self.dropped(DeviceTimeout(f"no answer to {shown(request)}: timed out ({limit})"))
 
 
 class _StillStarting(DriverError):

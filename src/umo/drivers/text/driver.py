@@ -39,12 +39,19 @@ class Text(Driver[TextChannel]):
     In a pattern `{}` is the value and `*` any text; a regular expression stands between slashes, with one group.
 
     Options:
-        host, port: a TCP device, or a gateway to a serial line; a host name is looked up once, by `open`. Default: port
-            5025.
+        channels: the tables of the channels, by name.
+        host: a TCP device, or a gateway to a serial line; a host name is looked up once, by `open`.
+        port: its TCP port. Default: 5025.
         serial: the device file of a serial line, in place of host and port.
-        baudrate, data_bits, parity, stop_bits, flow, dtr: its settings; dtr is the level of that output. Default: 9600,
-            8, "none" (or "even", "odd", "mark", "space"), 1, "none" (or "rtscts", "xonxoff"), true.
-        terminator, answer_terminator, encoding: the end of requests, and of answers if it differs.
+        baudrate: of the serial line, in bit/s. Default: 9600.
+        data_bits: of a character on the serial line, 5 to 8. Default: 8.
+        parity: of the serial line: "none", "even", "odd", "mark" or "space". Default: "none".
+        stop_bits: of a character on the serial line, 1 or 2. Default: 1.
+        flow: flow control of the serial line: "none", "rtscts" or "xonxoff". Default: "none".
+        dtr: the level of the serial line's output DTR while it is open. Default: true.
+        terminator: the end of a request.
+        answer_terminator: the end of an answer. Default: as terminator.
+        encoding: of requests and answers: "ascii", "latin-1" or "utf-8".
         errors: patterns of answers with which the device refuses a request.
         acknowledge: the pattern of the answer to a request that sets.
         confirm: a query after each request that sets, { ask = "SYST:ERR?", answer = '*0,"No error"' }.
@@ -52,10 +59,12 @@ class Text(Driver[TextChannel]):
         startup: requests that are sent after each connection is made.
         echo: the device repeats each request before it answers.
         together: what joins several queries in one line, and their answers, such as ";"; requests that set, too.
-        longest_request: characters of such a line at most. longest_answer: bytes of an answer at most.
+        longest_request: characters of such a line at most.
+        longest_answer: bytes of an answer at most.
         pause: s between an answer and the next request.
         boot_time: s that the device may need after connecting; on a serial line only after the first connection, or if
-            the device had been removed. greeting: a line from the device that ends this time early.
+            the device had been removed.
+        greeting: the pattern of a line from the device that ends boot_time early.
         quiet: s for which the device must send nothing before a new connection is used. Default: 0.5 on a serial line,
             0 on TCP.
         watchdog_set: the request that arms the device's watchdog, with {s} or {ms} for the time; 0 disarms it.
