@@ -70,6 +70,14 @@ class Faulty(Driver[Any]):
     def realtime(self) -> bool:  # type: ignore[override]
         return self.driver.realtime
 
+    @property
+    def simulates_time(self) -> bool:  # type: ignore[override]
+        return self.driver.simulates_time
+
+    @property
+    def forms(self) -> Sequence[str]:  # type: ignore[override]
+        return self.driver.forms
+
     def channel(self, text: str) -> Any:
         return self.driver.channel(text)
 
