@@ -103,7 +103,8 @@ def test_a_wired_driver_is_tested_within_the_ranges_of_its_objects(umo: Umo, pre
 def test_without_a_terminal_and_without_yes_nothing_is_driven(umo: Umo, press: Path, device: Device) -> None:
     result = umo("conform", "press", "-w", "card")
     assert result.exit_code == 2
-    assert said(result) == "umo: this drives motor and fan over the whole range: confirm it by --yes"
+    assert said(result).endswith("umo: this drives motor and fan over the whole range: confirm it by --yes")
+    assert "object channel raw levels" in said(result).replace("┃ ", "") and "0 to 4 V" in said(result)
     assert device.levels("out:0") == [0]
 
 
@@ -126,7 +127,9 @@ def test_a_broken_rule_is_status_1_and_in_words(umo: Umo, press: Path) -> None:
     file.write_text(file.read_text().replace("careful:Careful", "broken:ReadsAFloat"))
     result = umo("conform", "press", "-w", "card", "--yes", "--cycles", "20")
     assert result.exit_code == 1
-    assert "readings │ failed │ read of in:0 returned" in said(result)
+    assert "readings │ failed │ A reading is an int, within the bits of its channel. [read of in:0 returned" in said(
+        result
+    )
 
 
 MISTAKES = {
@@ -188,10 +191,11 @@ def test_an_earlier_unsafe_end_stays_if_the_device_cannot_be_opened(umo: Umo, pr
 def test_a_device_that_another_program_holds_is_left_alone(umo: Umo, press: Path, device: Device) -> None:
     kept = Hold([f"device tcp 127.0.0.1:{device.port}"], "oven")
     try:
-        result = umo("conform", "press", "-w", "card", "--yes")
+        result = umo("conform", "press", "-w", "card")
     finally:
         kept.release()
     assert result.exit_code == 2
+    assert "confirm it by --yes" not in said(result) and "to be driven" not in said(result)  # held before it asks
     assert "is held by" in said(result) and "(oven), since" in said(result)
     assert device.levels("out:0") == [0]
 
@@ -214,6 +218,7 @@ def test_at_a_terminal_it_lists_the_outputs_and_asks(press: Path, device: Device
     seen = _until(terminal, "[y/N]")
     assert "motor" in seen and "0 to 200" in seen and "0 to 4 V" in seen
     os.write(terminal, f"{answer}\n".encode())
+    assert "umo: nothing was driven" in _until(terminal, "nothing was driven")
     assert process.wait(20) == 2
     os.close(terminal)
     assert device.levels("out:0") == [0]
@@ -230,6 +235,7 @@ def test_a_signal_ends_it_with_the_outputs_at_their_defaults(press: Path, device
     os.write(terminal, b"y\n")
     _until(terminal, "descriptors")
     process.send_signal(number)
+    _until(terminal, "umo: stopped; every output is at its default")
     while select.select([terminal], [], [], 20)[0]:  # a terminal that nobody reads holds the process up
         try:
             os.read(terminal, 4096)
@@ -246,3 +252,12 @@ def _until(terminal: int, word: str, patience: float = 30.0) -> str:
         assert select.select([terminal], [], [], max(0.0, end - time.monotonic()))[0], seen[-500:]
         seen += os.read(terminal, 4096).decode(errors="replace")
     return seen
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="devices are held on Linux")
+def test_an_earlier_unsafe_end_stays_without_consent(umo: Umo, press: Path, device: Device) -> None:
+    name = f"device tcp 127.0.0.1:{device.port}"
+    Custody([name], "press").stopped("a test", ["motor"])
+    assert "confirm it by --yes" in said(umo("conform", "press", "-w", "card", "--acknowledge"))
+    with pytest.raises(StandsStopped):
+        Custody([name], "press")

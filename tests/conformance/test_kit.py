@@ -12,7 +12,7 @@ from conformance.subjects import careful, simulated
 from umo.drivers.contract import Channel
 from umo.drivers.simulated import Simulated
 from umo.errors import StopError
-from umo.testing.conformance import Certificate, Judgement, Output, Subject, conform, examine
+from umo.testing.conformance import Certificate, Input, Judgement, Output, Subject, conform, examine
 
 
 @pytest.fixture(autouse=True)
@@ -24,7 +24,7 @@ def test_ten_thousand_cycles_of_the_simulated_circuit_leave_nothing_behind() -> 
     certificate = conform(simulated(), only=["descriptors", "threads", "memory"], cycles=10_000)
     assert certificate.passed, str(certificate)
     assert certificate.cycles == 10_000
-    assert certificate.finding("memory").why == "9999 cycles"
+    assert certificate.finding("memory").why == "3 rounds of 3333 cycles"
 
 
 def test_a_rule_that_does_not_exist_is_an_error_that_names_the_nearest() -> None:
@@ -165,3 +165,48 @@ def test_a_certificate_without_a_rule_that_passed_has_not_passed() -> None:
     certificate = conform(simulated(), only=["late answer"])
     assert certificate.finding("late answer").verdict is Judgement.NOT_TRIED
     assert not certificate.passed and certificate.failed == ()
+
+
+CALLS_ALONE = "every call succeeded, but no level can be seen: it needs a loop-back, or a channel that can be read back"
+
+
+@pytest.mark.parametrize("rule", ["finalise", "reopen", "vanish", "two clients", "end"])
+def test_a_rule_whose_outputs_cannot_be_seen_has_not_passed(rule: str) -> None:
+    unseen = (Output("out:0", 5, 0, 255), Output("out:1", 0, 0, 255))
+    with careful(levels=None, loopbacks=(), outputs=unseen) as subject:
+        found = conform(subject, only=[rule]).finding(rule)
+    assert (found.verdict, found.why) == (Judgement.NOT_TRIED, CALLS_ALONE)
+
+
+def test_the_end_is_seen_where_levels_can_be_seen() -> None:
+    class Ignores(Careful):
+        def reset(self, channel: Any, default: int | None) -> None:
+            pass
+
+    with careful(Ignores) as subject:
+        driver = subject.make()
+        driver.open()
+        driver.write(driver.channel("out:0"), 9)
+        driver.close()
+        found = conform(subject, only=["end"]).finding("end")
+    assert found.why == "out:0 is at 9 after reset(5) at the end, not at 5"
+
+
+def test_a_refused_write_to_an_input_that_is_not_steady_is_seen_in_part() -> None:
+    with careful(inputs=(Input("in:9", steady=False),), loopbacks=()) as subject:
+        found = conform(subject, only=["directions"]).finding("directions")
+    assert found.why == "whether it changes in:9 was not seen: nothing says that the level is steady"
+
+
+def test_two_coils_that_can_be_read_back_are_brought_to_different_levels() -> None:
+    coils = (Output("io:0", 0, 0, 1), Output("io:1", 0, 0, 1))
+    with careful(outputs=coils, inputs=(), loopbacks=()) as subject:
+        found = conform(subject, only=["old answer"]).finding("old answer")
+    assert (found.verdict, found.why) == (Judgement.PASSED, "")
+
+
+def test_the_table_has_the_text_of_a_rule_and_the_remark_behind_it() -> None:
+    certificate = conform(simulated(), only=["threads", "memory"], cycles=500)
+    text = " ".join(str(certificate).replace("│", " ").split())
+    assert "No thread is left over. [5 openings]" in text
+    assert "The memory does not grow over many cycles. [3 rounds of 166 cycles]" in text

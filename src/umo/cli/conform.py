@@ -62,12 +62,13 @@ def conform_wiring(target: str, wiring: str | None, choice: Choice, arguments: S
     name = _driver(wired, choice.driver)
     wires = _wires(wired, name, choice.only)
     subject = _subject(station, file, wired, name, wires, choice)
-    if not _may_drive(subject, wires, wired.hardware.get(name, ()), choice.yes):
-        return 2
-    custody = Custody(wired.hardware.get(name, ()), station.name, "conform", acknowledge=choice.acknowledge)
-    with _kept(custody) as stopped, _line(subject, maker_of(file, name)) as tapped, _signals():
-        _check_opens(tapped, name)
-        certificate = _shown(tapped, choice.cycles)
+    devices = wired.hardware.get(name, ())
+    custody = Custody(devices, station.name, "conform", acknowledge=choice.acknowledge)
+    with _kept(custody) as stopped, _signals():
+        _consent(subject, wires, devices, choice.yes)
+        with _line(subject, maker_of(file, name)) as tapped:
+            _check_opens(tapped, name)
+            certificate = _driven(tapped, choice.cycles)
         stopped += certificate.unreached
     out.print(certificate.table())
     if choice.json is not None:
@@ -188,21 +189,32 @@ def _agree(wires: dict[str, Wire], tolerance: float, output: str, raw: int, back
 # Before and after -------------------------------------------------------------------------------------
 
 
-def _may_drive(subject: Subject, wires: Sequence[Wire], devices: Sequence[str], yes: bool) -> bool:
-    """List what will be driven, and ask; a simulation needs no consent."""
+class NotDriven(StationError):
+    """The user did not agree."""
+
+
+def _consent(subject: Subject, wires: Sequence[Wire], devices: Sequence[str], yes: bool) -> None:
+    """List what will be driven, and ask; NotDriven without consent. A simulation needs none."""
     if not subject.outputs or not devices:
-        return True
-    if not yes and not sys.stdin.isatty():
-        paths = [wire.item.path for wire in wires if wire.item.direction is Direction.OUTPUT]
-        err.print(f"umo: this drives {some(paths)} over the whole range: confirm it by --yes", soft_wrap=True)
-        return False
+        return
     err.print(_plan(subject, wires, devices))
-    return yes or input("Drive these outputs? [y/N] ").strip().lower() in ("y", "yes")
+    if yes:
+        return
+    if not sys.stdin.isatty():
+        paths = [wire.item.path for wire in wires if wire.item.direction is Direction.OUTPUT]
+        raise NotDriven(f"this drives {some(paths)} over the whole range: confirm it by --yes")
+    try:
+        agreed = input("Drive these outputs? [y/N] ").strip().lower() in ("y", "yes")
+    except (EOFError, KeyboardInterrupt):
+        err.print()
+        agreed = False
+    if not agreed:
+        raise NotDriven("nothing was driven")
 
 
 def _plan(subject: Subject, wires: Sequence[Wire], devices: Sequence[str]) -> Table:
     ranges = {output.channel: output for output in subject.outputs}
-    table = Table("output", "channel", "raw levels", "values", "default", title=f"to be driven: {', '.join(devices)}")
+    table = Table("object", "channel", "raw levels", "values", "default", title=f"to be driven: {', '.join(devices)}")
     for wire in wires:
         if (output := ranges.get(wire.channel.text)) is None:
             table.add_row(wire.item.path, wire.channel.text, "read; a write must be refused", "", "")
@@ -229,7 +241,7 @@ def _kept(custody: Custody) -> Iterator[list[str]]:
     except StopError as error:
         unreached += [failure.path for failure in error.failures]
         raise
-    except OSError:  # it was not opened, so nothing was driven: an earlier unsafe end stays
+    except (OSError, NotDriven):  # nothing was driven: an earlier unsafe end stays
         end = custody.abandon
         raise
     finally:
@@ -274,6 +286,16 @@ def _check_opens(subject: Subject, name: str) -> None:
         raise DriverError(f"driver {name}{in_brackets(subject.device)}: {reported(error)}") from error
     finally:
         driver.close()
+
+
+def _driven(subject: Subject, cycles: int) -> Certificate:
+    """As `_shown`; what a signal leaves behind is said."""
+    try:
+        return _shown(subject, cycles)
+    except KeyboardInterrupt:
+        state = "every output is at its default" if subject.outputs else "no output was driven"
+        err.print(f"umo: stopped; {state}", soft_wrap=True)
+        raise
 
 
 def _shown(subject: Subject, cycles: int) -> Certificate:

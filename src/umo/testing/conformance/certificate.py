@@ -91,7 +91,7 @@ class Certificate:
         for heading in ("rule", "verdict", "finding"):
             table.add_column(heading, overflow="fold")
         for each in self.findings:
-            about = Text(each.text, "dim") if not each.why else Text(each.why)
+            about = Text.assemble((each.text, "dim"), f" [{each.why}]" if each.why else "")
             table.add_row(each.rule, Text(each.verdict.value, STYLES[each.verdict]), about)
         for kind, time in self.times.items():
             figures = f"median {time.median * 1e6:.0f} us, p99 {time.p99 * 1e6:.0f} us, {time.count} calls"

@@ -18,7 +18,7 @@ TRIES = 3
 """Calls within which a driver recovers."""
 MOST = 2
 """Channels that are tried with each spoiled answer."""
-NO_TWO = "no two channels can be read that have different values"
+NO_TWO = "no two channels can be read that have different values: wire or name another channel that can be read"
 NO_ANSWER = "the device answers neither reads nor writes over the line"
 
 
@@ -83,11 +83,15 @@ def _asking(trial: Trial, probe: Probe, text: str) -> Iterator[tuple[Callable[..
 
 
 def apart(trial: Trial, probe: Probe) -> dict[str, int]:
-    """Channels that read different values, as far as possible: outputs are brought to different levels."""
-    found: dict[str, int] = {}
-    for text, raw in _values(trial, probe).items():
-        if raw not in found.values() and len(found) < MOST:
-            found[text] = raw
+    """Channels that read different values, as far as possible: outputs are brought to different levels, or, if that is
+    not enough, every second one stays at its default."""
+    for step in (1, 2):
+        found: dict[str, int] = {}
+        for text, raw in _values(trial, probe, step).items():
+            if raw not in found.values() and len(found) < MOST:
+                found[text] = raw
+        if len(found) == MOST:
+            break
     return found
 
 
@@ -212,14 +216,16 @@ def _each_spoiled(trial: Trial, variants: list[tuple[str, Change, bool]]) -> Non
         raise NotTried(NO_ANSWER)
 
 
-def _values(trial: Trial, probe: Probe) -> dict[str, int]:
-    """What the channels read that stay as they are. Outputs are brought to other levels than their defaults; the
-    inputs that read them are waited for."""
-    for number, output in enumerate(trial.subject.outputs):
-        probe.write(output.channel, output.other(number))
-    for number, output in enumerate(trial.subject.outputs):
+def _values(trial: Trial, probe: Probe, step: int = 1) -> dict[str, int]:
+    """What the channels read that stay as they are. Every output, or every second one with a step of 2, is brought to
+    another level than its default; the inputs that read them are waited for."""
+    outputs = trial.subject.outputs
+    levels = [each.default if number % step else each.other(number) for number, each in enumerate(outputs)]
+    for output, raw in zip(outputs, levels, strict=True):
+        probe.write(output.channel, raw)
+    for output, raw in zip(outputs, levels, strict=True):
         if output.channel in trial.loops:
-            trial.is_read(probe, output, output.other(number))
+            trial.is_read(probe, output, raw)
     texts = (*(output.channel for output in trial.subject.outputs), *trial.loops.values(), *trial.steady)
     return {text: probe.read(text) for text in texts if text in trial.readable}
 

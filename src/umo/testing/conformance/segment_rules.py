@@ -111,7 +111,7 @@ def reset_after_failure(trial: Trial) -> str | None:
 
 
 @rule("finalise", "Channels are finalised in any order; the others go on working, and keep their levels.")
-def finalise(trial: Trial) -> None:
+def finalise(trial: Trial) -> str | None:
     if len(trial.channels) < 2:
         raise NotTried("the subject has one channel only")
     for order in (trial.channels, trial.channels[::-1]):
@@ -126,6 +126,7 @@ def finalise(trial: Trial) -> None:
                     _use(trial, probe, text)
                 except OSError as error:
                     raise RuleBroken(f"{text} failed after {gone} was finalised: {reported(error)}") from error
+    return trial.looked()
 
 
 def _check_left(trial: Trial, probe: Probe, gone: str) -> None:
@@ -148,7 +149,7 @@ def _use(trial: Trial, probe: Probe, text: str) -> None:
     "A closed driver can be opened again, and one that is not open can be closed. Outputs come up at their defaults "
     "again, also if they were driven in the meantime.",
 )
-def reopen(trial: Trial) -> None:
+def reopen(trial: Trial) -> str | None:
     probe = trial.new()
     probe.close()
     for _ in range(3):
@@ -169,6 +170,7 @@ def reopen(trial: Trial) -> None:
         for output in trial.subject.outputs[:1]:
             _leave_at(trial, output, output.other())
     _open_in_turns(trial)
+    return trial.looked()
 
 
 def _open_in_turns(trial: Trial) -> None:

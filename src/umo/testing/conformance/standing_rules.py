@@ -32,10 +32,19 @@ def kind_of_errors(trial: Trial) -> None:
 
 
 @rule("end", "At the end every output is at its default.")
-def end(trial: Trial) -> None:
-    """By a new driver, as far as calls tell."""
+def end(trial: Trial) -> str | None:
+    """By a new driver."""
     if not trial.subject.outputs:
         raise NotTried("the driver has no outputs")
     trial.restore(always=True)
     if trial.unreached:
         raise RuleBroken(f"{some(trial.unreached)} could not be brought to the default")
+    probe = trial.new()
+    try:
+        probe.open()
+        for output in trial.visible:
+            trial.expect(probe, output, output.default, f"reset({output.default}) at the end")
+    finally:
+        with trial.own_error_first():
+            trial.leave(probe)
+    return trial.looked()

@@ -23,6 +23,7 @@ from umo.text import some
 LOOK = 0.001
 """s between two looks at a level that has not come yet."""
 NO_VIEW = "the level of no output can be seen: it needs a loop-back, or a channel that can be read back"
+CONFIRMED = "every call succeeded, but no level can be seen: it needs a loop-back, or a channel that can be read back"
 NO_LINE = "there is no line between driver and device that the kit can disturb"
 
 
@@ -172,6 +173,12 @@ class Trial:
         """Which outputs the rule could not see."""
         unseen = [each.channel for each in self.subject.outputs if each not in self.visible]
         return f"except {some(unseen)}, whose level cannot be seen" if unseen else None
+
+    def looked(self) -> str | None:
+        """As `remark`, at the end of a rule whose calls succeeded; NotTried if it could see none of the outputs."""
+        if self.subject.outputs and not self.visible:
+            raise NotTried(CONFIRMED)
+        return self.remark
 
     # Levels ------------------------------------------------------------------------------------------
 

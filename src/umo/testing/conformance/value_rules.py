@@ -10,6 +10,7 @@ from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rules import NotTried, RuleBroken, rule
 from umo.testing.conformance.subject import Output
 from umo.testing.conformance.trial import Trial
+from umo.text import some
 
 INT64 = 1 << 63
 
@@ -59,7 +60,7 @@ def _refused(trial: Trial, probe: Probe, output: Output, raw: int) -> None:
 
 
 @rule("directions", "A write to an input is refused, and changes nothing.")
-def directions(trial: Trial) -> None:
+def directions(trial: Trial) -> str | None:
     probe = trial.new()
     inputs = [each for each in trial.subject.inputs if probe.channel(each.channel).direction is Direction.INPUT]
     if not inputs:
@@ -73,6 +74,8 @@ def directions(trial: Trial) -> None:
                     raise RuleBroken(f"a {what}, an input, was taken")
             if each.channel in trial.steady and (after := probe.read(each.channel)) != before:
                 raise RuleBroken(f"a refused write to {each.channel} changed it from {before} to {after}")
+    unsure = [each.channel for each in inputs if each.channel not in trial.steady]
+    return f"whether it changes {some(unsure)} was not seen: nothing says that the level is steady" if unsure else None
 
 
 def _write(probe: Probe, text: str, raw: int, many: bool) -> None:
