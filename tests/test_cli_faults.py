@@ -42,7 +42,7 @@ def test_a_run_without_faults_does_not_mention_them(umo, tmp_path):
     [
         ("belt.sped stuck", "no object or driver 'belt.sped' (did you mean 'belt.speed'?)"),
         ("belt.speed stock", "no kind 'stock' (did you mean 'stuck'?)"),
-        ("belt.speed noise 3 kg", "cannot be expressed in 'm/s'"),
+        ("belt.speed noise 3 kg", "cannot be converted to 'm/s'"),
     ],
 )
 def test_a_wrong_fault_is_a_mistake_of_the_user(umo, text, message):
@@ -119,3 +119,23 @@ def test_umo_plant_refuses_a_wrong_fault(umo):
     result = umo("plant", "conveyor", "--port", "0", "--fault", "belt.sped stuck")
     assert result.exit_code == 2
     assert "did you mean 'belt.speed'?" in result.stderr
+
+
+def test_a_fault_of_the_command_line_is_blamed_on_it(umo):
+    result = umo("run", "conveyor", "--fault", "belt.sped stuck")
+    assert result.exit_code == 2
+    assert "1 fault given\n--fault 'belt.sped stuck': no object or driver 'belt.sped'" in result.stderr
+    assert ".toml" not in result.stderr
+
+
+def test_h_is_help(umo):
+    result = umo("run", "conveyor", "-h")
+    assert result.exit_code == 0
+    assert "Options of conveyor" in result.stdout
+
+
+def test_faults_behind_the_table_of_parameters_are_said_to_be_there(umo, tmp_path):
+    umo("new", "mine")
+    file = tmp_path / "mine" / "wiring" / "simulated.toml"
+    file.write_text(file.read_text().replace("[parameters]", '[parameters]\nfaults = ["valve stuck"]'))
+    assert "; put faults before the first table" in umo("check", "mine").stderr

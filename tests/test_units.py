@@ -89,7 +89,7 @@ def test_an_expression_is_not_a_unit_and_is_never_calculated(unit, monkeypatch):
 
 
 def test_no_conversion_to_another_dimension():
-    with pytest.raises(DeclarationError, match="cannot be expressed"):
+    with pytest.raises(DeclarationError, match="cannot be converted"):
         convert(1.0, "um", "deg")
 
 
@@ -102,7 +102,7 @@ def test_read_in_converts_at_the_edge_alone():
         arm.sample()
         assert arm.z.read() == 25.0
         assert arm.z.read_in("cm") == pytest.approx(2.5)
-        with pytest.raises(DeclarationError, match="cannot be expressed"):
+        with pytest.raises(DeclarationError, match="cannot be converted"):
             arm.z.read_in("V")
 
 

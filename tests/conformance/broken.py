@@ -526,7 +526,7 @@ BREAKS: dict[type[Careful], set[str]] = {
     KeyErrorForAnUnknownChannel: {"channels"},
     ConnectsWhenMade: {"before open"},
     ComesUpViaZero: {"initialise"},
-    ResetsToZero: {"reset", "reset after failure"},
+    ResetsToZero: {"reset", "reset after failure", "end"},
     DoesNotResetAfterAFailure: {"reset after failure", "vanish"},
     FinalisesAllChannels: {"finalise"},
     ReopensADeadSocket: {"reopen"},

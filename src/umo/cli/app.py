@@ -17,6 +17,7 @@ from umo.text import cause_of, located
 app = typer.Typer(
     name="umo",
     no_args_is_help=True,
+    context_settings={"help_option_names": ["--help", "-h"]},
     add_completion=False,
     rich_markup_mode="rich",
     help="Universal Mechatronic Objects: run, check and try out machines.\n\n"
@@ -117,7 +118,9 @@ def run(
     full_traceback: Annotated[
         bool, typer.Option("--traceback", help="Show the full traceback of an exception.")
     ] = False,
-    help_: Annotated[bool, typer.Option("--help", help="Show this message, and the options of the station.")] = False,
+    help_: Annotated[
+        bool, typer.Option("--help", "-h", help="Show this message, and the options of the station.")
+    ] = False,
 ) -> None:
     """Run a station. Exit status 0: its application has returned.
 
@@ -423,7 +426,9 @@ def plant(
     ] = None,
     fault: Faults = None,
     fault_seed: FaultSeed = None,
-    help_: Annotated[bool, typer.Option("--help", help="Show this message, and the options of the plant.")] = False,
+    help_: Annotated[
+        bool, typer.Option("--help", "-h", help="Show this message, and the options of the plant.")
+    ] = False,
 ) -> None:
     """Serve a station's plant over Modbus TCP in real time, like the controller boxes of the machine.
 

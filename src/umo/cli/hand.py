@@ -170,6 +170,8 @@ def _parse(item: Any, text: str) -> float | TwoState:
     match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", text)
     if match is None:
         raise RangeError(f"{item.path}: {text!r} is not a number in {item.units}")
+    if re.match(r",\d", match[2]):
+        raise RangeError(f"{item.path}: {text!r} is not a number; write {text.strip().replace(',', '.', 1)}")
     value = convert(float(match[1]), match[2] or item.units, item.units)
     if not item.minimum <= value <= item.maximum and item.limits == "raise":
         raise RangeError(f"{item.path}: {value:g} {item.units} is outside {item.minimum:g} to {item.maximum:g}")

@@ -27,8 +27,15 @@ def check_station(station: Station, wiring: str | None, arguments: Sequence[str]
     wired = resolve(machine, file)
     period = "no timer" if wired.period is None else f"period {wired.period * 1e3:g} ms"
     name = file or "everything simulated"
-    out.print(f"ok: {name}: {len(wired.wires)} objects on {len(wired.drivers)} drivers, {period}", soft_wrap=True)
+    out.print(
+        f"ok: {name}: {_count(len(wired.wires), 'object')} on {_count(len(wired.drivers), 'driver')}, {period}",
+        soft_wrap=True,
+    )
     return 0
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'s' * (number != 1)}"
 
 
 def reported(faults: list[Fault]) -> int:

@@ -88,6 +88,8 @@ def convert(value: float, source: str, target: str) -> float:
             return value * line[0] + line[1]
         converted = _exactly(value, source, target)
     except Exception as error:
+        if isinstance(error, TypeError) and type(error).__name__ == "DimensionalityError":  # pint shows base units
+            raise DeclarationError(f"{source!r} cannot be converted to {target!r}") from None
         raise DeclarationError(f"{source!r} cannot be expressed in {target!r} ({cause_of(error)})") from None
     if math.isfinite(value) and not math.isfinite(converted):
         raise RangeError(f"{value:g} {source} cannot be expressed in {target}")

@@ -32,12 +32,13 @@ from umo.wiring.faults.wrapper import Injection
 from umo.wiring.options import FAULT, FAULT_SEED, OF_WIRINGS, REALTIME, RESERVED
 from umo.wiring.patterns import collapsed, expand, expand_parameters
 from umo.wiring.resolved import Parameter, Process, Wire, Wired
-from umo.wiring.source import WiringSource, read
+from umo.wiring.source import SECTIONS, WiringSource, read
 
 if TYPE_CHECKING:
     from umo.wiring.entry import Entry
 
 DEFAULT_PERIOD = "1 ms"
+GIVEN = "--fault "
 
 
 def check(root: Compound, wiring: Path | str | Mapping[str, Any] | None = None) -> list[Fault]:
@@ -51,7 +52,8 @@ def resolve(
     """The wiring checked and put together; WiringError lists every fault. Nothing is opened."""
     wired, faults = _Resolver(root, wiring, options or {}).run()
     if faults:
-        raise WiringError(f"{len(faults)} fault{'s' * (len(faults) > 1)} in the wiring", faults)
+        where = "in the wiring" if any(not each.file.startswith(GIVEN) for each in faults) else "given"
+        raise WiringError(f"{len(faults)} fault{'s' * (len(faults) > 1)} {where}", faults)
     return wired
 
 
@@ -351,19 +353,27 @@ class _Resolver:
 
     def _inject(self, wires: list[Wire], drivers: dict[str, Driver[Any]], timer: Atomic | None) -> Injection | None:
         """Put the faults that are asked for in front of their drivers."""
-        faults, seed = self.given.get(FAULT, ()), self.given.get(FAULT_SEED, self.source.seed)
-        faults = [*self.source.injected, *([faults] if isinstance(faults, str | InjectedFault) else faults)]
+        given, seed = self.given.get(FAULT, ()), self.given.get(FAULT_SEED, self.source.seed)
+        given = [given] if isinstance(given, str | InjectedFault) else list(given)
+        faults = [*self.source.injected, *given]
         seed = self._whole("fault_seed", seed, 0, int(INT64.max))
         if not faults:
             return None
         waits = bool(self.realtime) or any(wire.item is timer and wire.driver.realtime for wire in wires)
-        injection = inject(faults, seed, wires, drivers, waits, partial(self.source.fault, "faults"))
+        injection = inject(faults, seed, wires, drivers, waits, partial(self._not_injected, len(self.source.injected)))
         faulty = {id(each.driver): each for each in injection.drivers}
         for i, wire in enumerate(wires):
             wires[i] = dataclasses.replace(wire, driver=faulty.get(id(wire.driver), wire.driver))
         for name, driver in drivers.items():
             drivers[name] = faulty.get(id(driver), driver)
         return injection
+
+    def _not_injected(self, written: int, number: int, text: str, why: str) -> None:
+        """A fault that cannot be injected; the first ones are `written` in the wiring, the others were given."""
+        if number < written:
+            self.source.fault("faults", f"fault {text!r}: {why}")
+        else:
+            self.source.faults.append(Fault(f"{GIVEN}{text!r}", "", why))
 
     def _pace(self, wires: list[Wire], timer: Atomic | None) -> bool:
         """Bring the timer's wire to real time; False if its driver runs in real time by itself."""
@@ -459,7 +469,8 @@ class _Resolver:
         """The values, before patterns are replaced by names; those that are faulty are left out."""
         for key, value in list(self.source.parameters.items()):
             if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
-                self.source.fault(f"parameters.{key!r}", f"must be a finite number, not {value!r}")
+                hint = f"; put {key} before the first table" if key in SECTIONS else ""
+                self.source.fault(f"parameters.{key!r}", f"must be a finite number, not {value!r}{hint}")
                 del self.source.parameters[key]
 
     def _parameter(self, known: Known, key: str, value: Any) -> Parameter | None:

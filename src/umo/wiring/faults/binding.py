@@ -36,15 +36,15 @@ def inject(
     wires: Sequence[Wire],
     drivers: Mapping[str, Driver[Any]],
     waits: bool,
-    report: Callable[[str], None],
+    report: Callable[[int, str, str], None],
 ) -> Injection:
-    """Put the faults between the machine and its drivers; `report` is told what is wrong with them.
+    """Put the faults between the machine and its drivers; `report` is told the number, the text and what is wrong with them.
 
     `drivers` by name. The drivers concerned are found in `Injection.drivers`.
     """
     texts: list[str] = []
     by_driver: dict[int, list[Effect]] = {}
-    for given in faults:
+    for number, given in enumerate(faults):
         try:
             if not isinstance(given, InjectedFault | str):
                 raise DeclarationError(f"is not a text: {FORM}")
@@ -53,7 +53,7 @@ def inject(
                 by_driver.setdefault(id(driver), []).append(effect)
             texts.append(str(fault))
         except DeclarationError as error:
-            report(f"fault {str(given)!r}: {error}")
+            report(number, str(given), str(error))
     injection = Injection(texts, seed, waits)
     for driver in drivers.values():
         if id(driver) in by_driver:
@@ -161,7 +161,13 @@ class _Binding:
             raise DeclarationError(f"{self.given!r} is not a state of {item.path}: {item.zero.name} or {item.one.name}")
         number, unit = self._number(f'a level; write for example "5 {item.units}"')  # type: ignore[attr-defined]
         level = number if not unit else wire.nearest(convert(number, unit, item.units))  # type: ignore[attr-defined]
-        return limited(level, wire.channel)
+        if round(level) != (nearest := limited(level, wire.channel)):
+            channel = wire.channel
+            low, high = sorted((wire.value(limited(-inf, channel)), wire.value(limited(inf, channel))))
+            raws = f"raw {limited(-inf, channel)} to {limited(inf, channel)}"
+            has = f"{low:.6g} to {high:.6g} {item.units} ({raws})"  # type: ignore[attr-defined]
+            raise DeclarationError(f"{self.given!r} is beyond channel {channel.text!r}: {has}")
+        return nearest
 
     def _difference(self, wire: Wire) -> tuple[float, bool]:
         """A difference of the object's values, or of raw steps (True)."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from math import inf
+from math import inf, isfinite
 from random import Random
 
 from umo.drivers.contract import INT64, Channel
@@ -179,4 +179,4 @@ class WrongLength(Effect):
 def limited(raw: float, channel: Channel) -> int:
     """The nearest level that the channel can have."""
     lowest, highest = max(channel.lowest, INT64.min), min(channel.highest, INT64.max)
-    return int(min(max(round(raw), lowest), highest))
+    return int(min(max(round(raw) if isfinite(raw) else raw, lowest), highest))
