@@ -38,7 +38,7 @@ def inject(
     waits: bool,
     report: Callable[[int, str, str], None],
 ) -> Injection:
-    """Put the faults between the machine and its drivers; `report` is told the number, the text and what is wrong with them.
+    """Put the faults between the machine and its drivers; `report` gets number, text and reason of each wrong one.
 
     `drivers` by name. The drivers concerned are found in `Injection.drivers`.
     """
