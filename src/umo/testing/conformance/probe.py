@@ -9,8 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from umo.cycle.block import UNREAD
-from umo.drivers.contract import Channel, Driver, IntArray
+from umo.drivers.contract import UNREAD, Channel, Driver, IntArray
 from umo.text import cause_of, located
 
 T = TypeVar("T")
