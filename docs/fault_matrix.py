@@ -206,7 +206,7 @@ FURNACE = Trial(
             "a zone has one thermocouple, and there is nothing that its reading could be compared with",
         ),
         "timer": (
-            ("noise", "drift", SLOW, "bit flip"),
+            ("noise", "drift", SLOW),
             "the timer is the only clock of the machine; a count of missed periods within its range is believed",
         ),
     },
