@@ -250,7 +250,10 @@ def _until(terminal: int, word: str, patience: float = 30.0) -> str:
     seen, end = "", time.monotonic() + patience
     while word not in seen:
         assert select.select([terminal], [], [], max(0.0, end - time.monotonic()))[0], seen[-500:]
-        seen += os.read(terminal, 4096).decode(errors="replace")
+        try:
+            seen += os.read(terminal, 4096).decode(errors="replace")
+        except OSError:  # the process has ended
+            pytest.fail(f"ended without {word!r}: {seen[-800:]}")
     return seen
 
 
