@@ -122,7 +122,7 @@ def test_a_pattern_of_a_file_is_the_same(tmp_path: Path) -> None:
         ({"zones.1.fan": {"driver": "simulated", "start": 1}}, "zones.1.fan", "is for patterns such as 'zones.*.fan'"),
         ({"doors.*": {"driver": "simulated", "stride": 2}}, "doors.*", "numbers the channel, which has no {}"),
         ({"*.in": {"driver": "simulated"}}, "*.in", "doors.in is wired by 'doors.*' as well"),
-        ({"zones.*.fan": {"driver": "box", "channel": "register:{}", "start": 1.5}}, "zones.*.fan", "must be a whole number"),
+        ({"zones.*.fan": {"driver": "box", "channel": "register:{}", "start": 1.5}}, "zones.*.fan", "a whole number"),
     ],
 )
 def test_what_is_wrong_with_a_pattern_is_named(changes: dict[str, Any], key: str, message: str) -> None:
