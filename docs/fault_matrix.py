@@ -309,7 +309,6 @@ def judged(trial: Trial, run: Run, path: str, kind: str) -> tuple[str, str]:
 
 def tried(cell: Cell, most: int) -> Cell:
     """Carry out one cell."""
-    logging.getLogger("umo").setLevel(logging.CRITICAL)
     trial, begun = TRIALS[cell.station], time.perf_counter()
     signal.signal(signal.SIGALRM, _hang)
     signal.setitimer(signal.ITIMER_REAL, LONGEST, 1.0)  # again and again: a reset goes on after any exception
@@ -359,12 +358,16 @@ def all_tried(wanted: Iterable[Cell], show: Callable[[str], object] = lambda tex
     most = {name: SLOWER * normal(name) for name in {cell.station for cell in wanted}}
     groups = [list(group) for _, group in groupby(wanted, key=lambda cell: (cell.station, cell.path, cell.kind))]
     done: list[Cell] = []
-    with get_context("spawn").Pool(os.cpu_count()) as pool:
+    with get_context("spawn").Pool(os.cpu_count(), _quiet) as pool:
         for number, found in enumerate(pool.imap(partial(_tried, most), groups), start=1):
             done += found
             show(f"\r{number} of {len(groups)}: {found[-1].station}: {found[-1].fault}: {found[-1].verdict}\x1b[K")
     show("\r\x1b[K")
     return done
+
+
+def _quiet() -> None:
+    logging.getLogger("umo").setLevel(logging.CRITICAL)
 
 
 def _tried(most: dict[str, int], group: Sequence[Cell]) -> list[Cell]:
