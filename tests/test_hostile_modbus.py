@@ -28,6 +28,8 @@ pytest.importorskip("pymodbus")
 pytest.importorskip("serial")
 
 TIMEOUT = 0.06
+RECOVERY = "250 ms"
+"""With the timeout twice as long as the device may take: its thread may be held up."""
 PATIENT = 10.0
 GENEROUS = 10.0
 """s that a call may take beyond its timeout, on a busy computer."""
@@ -113,7 +115,7 @@ def rig() -> Rig:
 
 
 def wiring(peer: Hostile) -> dict[str, Any]:
-    place = {"serial": peer.path, "recovery": "120 ms"} if peer.path else {"host": "127.0.0.1", "port": peer.port}
+    place = {"serial": peer.path, "recovery": RECOVERY} if peer.path else {"host": "127.0.0.1", "port": peer.port}
     channels = {"count": "input:0", "fixed": "input:1", "high": "input:2", "ready": "discrete:0"}
     channels |= {"first": "holding:0", "second": "holding:1"}
     return {

@@ -28,8 +28,9 @@ Answer = Callable[[bytes], tuple[int, bytes]]
 Step = bytes | float | None
 """Bytes that are sent, a pause in s, or None: the connection is closed, which a line cannot do."""
 
-LONGEST = 0.25
-"""s that a behaviour lasts on a line."""
+LONGEST = 0.15
+"""s that a behaviour lasts on a line. What is asked during its pauses is lost, as with a device that is busy, so that no
+answer comes later than this."""
 LATE = 0.08
 """s after which the late answers come: longer than the timeout of a test's driver, shorter than its patience."""
 MOST_KEPT = 50
@@ -198,9 +199,14 @@ class Hostile:
                 return False
             if isinstance(step, float):
                 self._stopped.wait(step)
+                self._lose_requests(file)
             elif isinstance(step, bytes):
                 self._send(file, step, end)
         return True
+
+    def _lose_requests(self, file: int) -> None:
+        while self._line and select.select([file], [], [], 0)[0]:
+            os.read(file, 4096)
 
     def _send(self, file: int, data: bytes, end: float) -> None:
         """As much as the other end takes; OSError when it is gone."""
