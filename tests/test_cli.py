@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -368,13 +369,12 @@ def test_holding_takes_the_time_of_the_wall_clock_whatever_the_timer_does(
     clock = [100.0]
 
     def sleep(seconds: float) -> None:
-        clock[0] += max(seconds, 0.001)
+        clock[0] += max(seconds, 0.01)
 
     wiring = tank / "wiring" / "virtual.toml"
     wires = [f'"{path}" = {{ driver = "simulated" }}' for path in ("inlet", "drain", "level", "overflow")]
     wiring.write_text("\n".join(["[wire]", *wires, '"timer" = { driver = "simulated", period = "10 ms" }']))
-    monkeypatch.setattr("umo.cli.hand.time.monotonic", lambda: clock[0])
-    monkeypatch.setattr("umo.cli.hand.time.sleep", sleep)
-    result = umo("set", "tank", "inlet", "OPEN", "-w", "virtual", "--hold", "5")
+    monkeypatch.setattr("umo.cli.hand.time", SimpleNamespace(monotonic=lambda: clock[0], sleep=sleep))
+    result = umo("set", "tank", "inlet", "OPEN", "-w", "virtual", "--hold", "0.5")
     assert result.exit_code == 0, said(result)
-    assert clock[0] == pytest.approx(105.0, abs=0.02)
+    assert clock[0] == pytest.approx(100.5, abs=0.02)
