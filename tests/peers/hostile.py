@@ -29,8 +29,8 @@ Step = bytes | float | None
 """Bytes that are sent, a pause in s, or None: the connection is closed, which a line cannot do."""
 
 LONGEST = 0.15
-"""s that a behaviour lasts on a line. What is asked during its pauses is lost, as with a device that is busy, so that no
-answer comes later than this."""
+"""s that a behaviour lasts on a line. What is asked during its pauses is lost, as with a device that is busy: no answer
+comes later than this."""
 LATE = 0.08
 """s after which the late answers come: longer than the timeout of a test's driver, shorter than its patience."""
 MOST_KEPT = 50
