@@ -13,6 +13,9 @@ import struct
 import threading
 import zlib
 from collections import deque
+from collections.abc import Mapping
+from math import inf
+from time import monotonic
 
 HEADER = struct.Struct(">HBB")
 ITEM = struct.Struct(">Bi")
@@ -35,10 +38,12 @@ def size(count: int) -> int:
 class Device:
     """in:N reads what out:N is at; in:8 and above are constant. One thread serves all clients."""
 
-    def __init__(self, clients: int = 99) -> None:
+    def __init__(self, clients: int = 99, watchdog: float = inf, defaults: Mapping[int, int] | None = None) -> None:
+        """`watchdog`: s of silence after which the device brings these places to their defaults by itself."""
         self.raws = dict.fromkeys(range(HIGHEST), 0) | {40 + i: 1000 + 77 * i for i in range(8)}
         self.host, self.port = "127.0.0.1", 0
         self._clients = clients
+        self._watchdog, self._defaults, self._heard = watchdog, defaults or {}, inf
         self._levels = {place: deque([0], maxlen=1000) for place in range(32)}
         self._selector = selectors.DefaultSelector()
         self._listener: socket.socket | None = None
@@ -104,6 +109,9 @@ class Device:
     def answer(self, request: bytes) -> bytes:
         """To one whole request."""
         number, function, count = HEADER.unpack_from(request)
+        if monotonic() - self._heard > self._watchdog:
+            self.raws |= self._defaults
+        self._heard = monotonic()
         done = [self._carry_out(function, *ITEM.unpack_from(request, 4 + 5 * i)) for i in range(count)]
         failed = FAILED if any(status for status, _ in done) else 0
         return frame(number, function | failed, done)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from math import inf
 from typing import Any
 
 from conformance.careful import Careful
@@ -16,9 +17,9 @@ HASTE = 0.025
 
 
 @contextmanager
-def careful(driver: type[Careful] = Careful, **changes: Any) -> Iterator[Subject]:
+def careful(driver: type[Careful] = Careful, watchdog: float = inf, **changes: Any) -> Iterator[Subject]:
     """A driver of the device of these tests, behind a tap: every rule can be tried."""
-    with Device() as device, TcpTap(device.host, device.port) as tap:
+    with Device(watchdog=watchdog, defaults={0: 5, 1: 0, 16: 0}) as device, TcpTap(device.host, device.port) as tap:
         given: dict[str, Any] = {
             "name": driver.__name__,
             "make": lambda: driver(host=tap.host, port=tap.port),

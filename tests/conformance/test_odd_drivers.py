@@ -125,6 +125,13 @@ def test_a_driver_whose_calls_take_most_of_their_timeout_passes() -> None:
     assert certificate.passed, str(certificate)
 
 
+def test_a_device_that_brings_its_outputs_to_their_defaults_while_its_line_is_silent_passes() -> None:
+    with careful(watchdog=HASTE / 2) as subject:
+        rules = ["timeout", "late answer", "short answer", "garbled answer", "error answer", "vanish"]
+        certificate = conform(subject, only=rules, cycles=10)
+    assert certificate.passed, str(certificate)
+
+
 def test_a_loop_back_that_follows_late_and_with_noise_passes() -> None:
     class Lagging(Careful):
         """in:0 follows out:0 two reads later, and its last digit varies."""

@@ -105,7 +105,7 @@ def recovers(trial: Trial, probe: Probe, values: dict[str, int], after: str, tri
                 if not left:
                     raise RuleBroken(f"read of {text} still fails after {after}: {error}") from error
                 continue
-            if not trial.alike(text, raw, found):
+            if not (trial.alike(text, raw, found) or trial.fallen(text, found)):
                 raise RuleBroken(f"{text} read {found} after {after}; it is at {raw}")
             break
 
@@ -169,7 +169,7 @@ def _spoiled_read(
         except OSError:
             found = raw
     probe.driver.timeout = trial.patience
-    if line.spoiled > before and not trial.alike(text, raw, found):
+    if line.spoiled > before and not (trial.alike(text, raw, found) or trial.fallen(text, found)):
         raise RuleBroken(f"{text} read {found} from {what}; it is at {raw}")
     recovers(trial, probe, {text: raw}, what)
     return line.spoiled > before

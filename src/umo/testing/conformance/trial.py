@@ -223,6 +223,22 @@ class Trial:
             for raw in (*output.inner, output.default)
         )
 
+    def fallen(self, text: str, found: int) -> bool:
+        """Whether the device itself has brought an output to its default, as a watchdog does while a line is silent: a
+        new driver, without the line, reads that too."""
+        shown = [each for each in self.subject.outputs if self.loops.get(each.channel, each.channel) == text]
+        if self.subject.direct is None or not any(self.same(each, each.default, found) for each in shown):
+            return False
+        probe = self.new(direct=True)
+        try:
+            probe.open()
+            return self.alike(text, found, probe.read(text))
+        except OSError:
+            return False
+        finally:
+            with suppress(OSError):
+                probe.close()
+
     def same(self, output: Output, raw: int, level: int) -> bool:
         """Whether a level that was seen is the output's raw one."""
         through = self.loops.get(output.channel)
