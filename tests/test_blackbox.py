@@ -100,7 +100,7 @@ def test_a_box_of_a_ring_with_checksums_is_checked_too(tmp_path: Path) -> None:
     with connection:
         phases = Phases(connection.image, connection.wired.drivers)
         layout = Layout(describe_objects(connection.image.items), tuple(phases.names), {"station": "x"})
-        ring = Ring(connection.image, phases, layout, new_path("x"), checksum=True)
+        ring = Ring(connection.machine, phases, layout, new_path("x"), checksum=True)
         for number in range(5):
             write(ring, connection.machine.frame, number, 2)
         with box_of(ring, tmp_path / "x.box") as box:
@@ -109,9 +109,9 @@ def test_a_box_of_a_ring_with_checksums_is_checked_too(tmp_path: Path) -> None:
             assert entries is not None
             assert entries["raw"].tolist() == [4, 4]
             content = bytearray((tmp_path / "x.box").read_bytes())
-            journal = 5 * 2 * ENTRY.itemsize
-            content[len(content) - journal - 3 * ring.slot_bytes + 40] ^= 1  # in the last frame but two
-            content[len(content) - ENTRY.itemsize + 8] ^= 1  # in the last entry
+            journal = box._places.journal
+            content[journal - 3 * ring.slot_bytes + 40] ^= 1  # in the last frame but two
+            content[journal + 9 * ENTRY.itemsize + 8] ^= 1  # in the last entry
             (tmp_path / "y.box").write_bytes(content)
         with Reader(tmp_path / "y.box") as damaged:
             assert damaged.read()["number"].tolist() == [0, 1, 3, 4]

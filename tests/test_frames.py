@@ -87,8 +87,8 @@ def test_the_header_alone_is_enough_to_read_a_frame() -> None:
         content = ring.path.read_bytes()
     header = struct.unpack_from("<8sIIQQQQQQ", content)
     magic, version, _, first, size, slots, journal, capacity, described = header
-    assert (magic, version) == (b"umoframe", 3)
-    text = json.loads(content[128 : 128 + described])
+    assert (magic, version) == (b"umoframe", 4)
+    text = json.loads(content[256 : 256 + described])
     fields = {field["name"]: field for field in text["fields"]}
     paths = [entry["path"] for entry in text["objects"]]
     (head,) = struct.unpack_from("<q", content, 64)
@@ -465,7 +465,7 @@ def test_with_checksums_a_flipped_byte_is_noticed() -> None:
     with connection:
         phases = Phases(connection.image, connection.wired.drivers)
         layout = Layout(describe_objects(connection.image.items), tuple(phases.names), {"station": "x"})
-        ring = Ring(connection.image, phases, layout, folder() / "x.frames", checksum=True)
+        ring = Ring(connection.machine, phases, layout, folder() / "x.frames", checksum=True)
         connection.machine.observers.append(ring)
         periods(m, 3)
         with Reader(ring.path) as reader:
@@ -489,7 +489,7 @@ def test_with_checksums_the_content_of_an_earlier_lap_is_not_taken_for_the_frame
     with connection:
         phases = Phases(connection.image, connection.wired.drivers)
         layout = Layout(describe_objects(connection.image.items), tuple(phases.names), {"station": "x"})
-        ring = Ring(connection.image, phases, layout, folder() / "x.frames", checksum=True)
+        ring = Ring(connection.machine, phases, layout, folder() / "x.frames", checksum=True)
         with Reader(ring.path) as reader:
             write(ring, connection.machine.frame, 0, 0)
             stale = bytes(ring._bytes[ring._first + 8 : ring._first + ring.slot_bytes])
@@ -671,13 +671,13 @@ def test_a_ring_that_cannot_be_made_leaves_nothing_behind(calls: list[str], monk
 def test_a_ring_of_another_version_is_refused_with_a_sentence() -> None:
     with running() as (_, ring, _connection):
         ring._map[8] = 9
-        with pytest.raises(FramesError, match="frames of version 9, this umo reads version 3"):
+        with pytest.raises(FramesError, match="frames of version 9, this umo reads version 4"):
             Reader(ring.path)
 
 
 def test_a_damaged_description_is_refused() -> None:
     with running() as (_, ring, _connection):
-        ring._map[200] ^= 4
+        ring._map[300] ^= 4
         with pytest.raises(FramesError, match="is damaged"):
             Reader(ring.path)
 

@@ -22,9 +22,11 @@ OBJECTS = {
     "Interlock",
     "Polynomial",
     "Quality",
+    "Range",
     "LookupTable",
     "Thermocouple",
     "Vector",
+    "action",
 } | STATES
 ERRORS = {
     "AxisError",
@@ -35,6 +37,7 @@ ERRORS = {
     "Cancelled",
     "ChannelError",
     "ChannelsFailed",
+    "CommandRefused",
     "DeclarationError",
     "DeviceTimeout",
     "DriverError",
@@ -71,7 +74,7 @@ NAMES = {
         "RunFailed",
         "Started",
     },
-    "umo.objects": OBJECTS | {"Atomic", "Binary", "Digital", "Node"},
+    "umo.objects": OBJECTS | {"Action", "Atomic", "Binary", "Digital", "Node", "Tunable", "actions_of", "tunables_of"},
     "umo.drivers": {"Channel", "Direction", "Driver", "IntArray"},
     "umo.wiring": {"Parameter", "Process", "Wire", "Wired", "check", "driver_options", "resolve"},
     "umo.cycle": {"Frame", "Observer", "connect", "drive", "run"},

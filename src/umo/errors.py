@@ -14,6 +14,7 @@ UmoError
 |   `-- StopError                    outputs that could not be brought to their defaults
 |-- BadInput (RuntimeError)          a control law read a sensor whose quality it does not accept
 |-- Interlocked (RuntimeError)       an interlock with effect="stop" forbids the write
+|-- CommandRefused (RuntimeError)    a command from outside: without the lease, or not in this mode
 |-- Busy (RuntimeError)              a motion was started on an axis in motion
 |-- TimeExpired (TimeoutError)       a condition was not true within its timeout
 |-- TaskFailed (RuntimeError)        the machine could not do its work: base of a station's own errors
@@ -182,6 +183,11 @@ class Interlocked(UmoError, RuntimeError):
         super().__init__(f"{path} is interlocked: {reason}")
         self.path = path
         self.reason = reason
+
+
+class CommandRefused(UmoError, RuntimeError):
+    """A command from outside was refused: nobody or another hand has the lease, or the mode does not allow it; nothing
+    was changed."""
 
 
 class Busy(UmoError, RuntimeError):

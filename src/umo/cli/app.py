@@ -109,6 +109,10 @@ def run(
     realtime: Annotated[
         bool, typer.Option("--realtime", help="Run in wall-clock time, whatever the wiring's timer.")
     ] = False,
+    manual: Annotated[
+        bool,
+        typer.Option("--manual", help="Start in manual mode, in wall-clock time: see umo mode, umo call, umo set."),
+    ] = False,
     summary: Annotated[
         Path | None, typer.Option(metavar="FILE.json", help="Write a summary of the run to this file.")
     ] = None,
@@ -144,8 +148,8 @@ def run(
         from .station_options import parse
 
         options = parse(find(station), wiring, context.args) | _injected(fault, fault_seed)
-        options |= {"realtime": True} if realtime else {}
-        job = Job(station, wiring=wiring, options=options, acknowledge=acknowledge)
+        options |= {"realtime": True} if realtime or manual else {}
+        job = Job(station, wiring=wiring, options=options, acknowledge=acknowledge, manual=manual)
         return run_station(job, summary=summary, full_traceback=full_traceback)
 
     guarded(work)

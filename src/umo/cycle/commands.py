@@ -9,13 +9,13 @@ exactly, writes to the image directly; then the command stage costs no time.
 from __future__ import annotations
 
 import logging
-from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from math import copysign, inf
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
+from umo.cycle.events import Event, Events
 from umo.cycle.inhibition import Inhibition, inhibitions_of
 from umo.cycle.journal import Kind
 from umo.cycle.stop_order import stop_sequence
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from umo.objects.scaling import FloatArray
 
 log = logging.getLogger("umo")
+FREE, IN_HAND = 0, 255
+"""Of `Commands.states`."""
 A_TICK = 1e-9
 """Tolerance in s of a sum of periods (rounding)."""
 
@@ -38,14 +40,6 @@ class Source(Enum):
     HAND = "hand"
     DEFAULT = "default"
     """umo itself: a reset, an expired command, an interlock."""
-
-
-class Event(NamedTuple):
-    """A guard acted: when (s on the cycle's clock), on which actuator, why."""
-
-    time: float
-    path: str
-    text: str
 
 
 @dataclass
@@ -72,18 +66,27 @@ class Command:
     slewed: float = 0.0
     """Time of its last step."""
     resetting: bool = True
+    hand: str = ""
+    """Who has taken the actuator by hand: the program cannot write it meanwhile."""
 
     @property
     def guarded(self) -> bool:
         return bool(self.inhibitions) or self.expires < inf or self.slew_rate < inf
 
     @property
-    def reason(self) -> str | None:
-        """The reason for which only the default may be sent."""
+    def interlocked(self) -> str | None:
+        """The reason of the interlock for which only the default may be sent."""
         return next((each.reason for each in self.inhibitions if each.reason is not None), None)
 
-    def admits(self, value: float) -> bool:
+    @property
+    def reason(self) -> str | None:
+        """Why the program cannot write another value than the default."""
+        return self.interlocked or (f"{self.hand} has taken it by hand" if self.hand else None)
+
+    def admits(self, value: float, source: Source) -> bool:
         """Whether a value may be taken now; Interlocked where an interlock is declared to stop the program."""
+        if self.hand and source is not Source.HAND:
+            return False
         if value == self.default:
             return True
         free = True
@@ -108,7 +111,7 @@ class Command:
         self.resetting, self.slewed = True, now
 
     def has_expired(self, now: float) -> bool:
-        return self.written is not None and now - self.written >= self.expires - A_TICK
+        return self.written is not None and not self.hand and now - self.written >= self.expires - A_TICK
 
 
 class Commands:
@@ -116,8 +119,7 @@ class Commands:
 
     def __init__(self, root: Compound, image: Image) -> None:
         self._image = image
-        self.events: deque[Event] = deque(maxlen=1000)
-        """The last thousand."""
+        self.events = Events()
         self.unsent: set[int] = set()
         """Asynchronous actuators, guarded or not, whose default the device did not accept. The defaults of the others
         are sent by every `update`."""
@@ -131,6 +133,9 @@ class Commands:
         self.slewing = [command for command in commands if command.slew_rate < inf]
         self._inhibiting = False
         """Whether an interlock inhibits actuators, as last evaluated."""
+        self._states: bytes | None = None
+        self._in_hand: set[int] = set()
+        """The actuators that a hand has taken."""
 
     def _command(self, item: BinaryActuator[Any] | DigitalActuator) -> Command:
         slot, default = self._image.slot_of[id(item)], item._default_value()
@@ -148,7 +153,7 @@ class Commands:
         """A value within the range was written; whether the image takes it. False: inhibited."""
         command = self.by_slot.get(slot)
         if command is not None:
-            if not command.admits(value):
+            if not command.admits(value, source):
                 return False
             command.take(value, source, self._image.clock.now)
         return True
@@ -156,15 +161,51 @@ class Commands:
     def take_many(self, slots: Sequence[int], values: FloatArray, source: Source = Source.PROGRAM) -> list[bool]:
         """The same for many at once, each with its answer; where it raises Interlocked, none was taken. Empty: all were
         taken, as no actuator of the machine is inhibited and none has an expiry or a rate to be recorded for."""
-        if not (self._inhibiting or self._expiring or self.slewing):
+        if not (self._inhibiting or self._expiring or self.slewing or self._in_hand):
             return []
         commands = [self.by_slot.get(slot) for slot in slots]
         numbers = values.tolist()
-        free = [each is None or each.admits(value) for each, value in zip(commands, numbers, strict=True)]
+        free = [each is None or each.admits(value, source) for each, value in zip(commands, numbers, strict=True)]
         for command, value, admitted in zip(commands, numbers, free, strict=True):
             if command is not None and admitted:
                 command.take(value, source, self._image.clock.now)
         return free
+
+    # By hand -------------------------------------------------------------------------------------------
+
+    def hand_of(self, slot: int) -> str:
+        """Who has taken the actuator by hand; empty: nobody."""
+        command = self.by_slot.get(slot)
+        return "" if command is None else command.hand
+
+    def take_in_hand(self, slot: int, who: str) -> bool:
+        """From now on only this hand writes the actuator. False while an interlock inhibits it."""
+        command = self.by_slot.get(slot)
+        if command is None:
+            command = self.by_slot[slot] = self._command(self._image.items[slot])  # type: ignore[arg-type]
+            self._image.guard(slot)
+        if command.interlocked is not None:
+            return False
+        command.hand = who
+        self._in_hand.add(slot)
+        self._states = None
+        return True
+
+    def leave_hand(self, slot: int) -> None:
+        """The program may write the actuator again. Its default is sent, within its rate."""
+        command = self.by_slot[slot]
+        command.hand = ""
+        command.lapse()
+        self._in_hand.discard(slot)
+        self._states = None
+        self._image.set_default(slot)
+        if not command.synchronous:
+            self._image.try_send(slot)
+        if not command.guarded:
+            del self.by_slot[slot]
+            self._image.guard(slot)
+
+    # ---------------------------------------------------------------------------------------------------
 
     def inhibited(self, slot: int) -> str | None:
         command = self.by_slot.get(slot)
@@ -176,7 +217,25 @@ class Commands:
         for command in commands:
             for each in command.inhibitions:
                 each.acknowledge()
-        return all(command.reason is None for command in commands)
+        return all(command.interlocked is None for command in commands)
+
+    @property
+    def states(self) -> bytes:
+        """A byte for each slot: `FREE`, `IN_HAND`, or 1 + the number of the first interlock that inhibits it."""
+        if self._states is None:
+            states = bytearray(len(self._image.items))
+            for number, each in reversed(list(enumerate(self._inhibitions))):
+                for slot in each.slots if each.reason is not None else ():
+                    states[slot] = min(1 + number, IN_HAND - 1)
+            for slot in self._in_hand:
+                states[slot] = IN_HAND
+            self._states = bytes(states)
+        return self._states
+
+    @property
+    def reasons(self) -> list[str]:
+        """Of the interlocks, in the order of their numbers."""
+        return [each.interlock.reason for each in self._inhibitions]
 
     def failed(self, slot: int) -> None:
         """The device did not accept what is pending. A default is sent again, until it is accepted or another value is
@@ -206,11 +265,19 @@ class Commands:
     def _interlocked(self) -> set[int]:
         """What was free in the period before. All conditions are asked before anything is reset."""
         begun = [each for each in self._inhibitions if each.ask()]
-        self._inhibiting = bool(begun) or (self._inhibiting and any(each.reason for each in self._inhibitions))
+        if begun or self._inhibiting:
+            self._inhibiting = any(each.reason for each in self._inhibitions)
+            self._states = None
         for each in begun:
             for slot in each.slots:
+                self._knock_out(slot)
                 self._happened(self.by_slot[slot], f"inhibited: {each.reason}", Kind.INTERLOCKED)
         return {slot for each in begun for slot in each.slots}
+
+    def _knock_out(self, slot: int) -> None:
+        """What an interlock inhibits is not in a hand any longer: it does not start again by itself."""
+        self.by_slot[slot].hand = ""
+        self._in_hand.discard(slot)
 
     def _expired(self, due: set[int]) -> set[int]:
         """The asynchronous ones to be reset now; the default of the others is sent with `update`."""
@@ -254,7 +321,7 @@ class Commands:
             self._image.pending[command.slot] = command.target
 
     def _happened(self, command: Command, text: str, kind: Kind) -> None:
-        self.events.append(Event(self._image.clock.now, command.path, text))
+        self.events.add(Event(self._image.clock.now, command.path, text))
         self._image.transfer.note(command.slot, kind)
         log.warning("%s %s", command.path, text)
 

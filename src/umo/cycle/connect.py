@@ -237,7 +237,7 @@ class connect(Generic[C]):
     def _cancel_sequences(self) -> BaseException | None:
         """Cancel the sequences. Returns the error of their cleanup: the outputs must be reset in any case."""
         try:
-            self.machine.sequences.cancel()
+            self.machine.cancel_sequences()
         except BaseException as error:
             return error
         return None

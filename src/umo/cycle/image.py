@@ -10,12 +10,13 @@ from __future__ import annotations
 import logging
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 
 from umo.cycle.block import Block
 from umo.cycle.clock import Clock
+from umo.cycle.commands import Command, Commands, Source
 from umo.cycle.transfer import Transfer
 from umo.drivers.contract import UNREAD, Direction
 from umo.errors import BadInput, DriverError, Failure
@@ -24,9 +25,6 @@ from umo.objects.atomic import Digital
 from umo.objects.scaling import FloatArray, IntArray, to_raw, to_value
 from umo.text import reported
 from umo.wiring.resolved import Wire, Wired
-
-if TYPE_CHECKING:
-    from umo.cycle.commands import Command, Commands
 
 log = logging.getLogger("umo")
 TELL_AGAIN = 10.0
@@ -92,8 +90,16 @@ class Image(ABC):
         self.commands = commands
         self._slewing = commands.slewing
         for slot, item in enumerate(self.items):
-            plain = self._exact[slot] and self.linearizations[slot] is None
-            item._connect(self, slot, item.synchronous and slot not in commands.by_slot and plain)
+            item._connect(self, slot, self._is_direct(slot))
+
+    def _is_direct(self, slot: int) -> bool:
+        """Whether the object writes to the image without the command stage."""
+        plain = self._exact[slot] and self.linearizations[slot] is None
+        return self.items[slot].synchronous and slot not in self.commands.by_slot and plain
+
+    def guard(self, slot: int) -> None:
+        """The actuator has a command from now on, or has none any longer."""
+        self.items[slot]._direct = self._is_direct(slot)
 
     def disconnect(self) -> None:
         for item in self.items:
@@ -238,10 +244,10 @@ class Image(ABC):
             raise DriverError("could not be written", failures)
         return True
 
-    def command(self, slot: int, value: float) -> bool:
+    def command(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
         """A value within its range was written to an actuator that is guarded, or asynchronous, or whose range ends
-        between two raw integers."""
-        if not self.commands.take(slot, value):
+        between two raw integers; or by a hand."""
+        if not self.commands.take(slot, value, source):
             return False
         self.pending[slot] = value
         self.pending_raws[slot] = self.wires[slot].raw(value)

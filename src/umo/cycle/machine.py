@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Coroutine
 from functools import partial
 from time import monotonic_ns
 from typing import Any, NamedTuple, cast
 
 from umo.cycle.clock import Clock, WallClock
-from umo.cycle.commands import Commands, Event
+from umo.cycle.commands import Commands
+from umo.cycle.events import Events
 from umo.cycle.frame import Frame, Observer, show
+from umo.cycle.hands import Hands
 from umo.cycle.image import Image
 from umo.cycle.sequences import Sequences, Task
 from umo.cycle.signals import Signal, signals_of
@@ -34,6 +35,8 @@ class ConnectedMachine:
         self.clock: Clock = image.clock
         self.stop = stop
         self.sequences = Sequences()
+        self.hands: Hands | None = None
+        """The commands from outside, where there may be any."""
         self.observers: list[Observer] = []
         """Called after every period with its frame."""
         faults = () if injection is None else (Signal(INJECTED, "", injection, "active"),)
@@ -55,6 +58,15 @@ class ConnectedMachine:
         for compound in self._compounds[1:]:
             compound._connect(self, partial(self.sample, compound), partial(self.update, compound))
         self._root_acts = self._overrides(root)
+
+    def cancel_sequences(self) -> None:
+        """Those of hands and of the application, the last started first; the first error of their cleaning up is
+        raised."""
+        try:
+            if self.hands is not None:
+                self.hands.cancel()
+        finally:
+            self.sequences.cancel()
 
     def disconnect(self) -> None:
         for compound in self._compounds:
@@ -95,13 +107,15 @@ class ConnectedMachine:
         return good
 
     @property
-    def events(self) -> deque[Event]:
-        """The last 1,000 actions of guards."""
+    def events(self) -> Events:
+        """The last 1,000 actions of guards and hands."""
         return self.commands.events
 
     def control(self, part: Compound) -> None:
         """Sequences first (the root's alone), then each overridden `control`, a parent before its parts."""
         if part is self.root:
+            if self.hands is not None:
+                self.hands.look()
             self.sequences.advance(self.clock)
             acts = self._root_acts
         else:
@@ -130,7 +144,8 @@ class ConnectedMachine:
         self.frame.progress = self.frame.progress.then(text, done, total)
 
     def start(self, sequence: Coroutine[Any, Any, Any]) -> Task:
-        return self.sequences.start(sequence)
+        hands = self.hands
+        return (hands.sequences if hands is not None and hands.at_work else self.sequences).start(sequence)
 
     def finish_period(self) -> None:
         """Show the frame of a period whose `sample` or `control` failed, so that no `update` did."""

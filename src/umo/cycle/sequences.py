@@ -321,6 +321,8 @@ class Sequences:
     def __init__(self) -> None:
         self._tasks: list[Task] = []
         self._advancing = False
+        self.paused = False
+        """They are not advanced; no time passes for them."""
 
     def start(self, sequence: Sequence) -> Task:
         task = Task(sequence)
@@ -329,7 +331,7 @@ class Sequences:
 
     def advance(self, tick: Tick) -> None:
         """One step of each, in the order started; the first error cancels nothing else and is raised."""
-        if not self._tasks:
+        if not self._tasks or self.paused:
             return
         if self._advancing:
             raise TaskFailed("a sequence called `control` of the root; only the cycle may call it, once per period")

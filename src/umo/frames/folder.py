@@ -21,6 +21,8 @@ except ImportError:  # not on this platform: nothing to lock with
     fcntl = None  # type: ignore[assignment]
 
 SUFFIX = ".frames"
+QUEUE = ".hands"
+"""Of the queue of commands beside a ring (`umo.remote.queue`)."""
 VARIABLE = "UMO_FRAMES"
 """Environment variable that names another folder, for containers and tests."""
 SHARED = Path("/dev/shm")
@@ -64,12 +66,18 @@ def is_living(path: Path) -> bool:
             return False
         if held(file):
             return True
-        path.unlink(missing_ok=True)
+        remove(path)
     except OSError:  # it stays, then
         pass
     finally:
         os.close(file)
     return False
+
+
+def remove(path: Path) -> None:
+    """A ring, and the queue beside it."""
+    path.unlink(missing_ok=True)
+    path.with_suffix(QUEUE).unlink(missing_ok=True)
 
 
 def held(file: int) -> bool:

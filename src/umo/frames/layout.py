@@ -1,14 +1,15 @@
 """The binary layout of a ring of frames, which the ring's own header describes.
 
 A ring is one file, little-endian: a header of fixed numbers (`HEADER`), the live numbers, a description in JSON,
-then `slots` frames of `slot_bytes` each, then the journal of `entries` entries. A reader in another language needs
-the fixed numbers below and the JSON, which gives the name, type (numpy's notation: "<i8" is a signed integer of 8
-bytes), offset, count and unit of every field of a frame and of an entry.
+then `slots` frames of `slot_bytes` each, then the journal of `entries` entries, the events and the tunable numbers
+(8 bytes each). A reader in another language needs the fixed numbers below and the JSON, which gives the name, type
+(numpy's notation: "<i8" is a signed integer of 8 bytes), offset, count and unit of every field of a frame, an entry and
+an event.
 
 Frame number i (from 0) lies in slot i % slots. Its `sequence` is 2 i + 1 while it is being written and 2 i + 2 when
 it is whole. Entry number k (from 0) lies at k % entries of the journal; a frame gives the number of its first entry
 and their count. They are still there if, after they were copied, the live number JOURNAL is at most that first
-number + `entries`.
+number + `entries`. Event number n (from 0) lies at n % `EVENTS`. Its `sequence` is n + 1 when it is whole.
 """
 
 from __future__ import annotations
@@ -26,10 +27,10 @@ import numpy as np
 from umo.cycle.journal import Kind
 from umo.cycle.signals import Signal
 from umo.errors import FramesError
-from umo.objects import Atomic, Binary, Digital, Quality
+from umo.objects import Atomic, Binary, BinaryActuator, Digital, DigitalActuator, Quality
 
 MAGIC = b"umoframe"
-VERSION = 3
+VERSION = 4
 HEADER = struct.Struct("<8sIIQQQQQQ")
 """Magic, version, flags, offset of the first slot, bytes of a slot, slots, offset of the journal, its entries, bytes of
 the description."""
@@ -39,12 +40,34 @@ one) and all that follows `checksum` up to the end of the last field; and one of
 HEAD, STATE, MISSED, JOURNAL, DESCRIBED = 64, 72, 80, 88, 96
 """Offsets of the live numbers, 8 bytes each: frames finished, state (`umo.cycle.stage`), missed periods in all, number
 of the next entry (moved on before the entries are written); and of the CRC-32 of the description, which stays."""
-DESCRIPTION = 128
+EVENT, MODE, TAKEN, DROPPED, LEASE = 104, 112, 120, 128, 136
+"""More of them: number of the next event, mode (`umo.cycle.hands`; -1: no hands), commands of hands taken and dropped,
+number of the lease, which is below 0 while its holder is being written."""
+HOLDER = 144
+"""Offset of the text of who has the lease, UTF-8, `NAME` bytes; empty: nobody."""
+DESCRIPTION = 256
 """Offset of the JSON."""
 NOTE = 64
+NAME = 64
+EVENTS = 512
+"""The last events that are kept."""
 
 ENTRY = np.dtype([("slot", "<u4"), ("kind", "<u4"), ("raw", "<i8"), ("before", "<i8")])
 """An entry of the journal (`umo.cycle.journal`)."""
+
+EVENT_ROW = np.dtype(
+    [
+        ("sequence", "<u8"),
+        ("time", "<f8"),
+        ("command", "<u8"),
+        ("state", "<u8"),
+        ("who", f"S{NAME}"),
+        ("path", "S96"),
+        ("asked", "S128"),
+        ("text", "S448"),
+    ]
+)
+"""An event (`umo.cycle.events`): texts are UTF-8 and cut to their places."""
 
 Column = tuple[str, str, int, str]
 """Name, numpy type, count, unit."""
@@ -95,6 +118,12 @@ class Layout:
     """Whose frames these are: station, wiring, pid, when it started, the period in s."""
     signals: tuple[dict[str, Any], ...] = ()
     """Path and unit of each."""
+    interlocks: tuple[str, ...] = ()
+    """Their reasons."""
+    actions: tuple[dict[str, Any], ...] = ()
+    """Path, arguments and meaning of each (`umo.objects.action`)."""
+    tunables: tuple[dict[str, Any], ...] = ()
+    """Path, unit and range of each."""
 
     @property
     def columns(self) -> list[Column]:
@@ -106,6 +135,7 @@ class Layout:
             ("values", "<f8", count, "each object's own; a binary object's electrical 1 is 1.0"),
             ("raws", "<i8", count, ""),
             ("quality", "<u1", count, ", ".join(f"{int(quality)} {quality}" for quality in Quality)),
+            ("commands", "<u1", count, "0 free, 255 taken by hand, else 1 + the number of the interlock that inhibits"),
         ]
 
     @property
@@ -131,15 +161,16 @@ class Layout:
             {"name": name, "type": kind, "offset": dtype.fields[name][1], "count": count, "unit": unit}  # type: ignore[index]
             for name, kind, count, unit in self.columns
         ]
-        shown = {"objects": self.objects, "signals": self.signals}
-        text = {"about": self.about, **shown, "phases": self.phases, "fields": fields}
-        return json.dumps(text | {"journal": _describe_journal()}).encode()
+        text = {name: getattr(self, name) for name in _DESCRIBED}
+        text |= {"fields": fields, "journal": _describe_journal()}
+        return json.dumps(text | {"events": {"count": EVENTS, **_describe_row(EVENT_ROW)}}).encode()
 
     @classmethod
     def parse(cls, description: bytes) -> Layout:
         try:
             text = json.loads(description)
-            layout = cls(tuple(text["objects"]), tuple(text["phases"]), dict(text["about"]), tuple(text["signals"]))
+            lists = {name: tuple(text[name]) for name in _DESCRIBED if name != "about"}
+            layout = cls(about=dict(text["about"]), **lists)
             fits = [field["name"] for field in text["fields"]] == [column[0] for column in layout.columns]
         except (ValueError, KeyError, TypeError) as error:
             raise FramesError(f"the description of the frames cannot be read: {error}") from None
@@ -149,34 +180,49 @@ class Layout:
 
 
 class Places(NamedTuple):
-    """Where the parts of a ring's file begin, and how it begins itself."""
+    """Where the parts of a ring's file begin."""
 
-    head: bytes
-    """Header, live numbers (all 0) and description."""
     first: int
     journal: int
+    events: int
+    tunables: int
     size: int
 
+    @classmethod
+    def of(cls, layout: Layout, first: int, slots: int, entries: int) -> Places:
+        """With so many frames from `first` on, and so many entries in the journal."""
+        journal = first + slots * layout.dtype.itemsize
+        events = journal + entries * ENTRY.itemsize
+        tunables = events + EVENTS * EVENT_ROW.itemsize
+        return cls(first, journal, events, tunables, tunables + 8 * len(layout.tunables))
 
-def arrange(layout: Layout, slots: int, entries: int, flags: int = 0) -> Places:
-    """The file of a ring with so many frames, and so many entries in its journal."""
+
+def arrange(layout: Layout, slots: int, entries: int, flags: int = 0) -> tuple[bytes, Places]:
+    """Of a ring with so many frames and entries: header, live numbers (all 0) and description; and its places."""
     description, slot = layout.describe(), layout.dtype.itemsize
     first = -(-(DESCRIPTION + len(description)) // mmap.PAGESIZE) * mmap.PAGESIZE
-    journal = first + slots * slot
+    places = Places.of(layout, first, slots, entries)
     head = bytearray(DESCRIPTION)
-    HEADER.pack_into(head, 0, MAGIC, VERSION, flags, first, slot, slots, journal, entries, len(description))
+    HEADER.pack_into(head, 0, MAGIC, VERSION, flags, first, slot, slots, places.journal, entries, len(description))
     struct.pack_into("<Q", head, DESCRIBED, zlib.crc32(description))
-    return Places(bytes(head) + description, first, journal, journal + entries * ENTRY.itemsize)
+    struct.pack_into("<q", head, MODE, -1)
+    return bytes(head) + description, places
 
 
 _SCALARS = {column[0] for column in FIXED}
+_DESCRIBED = ("about", "objects", "signals", "phases", "interlocks", "actions", "tunables")
+"""The fields of `Layout`."""
 
 
 def _describe_journal() -> dict[str, Any]:
     """An entry's fields as those of a frame; what its numbers mean."""
-    assert ENTRY.fields is not None
-    fields = [{"name": name, "type": kind.str, "offset": at} for name, (kind, at, *_) in ENTRY.fields.items()]
-    return {"entry_bytes": ENTRY.itemsize, "fields": fields, "kinds": {int(kind): kind.name for kind in Kind}}
+    return _describe_row(ENTRY) | {"kinds": {int(kind): kind.name for kind in Kind}}
+
+
+def _describe_row(row: np.dtype[Any]) -> dict[str, Any]:
+    assert row.fields is not None
+    fields = [{"name": name, "type": kind.str, "offset": at} for name, (kind, at, *_) in row.fields.items()]
+    return {"entry_bytes": row.itemsize, "fields": fields}
 
 
 def describe_objects(items: Sequence[Atomic]) -> tuple[dict[str, Any], ...]:
@@ -191,6 +237,9 @@ def describe_signals(signals: Sequence[Signal]) -> tuple[dict[str, Any], ...]:
 
 def _describe(item: Atomic) -> dict[str, Any]:
     what: dict[str, Any] = {"path": item.path, "kind": type(item).__name__, "synchronous": item.synchronous}
+    if isinstance(item, BinaryActuator | DigitalActuator):
+        default = item.default if isinstance(item, DigitalActuator) else str(item.default)
+        what |= {"actuator": True, "default": default, "expires": item.expires}
     if isinstance(item, Digital):
         return what | {"unit": item.units, "minimum": item.minimum, "maximum": item.maximum}
     assert isinstance(item, Binary)

@@ -16,6 +16,7 @@ from umo.errors import FramesError
 from umo.frames.folder import new_path
 from umo.frames.layout import Layout, describe_objects, describe_signals
 from umo.frames.ring import Ring
+from umo.objects import actions_of, tunables_of
 
 
 @contextmanager
@@ -49,9 +50,18 @@ def published(
     observers = connection.machine.observers
     phases = Phases(connection.image, connection.wired.drivers)
     try:
-        signals = describe_signals(connection.machine.frame.signals)
-        layout = Layout(describe_objects(connection.image.items), tuple(phases.names), about, signals)
-        ring = Ring(connection.image, phases, layout, path or new_path(station))
+        machine = connection.machine
+        tunables = list(tunables_of(machine.root).values())
+        layout = Layout(
+            describe_objects(machine.image.items),
+            tuple(phases.names),
+            about,
+            describe_signals(machine.frame.signals),
+            tuple(machine.commands.reasons),
+            tuple(each.describe() for each in actions_of(machine.root).values()),
+            tuple(each.describe() for each in tunables),
+        )
+        ring = Ring(machine, phases, layout, path or new_path(station), tunables=tunables)
         try:
             ring.state(Stage.RUNNING)
             observers.append(ring)

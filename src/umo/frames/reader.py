@@ -7,11 +7,13 @@ import os
 import struct
 import zlib
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from umo.cycle.events import CommandState, Event
+from umo.cycle.hands import Mode
 from umo.cycle.stage import Stage
 from umo.errors import FramesError, PathError
 from umo.frames import folder
@@ -19,15 +21,25 @@ from umo.frames.layout import (
     CHECKSUM,
     DESCRIBED,
     DESCRIPTION,
+    DROPPED,
     ENTRY,
+    EVENT,
+    EVENT_ROW,
+    EVENTS,
     HEAD,
     HEADER,
+    HOLDER,
     JOURNAL,
+    LEASE,
     MAGIC,
     MISSED,
+    MODE,
+    NAME,
     STATE,
+    TAKEN,
     VERSION,
     Layout,
+    Places,
 )
 from umo.system import folders
 from umo.text import did_you_mean
@@ -36,6 +48,17 @@ Frames = npt.NDArray[Any]
 """Copies of frames, oldest first: a structured array with the fields of `Layout.columns`."""
 Entries = npt.NDArray[Any]
 """Copies of entries of the journal, in order: slot, kind (`umo.cycle.journal.Kind`), raw, and the raw before it."""
+
+
+TRIES = 100
+"""Looks at the lease while it changes."""
+
+
+class NumberedEvent(NamedTuple):
+    """An event, and its number in the ring."""
+
+    number: int
+    event: Event
 
 
 class Reader:
@@ -72,8 +95,7 @@ class Reader:
             raise FramesError(f"{self.path} does not contain frames")
         if version != VERSION:
             raise FramesError(f"{self.path} has frames of version {version}, this umo reads version {VERSION}")
-        ends = DESCRIPTION + described, first + self.slots * size, journal + entries * ENTRY.itemsize
-        if not self.slots or ends[0] > first or ends[1] > journal or ends[2] > length:
+        if not self.slots or DESCRIPTION + described > first or journal > length:
             raise FramesError(f"{self.path} is truncated")
         description = mapped[DESCRIPTION : DESCRIPTION + described]
         if struct.unpack_from("<Q", mapped, DESCRIBED)[0] != zlib.crc32(description):
@@ -82,9 +104,13 @@ class Reader:
         self._dtype = self.layout.dtype
         if self._dtype.itemsize != size:
             raise FramesError(f"{self.path}: frames of {size} bytes do not fit their description")
+        self._places = places = Places.of(self.layout, first, self.slots, entries)
+        if places.journal != journal or places.size > length:
+            raise FramesError(f"{self.path} is truncated")
         self._checked = bool(self.flags & CHECKSUM)
         self._rows = np.frombuffer(mapped, np.uint8, self.slots * size, first).reshape(self.slots, size)
         self._journal: Entries = np.frombuffer(mapped, ENTRY, entries, journal)
+        self._events: Entries = np.frombuffer(mapped, EVENT_ROW, EVENTS, places.events)
         return mapped
 
     # What the ring says of itself ----------------------------------------------------------------------
@@ -123,6 +149,45 @@ class Reader:
     def alive(self) -> bool:
         """Whether a process still keeps this ring going."""
         return folder.held(self._file)
+
+    @property
+    def mode(self) -> Mode | None:
+        """Who works the machine; None if it takes no commands from outside."""
+        number = self._live[MODE // 8]
+        return Mode(number) if number in set(Mode) else None
+
+    @property
+    def holder(self) -> str:
+        """Who has the lease; empty: nobody."""
+        for _ in range(TRIES):
+            lease = self._live[LEASE // 8]
+            text = self._map[HOLDER : HOLDER + NAME].rstrip(b"\0").decode(errors="replace")
+            if lease >= 0 and lease == self._live[LEASE // 8]:
+                return text
+        return ""
+
+    @property
+    def taken(self) -> int:
+        """Commands from outside that the machine has taken from its queue."""
+        return int(self._live[TAKEN // 8])
+
+    @property
+    def dropped(self) -> int:
+        """Those of them that were not commands."""
+        return int(self._live[DROPPED // 8])
+
+    def tunables(self) -> dict[str, float]:
+        """The tunable numbers by path, each at most as many periods old as there are numbers."""
+        numbers = np.frombuffer(self._map, "<f8", len(self.layout.tunables), self._places.tunables).tolist()
+        return {entry["path"]: value for entry, value in zip(self.layout.tunables, numbers, strict=True)}
+
+    def live(self, start: int, stop: int) -> bytes:
+        """The live numbers as they stand in the ring."""
+        return self._map[start:stop]
+
+    def told(self) -> bytes:
+        """Events and tunable numbers as they stand in the ring."""
+        return self._map[self._places.events : self._places.size]
 
     def index(self, path: str) -> int:
         """The index of an object in a frame's `values`; PathError with the nearest path otherwise."""
@@ -179,6 +244,28 @@ class Reader:
         there = min(max(begin, oldest), stop)
         return there, entries[there - begin :]
 
+    # Events --------------------------------------------------------------------------------------------
+
+    def events(self, start: int = 0) -> list[NumberedEvent]:
+        """The events from this number on that are still there, oldest first."""
+        stop = int(self._live[EVENT // 8])
+        numbers = np.arange(max(start, stop - EVENTS, 0), stop)
+        rows = self._events[numbers % EVENTS]
+        whole = self._events["sequence"][numbers % EVENTS] == numbers + 1  # after the copy
+        return [
+            NumberedEvent(int(number), Event(
+                float(row["time"]), _text(row["path"]), _text(row["text"]), _text(row["who"]), int(row["command"]),
+                CommandState(int(row["state"])), _text(row["asked"]),
+            ))
+            for number, row in zip(numbers[whole], rows[whole], strict=True)
+            if row["sequence"] == number + 1
+        ]  # fmt: skip
+
+    @property
+    def next_event(self) -> int:
+        """The number of the next event."""
+        return int(self._live[EVENT // 8])
+
     # Inside --------------------------------------------------------------------------------------------
 
     def _copy(self, start: int, stop: int) -> Frames:
@@ -201,7 +288,7 @@ class Reader:
         return zlib.crc32(row[16 : self.layout.content].data, zlib.crc32(row[:8].data))
 
     def close(self) -> None:
-        del self._rows, self._journal
+        del self._rows, self._journal, self._events
         self._live.release()
         self._map.close()
         os.close(self._file)
@@ -211,6 +298,10 @@ class Reader:
 
     def __exit__(self, *error: object) -> None:
         self.close()
+
+
+def _text(data: bytes) -> str:
+    return data.decode(errors="replace")
 
 
 def _shown(entry: dict[str, Any], value: float) -> float | str:

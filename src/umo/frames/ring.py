@@ -6,18 +6,42 @@ import os
 import platform
 import struct
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from umo.cycle.forms import ArrayImage
 from umo.cycle.frame import Frame
-from umo.cycle.image import Image
+from umo.cycle.hands import Hands
 from umo.cycle.journal import Journal
+from umo.cycle.machine import ConnectedMachine
 from umo.cycle.phases import UNKNOWN, Phases
 from umo.cycle.progress import Progress
 from umo.cycle.stage import Stage
 from umo.frames.file import make
-from umo.frames.layout import CHECKSUM, DESCRIPTION, ENTRY, HEAD, JOURNAL, MISSED, NOTE, STATE, USAGE, Layout, arrange
+from umo.frames.layout import (
+    CHECKSUM,
+    DESCRIPTION,
+    DROPPED,
+    ENTRY,
+    EVENT,
+    EVENT_ROW,
+    EVENTS,
+    HEAD,
+    HOLDER,
+    JOURNAL,
+    LEASE,
+    MISSED,
+    MODE,
+    NAME,
+    NOTE,
+    STATE,
+    TAKEN,
+    USAGE,
+    Layout,
+    arrange,
+)
+from umo.objects import Tunable
 from umo.system.usage import Usage
 
 MOST_BYTES = 4 << 20
@@ -27,6 +51,7 @@ ENTRIES = 8192
 """Of the journal, at least two of the longest periods."""
 ENTRY_BYTES = ENTRY.itemsize
 MOST = (1 << 63) - 1
+_EVENT = struct.Struct("<dQQ" + "".join(f"{EVENT_ROW[i].itemsize}s" for i in range(4, 8)))
 ORDERED = platform.machine().lower() in ("x86_64", "amd64", "i686")
 """Stores become visible in program order: a sequence counter is enough."""
 
@@ -39,9 +64,22 @@ class Ring:
     """
 
     def __init__(
-        self, image: Image, phases: Phases, layout: Layout, path: Path, *, checksum: bool = not ORDERED
+        self,
+        machine: ConnectedMachine,
+        phases: Phases,
+        layout: Layout,
+        path: Path,
+        *,
+        checksum: bool = not ORDERED,
+        tunables: Sequence[Tunable] = (),
     ) -> None:
-        self.image = image
+        self.image = image = machine.image
+        self._machine = machine
+        self._commands = machine.commands
+        self._events = machine.events
+        self._told = 0
+        """Events that were published."""
+        self._tunables = tunables
         self.phases = phases
         self.layout = layout
         self.path = path
@@ -49,13 +87,15 @@ class Ring:
         self.index = 0
         self.missed = 0
         self._progress: tuple[Any, tuple[bytes, int, int]] = (None, (b"", 0, 0))
+        self._shown_lease = (0, "")
         self._entries = 0
         self.slot_bytes = layout.dtype.itemsize
         self.slots = max(min(MOST_BYTES // self.slot_bytes, MOST_SLOTS), FEWEST_SLOTS)
-        places = arrange(layout, self.slots, ENTRIES, CHECKSUM if checksum else 0)
+        head, places = arrange(layout, self.slots, ENTRIES, CHECKSUM if checksum else 0)
         self._first, self._journal_at, self._content = places.first, places.journal, layout.content
+        self._events_at, self._tunables_at = places.events, places.tunables
         self._place(layout)
-        self.file, self._map = make(path, places.head, places.size)
+        self.file, self._map = make(path, head, places.size)
         # from here on nothing fails: whoever makes a ring has all of it to close, or nothing
         self._bytes = memoryview(self._map)
         self._words = self._bytes.cast(image.raws.format)  # numpy's own letter for int64, "l" or "q"
@@ -91,6 +131,36 @@ class Ring:
         if frame.missed:
             self.missed += frame.missed
             live[MISSED // 8] = self.missed
+        if self._told != self._events.number:
+            self._tell()
+        if self._tunables:  # one in each period
+            number = index % len(self._tunables)
+            self._numbers[(self._tunables_at >> 3) + number] = self._tunables[number].read()
+        if self._machine.hands is not None:
+            self._show(self._machine.hands)
+
+    def _tell(self) -> None:
+        """Publish the new events, as far as they are kept."""
+        new = min(self._events.number - self._told, len(self._events))
+        self._told = self._events.number
+        for number, event in enumerate(list(self._events)[-new:], self._told - new):
+            at = self._events_at + number % EVENTS * EVENT_ROW.itemsize
+            self._words[at >> 3] = 0
+            texts = (event.who, event.path, event.asked, event.text)
+            cut = (_cut(text, EVENT_ROW[4 + i].itemsize) for i, text in enumerate(texts))
+            _EVENT.pack_into(self._map, at + 8, event.time, event.command, event.state, *cut)
+            self._words[at >> 3] = number + 1
+            self._live[EVENT // 8] = number + 1
+
+    def _show(self, hands: Hands) -> None:
+        """Mode, lease, and what became of the queue."""
+        live, lease = self._live, hands.lease
+        live[MODE // 8], live[TAKEN // 8], live[DROPPED // 8] = hands.mode, hands.inbox.taken, hands.inbox.dropped
+        if self._shown_lease != (lease.number, lease.holder):
+            self._shown_lease = lease.number, lease.holder
+            live[LEASE // 8] = -1
+            self._bytes[HOLDER : HOLDER + NAME] = _cut(lease.holder, NAME).ljust(NAME, b"\0")
+            live[LEASE // 8] = lease.number
 
     def _fill(self, frame: Frame, at: int) -> None:
         image, phases, journal, places = self.image, self.phases, self.journal, self._at
@@ -113,7 +183,8 @@ class Ring:
         count = self._count
         raws = at + places["raws"] >> 3
         self._words[raws : raws + count] = image.raws
-        quality = at + places["quality"]
+        quality, commands = at + places["quality"], at + places["commands"]
+        self._bytes[commands : commands + count] = self._commands.states
         if self._arrays:
             values = at + places["values"] >> 3
             self._numbers[values : values + count] = image.values
@@ -136,12 +207,14 @@ class Ring:
     def _packed(self, progress: Progress) -> tuple[bytes, int, int]:
         """Its text cut to its place; once for each progress."""
         if progress is not self._progress[0]:
-            packed = _cut(progress.text.encode(errors="replace")), min(progress.done, MOST), min(progress.total, MOST)
+            packed = _cut(progress.text, NOTE), min(progress.done, MOST), min(progress.total, MOST)
             self._progress = progress, packed
         return self._progress[1]
 
     def close(self) -> None:
-        """End the ring: readers see the end and the last frames. The file is not removed."""
+        """End the ring: readers see the end, the last frames and events. The file is not removed."""
+        if self._told != self._events.number:
+            self._tell()
         self.state(Stage.ENDED)
         self.usage.close()
         self.image.transfer.journal = None
@@ -155,6 +228,6 @@ def _crc(sequence: int) -> int:
     return zlib.crc32(sequence.to_bytes(8, "little"))
 
 
-def _cut(text: bytes) -> bytes:
+def _cut(text: str, size: int) -> bytes:
     """No more than fits, and no half character at the end."""
-    return text[:NOTE].decode(errors="ignore").encode()
+    return text.encode(errors="replace")[:size].decode(errors="ignore").encode()

@@ -13,7 +13,7 @@ import numpy as np
 
 from umo.cycle.stage import Stage
 from umo.errors import FramesError
-from umo.frames.layout import ENTRY, HEAD, JOURNAL, MISSED, STATE, arrange
+from umo.frames.layout import DESCRIPTION, ENTRY, EVENT, HEAD, JOURNAL, MISSED, STATE, arrange
 from umo.frames.reader import Frames, Reader
 from umo.system import folders
 
@@ -55,9 +55,11 @@ def _content(reader: Reader, frames: Frames, reason: str) -> bytearray:
     slots = head - numbers[0] if numbers else 1  # those between that could not be copied stay empty
     begin, end = (frames["journal"][0], frames["journal"][-1] + frames["entries"][-1]) if numbers else (0, 0)
     begin, entries = reader.entries(int(begin), int(end))
-    places = arrange(layout, slots, len(entries), reader.flags)
+    start, places = arrange(layout, slots, len(entries), reader.flags)
     content = bytearray(places.size)
-    content[: len(places.head)] = places.head
+    content[: len(start)] = start
+    content[EVENT:DESCRIPTION] = reader.live(EVENT, DESCRIPTION)
+    content[places.events :] = reader.told()
     live = {HEAD: head, MISSED: reader.missed, STATE: Stage.ENDED, JOURNAL: begin + len(entries)}
     for offset, value in live.items():
         struct.pack_into("<q", content, offset, value)

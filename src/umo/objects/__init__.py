@@ -1,5 +1,6 @@
 """The four atomic objects and Compound: the boundary between the electrical and the control subsystem."""
 
+from umo.objects.action import Action, action, actions_of
 from umo.objects.actuators import BinaryActuator, DigitalActuator
 from umo.objects.atomic import Atomic, Binary, Digital
 from umo.objects.compound import Compound
@@ -7,6 +8,7 @@ from umo.objects.interlock import Interlock
 from umo.objects.linearization import LookupTable, Polynomial
 from umo.objects.node import Node
 from umo.objects.quality import Quality
+from umo.objects.range import Range
 from umo.objects.sensors import BinarySensor, DigitalSensor
 from umo.objects.states import (
     CompleteIncomplete,
@@ -23,9 +25,11 @@ from umo.objects.states import (
     ZeroOne,
 )
 from umo.objects.thermocouple import Thermocouple
+from umo.objects.tunable import Tunable, tunables_of
 from umo.objects.vector import Vector
 
 __all__ = [
+    "Action",
     "Atomic",
     "Binary",
     "BinaryActuator",
@@ -47,10 +51,15 @@ __all__ = [
     "PassFail",
     "Polynomial",
     "Quality",
+    "Range",
     "Rotation",
     "Thermocouple",
+    "Tunable",
     "TwoState",
     "UpDown",
     "Vector",
     "ZeroOne",
+    "action",
+    "actions_of",
+    "tunables_of",
 ]

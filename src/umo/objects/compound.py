@@ -23,6 +23,7 @@ from umo.errors import DeclarationError, PathError
 from umo.objects.atomic import Atomic, Binary
 from umo.objects.link import Unconnected
 from umo.objects.node import Node
+from umo.objects.range import Range
 from umo.text import did_you_mean
 
 if TYPE_CHECKING:
@@ -56,6 +57,9 @@ class Compound(Node):
     signals: ClassVar[Mapping[str, str]] = MappingProxyType({})
     """Attributes that are shown beside the objects in frames, trace, plot and `umo watch`: units by name, such as
     `signals = {"load": "N"}`. The signals of the control laws are shown without being named here."""
+    tunable: ClassVar[Mapping[str, Range]] = MappingProxyType({})
+    """The numbers that may be changed while the machine runs (`umo tune`, the page, `umo.attach`): attributes, also of
+    laws, each with its unit and range, such as `tunable = {"law.gain": Range("V/mm", 0.0, 2.0)}`."""
     max_period: ClassVar[str | float | None] = None
     """The longest sampling period for which `control` is designed, in s or as "2 ms". Default: not limited."""
 

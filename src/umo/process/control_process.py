@@ -13,16 +13,19 @@ from pathlib import Path
 from typing import Any
 
 from umo.cycle import Frame, connect, drive
+from umo.cycle.hands import Hands, Mode
 from umo.cycle.stage import Stage
 from umo.cycle.stop_order import stop_sequence
 from umo.cycle.stopping import request_stop
 from umo.errors import FramesError, StopError
 from umo.frames import Ring, published
+from umo.frames.folder import QUEUE
 from umo.objects import Compound, DigitalSensor
 from umo.process.job import Plan
 from umo.process.life import Life
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome, plain, plain_reports, status_of
+from umo.remote.queue import Receiver
 from umo.system import realtime
 from umo.system.custody import Custody
 from umo.text import Moment, in_brackets, text_of
@@ -114,7 +117,7 @@ class Control:
         connection.on_step = self._life.beat
         with connection as machine:
             try:
-                with self._published(connection) as ring:
+                with self._published(connection) as ring, self._commanded(connection, ring):
                     connection.machine.observers.append(self._each_period)
                     self._ready(machine, ring, refusals)
                     outcome.result = drive(machine, plan.application)
@@ -135,6 +138,20 @@ class Control:
             except (FramesError, OSError) as error:
                 self._channel.send("notice", text=f"this run cannot be watched or traced: {text_of(error)}")
             yield ring
+
+    @contextmanager
+    def _commanded(self, connection: connect[Any], ring: Ring | None) -> Iterator[None]:
+        """Take commands from outside. The machine runs without them if there can be no queue."""
+        machine = connection.machine
+        with ExitStack() as stack:
+            if ring is not None:
+                try:
+                    inbox = Receiver(ring.path.with_suffix(QUEUE))
+                    stack.callback(inbox.close)
+                    machine.hands = Hands(machine, inbox, Mode.MANUAL if self._plan.job.manual else Mode.AUTOMATIC)
+                except FramesError as error:
+                    self._channel.send("notice", text=f"this run takes no commands: {text_of(error)}")
+            yield
 
     def _each_period(self, frame: Frame) -> None:
         """Give a sign of life. Check whether this process was suspended, asked to stop, or lost its guardian."""

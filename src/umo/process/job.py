@@ -17,7 +17,7 @@ from typing import Any
 
 from umo.cycle.run import Application
 from umo.errors import DeclarationError, UmoError
-from umo.objects import Compound
+from umo.objects import Compound, actions_of, tunables_of
 from umo.process.parameters import arguments_for, parameters_of
 from umo.process.station import StationError, find
 from umo.text import reason_of
@@ -40,6 +40,8 @@ class Job:
     wiring: str | dict[str, Any] | None = None
     options: dict[str, Any] = field(default_factory=dict)
     acknowledge: bool = False
+    manual: bool = False
+    """Start in manual mode: the application waits until the mode is automatic."""
     path: list[str] = field(default_factory=lambda: list(sys.path))
     script: str | None = None
     """The file that `__main__` came from, if a function of it is meant."""
@@ -105,6 +107,7 @@ class Plan:
         else:
             self.machine = _made(job, make, for_machine)
             self.name, self.place = type(self.machine).__name__, Path(job.script or inspect.getfile(make))
+        actions_of(self.machine), tunables_of(self.machine)  # DeclarationError
         self.wired: Wired = resolve(self.machine, self.wiring, self.options)
 
     @property

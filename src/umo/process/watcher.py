@@ -12,7 +12,7 @@ from time import monotonic, sleep, time
 
 from umo.errors import FramesError
 from umo.frames import Reader
-from umo.frames.folder import new_path
+from umo.frames.folder import new_path, remove
 from umo.latency import blackbox
 from umo.system import realtime
 from umo.text import Moment
@@ -93,7 +93,7 @@ class Watcher:
             self._reap()
         if self.path is not None:
             with suppress(OSError):
-                self.path.unlink(missing_ok=True)
+                remove(self.path)
 
     def _attach(self) -> bool:
         """Whether there are frames to be kept."""

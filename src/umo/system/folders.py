@@ -90,13 +90,15 @@ def is_own(path: Path) -> bool:
     return stat.S_ISDIR(status.st_mode) and (not hasattr(os, "getuid") or status.st_uid == os.getuid())
 
 
-def open_own(path: Path, *, follow: bool = False) -> int:
-    """A regular file of this user's, opened for reading; OSError otherwise. `follow` allows a symbolic link.
+def open_own(path: Path, *, follow: bool = False, write: bool = False) -> int:
+    """A regular file of this user's, opened for reading; OSError otherwise. `follow` allows a symbolic link, `write`
+    opens it for writing too.
 
     What is opened is looked at, not the name: it may have changed its meaning in between. A pipe does not block.
     """
     flags = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
-    file = os.open(path, os.O_RDONLY | flags | (0 if follow else getattr(os, "O_NOFOLLOW", 0)))
+    flags |= os.O_RDWR if write else os.O_RDONLY
+    file = os.open(path, flags | (0 if follow else getattr(os, "O_NOFOLLOW", 0)))
     try:
         status = os.fstat(file)
         if not stat.S_ISREG(status.st_mode):

@@ -1,0 +1,56 @@
+"""Events: what guards, hands and the machine itself did, one after another."""
+
+from __future__ import annotations
+
+from collections import deque
+from enum import IntEnum
+from typing import NamedTuple
+
+KEPT = 1000
+"""The last ones that are kept."""
+
+
+class CommandState(IntEnum):
+    """What became of a command; the numbers stand in shared memory, so they keep their meaning."""
+
+    NONE = 0
+    """The event is not a command's."""
+    BEGUN = 1
+    """An action has begun; another event tells its end."""
+    DONE = 2
+    REFUSED = 3
+    """Not allowed, or not valid: nothing was changed."""
+    FAILED = 4
+    """It was carried out, and failed."""
+    CANCELLED = 5
+
+    def __str__(self) -> str:
+        return self.name.lower()
+
+
+class Event(NamedTuple):
+    """Something happened: when (s on the cycle's clock), to which object, what."""
+
+    time: float
+    path: str
+    text: str
+    """Of a command that has ended: its result as JSON, or its error."""
+    who: str = ""
+    """The hand; empty: the machine itself."""
+    command: int = 0
+    """The number of a hand's command, from 1."""
+    state: CommandState = CommandState.NONE
+    asked: str = ""
+    """The command in words."""
+
+
+class Events(deque[Event]):
+    """The last ones; `number` counts all."""
+
+    def __init__(self) -> None:
+        super().__init__(maxlen=KEPT)
+        self.number = 0
+
+    def add(self, event: Event) -> None:
+        self.number += 1
+        self.append(event)

@@ -1,0 +1,389 @@
+"""Hands: commands from outside a running machine, under one lease, through the same guards as the program's.
+
+Once per period, before the sequences, `look` takes what has come in. Nothing of it can end the run: what is wrong is
+refused, what fails is answered. In automatic mode the application runs, numbers can be tuned and harmless actions
+called. In manual mode the sequences of the application are not advanced; actuators can be written and all actions
+called. What a hand keeps up (a written actuator, a jog) ends when the hand does not keep it up, or loses the lease.
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import IntEnum
+from functools import partial
+from typing import TYPE_CHECKING, Any, Protocol
+
+from umo.cycle.commands import Source
+from umo.cycle.events import CommandState, Event
+from umo.cycle.lease import Lease
+from umo.cycle.sequences import Sequences, Task
+from umo.errors import CommandRefused, PathError, RangeError, StateError, UmoError
+from umo.objects import Binary, BinaryActuator, DigitalActuator, actions_of, tunables_of
+from umo.text import did_you_mean, located, text_of
+
+if TYPE_CHECKING:
+    from umo.cycle.machine import ConnectedMachine
+
+HOLD = 0.5
+"""s for which a written actuator and a jog last unless they are kept up; shorter where the actuator expires sooner."""
+AT_ONCE = 4
+"""The most commands that are carried out in one period."""
+RUNNING = 32
+"""The most actions of hands that run at once."""
+QUIET = ("keep",)
+"""Commands that are not told as events, unless they are refused."""
+
+
+class Mode(IntEnum):
+    """Who works the machine; the numbers stand in shared memory."""
+
+    AUTOMATIC = 0
+    MANUAL = 1
+
+    def __str__(self) -> str:
+        return self.name.lower()
+
+
+@dataclass(frozen=True)
+class HandCommand:
+    """One command of a hand. `do` is a name of `Hands.COMMANDS`; which of the others it takes depends on it."""
+
+    number: int
+    who: str = ""
+    key: str = ""
+    """The secret by which the lease knows its holder."""
+    do: str = ""
+    path: str = ""
+    value: Any = None
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+    seconds: float = 2.0
+    over: bool = False
+    held: tuple[str, ...] = ()
+
+    @classmethod
+    def parse(cls, number: int, data: bytes) -> HandCommand:
+        """ValueError, TypeError or RecursionError if it is not one."""
+        text = json.loads(data)
+        for name, kind in (("who", str), ("key", str), ("do", str), ("path", str), ("arguments", dict)):
+            if not isinstance(text.get(name, kind()), kind):
+                raise TypeError(f"{name} is not a {kind.__name__}")
+        seconds = float(text.pop("seconds", 2.0))
+        held = tuple(map(str, text.pop("held", ())))
+        return cls(number, seconds=seconds, held=held, **text)
+
+    def __str__(self) -> str:
+        words = [self.do, self.path, *(f"{name}={value}" for name, value in self.arguments.items())]
+        return " ".join([*filter(None, words), *([] if self.value is None else [str(self.value)])])
+
+
+class Inbox(Protocol):
+    """Where commands come in."""
+
+    taken: int
+    """Commands that have come in, and were handed on or dropped."""
+    dropped: int
+    """Those that were not commands."""
+
+    def take(self) -> HandCommand | None:
+        """The next one, None if there is none now. Quick; raises nothing."""
+
+
+@dataclass
+class _Running:
+    """An action that has begun."""
+
+    command: HandCommand
+    task: Task
+
+
+@dataclass
+class _Held:
+    """What lasts as long as it is kept up."""
+
+    command: HandCommand
+    lasts: float
+    until: float
+    release: Callable[[], object]
+    slot: int = -1
+    """The actuator; -1 for an action."""
+
+
+class Hands:
+    """Carries out the commands of one connected machine."""
+
+    def __init__(self, machine: ConnectedMachine, inbox: Inbox, mode: Mode = Mode.AUTOMATIC) -> None:
+        self._machine = machine
+        self.inbox = inbox
+        self.lease = Lease()
+        self.actions = actions_of(machine.root)
+        self.tunables = tunables_of(machine.root)
+        actuators = (item for item in machine.root.atoms() if isinstance(item, BinaryActuator | DigitalActuator))
+        self._actuators: dict[str, BinaryActuator[Any] | DigitalActuator] = {item.path: item for item in actuators}
+        self.sequences = Sequences()
+        """Those that actions have started."""
+        self.at_work = False
+        """An action of a hand is being carried out at this moment."""
+        self._running: list[_Running] = []
+        self._held: dict[str, _Held] = {}
+        self._active = False
+        self._set_mode(mode)
+
+    # Once per period -----------------------------------------------------------------------------------
+
+    def look(self) -> None:
+        """Take what has come in; go on with what runs."""
+        for _ in range(AT_ONCE):
+            command = self.inbox.take()
+            if command is None:
+                break
+            self._answer(command)
+        if self._active:
+            self._go_on()
+
+    def _go_on(self) -> None:
+        now = self._machine.clock.now
+        if self.lease.expired(now):
+            self._end_lease(f"the lease of {self.lease.holder} has ended: it was not renewed")
+        for path, held in list(self._held.items()):
+            if held.slot >= 0 and not self._machine.commands.hand_of(held.slot):
+                del self._held[path]  # an interlock has reset it
+            elif now > held.until:
+                self._release(path, "not kept up")
+        if self._running:
+            self._advance()
+        self._active = bool(self._running or self._held or self.lease.holder)
+
+    def _advance(self) -> None:
+        for each in self._running.copy():
+            if each not in self._running:  # another one has cancelled it
+                continue
+            try:
+                done = self._at_work(each.task.advance, self._machine.clock)
+            except Exception as error:
+                self._running.remove(each)
+                self._tell(each.command, CommandState.FAILED, _error(error))
+            else:
+                if done:
+                    self._running.remove(each)
+                    self._tell(each.command, CommandState.DONE, _plain(each.task.result))
+        try:
+            self._at_work(self.sequences.advance, self._machine.clock)
+        except Exception as error:
+            self._note(f"a sequence that an action has started failed: {_error(error)}")
+
+    def _at_work(self, call: Callable[..., Any], *arguments: Any) -> Any:
+        self.at_work = True
+        try:
+            return call(*arguments)
+        finally:
+            self.at_work = False
+
+    # Commands ------------------------------------------------------------------------------------------
+
+    def _answer(self, command: HandCommand) -> None:
+        try:
+            if command.do not in COMMANDS:
+                raise CommandRefused(f"there is no command {command.do!r}{did_you_mean(command.do, COMMANDS)}")
+            state, text = COMMANDS[command.do](self, command)
+        except UmoError as error:
+            state, text = CommandState.REFUSED, _error(error)
+        except Exception as error:
+            state, text = CommandState.FAILED, _error(error)
+        self._active = True
+        if command.do not in QUIET or state is not CommandState.DONE:
+            self._tell(command, state, text)
+
+    def _take_lease(self, command: HandCommand) -> tuple[CommandState, str]:
+        now = self._machine.clock.now
+        if self.lease.take(command.who, command.key, command.seconds, now, over=command.over):
+            self._drop(f"{command.who} has taken the lease over")
+        return CommandState.DONE, ""
+
+    def _give_lease(self, command: HandCommand) -> tuple[CommandState, str]:
+        self.lease.check(command.key)
+        self._drop("the lease was given back")
+        self.lease.end()
+        return CommandState.DONE, ""
+
+    def _keep(self, command: HandCommand) -> tuple[CommandState, str]:
+        """The lease is renewed, and what the hand still holds lasts longer."""
+        now = self._machine.clock.now
+        self.lease.renew(command.key, now)
+        for path in command.held:
+            if path in self._held:
+                self._held[path].until = now + self._held[path].lasts
+        return CommandState.DONE, ""
+
+    def _change_mode(self, command: HandCommand) -> tuple[CommandState, str]:
+        self.lease.check(command.key)
+        try:
+            mode = Mode[str(command.value).upper()]
+        except KeyError:
+            raise CommandRefused(f"there is no mode {command.value!r}; there are: automatic, manual") from None
+        if mode is not self.mode:
+            self._drop(f"the mode has changed to {mode}")
+        self._set_mode(mode)
+        return CommandState.DONE, ""
+
+    def _tune(self, command: HandCommand) -> tuple[CommandState, str]:
+        self.lease.check(command.key)
+        tunable = _known(self.tunables, command.path, "tunable number")
+        before = tunable.read()
+        tunable.set(command.value)
+        return CommandState.DONE, json.dumps(f"{before:g} -> {tunable.read():g}")
+
+    def _write(self, command: HandCommand) -> tuple[CommandState, str]:
+        self.lease.check(command.key)
+        self._need_manual("an actuator can be written by hand")
+        item = _known(self._actuators, command.path, "actuator")
+        value = _level(item, command.value)
+        slot, commands = item._slot, self._machine.commands
+        if not commands.take_in_hand(slot, command.who):
+            raise CommandRefused(f"{item.path} is inhibited: {commands.inhibited(slot)}")
+        lasts = min(HOLD, item.expires or HOLD)
+        until = self._machine.clock.now + lasts
+        self._held[item.path] = _Held(command, lasts, until, lambda: commands.leave_hand(slot), slot)
+        self._machine.image.command(slot, value, Source.HAND)
+        return CommandState.DONE, ""
+
+    def _let_go(self, command: HandCommand) -> tuple[CommandState, str]:
+        """What is held by hand ends now."""
+        self.lease.check(command.key)
+        if command.path not in self._held:
+            raise PathError(f"{command.path} is not held by hand")
+        self._release(command.path, "")
+        return CommandState.DONE, ""
+
+    def _call(self, command: HandCommand) -> tuple[CommandState, str]:
+        self.lease.check(command.key)
+        action = _known(self.actions, command.path, "action")
+        if not action.harmless:
+            self._need_manual(f"{action.path} can be called")
+        arguments = action.converted(command.arguments)
+        if len(self._running) >= RUNNING:
+            raise CommandRefused(f"{RUNNING} actions are running already")
+        result = self._at_work(partial(action.call, **arguments))
+        self._held.pop(action.path, None)
+        if action.release is not None and arguments != (release := action.converted(action.release)):
+            until = self._machine.clock.now + HOLD
+            self._held[action.path] = _Held(command, HOLD, until, lambda: action.call(**release))
+        if not hasattr(result, "send"):
+            return CommandState.DONE, _plain(result)
+        self._running.append(_Running(command, Task(result)))
+        return CommandState.BEGUN, ""
+
+    def _cancel(self, command: HandCommand) -> tuple[CommandState, str]:
+        """The action of this path, or all."""
+        self.lease.check(command.key)
+        if not self._cancel_running(f"by {command.who}", command.path):
+            raise PathError(f"no action {command.path} is running")
+        return CommandState.DONE, ""
+
+    def _stop(self, command: HandCommand) -> tuple[CommandState, str]:
+        """The run ends as after SIGTERM. It needs no lease."""
+        self._machine.stop.request(signal.SIGTERM)
+        return CommandState.DONE, ""
+
+    # Modes and ends ------------------------------------------------------------------------------------
+
+    def _set_mode(self, mode: Mode) -> None:
+        self.mode = mode
+        self._machine.sequences.paused = mode is Mode.MANUAL
+
+    def _need_manual(self, what: str) -> None:
+        if self.mode is not Mode.MANUAL:
+            raise CommandRefused(f"{what} in manual mode only; the machine runs in automatic mode")
+
+    def cancel(self) -> None:
+        """The machine stops: cancel what runs. The first error of the cleaning up is raised."""
+        self._cancel_running("the machine stops")
+        self.sequences.cancel()
+
+    def _end_lease(self, why: str) -> None:
+        self._note(why)
+        self._drop("the lease has ended")
+        self.lease.end()
+
+    def _drop(self, why: str) -> None:
+        """Whatever the hand has begun ends."""
+        self._cancel_running(why)
+        for path in list(self._held):
+            self._release(path, why)
+
+    def _cancel_running(self, why: str, path: str = "") -> int:
+        found = [each for each in self._running if path in ("", each.command.path)]
+        for each in found:
+            self._running.remove(each)
+            text = why
+            try:
+                self._at_work(each.task.cancel)
+            except Exception as error:
+                text = f"{why}; in its cleaning up: {_error(error)}"
+            self._tell(each.command, CommandState.CANCELLED, text)
+        return len(found)
+
+    def _release(self, path: str, why: str) -> None:
+        held = self._held.pop(path)
+        try:
+            self._at_work(held.release)
+        except Exception as error:
+            self._note(f"{path} could not be released: {_error(error)}")
+        if why:
+            self._tell(held.command, CommandState.CANCELLED, why)
+
+    # What is told --------------------------------------------------------------------------------------
+
+    def _tell(self, command: HandCommand, state: CommandState, text: str) -> None:
+        now = self._machine.clock.now
+        self._machine.events.add(Event(now, command.path, text, command.who, command.number, state, asked=str(command)))
+
+    def _note(self, text: str) -> None:
+        self._machine.events.add(Event(self._machine.clock.now, "", text))
+
+
+COMMANDS: Mapping[str, Callable[[Hands, HandCommand], tuple[CommandState, str]]] = {
+    "lease": Hands._take_lease,
+    "keep": Hands._keep,
+    "give back": Hands._give_lease,
+    "mode": Hands._change_mode,
+    "tune": Hands._tune,
+    "write": Hands._write,
+    "let go": Hands._let_go,
+    "call": Hands._call,
+    "cancel": Hands._cancel,
+    "stop": Hands._stop,
+}
+"""What a hand can ask for."""
+
+
+def _known(table: Mapping[str, Any], path: str, what: str) -> Any:
+    if path not in table:
+        raise PathError(f"no {what} {path!r}{did_you_mean(path, table)}")
+    return table[path]
+
+
+def _level(item: BinaryActuator[Any] | DigitalActuator, value: Any) -> float:
+    """The value of the image for what a hand gave: the name of a state, or a number within the range."""
+    if isinstance(item, Binary):
+        names = {state.name: state for state in item.states}
+        if not isinstance(value, str) or value not in names:
+            raise StateError(f"{item.path} has no state {value!r}{did_you_mean(str(value), names)}: {', '.join(names)}")
+        return float(item._level(names[value]))
+    if isinstance(value, bool) or not isinstance(value, int | float) or value != value:
+        raise RangeError(f"{item.path}: {value!r} is not a number in {item.units}")
+    if not item.minimum <= value <= item.maximum:
+        raise RangeError(f"{item.path}: {value:g} {item.units} is outside {item.minimum:g} to {item.maximum:g}")
+    return float(value)
+
+
+def _plain(result: Any) -> str:
+    """A result as JSON; "" for None."""
+    return "" if result is None else json.dumps(result, default=str)
+
+
+def _error(error: BaseException) -> str:
+    """Its type, by which a client raises it again, and its text."""
+    return f"{type(error).__name__}: {text_of(error) if isinstance(error, UmoError) else located(error)}"

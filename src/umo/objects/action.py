@@ -1,0 +1,214 @@
+"""Actions: what may be called from outside a running machine, by a person or by another program."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from enum import Enum
+from math import inf
+from typing import Any, Literal, TypeVar, get_args, get_origin, overload
+
+from umo.errors import DeclarationError, RangeError, StateError
+from umo.objects.compound import Compound
+from umo.objects.range import Range
+from umo.text import did_you_mean
+
+F = TypeVar("F", bound=Callable[..., Any])
+Declared = Range | Callable[[Any], Range]
+"""Unit and range of an argument, or a function that takes the compound and returns them."""
+MARK = "__umo_action__"
+KINDS: Mapping[Any, str] = {float: "number", int: "integer", bool: "bool", str: "text"}
+
+
+@dataclass(frozen=True)
+class _Mark:
+    """What the decorator was given."""
+
+    ranges: Mapping[str, Declared]
+    harmless: bool
+    release: Mapping[str, Any] | None
+
+
+@overload
+def action(function: F, /) -> F: ...
+@overload
+def action(
+    *, harmless: bool = ..., release: Mapping[str, Any] | None = ..., **ranges: Declared
+) -> Callable[[F], F]: ...
+def action(
+    function: Any = None,
+    /,
+    *,
+    harmless: bool = False,
+    release: Mapping[str, Any] | None = None,
+    **ranges: Declared,
+) -> Any:
+    """Mark a method, or an `async def` sequence, of a compound as an action: it may be called from outside while the
+    machine runs, by `umo call`, the page or `umo.attach`.
+
+        class Press(Compound):
+            @action(force=Range("kN", 0.0, 80.0))
+            async def close(self, force: float) -> None: ...
+
+            @action(velocity=lambda press: Range("mm/s", -press.velocity, press.velocity), release={"velocity": 0.0})
+            def jog(self, velocity: float) -> None: ...
+
+            @action(harmless=True)
+            def clear_count(self) -> None: ...
+
+    Every argument is annotated: float, int, bool, str, an Enum, a two-state type or a Literal. A number needs a
+    `Range`, or a function of the compound that returns one. `harmless`: it may be called in
+    automatic mode too, beside the application. `release`: it lasts as long as the caller keeps it up; afterwards it is
+    called again with these arguments. The first line of the docstring describes the action. Result: plain data.
+    """
+    mark = _Mark(ranges, harmless, release)
+    if function is None:
+        return lambda method: _marked(method, mark)
+    return _marked(function, mark)
+
+
+def _marked(function: F, mark: _Mark) -> F:
+    setattr(function, MARK, mark)
+    return function
+
+
+@dataclass(frozen=True)
+class Argument:
+    """One argument of an action."""
+
+    name: str
+    kind: str
+    """"number", "integer", "bool", "text" or "choice"."""
+    range: Range | None
+    """Of a number."""
+    choices: Mapping[str, Any]
+    """Of a choice: the values by their names."""
+    required: bool
+    default: Any = None
+
+    def converted(self, value: Any, path: str) -> Any:
+        """The value for the method; RangeError or StateError if it is not one."""
+        name = f"{path}: {self.name}"
+        if self.kind == "choice":
+            if not isinstance(value, str) or value not in self.choices:
+                known = ", ".join(self.choices)
+                raise StateError(f"{name}: {value!r} is not one of {known}{did_you_mean(str(value), self.choices)}")
+            return self.choices[value]
+        if self.range is not None:
+            number = self.range.check(name, value)
+            if self.kind != "integer":
+                return number
+            if number != int(number):
+                raise RangeError(f"{name}: {value!r} is not a whole number")
+            return int(number)
+        if type(value) is not (bool if self.kind == "bool" else str):
+            raise StateError(f"{name}: {value!r} is not {'true or false' if self.kind == 'bool' else 'a text'}")
+        return value
+
+    def describe(self) -> dict[str, Any]:
+        """As plain data."""
+        about: dict[str, Any] = {"name": self.name, "kind": self.kind, "required": self.required}
+        if self.range is not None:
+            about |= self.range.describe()
+        if self.choices:
+            about["choices"] = list(self.choices)
+        return about | ({} if self.default is None else {"default": self.default})
+
+
+@dataclass(frozen=True)
+class Action:
+    """An action of one compound of a machine."""
+
+    path: str
+    """Such as `z.move_to`."""
+    call: Callable[..., Any]
+    arguments: tuple[Argument, ...]
+    harmless: bool
+    release: Mapping[str, Any] | None
+    help: str
+
+    def converted(self, given: Mapping[str, Any]) -> dict[str, Any]:
+        """The arguments for the method; RangeError or StateError if one is missing, unknown or not allowed."""
+        known = {each.name: each for each in self.arguments}
+        for name in given:
+            if name not in known:
+                names = ", ".join(known) or "none"
+                raise RangeError(f"{self.path}: no argument {name!r}{did_you_mean(name, known)}; it has: {names}")
+        for name, each in known.items():
+            if each.required and name not in given:
+                raise RangeError(f"{self.path}: the argument {name} is missing")
+        return {name: known[name].converted(value, self.path) for name, value in given.items()}
+
+    def describe(self) -> dict[str, Any]:
+        """As plain data."""
+        return {
+            "path": self.path,
+            "help": self.help,
+            "arguments": [each.describe() for each in self.arguments],
+            "harmless": self.harmless,
+            "release": None if self.release is None else dict(self.release),
+        }
+
+
+def actions_of(root: Compound) -> dict[str, Action]:
+    """Every action of a machine by its path; DeclarationError for an argument without a type or a range."""
+    return {each.path: each for node in (root, *root.walk()) if isinstance(node, Compound) for each in _of(node)}
+
+
+def _of(node: Compound) -> Iterator[Action]:
+    for name in dir(type(node)):
+        function = inspect.getattr_static(type(node), name, None)
+        mark = getattr(function, MARK, None)
+        if isinstance(mark, _Mark):
+            yield _action(node, name, mark)
+
+
+def _action(node: Compound, name: str, mark: _Mark) -> Action:
+    path = f"{node.path}.{name}".lstrip(".")
+    bound = getattr(node, name)
+    signature = inspect.signature(bound, eval_str=True)
+    arguments = tuple(_argument(node, path, each, mark.ranges) for each in signature.parameters.values())
+    names = [each.name for each in arguments]
+    for given in (*mark.ranges, *(mark.release or ())):
+        if given not in names:
+            raise DeclarationError(f"action {path} has no argument {given!r}{did_you_mean(given, names)}")
+    help_ = (inspect.getdoc(bound) or "").partition("\n\n")[0].replace("\n", " ")
+    offered = Action(path, bound, arguments, mark.harmless, mark.release, help_)
+    if mark.release is not None:
+        offered.converted(mark.release)
+    return offered
+
+
+def _argument(node: Compound, path: str, each: inspect.Parameter, declared: Mapping[str, Declared]) -> Argument:
+    where = f"action {path}: argument {each.name}"
+    if each.kind in (each.VAR_POSITIONAL, each.VAR_KEYWORD, each.POSITIONAL_ONLY):
+        raise DeclarationError(f"{where} cannot be given by its name")
+    required = each.default is each.empty
+    choices = _choices(each.annotation)
+    kind = "choice" if choices else KINDS.get(each.annotation, "")
+    if not kind:
+        raise DeclarationError(f"{where} must be annotated as float, int, bool, str, an Enum or a Literal")
+    given = declared.get(each.name)
+    limits = given(node) if callable(given) else given
+    if (kind in ("number", "integer")) != (limits is not None):
+        need = "needs a range" if limits is None else "is not a number and has no range"
+        raise DeclarationError(f"{where} {need}: @action({each.name}=Range(...))")
+    return Argument(each.name, kind, limits, choices, required, None if required else _plain(each.default))
+
+
+def _choices(kind: Any) -> dict[str, Any]:
+    if get_origin(kind) is Literal:
+        return {str(each): each for each in get_args(kind)}
+    if isinstance(kind, type) and issubclass(kind, Enum):
+        return {each.name: each for each in kind}
+    return {}
+
+
+def _plain(default: Any) -> Any:
+    """A default for people to see; None where it says nothing."""
+    if isinstance(default, Enum):
+        return default.name
+    if isinstance(default, float):
+        return default if abs(default) < inf else None
+    return default if isinstance(default, str | int) else None

@@ -1,0 +1,54 @@
+"""Numbers that are given or changed from outside: arguments of actions, tunable numbers of compounds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isfinite
+from typing import TYPE_CHECKING, Any
+
+from umo.errors import DeclarationError, RangeError
+from umo.objects.units import check_unit
+
+if TYPE_CHECKING:
+    from umo.objects.atomic import Digital
+
+
+@dataclass(frozen=True)
+class Range:
+    """Unit and bounds of a number: `Range("um", 0.0, 80_000.0)`. Both bounds belong to it.
+
+    The unit is a text that pint knows; "": a plain number. An infinite bound: not limited. DeclarationError if the unit
+    is not known or there is no number between the bounds.
+    """
+
+    unit: str
+    minimum: float
+    maximum: float
+
+    def __post_init__(self) -> None:
+        check_unit(self.unit)
+        if not self.minimum <= self.maximum:
+            raise DeclarationError(f"no number is between {self.minimum!r} and {self.maximum!r}")
+
+    @classmethod
+    def of(cls, item: Digital) -> Range:
+        """Unit and range of an object: of a position the encoder's, of an output the actuator's."""
+        return cls(item.units, item.minimum, item.maximum)
+
+    def check(self, name: str, value: object) -> float:
+        """The value as a float; RangeError if it is not a finite number within the range."""
+        if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
+            raise RangeError(f"{name}: {value!r} is not a number{f' in {self.unit}' if self.unit else ''}")
+        if not self.minimum <= value <= self.maximum:
+            raise RangeError(f"{name}: {value:g}{f' {self.unit}' if self.unit else ''} is {self._outside(value)}")
+        return float(value)
+
+    def _outside(self, value: float) -> str:
+        if isfinite(self.minimum) and isfinite(self.maximum):
+            return f"outside {self.minimum:g} to {self.maximum:g}"
+        return f"below {self.minimum:g}" if value < self.minimum else f"above {self.maximum:g}"
+
+    def describe(self) -> dict[str, Any]:
+        """As plain data; None for an infinite bound."""
+        low, high = (bound if isfinite(bound) else None for bound in (self.minimum, self.maximum))
+        return {"unit": self.unit, "minimum": low, "maximum": high}

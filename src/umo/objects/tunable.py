@@ -1,0 +1,70 @@
+"""Tunable numbers: what may be changed from outside while the machine runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from math import nan
+from typing import Any, NamedTuple
+
+from umo.errors import DeclarationError
+from umo.objects.compound import Compound
+from umo.objects.range import Range
+from umo.text import did_you_mean
+
+
+class Tunable(NamedTuple):
+    """One number: an attribute of a compound, or of something that is an attribute of it, such as a law."""
+
+    path: str
+    """Such as `z.servo.gain`."""
+    range: Range
+    owner: Any
+    name: str
+
+    def read(self) -> float:
+        """Its value now; NaN if reading it fails."""
+        try:
+            return float(getattr(self.owner, self.name))
+        except Exception:  # of a property of the user's: what is shown must not disturb what is controlled
+            return nan
+
+    def set(self, value: object) -> None:
+        """RangeError if the value is not a number within the range."""
+        setattr(self.owner, self.name, self.range.check(self.path, value))
+
+    def describe(self) -> dict[str, Any]:
+        """As plain data."""
+        return {"path": self.path, **self.range.describe()}
+
+
+def tunables_of(root: Compound) -> dict[str, Tunable]:
+    """What the compounds declare in `tunable`, by path; DeclarationError for an attribute that is missing or not a
+    number."""
+    compounds = [node for node in (root, *root.walk()) if isinstance(node, Compound)]
+    return {each.path: each for node in compounds for each in _of(node)}
+
+
+def _of(node: Compound) -> Iterator[Tunable]:
+    declared = node.tunable
+    if not isinstance(declared, Mapping):
+        raise DeclarationError(f"{type(node).__name__}.tunable must be a mapping of names to Ranges, not {declared!r}")
+    for name, limits in declared.items():
+        path = f"{node.path}.{name}".lstrip(".")
+        if not isinstance(limits, Range):
+            raise DeclarationError(f"tunable {path}: {limits!r} is not a Range")
+        owner: Any = node
+        *way, last = name.split(".")
+        for step in way:
+            owner = _attribute(owner, step, path)
+        value = _attribute(owner, last, path)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise DeclarationError(f"tunable {path}: {value!r} is not a number")
+        yield Tunable(path, limits, owner, last)
+
+
+def _attribute(owner: Any, name: str, path: str) -> Any:
+    try:
+        return getattr(owner, name)
+    except AttributeError:
+        near = did_you_mean(name, [each for each in dir(owner) if not each.startswith("_")])
+        raise DeclarationError(f"tunable {path}: {type(owner).__name__} has no attribute {name!r}{near}") from None

@@ -1,0 +1,514 @@
+"""Hands, in virtual time: the lease, the modes, and every guard for hand and program alike."""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from collections.abc import Iterator
+from typing import Any, Literal
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from machines import actuator, relay, sensor, switch, timer
+from umo import (
+    BinaryActuator,
+    BinarySensor,
+    Compound,
+    DeclarationError,
+    DigitalActuator,
+    DigitalSensor,
+    Interlock,
+    OnOff,
+    PassFail,
+    Range,
+    TaskFailed,
+    action,
+    connect,
+)
+from umo.control import next_period, state_of, wait
+from umo.cycle.events import CommandState, Event
+from umo.cycle.hands import AT_ONCE, HOLD, HandCommand, Hands, Mode
+from umo.testing import Scripted, VirtualTimer, put
+
+PERIOD = 0.01
+
+
+class Press(Compound):
+    """The door inhibits ram and lamp; the program writes the ram and the heater in every period."""
+
+    timer: DigitalSensor
+    door: BinarySensor[PassFail]
+    height: DigitalSensor
+    ram: DigitalActuator
+    lamp: BinaryActuator[OnOff]
+    heater: DigitalActuator
+    speed: float = 2.0
+    tunable = {"speed": Range("mm/s", 0.5, 5.0)}
+
+    def setup(self) -> None:
+        self.wanted = 1.0
+        self.jogging = 0.0
+        self.closed = 0
+        self.cleaned = 0
+
+    def interlocks(self) -> Iterator[Interlock]:
+        yield Interlock(lambda: state_of(self.door) is PassFail.FAIL, [self.ram, self.lamp], "the door is open")
+
+    def control(self) -> None:
+        self.taken = self.ram.write(self.wanted)
+
+    @action(force=Range("kN", 0.0, 80.0))
+    async def close(self, force: float, how: Literal["soft", "hard"] = "soft") -> dict[str, Any]:
+        """Close the press."""
+        try:
+            await wait(5 * PERIOD)
+        finally:
+            self.cleaned += 1
+        self.closed += 1
+        return {"force": force, "how": how}
+
+    @action(velocity=Range("mm/s", -5.0, 5.0), release={"velocity": 0.0})
+    def jog(self, velocity: float) -> None:
+        """Move as long as it is kept up."""
+        self.jogging = velocity
+
+    @action(harmless=True)
+    def count(self) -> int:
+        """How often it has closed."""
+        return self.closed
+
+    @action
+    async def fail(self) -> None:
+        """Fail after a period."""
+        await next_period()
+        raise TaskFailed("the press is stuck")
+
+    @action
+    async def start_another(self) -> None:
+        """Close it in a sequence of its own."""
+        await self.start(self.close(1.0))
+
+
+class Letters:
+    """An inbox that a test fills."""
+
+    def __init__(self) -> None:
+        self.waiting: deque[HandCommand] = deque()
+        self.taken = self.dropped = 0
+
+    def take(self) -> HandCommand | None:
+        self.taken += bool(self.waiting)
+        return self.waiting.popleft() if self.waiting else None
+
+
+class Rig:
+    """A connected press with hands."""
+
+    def __init__(self, mode: Mode = Mode.MANUAL, **changes: Any) -> None:
+        parts: dict[str, Any] = {"ram": actuator(), "lamp": relay(), "heater": actuator()} | changes
+        self.m = Press(timer=timer(), door=switch(), height=sensor(), **parts)
+        names = ("door", "height", "ram", "lamp", "heater")
+        wiring = {
+            "drivers": {"box": Scripted(), "clock": VirtualTimer()},
+            "wire": {"timer": {"driver": "clock", "period": PERIOD}, **{name: {"driver": "box"} for name in names}},
+        }
+        self.connection = connect(self.m, wiring)
+        self.letters = Letters()
+        self.mode = mode
+        self.number = 0
+
+    def __enter__(self) -> Rig:
+        self.connection.__enter__()
+        self.hands = self.connection.machine.hands = Hands(self.connection.machine, self.letters, self.mode)
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self.connection.__exit__(*error)
+
+    def send(self, do: str, path: str = "", value: Any = None, key: str = "a", **more: Any) -> int:
+        self.number += 1
+        arguments = more.pop("arguments", {})
+        self.letters.waiting.append(HandCommand(self.number, f"hand {key}", key, do, path, value, arguments, **more))
+        return self.number
+
+    def do(self, do: str, path: str = "", value: Any = None, key: str = "a", **more: Any) -> Event:
+        """Send it, and let a period pass; its first event."""
+        number = self.send(do, path, value, key, **more)
+        self.periods()
+        return next((event for event in self.events if event.command == number), Event(0.0, "", "no event"))
+
+    def call(self, path: str, key: str = "a", **arguments: Any) -> Event:
+        return self.do("call", path, key=key, arguments=arguments)
+
+    def periods(self, count: int = 1) -> None:
+        for _ in range(count):
+            self.m.timer.read()
+            self.m.sample()
+            self.m.control()
+            self.m.update()
+
+    @property
+    def events(self) -> list[Event]:
+        return list(self.connection.machine.events)
+
+    def last(self) -> tuple[CommandState, str]:
+        return self.events[-1].state, self.events[-1].text
+
+
+@pytest.fixture
+def rig() -> Iterator[Rig]:
+    with Rig() as rig:
+        rig.do("lease")
+        yield rig
+
+
+# The lease ----------------------------------------------------------------------------------------------
+
+
+def test_only_the_holder_of_the_lease_commands() -> None:
+    with Rig() as rig:
+        refused = rig.do("tune", "speed", 3.0)
+        assert (refused.state, refused.text) == (
+            CommandState.REFUSED,
+            "CommandRefused: nobody has the lease; take it first",
+        )
+        assert rig.do("lease").state is CommandState.DONE
+        assert rig.do("tune", "speed", 3.0, key="b").text == "CommandRefused: hand a has the lease"
+        assert rig.m.speed == 2.0
+        assert rig.do("tune", "speed", 3.0).text == '"2 -> 3"'
+        assert rig.m.speed == 3.0
+
+
+def test_a_second_hand_gets_the_lease_only_by_taking_it_over(rig: Rig) -> None:
+    assert "hand a has the lease" in rig.do("lease", key="b").text
+    assert rig.hands.lease.holder == "hand a"
+    assert rig.do("lease", key="b", over=True).state is CommandState.DONE
+    assert rig.hands.lease.holder == "hand b"
+    assert rig.do("tune", "speed", 3.0).state is CommandState.REFUSED
+
+
+def test_a_lease_that_is_not_renewed_ends_with_all_that_its_holder_had_begun(rig: Rig) -> None:
+    rig.do("lease", seconds=1.0)
+    rig.do("write", "heater", 5.0)
+    begun = rig.call("close", force=3.0)
+    assert begun.state is CommandState.BEGUN
+    for _ in range(3):
+        rig.do("keep", held=["heater"])
+    rig.periods(102)
+    assert rig.hands.lease.holder == ""
+    assert rig.m.heater.read() == rig.m.heater.default
+    assert any("was not renewed" in event.text for event in rig.events)
+
+
+def test_what_runs_is_cancelled_when_the_lease_is_given_back_or_taken_over(rig: Rig) -> None:
+    for end in ({"do": "give back"}, {"do": "lease", "key": "b", "over": True}):
+        number = rig.call("close", force=3.0).command
+        assert rig.m.cleaned == rig.m.closed
+        rig.do(**end)  # type: ignore[arg-type]
+        assert rig.m.cleaned == 1 + rig.m.closed
+        assert [event.state for event in rig.events if event.command == number][-1] is CommandState.CANCELLED
+        rig.m.closed += 1
+        rig.do("lease", over=True)
+
+
+# Modes --------------------------------------------------------------------------------------------------
+
+
+def test_in_automatic_mode_numbers_are_tuned_and_harmless_actions_called_and_nothing_else() -> None:
+    with Rig(Mode.AUTOMATIC) as rig:
+        rig.do("lease")
+        assert rig.do("tune", "speed", 3.0).state is CommandState.DONE
+        assert rig.call("count").state is CommandState.DONE
+        refused = "in manual mode only; the machine runs in automatic mode"
+        assert rig.call("close", force=1.0).text == f"CommandRefused: close can be called {refused}"
+        assert refused in rig.do("write", "lamp", "ON").text
+        assert rig.m.lamp.read() is OnOff.OFF
+
+
+def test_in_manual_mode_no_time_passes_for_the_application() -> None:
+    ticks = []
+
+    async def application() -> None:
+        while True:
+            ticks.append((await next_period()).ticks)
+
+    with Rig(Mode.AUTOMATIC) as rig:
+        rig.m.start(application())
+        rig.do("lease")
+        rig.periods(3)
+        rig.do("mode", value="manual")
+        before = len(ticks)
+        rig.periods(10)
+        rig.do("keep")
+        assert len(ticks) == before
+        assert rig.m.taken  # the laws go on
+        rig.do("mode", value="automatic")
+        assert len(ticks) == before + 1
+    assert "there is no mode 'fast'" in _refused(Mode.AUTOMATIC, "mode", value="fast")
+
+
+def _refused(mode: Mode, do: str, path: str = "", **more: Any) -> str:
+    with Rig(mode) as rig:
+        rig.do("lease")
+        event = rig.do(do, path, **more)
+        assert event.state is CommandState.REFUSED
+        return event.text
+
+
+# Actuators ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.usefixtures("both_forms")
+@pytest.mark.parametrize("synchronous", [True, False])
+def test_an_actuator_in_a_hand_refuses_the_program_and_is_given_back_at_its_default(synchronous: bool) -> None:
+    with Rig(ram=actuator(synchronous=synchronous)) as rig:
+        rig.do("lease")
+        rig.periods()
+        assert rig.m.ram.read() == 1.0
+        rig.do("write", "ram", 4.0)
+        rig.periods(2)
+        assert (rig.m.ram.read(), rig.m.taken, rig.m.ram.inhibited) == (4.0, False, "hand a has taken it by hand")
+        rig.m.wanted = 0.0
+        rig.do("let go", "ram")
+        rig.periods()
+        assert rig.m.ram.read() == rig.m.ram.default
+        rig.m.wanted = 2.0
+        rig.periods(2)
+        assert (rig.m.ram.read(), rig.m.taken, rig.m.ram.inhibited) == (2.0, True, None)
+
+
+def test_what_a_hand_does_not_keep_up_goes_to_its_default(rig: Rig) -> None:
+    rig.do("write", "heater", 5.0)
+    for _ in range(5):
+        rig.periods(40)
+        rig.do("keep", held=["heater"])
+    assert rig.m.heater.read() == 5.0
+    for _ in range(3):
+        rig.periods(20)
+        rig.do("keep")
+    assert rig.m.heater.read() == rig.m.heater.default
+    assert rig.last() == (CommandState.CANCELLED, "not kept up")
+
+
+def test_an_actuator_that_expires_sooner_ends_sooner_in_a_hand_too() -> None:
+    with Rig(heater=actuator(expires="50 ms")) as rig:
+        rig.do("lease")
+        rig.do("write", "heater", 5.0)
+        rig.periods(4)
+        assert rig.m.heater.read() == 5.0
+        rig.periods(3)
+        assert rig.m.heater.read() == rig.m.heater.default
+
+
+def test_an_interlock_takes_the_actuator_out_of_the_hand(rig: Rig) -> None:
+    rig.do("write", "lamp", "ON")
+    assert rig.m.lamp.read() is OnOff.ON
+    put(rig.m.door, PassFail.FAIL)
+    rig.periods()
+    assert rig.m.lamp.read() is OnOff.OFF
+    assert "lamp is inhibited: the door is open" in rig.do("write", "lamp", "ON").text
+    put(rig.m.door, PassFail.PASS)
+    for _ in range(3):
+        rig.do("keep", held=["lamp"])
+    assert rig.m.lamp.read() is OnOff.OFF
+    assert rig.do("write", "lamp", "ON").state is CommandState.DONE
+    rig.periods()
+    assert rig.m.lamp.read() is OnOff.ON
+
+
+def test_a_rate_holds_for_a_hand() -> None:
+    with Rig(heater=actuator(slew_rate=10.0)) as rig:
+        rig.do("lease")
+        rig.do("write", "heater", 5.0)
+        assert rig.m.heater.read() == pytest.approx(10.0 * PERIOD)
+        rig.periods(9)
+        assert rig.m.heater.read() == pytest.approx(100.0 * PERIOD)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "said"),
+    [
+        ("heater", 1e9, "RangeError: heater: 1e+09 V is outside"),
+        ("heater", float("nan"), "RangeError: heater: nan is not a number in V"),
+        ("heater", "ON", "RangeError: heater: 'ON' is not a number in V"),
+        ("heater", True, "RangeError: heater: True is not a number in V"),
+        ("lamp", "UP", "StateError: lamp has no state 'UP'"),
+        ("lamp", 1, "StateError: lamp has no state 1"),
+        ("lampe", "ON", "PathError: no actuator 'lampe' (did you mean 'lamp'?)"),
+        ("door", "PASS", "PathError: no actuator 'door'"),
+    ],
+)
+def test_a_wrong_value_is_refused_in_the_machines_own_words(rig: Rig, path: str, value: Any, said: str) -> None:
+    event = rig.do("write", path, value)
+    assert event.state is CommandState.REFUSED
+    assert event.text.startswith(said), event.text
+
+
+# Actions ------------------------------------------------------------------------------------------------
+
+
+def test_an_action_runs_to_its_end_and_its_result_is_told(rig: Rig) -> None:
+    number = rig.call("close", force=3.0, how="hard").command
+    rig.periods(6)
+    ended = [event for event in rig.events if event.command == number]
+    assert [event.state for event in ended] == [CommandState.BEGUN, CommandState.DONE]
+    assert json.loads(ended[-1].text) == {"force": 3.0, "how": "hard"}
+    assert ended[0].asked == "call close force=3.0 how=hard"
+    assert rig.call("count").text == "1"
+
+
+def test_a_sequence_that_an_action_starts_goes_on_while_the_application_waits(rig: Rig) -> None:
+    rig.call("start_another")
+    rig.periods(8)
+    assert rig.m.closed == 1
+    assert rig.last()[0] is CommandState.DONE
+
+
+def test_an_action_that_fails_is_answered_and_the_machine_goes_on(rig: Rig) -> None:
+    rig.call("fail")
+    rig.periods(3)
+    assert rig.last() == (CommandState.FAILED, "TaskFailed: the press is stuck")
+    assert rig.m.taken
+
+
+def test_an_action_is_cancelled_by_its_path(rig: Rig) -> None:
+    rig.call("close", force=1.0)
+    assert rig.do("cancel", "close").state is CommandState.DONE
+    assert (rig.m.closed, rig.m.cleaned) == (0, 1)
+    assert rig.do("cancel", "close").text == "PathError: no action close is running"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({}, "RangeError: close: the argument force is missing"),
+        ({"force": 81.0}, "RangeError: close: force: 81 kN is outside 0 to 80"),
+        ({"force": "1"}, "RangeError: close: force: '1' is not a number in kN"),
+        ({"force": 1.0, "how": "fast"}, "StateError: close: how: 'fast' is not one of soft, hard"),
+        ({"force": 1.0, "fast": True}, "RangeError: close: no argument 'fast'"),
+    ],
+)
+def test_wrong_arguments_are_refused(rig: Rig, arguments: dict[str, Any], said: str) -> None:
+    event = rig.call("close", **arguments)
+    assert event.state is CommandState.REFUSED
+    assert event.text.startswith(said), event.text
+
+
+def test_a_jog_ends_when_it_is_not_kept_up(rig: Rig) -> None:
+    rig.call("jog", velocity=2.0)
+    rig.periods(int(HOLD / PERIOD) - 2)
+    assert rig.m.jogging == 2.0
+    rig.do("keep", held=["jog"])
+    rig.periods(int(HOLD / PERIOD) - 2)
+    assert rig.m.jogging == 2.0
+    rig.periods(5)
+    assert rig.m.jogging == 0.0
+
+
+def test_the_machine_that_stops_cancels_what_hands_have_begun() -> None:
+    with Rig() as rig:
+        rig.do("lease")
+        rig.call("close", force=1.0)
+    assert rig.m.cleaned == 1
+
+
+def test_anybody_may_stop_the_machine() -> None:
+    with Rig() as rig:
+        assert rig.do("stop", key="z").state is CommandState.DONE
+        assert not rig.m.running
+
+
+def test_no_more_than_a_few_commands_are_carried_out_in_one_period(rig: Rig) -> None:
+    for _ in range(3 * AT_ONCE):
+        rig.send("tune", "speed", 1.0)
+    rig.periods()
+    assert len(rig.letters.waiting) == 2 * AT_ONCE
+
+
+@pytest.mark.parametrize("do", ["", "leese", "look", "__init__"])
+def test_an_unknown_command_is_refused(rig: Rig, do: str) -> None:
+    assert "there is no command" in rig.do(do).text
+
+
+# What is declared ---------------------------------------------------------------------------------------
+
+
+def test_a_number_without_a_range_is_refused_where_it_is_declared() -> None:
+    class Wrong(Compound):
+        lamp: BinaryActuator[OnOff]
+
+        @action
+        def go(self, far: float) -> None: ...
+
+    with pytest.raises(DeclarationError, match=r"action go: argument far needs a range"):
+        from umo.objects import actions_of
+
+        actions_of(Wrong(lamp=relay()))
+
+
+# Properties ---------------------------------------------------------------------------------------------
+
+VALUES = st.sampled_from([-1e9, -3.0, 0.0, 2.0, 5.0, 1e9, float("nan"), "ON", None])
+STEPS = st.lists(
+    st.one_of(
+        st.tuples(st.just("lease"), st.sampled_from("ab"), st.booleans()),
+        st.tuples(st.just("write"), st.sampled_from("ab"), st.sampled_from(["ram", "heater", "lamp"]), VALUES),
+        st.tuples(st.just("keep"), st.sampled_from("ab"), st.sampled_from([("ram",), ("heater", "lamp"), ()])),
+        st.tuples(st.just("mode"), st.sampled_from("ab"), st.sampled_from(["manual", "automatic"])),
+        st.tuples(st.just("door"), st.booleans()),
+        st.tuples(st.just("program"), st.sampled_from([0.0, 1.0, 5.0])),
+        st.tuples(st.just("pass"), st.integers(1, 80)),
+    ),
+    max_size=30,
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(STEPS, st.booleans())
+def test_guards_hold_for_any_interleaving_of_program_and_hands(steps: list[tuple[Any, ...]], slow: bool) -> None:
+    rate = 100.0
+    with Rig(ram=actuator(slew_rate=rate) if slow else actuator(), heater=actuator(expires="100 ms")) as rig:
+        kept: dict[str, int] = {}
+        holder = ""
+        for step in steps:
+            match step:
+                case "lease", key, over:
+                    done = rig.do("lease", key=key, over=over).state is CommandState.DONE
+                    assert done == (holder in ("", f"hand {key}") or over)
+                case "write", key, path, value:
+                    if rig.do("write", path, value, key=key).state is CommandState.DONE:
+                        assert rig.hands.lease.holder == f"hand {key}"
+                        assert rig.hands.mode is Mode.MANUAL
+                        kept[path] = rig.connection.machine.clock.number
+                case "keep", key, held:
+                    rig.do("keep", key=key, held=held)
+                    if rig.hands.lease.holder == f"hand {key}":
+                        kept |= dict.fromkeys(held, rig.connection.machine.clock.number)
+                case "mode", key, mode:
+                    rig.do("mode", value=mode, key=key)
+                case "door", is_open:
+                    put(rig.m.door, PassFail.FAIL if is_open else PassFail.PASS)
+                    rig.periods()
+                case "program", wanted:
+                    rig.m.wanted = wanted
+                    rig.periods()
+                case "pass", count:
+                    for _ in range(count):
+                        ram = rig.m.ram.read()
+                        rig.periods()
+                        if slow and rig.m.ram.read() != rig.m.ram.default:
+                            assert abs(rig.m.ram.read() - ram) <= rate * PERIOD * 1.001
+            holder = rig.hands.lease.holder
+            if rig.m.door.read() is PassFail.FAIL:
+                assert rig.m.lamp.read() is OnOff.OFF
+                assert rig.m.ram.read() == rig.m.ram.default
+            now = rig.connection.machine.clock.number
+            for path in ("heater", "lamp"):  # only hands write them
+                item: Any = rig.m.find(path)
+                if item.read() != item.default:
+                    lasts = 0.1 if path == "heater" else HOLD
+                    assert (now - kept[path]) * PERIOD <= lasts + 2 * PERIOD
+                    assert holder
+                    assert rig.hands.mode is Mode.MANUAL
