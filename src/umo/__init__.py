@@ -64,6 +64,7 @@ from umo.objects import (
     action,
 )
 from umo.process import RunFailed, Started, start
+from umo.remote import attach
 from umo.wiring import check
 
 __all__ = [
@@ -124,6 +125,7 @@ __all__ = [
     "WiringError",
     "ZeroOne",
     "action",
+    "attach",
     "check",
     "connect",
     "drive",

@@ -14,10 +14,10 @@ from umo.frames import Reader, rings
 from umo.frames.layout import USAGE
 from umo.latency import blackbox
 from umo.latency.causes import AFTER, WAKE, Verdict, explain, missed_rows, split, tally
+from umo.remote.running import frames_at, reading, station_name
 from umo.text import did_you_mean
 
 from .console import out
-from .running import frames_at, reading, station_name
 
 AROUND = 2
 """Periods shown before the one that reports the miss."""

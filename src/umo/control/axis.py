@@ -13,7 +13,7 @@ from umo.control.inputs import HOMING, Accept, value_of
 from umo.control.profile import Profile
 from umo.cycle.sequences import next_period, together
 from umo.errors import AxisError, DeclarationError, RangeError
-from umo.objects import Compound, DigitalSensor, Quality
+from umo.objects import Compound, DigitalSensor, Quality, Range, action
 
 ACCEPTED = Quality.OUT_OF_RANGE
 """Accepted of a referenced encoder: at an end of its range an axis may stand a little outside. The setpoint is within
@@ -40,6 +40,16 @@ class Homing(Protocol):
     async def find(self, axis: Axis) -> None:
         """Search for the reference, call `axis.reference()`, and come to standstill within the range. HomingError if
         it was not found. The speed of the search is `axis.search_speed`."""
+
+
+def _per_second(power: int = 1) -> Callable[[Axis], str]:
+    return lambda axis: f"{axis.encoder.units or 1}/s" + (f"**{power}" if power > 1 else "")
+
+
+def _up_to(name: str, power: int = 1) -> Callable[[Axis], Range]:
+    """From a thousandth of a number of the declaration to that number."""
+    unit = _per_second(power)
+    return lambda axis: Range(unit(axis), getattr(axis, name) / 1000, getattr(axis, name))
 
 
 class Axis(Compound):
@@ -91,6 +101,7 @@ class Axis(Compound):
 
     # Motions -------------------------------------------------------------------------------------------
 
+    @action
     async def home(self) -> None:
         """Find the reference. Ends at standstill, with the encoder referenced. HomingError if it is not found."""
         if self.homing is None:
@@ -109,6 +120,7 @@ class Axis(Compound):
                 self._set_searching(False)
             await self._settle()
 
+    @action(position=lambda axis: Range.of(axis.encoder), speed=_up_to("velocity"), duration=Range("s", 0.0, 3600.0))
     async def move_to(self, position: float, *, speed: float = inf, duration: float = 0.0) -> None:
         """To a position, at most at this speed, in at least `duration` s, jerk-limited. Ends when the encoder has
         arrived.
@@ -123,6 +135,7 @@ class Axis(Compound):
             self.enable()
             await self.travel(position, speed=speed, duration=duration)
 
+    @action(velocity=lambda axis: Range(_per_second()(axis), -axis.velocity, axis.velocity), release={"velocity": 0.0})
     def jog(self, velocity: float) -> None:
         """Move at this velocity (units per s) until the next call; 0: decelerate to standstill. A referenced axis stops
         at the end of its range. Busy during another motion, RangeError for NaN and infinity."""
@@ -161,6 +174,7 @@ class Axis(Compound):
             self._interrupted, self._replan = False, self._stand
             self.enabled = True
 
+    @action
     def disable(self) -> None:
         """Stop following: the actuators go to their defaults. A motion under way ends with AxisError."""
         self.enabled = False
@@ -241,6 +255,11 @@ class Axis(Compound):
         self._replan = self._stand
 
     # What the two kinds do in their own way ------------------------------------------------------------
+
+    @property
+    def tunable(self) -> Mapping[str, Range]:  # type: ignore[override]
+        numbers = {"velocity": 1, "acceleration": 2, "jerk": 3}
+        return {f"profile.{name}": _up_to(name, power)(self) for name, power in numbers.items()}
 
     @property
     def signals(self) -> Mapping[str, str]:  # type: ignore[override]

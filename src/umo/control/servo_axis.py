@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from math import inf
+from collections.abc import Mapping
+from math import inf, isfinite
 from types import MappingProxyType
 
 from umo.control.axis import Axis
 from umo.control.inputs import value_of
 from umo.control.servo import Servo
 from umo.errors import AxisError
-from umo.objects import DigitalActuator
+from umo.objects import DigitalActuator, Range
 
 
 class AxisServo(Servo):
@@ -70,6 +71,19 @@ class ServoAxis(Axis):
         elif beyond:
             units = self.encoder.units
             raise AxisError(f"{self.path} does not follow: {servo.error:g} {units} behind its setpoint")
+
+    @property
+    def tunable(self) -> Mapping[str, Range]:  # type: ignore[override]
+        """The gains of the servo up to ten times those of the declaration, and the numbers of the profile."""
+        units = self.encoder.units
+        gain = f"{self.motor.units or 1}/{units if units.isidentifier() else f'({units or 1})'}"
+        found = {"servo.gain": Range(gain, *sorted((0.0, 10 * self.gain)))}
+        if isfinite(self.integral_time):
+            found["servo.integral_time"] = Range("s", self.integral_time / 10, 10 * self.integral_time)
+        for name in ("derivative_time", "filter_time"):
+            if number := getattr(self, name):
+                found[f"servo.{name}"] = Range("s", 0.0, 10 * number)
+        return {**found, **super().tunable}
 
     @property
     def error(self) -> float:

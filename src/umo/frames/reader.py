@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from umo.cycle.commands import FREE, IN_HAND
 from umo.cycle.events import CommandState, Event
 from umo.cycle.hands import Mode
 from umo.cycle.stage import Stage
@@ -167,6 +168,11 @@ class Reader:
         return ""
 
     @property
+    def lease(self) -> int:
+        """The number of the last lease."""
+        return int(self._live[LEASE // 8])
+
+    @property
     def taken(self) -> int:
         """Commands from outside that the machine has taken from its queue."""
         return int(self._live[TAKEN // 8])
@@ -224,6 +230,13 @@ class Reader:
         """The value of every object in a frame by path: a number in its unit, or the name of a state."""
         numbers = frame["values"].tolist()
         return {entry["path"]: _shown(entry, value) for entry, value in zip(self.layout.objects, numbers, strict=True)}
+
+    def inhibited(self, frame: Any, number: int) -> str | None:
+        """Why only the default of an object could be sent in a frame, or who had it by hand; None: it was free."""
+        state = int(frame["commands"][number])
+        if state == FREE:
+            return None
+        return f"taken by hand: {self.holder}" if state == IN_HAND else self.layout.interlocks[state - 1]
 
     # The journal ---------------------------------------------------------------------------------------
 

@@ -44,6 +44,7 @@ def start(
     application: Callable[..., Coroutine[Any, Any, Any]] | None = None,
     *,
     acknowledge: bool = False,
+    manual: bool = False,
     **options: Any,
 ) -> Started:
     """Start a machine in its own guardian and control process. Returns at once.
@@ -54,7 +55,8 @@ def start(
     `station` is a station's name or folder, or a function that declares the machine, then with an `application`;
     both must be importable by another process, so not defined in a notebook. `wiring` is one of the station's, a
     file, or its contents. `options` are passed to the application and the drivers, as on the command
-    line. `acknowledge` starts a machine whose last run ended unsafely. Linux only (DriverError elsewhere); all other
+    line. `acknowledge` starts a machine whose last run ended unsafely. `manual`: in manual mode, in which the
+    application waits (`umo.attach`). Linux only (DriverError elsewhere); all other
     errors are raised by `wait`.
     """
     if callable(station):
@@ -64,7 +66,7 @@ def start(
     else:
         job = Job(station=str(station))
     job.wiring = str(wiring) if isinstance(wiring, Path) else dict(wiring) if isinstance(wiring, Mapping) else wiring
-    job.options, job.acknowledge = options, acknowledge
+    job.options, job.acknowledge, job.manual = options, acknowledge, manual
     return Started(job)
 
 

@@ -1,1 +1,6 @@
-"""Commanding a running machine from outside: the queue of its commands, and `umo.attach`."""
+"""Commanding a running machine from another program: `umo.attach`, and the queue of commands."""
+
+from umo.remote.lease import Lease
+from umo.remote.station import RemoteStation, attach
+
+__all__ = ["Lease", "RemoteStation", "attach"]

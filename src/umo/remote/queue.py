@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 import os
 import struct
+import threading
 import time
 import zlib
 from collections.abc import Iterator
@@ -111,6 +112,7 @@ class Sender:
 
     def __init__(self, reader: Reader) -> None:
         self._reader = reader
+        self._alone = threading.Lock()  # threads of this process share the lock of the file
         path = reader.path.with_suffix(QUEUE)
         try:
             self._file = folders.open_own(path, write=True)
@@ -128,7 +130,7 @@ class Sender:
             raise CommandRefused(f"a command of {len(text)} bytes is too long; the most are {LONGEST}")
         until = time.monotonic() + PATIENCE
         while True:
-            with self._turn(until):
+            with self._alone, self._turn(until):
                 head = int.from_bytes(os.pread(self._file, 8, HEAD), "little")
                 if head - self._reader.taken < SLOTS:
                     self._put(head, text)

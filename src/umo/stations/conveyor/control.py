@@ -21,7 +21,9 @@ from umo import (
     Interlock,
     OnOff,
     OpenClosed,
+    Range,
     TwoState,
+    action,
 )
 from umo.control import state_of, until, value_of, wait
 
@@ -59,6 +61,8 @@ class Belt(Compound):
     settling_time: float = 0.5
     """How long it may be larger, s."""
 
+    tunable = {"deviation": Range("m/s", 0.01, 0.2), "settling_time": Range("s", 0.1, 5.0)}
+
     def setup(self) -> None:
         self.position = 0.0  # what the belt has travelled, mm
         self._speed = 0.0
@@ -73,11 +77,13 @@ class Belt(Compound):
         if self._deviating > self.settling_time:
             raise DriveError(f"the drive runs at {self._speed:.3f} m/s, {commanded:.3f} m/s were commanded")
 
+    @action(speed=lambda belt: Range.of(belt.setpoint), release={"speed": 0.0})
     def run_at(self, speed: float) -> None:
         """Accelerate or brake to `speed` m/s, as fast as the slew rate of the setpoint allows."""
         self.setpoint.write(speed)
         self.run.write(OnOff.ON)
 
+    @action
     async def halt(self) -> None:
         """Brake to standstill, then switch the drive off."""
         self.setpoint.write(0.0)
@@ -111,6 +117,11 @@ class Conveyor(Compound):
     """From the command to the diverter until it reaches a part, s."""
 
     signals = {"length": "mm"}
+    tunable = {
+        "spacing": Range("mm", 50.0, 1000.0),
+        "window": Range("mm", 1.0, 100.0),
+        "push_time": Range("s", 0.01, 0.2),
+    }
     stop_order = ("belt", "diverter")
     max_period = "10 ms"
 
@@ -175,16 +186,21 @@ class Conveyor(Compound):
         if covered(self.exit):
             raise Jam(f"part {part.number} is jammed at the exit barrier, or the barrier is stuck")
 
+    @action
+    async def push(self) -> None:
+        """Push whatever is before the diverter onto the chute."""
+        self._pushes += 1
+        self.diverter.write(OnOff.ON)
+        await wait(1.5 * self.push_time)
+        self._pushes -= 1
+        self.diverter.write(OnOff.ON if self._pushes else OnOff.OFF)
+
     async def _sort(self, part: Part) -> None:
         """From the exit barrier past the diverter."""
         middle = part.front + self.diverter_at + part.length / 2
         await until(lambda: self.belt.position + 1000.0 * value_of(self.belt.speed) * self.push_time >= middle)
         if not part.accepted:
-            self._pushes += 1
-            self.diverter.write(OnOff.ON)
-            await wait(1.5 * self.push_time)
-            self._pushes -= 1
-            self.diverter.write(OnOff.ON if self._pushes else OnOff.OFF)
+            await self.push()
         await until(lambda: self.belt.position >= middle + part.length / 2 + self.window)
         part.gone = True
 

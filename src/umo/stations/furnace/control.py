@@ -15,9 +15,11 @@ from umo import (
     Interlock,
     OnOff,
     Quality,
+    Range,
     RangeError,
     TimeExpired,
     Vector,
+    action,
 )
 from umo.control import VectorServo, until, value_of, wait
 
@@ -50,6 +52,12 @@ class Furnace(Compound):
     most_faulted: float = 0.1  # share of the zones that may be faulted; one of several may be in any case
 
     signals = {"setpoint": "degC", "faulted_zones": ""}
+    tunable = {
+        "heating.gain": Range("percent/K", 0.0, 20.0),
+        "heating.integral_time": Range("s", 5.0, 400.0),
+        "tolerance": Range("K", 1.0, 20.0),
+        "following_error": Range("K", 20.0, 200.0),
+    }
     max_period = "1 s"
 
     def setup(self) -> None:
@@ -112,12 +120,19 @@ class Furnace(Compound):
         self.phase = phase
         self.progress(phase + (f", {_named(self.faulted)} faulted" if self.faulted_zones else ""), done, 2)
 
+    @property
+    def hottest(self) -> float:
+        """The highest temperature that `heat_up` takes, degC."""
+        return float(self.limits.min()) - self.margin
+
+    @action(peak=lambda furnace: Range("degC", 100.0, furnace.hottest), ramp=Range("K/s", 0.1, 4.0))
     async def heat_up(self, peak: float, ramp: float) -> None:
         """To the profile with its highest temperature `peak` (degC), at `ramp` (K/s); HeatingError if it takes more
         than a minute longer than that."""
-        most = self.limits.min() - self.margin
-        if not (100.0 <= peak <= most and 0.1 <= ramp <= 4.0):
-            raise RangeError(f"peak must be 100 to {most:g} degC, not {peak:g}, and ramp 0.1 to 4 K/s, not {ramp:g}")
+        if not (100.0 <= peak <= self.hottest and 0.1 <= ramp <= 4.0):
+            raise RangeError(
+                f"peak must be 100 to {self.hottest:g} degC, not {peak:g}, and ramp 0.1 to 4 K/s, not {ramp:g}"
+            )
         self._clear()
         self.say("heating up", done=0)
         places = np.linspace(0.0, 1.0, len(self.zones)) if len(self.zones) > 1 else np.array([0.5])
@@ -128,11 +143,18 @@ class Furnace(Compound):
         except TimeExpired:
             raise HeatingError(f"{_named(self._away())} not within {self.tolerance:g} K in time") from None
 
+    @action(duration=Range("s", 0.0, 36_000.0))
     async def soak(self, duration: float) -> None:
         """Keep the profile for `duration` s."""
         self.say("soaking", done=1)
         self.soak_errors = np.zeros(len(self.zones))
         await wait(duration)
+
+    @action
+    def switch_off(self) -> None:
+        """Heaters off: the furnace cools down."""
+        self.ramp = 0.0
+        self.heaters.write(0.0)
 
     def results(self) -> dict[str, Any]:
         """Of the soak: how many zones were good, which were not, the largest error of each (K; None: faulted)."""

@@ -5,7 +5,7 @@ Each control function is a member of the object that it belongs to; the axes are
 
 from __future__ import annotations
 
-from umo import BinaryActuator, BinarySensor, Compound, DigitalSensor, OnOff, PassFail, TimeExpired
+from umo import BinaryActuator, BinarySensor, Compound, DigitalSensor, OnOff, PassFail, Range, TimeExpired, action
 from umo.control import Hysteresis, state_of, together, until, value_of, wait
 
 from .axes import StepOutput, ThetaAxis, ZAxis
@@ -44,6 +44,8 @@ class Gripper(Compound):
     loss_time: float = 0.02
     """How long the switch may fail before a held part counts as lost, s."""
 
+    tunable = {"seal_time": Range("s", 0.05, 2.0), "loss_time": Range("s", 0.0, 0.5)}
+
     def setup(self) -> None:
         self.holding = False
         self._failing = 0.0
@@ -64,6 +66,7 @@ class Gripper(Compound):
         """Whether there is vacuum in the cup."""
         return state_of(self.pressure) is PassFail.PASS
 
+    @action
     async def grip(self) -> bool:
         """Vacuum on; whether the switch passed within `seal_time`. If not, the vacuum is off again."""
         self.vacuum.write(OnOff.ON)
@@ -75,7 +78,8 @@ class Gripper(Compound):
         self.holding, self._failing = True, 0.0
         return True
 
-    def let_go(self) -> None:
+    @action
+    def release(self) -> None:
         """Vacuum off."""
         self.holding = False
         self.vacuum.write(OnOff.OFF)
@@ -107,28 +111,42 @@ class Manipulator(Compound):
     bleed_time: float = 1.0
     """How long the cup takes to lose its vacuum without being blown, s."""
 
+    tunable = {
+        "pick_height": Range("um", 55_000.0, 65_000.0),
+        "clearance": Range("um", 1_000.0, 10_000.0),
+        "touch_speed": Range("um/s", 1_000.0, 20_000.0),
+        "turn_height": Range("um", 70_000.0, 120_000.0),
+        "transit_height": Range("um", 100_000.0, 120_000.0),
+        "courier_time": Range("s", 0.0, 10.0),
+        "puff_time": Range("s", 0.01, 0.5),
+        "bleed_time": Range("s", 0.1, 5.0),
+    }
     stop_order = ("z.motor", "theta", "counterweight", "pressure_solenoid", "z", "gripper")
     max_period = "10 ms"
 
     def setup(self) -> None:
         self.unblown = 0  # parts that were put down without the puff
 
+    @action
     async def home(self) -> None:
         """Carry the arm, then find both axes' references."""
         await self.counterweight.carry()
         await together(self.z.home(), self.theta.home())
 
+    @action(angle=lambda m: Range.of(m.theta.encoder))
     async def ready(self, angle: float) -> None:
         """Up, out of the courier's way, and turned to where parts are picked."""
         await self.z.move_to(self.transit_height)
         await together(self.theta.move_to(angle), wait(self.courier_time))
 
+    @action
     async def pick(self) -> None:
         """Grip the part under the cup and lift it; one retry, then GripError."""
         if not (await self._try_grip() or await self._try_grip()):
             raise GripError("no part was gripped in 2 tries: none is under the cup, or the cup leaks")
         await self.z.move_to(self.turn_height)
 
+    @action
     async def place(self) -> None:
         """Put the part down and blow it off the cup."""
         await self.z.move_to(self.pick_height + self.clearance)
@@ -140,7 +158,7 @@ class Manipulator(Compound):
 
     async def _release(self) -> None:
         """Vacuum off, and a puff. If the puff does not reach the cup, wait until its vacuum is gone."""
-        self.gripper.let_go()
+        self.gripper.release()
         self.pressure_solenoid.write(OnOff.ON)
         await wait(self.puff_time)
         blown = not self.gripper.sealed

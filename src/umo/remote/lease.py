@@ -1,0 +1,67 @@
+"""The lease of a client: taken, renewed by a thread, given back."""
+
+from __future__ import annotations
+
+import secrets
+import threading
+from contextlib import suppress
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+from umo.errors import UmoError
+
+if TYPE_CHECKING:
+    from umo.remote.station import RemoteStation
+
+OFTEN = 5
+"""Times that a lease is renewed, and what is held is kept up, while it lasts."""
+
+
+class Lease:
+    """`with station.lease("commissioning"):`. Only its holder commands the station.
+
+    A thread renews it and keeps up what was written or is jogged, until the block ends. If this process dies, the lease
+    ends after `seconds`, and what it held goes to its default.
+    """
+
+    def __init__(self, station: RemoteStation, who: str, seconds: float, over: bool) -> None:
+        self.who = who
+        self.key = secrets.token_hex(8)
+        self.held: dict[str, float] = {}
+        """What is kept up: paths, each with the s for which it lasts."""
+        self._station = station
+        self._seconds = seconds
+        self._over = over
+        self._number = 0
+        self._end = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    @property
+    def lost(self) -> bool:
+        """Whether it has ended, or another hand has taken it over."""
+        reader = self._station.reader
+        return self._number != reader.lease or not reader.holder
+
+    def __enter__(self) -> Lease:
+        self._station.ask("lease", key=self.key, who=self.who, seconds=self._seconds, over=self._over)
+        self._number = self._station.reader.lease
+        self._station.held_lease = self
+        self._thread = threading.Thread(target=self._keep, name="umo lease", daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._end.set()
+        assert self._thread is not None
+        self._thread.join()
+        self._station.held_lease = None
+        with suppress(UmoError, OSError):  # it is lost, or the station has ended
+            if not self.lost:
+                self._station.ask("give back", key=self.key)
+
+    def _keep(self) -> None:
+        while not self._end.wait(min([self._seconds, *self.held.values()]) / OFTEN):
+            with suppress(UmoError, OSError):
+                self._station.send("keep", key=self.key, held=list(self.held))

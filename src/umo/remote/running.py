@@ -1,0 +1,73 @@
+"""The stations that run now: their frames, by name or pid."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from umo.errors import FramesError, UmoError
+from umo.frames import Reader, rings
+from umo.text import cause_of, did_you_mean
+
+
+def frames_at(path: Path) -> Reader:
+    """The frames of a ring or a black box; FramesError whatever is wrong with the file."""
+    if not path.is_file():
+        raise FramesError(f"{path} is not a file" if path.exists() else f"no frames at {path}: no such file")
+    with reading(path):
+        return Reader(path)
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Raise any error of reading a damaged file as FramesError."""
+    try:
+        yield
+    except UmoError:
+        raise
+    except Exception as error:  # of json, struct, numpy, mmap: whatever a damaged file leads to
+        raise FramesError(
+            f"{path} cannot be read: it is damaged or was written by another version of umo ({cause_of(error)})"
+        ) from error
+
+
+def find_running(name: str | None, said: Callable[[str], object] = lambda text: None) -> Reader:
+    """The frames of one running station, by name or pid; FramesError lists those that run. `said` is told of a ring
+    that cannot be read."""
+    found = readers(said)
+    wanted = None if name is None else station_name(name)
+    fitting = [r for r in found if name is None or r.about["station"] in (name, wanted) or str(r.about["pid"]) == name]
+    if len(fitting) == 1:
+        return fitting[0]
+    names = [str(reader.about["station"]) for reader in found]
+    if not found:
+        raise FramesError(f"no station is running{_others()}; start one in real time with `umo run STATION`")
+    if not fitting:
+        raise FramesError(f"{name!r} is not running{did_you_mean(str(name), names)}; running: {', '.join(names)}")
+    pids = ", ".join(f"{reader.about['station']} (pid {reader.about['pid']})" for reader in fitting)
+    raise FramesError(f"several stations are running; give a name or a pid: {pids}")
+
+
+def station_name(text: str) -> str:
+    """Of a folder, also where it is a link that leads nowhere."""
+    return os.path.basename(os.path.realpath(text))
+
+
+def readers(said: Callable[[str], object] = lambda text: None) -> list[Reader]:
+    """One for each living ring; `said` is told of one that cannot be read."""
+    found = []
+    for path in rings():
+        try:
+            found.append(frames_at(path))
+        except FramesError as error:
+            said(str(error))
+    return found
+
+
+def _others() -> str:
+    """A hint for the message if another user has a folder of frames."""
+    folders = [path for path in Path("/dev/shm").glob("umo-*") if path.is_dir()] if Path("/dev/shm").is_dir() else []
+    own = f"umo-{os.getuid()}" if hasattr(os, "getuid") else ""
+    return " for this user; stations of another user cannot be watched" if any(p.name != own for p in folders) else ""

@@ -1,0 +1,212 @@
+"""A running station, seen from another program: values, actions, tunable numbers."""
+
+from __future__ import annotations
+
+import getpass
+import json
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from umo import errors
+from umo.cycle.events import CommandState, Event
+from umo.cycle.hands import HOLD, Mode
+from umo.cycle.progress import Progress
+from umo.cycle.stage import Stage
+from umo.errors import CommandRefused, FramesError, TaskFailed, UmoError
+from umo.frames import Reader
+from umo.remote.lease import Lease
+from umo.remote.queue import Sender
+from umo.remote.running import find_running
+from umo.remote.tree import Part, Tree
+
+ANSWER = 5.0
+"""s within which the machine takes a command, at a period below 1 s."""
+LOOK = 0.002
+"""s between two looks for an answer."""
+
+
+def attach(station: str | int | None = None) -> RemoteStation:
+    """A station that runs in real time on this computer, by name or pid; default: the only one.
+
+        station = umo.attach("ztheta")
+        station.z.encoder.read()
+        with station.lease("commissioning"):
+            station.mode = "manual"
+            station.z.move_to(100_000)
+            station.z.servo.gain = 0.004
+
+    FramesError if none or several run; it names those that do. Reading disturbs nothing. Commands need the lease, and
+    pass the same guards as the program's.
+    """
+    return RemoteStation(find_running(None if station is None else str(station)))
+
+
+class RemoteStation(Part):
+    """A running station. Its objects, compounds, actions and tunable numbers are attributes, as in its declaration."""
+
+    def __init__(self, reader: Reader) -> None:
+        self.__dict__.update(reader=reader, held_lease=None, _sender=None)
+        super().__init__(self, Tree(reader), "")
+
+    reader: Reader
+    """Its frames."""
+    held_lease: Lease | None
+    """The lease that this client holds."""
+    _sender: Sender | None
+
+    # What can be seen ----------------------------------------------------------------------------------
+
+    @property
+    def running(self) -> bool:
+        return self.reader.state is not Stage.ENDED
+
+    @property
+    def mode(self) -> str:
+        """ "automatic" or "manual"; "" if the station takes no commands. It is set under the lease."""
+        return "" if self.reader.mode is None else str(self.reader.mode)
+
+    @property
+    def progress(self) -> Progress:
+        """What the machine said last of its work."""
+        frame = self.reader.latest()
+        if frame is None:
+            return Progress()
+        return Progress(frame["progress"].decode(errors="replace"), int(frame["done"]), int(frame["total"]))
+
+    @property
+    def events(self) -> list[Event]:
+        """The last events, oldest first: commands with their answers, actions of guards."""
+        return [each.event for each in self.reader.events()]
+
+    def frames(self, seconds: float) -> dict[str, npt.NDArray[np.float64]]:
+        """The last frames as arrays: "time" in s, and every object and signal by its path. As many as the ring still
+        holds."""
+        reader = self.reader
+        period = reader.about["period"] or 0.01
+        rows = reader.last(max(1, round(seconds / period)))
+        found = {"time": np.array(rows["time"])}
+        for name, paths in (("values", reader.paths), ("signals", reader.signals)):
+            found |= {path: np.array(rows[name][:, number]) for number, path in enumerate(paths)}
+        return found
+
+    # Commands ------------------------------------------------------------------------------------------
+
+    def lease(self, who: str = "", *, seconds: float = 2.0, over: bool = False) -> Lease:
+        """The right to command, for a `with` block. `who` is shown to everybody; default: user and program.
+
+        CommandRefused while another hand has it, unless it is deliberately taken over (`over`). It is renewed
+        meanwhile, and ends `seconds` after this process has died or hangs.
+        """
+        return Lease(self, who or _myself(), seconds, over)
+
+    def stop(self) -> None:
+        """Ask the run to end safely: every actuator goes to its default. It needs no lease."""
+        self.ask("stop")
+
+    def send(self, do: str, path: str = "", *, key: str = "", who: str = "", **more: Any) -> int:
+        """Send a command; its number. CommandRefused if the queue is full, FramesError if the station has ended."""
+        if not self.running:
+            raise FramesError(f"{self.reader.about['station']} has ended")
+        if self._sender is None:
+            self.__dict__["_sender"] = Sender(self.reader)
+        lease = self.held_lease
+        key, who = key or (lease.key if lease else ""), who or (lease.who if lease else _myself())
+        assert self._sender is not None
+        return self._sender.send({"do": do, "path": path, "key": key, "who": who, **more})
+
+    def ask(self, do: str, path: str = "", *, on_begin: Callable[[], object] = lambda: None, **more: Any) -> Any:
+        """Send a command and wait for its end; its result. The machine's errors are raised here. Ctrl-C cancels the
+        command."""
+        start = self.reader.next_event
+        number = self.send(do, path, **more)
+        try:
+            for event in self._answers(number, start):
+                if event.state is CommandState.DONE:
+                    return json.loads(event.text) if event.text else None
+                if event.state is not CommandState.BEGUN:
+                    raise _raised(event)
+                on_begin()
+        except KeyboardInterrupt:
+            with suppress(UmoError):
+                self.send("cancel", path)
+            raise
+        raise FramesError(f"{self.reader.about['station']} has ended before it answered")
+
+    def _answers(self, number: int, start: int) -> Iterator[Event]:
+        until = time.monotonic() + max(ANSWER, 5 * self.reader.about["period"])
+        begun = False
+        while True:
+            running = self.running
+            for each in self.reader.events(start):
+                start = each.number + 1
+                if each.event.command == number:
+                    begun = True
+                    yield each.event
+            if not running:
+                return
+            if not begun and time.monotonic() > until:
+                raise CommandRefused(f"the machine has not answered within {ANSWER:g} s")
+            time.sleep(LOOK)
+
+    def keep_up(self, path: str, lasts: float = HOLD) -> None:
+        """What is written or jogged lasts as long as the lease."""
+        if self.held_lease is not None:
+            self.held_lease.held[path] = lasts
+
+    def let_go(self, path: str) -> None:
+        """What is written or jogged is kept up no longer."""
+        if self.held_lease is not None:
+            self.held_lease.held.pop(path, None)
+
+    def close(self) -> None:
+        """Detach."""
+        if self._sender is not None:
+            self._sender.close()
+        self.reader.close()
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name == "mode":
+            self.ask("mode", value=str(value if not isinstance(value, Mode) else value.name.lower()))
+        elif name in ("held_lease",):
+            self.__dict__[name] = value
+        else:
+            super().__setattr__(name, value)
+
+    def __enter__(self) -> RemoteStation:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        about = self.reader.about
+        return f"<{about['station']}, pid {about['pid']}, {self.reader.state}, {self.mode or 'no commands'}>"
+
+
+def _raised(event: Event) -> Exception:
+    """The machine's error, of its own type where that is umo's."""
+    if event.state is CommandState.CANCELLED:
+        return TaskFailed(f"{event.path} was cancelled: {event.text}")
+    name, _, text = event.text.partition(": ")
+    kind = getattr(errors, name, None)
+    if not (isinstance(kind, type) and issubclass(kind, UmoError)):
+        return TaskFailed(event.text)
+    error = kind.__new__(kind)  # without its constructor, which makes the message of other things
+    error.args = (text,)
+    return error
+
+
+def _myself() -> str:
+    try:
+        user = getpass.getuser()
+    except (OSError, KeyError, ImportError):
+        user = "somebody"
+    program = os.path.basename(sys.argv[0]) if sys.argv and sys.argv[0] else "python"
+    return f"{user}, {program} (pid {os.getpid()})"

@@ -1,0 +1,190 @@
+"""The objects, compounds, actions and tunable numbers of a running station as Python attributes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from inspect import Parameter, Signature
+from typing import TYPE_CHECKING, Any
+
+from umo.cycle.hands import HOLD
+from umo.errors import PathError, RangeError
+from umo.frames import Reader
+from umo.objects import Quality
+from umo.objects.units import convert
+from umo.text import did_you_mean
+
+if TYPE_CHECKING:
+    from umo.remote.station import RemoteStation
+
+
+class Tree:
+    """What a station's description names, by path."""
+
+    def __init__(self, reader: Reader) -> None:
+        layout = reader.layout
+        self.objects = {entry["path"]: entry for entry in layout.objects}
+        self.actions = {entry["path"]: entry for entry in layout.actions}
+        self.tunables = {entry["path"]: entry for entry in layout.tunables}
+        self.signals = {entry["path"]: number for number, entry in enumerate(layout.signals)}
+        self.parts: set[str] = set()
+        for path in (*self.objects, *self.actions, *self.tunables, *self.signals):
+            names = path.split(".")
+            self.parts |= {".".join(names[:count]) for count in range(1, len(names))}
+
+    def below(self, path: str) -> list[str]:
+        """The names of what is directly below a part."""
+        start = f"{path}." if path else ""
+        tables = (self.objects, self.actions, self.tunables, self.signals, self.parts)
+        found = (each for table in tables for each in table if each.startswith(start))
+        names = {each.removeprefix(start).partition(".")[0] for each in found}
+        return sorted(names)
+
+
+class Part:
+    """A compound of a running station, or something that it has, such as a law."""
+
+    def __init__(self, station: RemoteStation, tree: Tree, path: str) -> None:
+        self.__dict__.update(_station=station, _tree=tree, _path=path)
+
+    _station: RemoteStation
+    _tree: Tree
+    _path: str
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return self[name]
+
+    def __getitem__(self, name: str | int) -> Any:
+        """By name, by the key of a list or dict, or by path: `zones[3]`, `station["zones.3.heater"]`."""
+        tree, path = self._tree, f"{self._path}.{name}".lstrip(".")
+        if path in tree.objects:
+            return RemoteObject(self._station, tree.objects[path])
+        if path in tree.actions:
+            return _caller(self._station, tree.actions[path])
+        if path in tree.tunables:
+            return self._station.reader.tunables()[path]
+        if path in tree.parts:
+            return Part(self._station, tree, path)
+        if path in tree.signals:
+            frame = self._station.reader.latest()
+            return float("nan") if frame is None else float(frame["signals"][tree.signals[path]])
+        raise NoMember(
+            f"{self._path or 'the station'} has no {name!r}{did_you_mean(str(name), tree.below(self._path))}"
+        )
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        path = f"{self._path}.{name}".lstrip(".")
+        if path not in self._tree.tunables:
+            what = "is an object: use its write()" if path in self._tree.objects else "is not a tunable number"
+            raise NoMember(f"{path} {what}{did_you_mean(path, self._tree.tunables)}")
+        self._station.ask("tune", path, value=value)
+
+    def __dir__(self) -> list[str]:
+        return [*object.__dir__(self), *(name for name in self._tree.below(self._path) if name.isidentifier())]
+
+    def __repr__(self) -> str:
+        return f"<{self._path}: {', '.join(self._tree.below(self._path))}>"
+
+
+class NoMember(PathError, AttributeError):
+    """A station, or a part of it, has no member of this name."""
+
+
+class RemoteObject:
+    """One object of a running station. What is read is of the last finished period."""
+
+    def __init__(self, station: RemoteStation, entry: dict[str, Any]) -> None:
+        self._station = station
+        self._entry = entry
+        self.path: str = entry["path"]
+        self._number = station.reader.index(self.path)
+
+    def _frame(self) -> Any:
+        frame = self._station.reader.latest()
+        if frame is None:
+            raise PathError(f"{self.path} was not read yet: no period has ended")
+        return frame
+
+    def read(self, unit: str | None = None) -> float | str:
+        """The value: a number in `unit` (default: its own), or the name of a state."""
+        value = float(self._frame()["values"][self._number])
+        if "one" in self._entry:
+            return str(self._entry["one"] if value else self._entry["zero"])
+        return value if unit is None else convert(value, self.units, unit)
+
+    @property
+    def raw(self) -> int:
+        return int(self._frame()["raws"][self._number])
+
+    @property
+    def quality(self) -> Quality:
+        return Quality(int(self._frame()["quality"][self._number]))
+
+    @property
+    def units(self) -> str:
+        """ "" for a binary object."""
+        return str(self._entry.get("unit", ""))
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """The names of the states of a binary object."""
+        return (self._entry["zero"], self._entry["one"]) if "one" in self._entry else ()
+
+    @property
+    def inhibited(self) -> str | None:
+        """Why only the default is sent to this actuator, or who has taken it by hand; None: it is free."""
+        return self._station.reader.inhibited(self._frame(), self._number)
+
+    def write(self, value: Any) -> None:
+        """Take the actuator by hand and write it: a number in its unit, or a state's name. Under the lease, in manual
+        mode. It lasts until `release`, or until the lease ends."""
+        lasts = self._entry.get("expires")
+        text = getattr(value, "name", value)  # a state of the declaration
+        self._station.keep_up(self.path, min(HOLD, lasts or HOLD))
+        try:
+            self._station.ask("write", self.path, value=text)
+        except BaseException:
+            self._station.let_go(self.path)
+            raise
+
+    def release(self) -> None:
+        """Let go of the actuator: its default is sent, and the program may write it again."""
+        self._station.let_go(self.path)
+        self._station.ask("let go", self.path)
+
+    def __repr__(self) -> str:
+        value = self.read()
+        shown = value if isinstance(value, str) else f"{value:g} {self.units}"
+        return f"<{self._entry['kind']} {self.path} = {shown} {self.quality}>"
+
+
+def _caller(station: RemoteStation, action: dict[str, Any]) -> Callable[..., Any]:
+    """A function that calls an action and waits for its end."""
+    arguments = action["arguments"]
+    path = action["path"]
+    signature = Signature([_parameter(each) for each in arguments])
+
+    def call(*values: Any, **named: Any) -> Any:
+        try:
+            given = signature.bind(*values, **named).arguments
+        except TypeError as error:
+            raise RangeError(f"{path}: {error}") from None
+        given = {name: getattr(value, "name", value) for name, value in given.items()}
+        held = action["release"] is not None and given != action["release"]
+        (station.keep_up if held else station.let_go)(path)
+        try:
+            return station.ask("call", path, arguments=given)
+        except BaseException:
+            station.let_go(path)
+            raise
+
+    call.__name__ = call.__qualname__ = path.rpartition(".")[2]
+    call.__doc__ = action["help"]
+    call.__signature__ = signature  # type: ignore[attr-defined]
+    return call
+
+
+def _parameter(argument: dict[str, Any]) -> Parameter:
+    default = Parameter.empty if argument["required"] else argument.get("default")
+    return Parameter(argument["name"], Parameter.POSITIONAL_OR_KEYWORD, default=default)
