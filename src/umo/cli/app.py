@@ -60,6 +60,7 @@ OF_THE_MACHINE = {"allow_extra_args": True, "ignore_unknown_options": True}
 Acknowledge = Annotated[
     bool, typer.Option("--acknowledge", help="Start even if the last run on a device ended unsafely.")
 ]
+Take = Annotated[bool, typer.Option("--take", help="Take the lease over from whoever has it.")]
 
 
 def guarded(work: Callable[[], int | None]) -> None:
@@ -313,14 +314,18 @@ def set_(
         float | None, typer.Option(min=0.0, callback=_finite, help="Hold time in s; default: until Ctrl-C.")
     ] = None,
     acknowledge: Acknowledge = False,
+    take: Take = False,
 ) -> None:
     """Connect, write and hold one actuator, show its value, then reset. No control code runs. Options of the machine
-    follow the value."""
+    follow the value.
+
+    Of a station that runs, the actuator is taken by hand; that needs its manual mode (`umo mode`).
+    """
     from umo.process.station import find
 
     from .hand import set_value
 
-    guarded(lambda: set_value(find(station), wiring, path, value, hold, acknowledge, context.args))
+    guarded(lambda: set_value(find(station), wiring, path, value, hold, acknowledge, take, context.args))
 
 
 @app.command(
@@ -483,6 +488,9 @@ def new_driver(
     from .new import make_driver
 
     guarded(lambda: make_driver(name, Path.cwd()))
+
+
+from . import app_running  # noqa: E402, F401  (its commands)
 
 
 def _version(value: bool) -> None:

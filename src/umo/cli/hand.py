@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
@@ -28,12 +27,15 @@ from umo.objects import (
 from umo.objects.units import convert
 from umo.process.start import LINUX
 from umo.process.station import Station
+from umo.remote import RemoteStation
 from umo.text import did_you_mean
 from umo.wiring import Wired, resolve
 
+from .commanding import set_running
 from .console import err, out
 from .running import readers
 from .station_options import machine_and_words, machine_of
+from .values import number
 
 PAUSE = 0.01
 """Seconds between two looks at a machine that has no timer."""
@@ -93,15 +95,22 @@ def set_value(
     text: str,
     hold: float | None,
     acknowledge: bool = False,
+    over: bool = False,
     arguments: Sequence[str] = (),
 ) -> int:
-    """Write one actuator, keep the loop going for `hold` s or until a signal, show what is read, reset."""
+    """Write one actuator, keep the loop going for `hold` s or until a signal, show what is read, reset. Of a station
+    that runs, take the actuator by hand."""
     file = station.wiring(wiring)
     machine = machine_of(station, arguments)
     item = _atomic(machine, path)
     if not isinstance(item, BinaryActuator | DigitalActuator):
         raise PathError(f"{path} is a sensor; only actuators can be set")
-    return _hold(machine, file, item, _parse(item, text), hold, acknowledge)
+    value = _parse(item, text)
+    if (running := _running(station, file if wiring else None, resolve(machine, file))) is not None:
+        with RemoteStation(running) as remote:
+            set_running(remote, path, getattr(value, "name", value), hold, over)
+        return 0
+    return _hold(machine, file, item, value, hold, acknowledge)
 
 
 def _hold(machine: Compound, file: Path | None, item: Any, value: Any, hold: float | None, acknowledge: bool) -> int:
@@ -167,12 +176,7 @@ def _parse(item: Any, text: str) -> float | TwoState:
             )
         state: TwoState = names[text.upper()]
         return state
-    match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", text)
-    if match is None:
-        raise RangeError(f"{item.path}: {text!r} is not a number in {item.units}")
-    if re.match(r",\d", match[2]):
-        raise RangeError(f"{item.path}: {text!r} is not a number; write {text.strip().replace(',', '.', 1)}")
-    value = convert(float(match[1]), match[2] or item.units, item.units)
+    value = number(item.path, text, item.units)
     if not item.minimum <= value <= item.maximum and item.limits == "raise":
         raise RangeError(f"{item.path}: {value:g} {item.units} is outside {item.minimum:g} to {item.maximum:g}")
     return value

@@ -56,10 +56,10 @@ class Lease:
         self._end.set()
         assert self._thread is not None
         self._thread.join()
-        self._station.held_lease = None
         with suppress(UmoError, OSError):  # it is lost, or the station has ended
             if not self.lost:
-                self._station.ask("give back", key=self.key)
+                self._station.ask("give back")
+        self._station.held_lease = None
 
     def _keep(self) -> None:
         while not self._end.wait(min([self._seconds, *self.held.values()]) / OFTEN):

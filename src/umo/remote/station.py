@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from umo import errors
 from umo.cycle.events import CommandState, Event
-from umo.cycle.hands import HOLD, Mode
+from umo.cycle.hands import HOLD
 from umo.cycle.progress import Progress
 from umo.cycle.stage import Stage
 from umo.errors import CommandRefused, FramesError, TaskFailed, UmoError
@@ -72,6 +72,10 @@ class RemoteStation(Part):
         """ "automatic" or "manual"; "" if the station takes no commands. It is set under the lease."""
         return "" if self.reader.mode is None else str(self.reader.mode)
 
+    @mode.setter
+    def mode(self, mode: str) -> None:
+        self.ask("mode", value=str(mode))
+
     @property
     def progress(self) -> Progress:
         """What the machine said last of its work."""
@@ -115,31 +119,29 @@ class RemoteStation(Part):
         if not self.running:
             raise FramesError(f"{self.reader.about['station']} has ended")
         if self._sender is None:
-            self.__dict__["_sender"] = Sender(self.reader)
+            self._sender = Sender(self.reader)
         lease = self.held_lease
         key, who = key or (lease.key if lease else ""), who or (lease.who if lease else _myself())
-        assert self._sender is not None
         return self._sender.send({"do": do, "path": path, "key": key, "who": who, **more})
 
-    def ask(self, do: str, path: str = "", *, on_begin: Callable[[], object] = lambda: None, **more: Any) -> Any:
+    def ask(self, do: str, path: str = "", *, while_running: Callable[[], object] = lambda: None, **more: Any) -> Any:
         """Send a command and wait for its end; its result. The machine's errors are raised here. Ctrl-C cancels the
         command."""
         start = self.reader.next_event
         number = self.send(do, path, **more)
         try:
-            for event in self._answers(number, start):
+            for event in self._answers(number, start, while_running):
                 if event.state is CommandState.DONE:
                     return json.loads(event.text) if event.text else None
                 if event.state is not CommandState.BEGUN:
                     raise _raised(event)
-                on_begin()
         except KeyboardInterrupt:
             with suppress(UmoError):
                 self.send("cancel", path)
             raise
         raise FramesError(f"{self.reader.about['station']} has ended before it answered")
 
-    def _answers(self, number: int, start: int) -> Iterator[Event]:
+    def _answers(self, number: int, start: int, while_running: Callable[[], object]) -> Iterator[Event]:
         until = time.monotonic() + max(ANSWER, 5 * self.reader.about["period"])
         begun = False
         while True:
@@ -153,6 +155,8 @@ class RemoteStation(Part):
                 return
             if not begun and time.monotonic() > until:
                 raise CommandRefused(f"the machine has not answered within {ANSWER:g} s")
+            if begun:
+                while_running()
             time.sleep(LOOK)
 
     def keep_up(self, path: str, lasts: float = HOLD) -> None:
@@ -172,10 +176,8 @@ class RemoteStation(Part):
         self.reader.close()
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if name == "mode":
-            self.ask("mode", value=str(value if not isinstance(value, Mode) else value.name.lower()))
-        elif name in ("held_lease",):
-            self.__dict__[name] = value
+        if name in RemoteStation.__annotations__ or isinstance(getattr(RemoteStation, name, None), property):
+            object.__setattr__(self, name, value)
         else:
             super().__setattr__(name, value)
 

@@ -1,0 +1,162 @@
+"""`umo mode`, `umo call`, `umo tune`, `umo stop`, and `umo set` of a station that runs."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from math import inf
+from typing import Any
+
+from rich.table import Table
+
+from umo.errors import PathError, RangeError
+from umo.frames import Reader
+from umo.remote import RemoteStation
+from umo.text import did_you_mean
+
+from .console import err, out
+from .progress_line import OneLine
+from .running import attach
+from .values import argument, number
+
+LOOK = 0.05
+"""s between two pictures of the progress."""
+
+
+@contextmanager
+def station_of(name: str) -> Iterator[RemoteStation]:
+    with RemoteStation(attach(name)) as station:
+        yield station
+
+
+def mode(name: str, wanted: str | None, over: bool) -> None:
+    """Show the mode and who has the lease; or change the mode."""
+    with station_of(name) as station:
+        if wanted is not None:
+            with station.lease(over=over):
+                station.mode = wanted
+        title, holder = station.reader.about["station"], station.reader.holder
+        lease = f"  lease: {holder}" if holder and wanted is None else ""
+        out.print(f"{title}  {wanted or station.mode or 'takes no commands'}{lease}")
+
+
+def stop(name: str) -> None:
+    """Ask a run to end safely, and wait until it has."""
+    with station_of(name) as station:
+        station.stop()
+        while station.running:
+            time.sleep(LOOK)
+        out.print(f"{station.reader.about['station']} has ended")
+
+
+def call(name: str, path: str | None, words: list[str], over: bool, hold: float | None) -> None:
+    """List the actions of a station; or call one, show its progress and print its result."""
+    with station_of(name) as station:
+        actions = {entry["path"]: entry for entry in station.reader.layout.actions}
+        if path is None:
+            out.print(_actions(station.reader))
+            return
+        if path not in actions:
+            raise PathError(f"no action {path!r}{did_you_mean(path, actions)}; `umo call {name}` lists them")
+        given = dict(_argument(actions[path], word) for word in words)
+        with station.lease(over=over):
+            kept = actions[path]["release"] is not None and given != actions[path]["release"]
+            if kept:
+                station.keep_up(path)
+            result = _called(station, path, given)
+            if kept:
+                _hold(hold)
+        if result is not None:
+            out.print_json(data=result)
+
+
+def _called(station: RemoteStation, path: str, given: dict[str, Any]) -> Any:
+    with OneLine(err) as line:
+        began = time.monotonic()
+
+        def show() -> None:
+            progress = station.progress
+            line.show(time.monotonic() - began, progress.text or path, progress.share)
+
+        return station.ask("call", path, arguments=given, while_running=show)
+
+
+def _argument(action: dict[str, Any], word: str) -> tuple[str, Any]:
+    name, sign, text = word.partition("=")
+    known = {each["name"]: each for each in action["arguments"]}
+    if not sign or name not in known:
+        names = " ".join(f"{each}=..." for each in known) or "none"
+        raise RangeError(f"{action['path']}: {word!r} is not one of its arguments{did_you_mean(name, known)}: {names}")
+    return name, argument(action["path"], known[name], text)
+
+
+def _hold(seconds: float | None) -> None:
+    """Let the thread of the lease keep it up."""
+    if seconds is None:
+        err.print("kept up until Ctrl-C; --hold SECONDS ends it", soft_wrap=True)
+    end = time.monotonic() + (inf if seconds is None else seconds)
+    try:
+        while (left := end - time.monotonic()) > 0:
+            time.sleep(min(left, LOOK))
+    except KeyboardInterrupt:
+        err.print()
+
+
+def _actions(reader: Reader) -> Table:
+    table = Table("action", "arguments", "", header_style="bold")
+    for entry in reader.layout.actions:
+        remarks = " (in automatic mode too)" if entry["harmless"] else ""
+        remarks += " (as long as it is kept up)" if entry["release"] is not None else ""
+        table.add_row(entry["path"], "\n".join(map(_described, entry["arguments"])), entry["help"] + remarks)
+    return table
+
+
+def _described(about: dict[str, Any]) -> str:
+    text = f"{about['name']}={about['kind'] if not about.get('choices') else '|'.join(about['choices'])}"
+    if "unit" in about:
+        text = f"{about['name']}={_span(about)}"
+    return text if about["required"] else f"[{text}]"
+
+
+def _span(about: dict[str, Any]) -> str:
+    low, high = about["minimum"], about["maximum"]
+    span = "" if low is None or high is None else f"{low:g}..{high:g}"
+    return " ".join(filter(None, [span, about["unit"]])) or "number"
+
+
+def tune(name: str, path: str | None, text: str | None, over: bool) -> None:
+    """List the tunable numbers of a station, show one, or change it."""
+    with station_of(name) as station:
+        known = {entry["path"]: entry for entry in station.reader.layout.tunables}
+        now = station.reader.tunables()
+        if path is None:
+            table = Table("number", "value", "unit", "range", header_style="bold")
+            for each, entry in known.items():
+                table.add_row(each, f"{now[each]:g}", entry["unit"], f"{entry['minimum']:g} to {entry['maximum']:g}")
+            out.print(table)
+            return
+        if path not in known:
+            raise PathError(f"no tunable number {path!r}{did_you_mean(path, known)}; `umo tune {name}` lists them")
+        unit = known[path]["unit"]
+        if text is None:
+            out.print(f"{path}  {now[path]:g} {unit}")
+            return
+        value = number(path, text, unit)
+        with station.lease(over=over):
+            station.ask("tune", path, value=value)
+        out.print(f"{path}  {now[path]:g} -> {value:g} {unit}")
+        err.print(
+            f"until the run ends; to keep it, put {path} = {value:g} under [parameters] of the wiring", soft_wrap=True
+        )
+
+
+def set_running(station: RemoteStation, path: str, value: Any, hold: float | None, over: bool) -> None:
+    """Take one actuator of a station that runs in manual mode, keep it up, and let go of it."""
+    item = station[path]
+    with station.lease(over=over):
+        item.write(value)
+        out.print(f"{path}  {item.read()}  {item.quality}")
+        _hold(hold)
+        item.release()
+    out.print(f"{path}  reset to its default")
