@@ -10,7 +10,7 @@ from rich.table import Table
 
 from umo.errors import FramesError, PathError
 from umo.frames import Reader
-from umo.remote import running
+from umo.remote import search
 from umo.system.hold import is_held
 from umo.system.record import Ended, all_standing
 from umo.text import printable
@@ -58,12 +58,12 @@ def _names(reader: Reader, word: str) -> bool:
 
 def readers() -> list[Reader]:
     """One for each living ring; one that cannot be read is named."""
-    return running.readers(_say)
+    return search.readers(_say)
 
 
 def attach(name: str | None) -> Reader:
     """The frames of one running station, by name or pid; FramesError lists those that run."""
-    return running.find_running(name, _say)
+    return search.find_running(name, _say)
 
 
 def _say(text: str) -> None:

@@ -14,7 +14,7 @@ from umo.frames import Reader, rings
 from umo.frames.layout import USAGE
 from umo.latency import blackbox
 from umo.latency.causes import AFTER, WAKE, Verdict, explain, missed_rows, split, tally
-from umo.remote.running import frames_at, reading, station_name
+from umo.remote.search import frames_at, reading, station_name
 from umo.text import did_you_mean
 
 from .console import out

@@ -1,6 +1,6 @@
 """Commanding a running machine from another program: `umo.attach`, and the queue of commands."""
 
-from umo.remote.lease import Lease
-from umo.remote.station import RemoteStation, attach
+from umo.remote.attached import RemoteStation, attach
+from umo.remote.held_lease import HeldLease
 
-__all__ = ["Lease", "RemoteStation", "attach"]
+__all__ = ["HeldLease", "RemoteStation", "attach"]

@@ -117,11 +117,7 @@ class Conveyor(Compound):
     """From the command to the diverter until it reaches a part, s."""
 
     signals = {"length": "mm"}
-    tunable = {
-        "spacing": Range("mm", 50.0, 1000.0),
-        "window": Range("mm", 1.0, 100.0),
-        "push_time": Range("s", 0.01, 0.2),
-    }
+    tunable = {"window": Range("mm", 1.0, 100.0), "push_time": Range("s", 0.01, 0.2)}
     stop_order = ("belt", "diverter")
     max_period = "10 ms"
 

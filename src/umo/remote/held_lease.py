@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 from umo.errors import UmoError
 
 if TYPE_CHECKING:
-    from umo.remote.station import RemoteStation
+    from umo.remote.attached import RemoteStation
 
 OFTEN = 5
 """Times that a lease is renewed, and what is held is kept up, while it lasts."""
 
 
-class Lease:
+class HeldLease:
     """`with station.lease("commissioning"):`. Only its holder commands the station.
 
     A thread renews it and keeps up what was written or is jogged, until the block ends. If this process dies, the lease
@@ -42,7 +42,7 @@ class Lease:
         reader = self._station.reader
         return self._number != reader.lease or not reader.holder
 
-    def __enter__(self) -> Lease:
+    def __enter__(self) -> HeldLease:
         self._station.ask("lease", key=self.key, who=self.who, seconds=self._seconds, over=self._over)
         self._number = self._station.reader.lease
         self._station.held_lease = self

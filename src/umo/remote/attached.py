@@ -14,17 +14,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from umo import errors
 from umo.cycle.events import CommandState, Event
 from umo.cycle.hands import HOLD
 from umo.cycle.progress import Progress
 from umo.cycle.stage import Stage
 from umo.errors import CommandRefused, FramesError, TaskFailed, UmoError
 from umo.frames import Reader
-from umo.remote.lease import Lease
+from umo.remote.held_lease import HeldLease
+from umo.remote.members import RemotePart, Tree
 from umo.remote.queue import Sender
-from umo.remote.running import find_running
-from umo.remote.tree import Part, Tree
+from umo.remote.search import find_running
 
 ANSWER = 5.0
 """s within which the machine takes a command, at a period below 1 s."""
@@ -48,7 +47,7 @@ def attach(station: str | int | None = None) -> RemoteStation:
     return RemoteStation(find_running(None if station is None else str(station)))
 
 
-class RemoteStation(Part):
+class RemoteStation(RemotePart):
     """A running station. Its objects, compounds, actions and tunable numbers are attributes, as in its declaration."""
 
     def __init__(self, reader: Reader) -> None:
@@ -57,7 +56,7 @@ class RemoteStation(Part):
 
     reader: Reader
     """Its frames."""
-    held_lease: Lease | None
+    held_lease: HeldLease | None
     """The lease that this client holds."""
     _sender: Sender | None
 
@@ -102,13 +101,13 @@ class RemoteStation(Part):
 
     # Commands ------------------------------------------------------------------------------------------
 
-    def lease(self, who: str = "", *, seconds: float = 2.0, over: bool = False) -> Lease:
+    def lease(self, who: str = "", *, seconds: float = 2.0, over: bool = False) -> HeldLease:
         """The right to command, for a `with` block. `who` is shown to everybody; default: user and program.
 
         CommandRefused while another hand has it, unless it is deliberately taken over (`over`). It is renewed
         meanwhile, and ends `seconds` after this process has died or hangs.
         """
-        return Lease(self, who or _myself(), seconds, over)
+        return HeldLease(self, who or _myself(), seconds, over)
 
     def stop(self) -> None:
         """Ask the run to end safely: every actuator goes to its default. It needs no lease."""
@@ -197,12 +196,18 @@ def _raised(event: Event) -> Exception:
     if event.state is CommandState.CANCELLED:
         return TaskFailed(f"{event.path} was cancelled: {event.text}")
     name, _, text = event.text.partition(": ")
-    kind = getattr(errors, name, None)
-    if not (isinstance(kind, type) and issubclass(kind, UmoError)):
+    kind = {each.__name__: each for each in _kinds(UmoError)}.get(name)
+    if kind is None:
         return TaskFailed(event.text)
     error = kind.__new__(kind)  # without its constructor, which makes the message of other things
     error.args = (text,)
     return error
+
+
+def _kinds(base: type[UmoError]) -> Iterator[type[UmoError]]:
+    for kind in base.__subclasses__():
+        yield kind
+        yield from _kinds(kind)
 
 
 def _myself() -> str:

@@ -14,7 +14,7 @@ from umo.objects.units import convert
 from umo.text import did_you_mean
 
 if TYPE_CHECKING:
-    from umo.remote.station import RemoteStation
+    from umo.remote.attached import RemoteStation
 
 
 class Tree:
@@ -40,7 +40,7 @@ class Tree:
         return sorted(names)
 
 
-class Part:
+class RemotePart:
     """A compound of a running station, or something that it has, such as a law."""
 
     def __init__(self, station: RemoteStation, tree: Tree, path: str) -> None:
@@ -65,7 +65,7 @@ class Part:
         if path in tree.tunables:
             return self._station.reader.tunables()[path]
         if path in tree.parts:
-            return Part(self._station, tree, path)
+            return RemotePart(self._station, tree, path)
         if path in tree.signals:
             frame = self._station.reader.latest()
             return float("nan") if frame is None else float(frame["signals"][tree.signals[path]])
