@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from umo.errors import (
+    CommandRefused,
     DeclarationError,
     DeviceHeld,
     FramesError,
@@ -34,6 +35,7 @@ USER_ERRORS = (
     StandsStopped,
     StationError,
     FramesError,
+    CommandRefused,
 )
 FAILED, MISTAKE, UNREACHED = 1, 2, 3
 LONGEST = 12_000

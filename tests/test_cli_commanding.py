@@ -1,0 +1,124 @@
+"""`umo mode`, `call`, `tune`, `stop`, and `umo set` of a station that runs."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner, Result
+
+import umo
+from umo.cli.app import app
+from umo.process.start import LINUX
+
+pytestmark = pytest.mark.skipif(not LINUX, reason="machines run in other processes on Linux only")
+
+
+FOLDERS = ("UMO_FRAMES", "UMO_STATE")
+
+
+@pytest.fixture(scope="module")
+def started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[umo.Started, dict[str, str]]]:
+    """One for all tests, in manual mode; its frames and records are in folders of its own."""
+    folders = {name: str(tmp_path_factory.mktemp(name.lower())) for name in FOLDERS}
+    with pytest.MonkeyPatch.context() as patch:
+        for name, folder in folders.items():
+            patch.setenv(name, folder)
+        with umo.start("conveyor", manual=True, realtime=True) as started:
+            _until(lambda: started.frames is not None and started.frames.head > 5, started)
+            yield started, folders
+
+
+@pytest.fixture
+def conveyor(started: tuple[umo.Started, dict[str, str]], monkeypatch: pytest.MonkeyPatch) -> umo.Started:
+    for name, folder in started[1].items():
+        monkeypatch.setenv(name, folder)
+    return started[0]
+
+
+def _until(condition: Any, started: umo.Started | None = None) -> None:
+    end = time.monotonic() + 20.0
+    while not condition():
+        if started is not None:
+            started.poll(0.01)
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def run(*words: str) -> Result:
+    return CliRunner().invoke(app, [*words])
+
+
+def said(result: Result) -> str:
+    return " ".join(result.stderr.split())
+
+
+def test_the_actions_are_listed_with_units_and_ranges(conveyor: umo.Started) -> None:
+    result = run("call", "conveyor")
+    assert result.exit_code == 0, said(result)
+    assert "speed=0..1 m/s" in result.stdout
+    assert "as long as it is kept up" in result.stdout
+    assert "Push whatever is before the diverter onto the chute." in result.stdout
+
+
+def test_an_action_is_called_with_units_and_waited_for(conveyor: umo.Started) -> None:
+    assert run("call", "conveyor", "push").exit_code == 0
+    result = run("call", "conveyor", "belt.run_at", "speed=200 mm/s", "--hold", "0.3")
+    assert result.exit_code == 0, said(result)
+    assert run("call", "conveyor", "belt.halt").exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["call", "conveyor", "pusch"], "no action 'pusch' (did you mean 'push'?)"),
+        (["call", "conveyor", "belt.run_at", "sped=1"], "'sped=1' is not one of its arguments (did you mean 'speed'?)"),
+        (["call", "conveyor", "belt.run_at", "speed=3"], "belt.run_at: speed: 3 m/s is outside 0 to 1"),
+        (["call", "conveyor", "belt.run_at", "speed=fast"], "belt.run_at: speed: 'fast' is not a number in m/s"),
+        (["call", "conveyor", "belt.run_at", "speed=3 kg"], "'kg' cannot be converted to 'm/s'"),
+        (["call", "conveyor", "belt.run_at"], "the argument speed is missing"),
+        (["tune", "conveyor", "windows", "3"], "no tunable number 'windows' (did you mean 'window'?)"),
+        (["tune", "conveyor", "window", "1 m"], "window: 1000 mm is outside 1 to 100"),
+        (["mode", "conveyor", "automatisch"], "there is no mode 'automatisch'; there are: automatic, manual"),
+        (["mode", "convejor"], "'convejor' is not running (did you mean 'conveyor'?)"),
+        (["set", "conveyor", "entry", "COVERED"], "entry is a sensor; only actuators can be set"),
+    ],
+)
+def test_a_mistake_is_said_in_a_line_with_status_2(conveyor: umo.Started, words: list[str], text: str) -> None:
+    result = run(*words)
+    assert (result.exit_code, text in said(result)) == (2, True), said(result)
+    assert len(result.stderr.strip().splitlines()) <= 2
+
+
+def test_a_number_is_tuned_and_how_to_keep_it_is_said(conveyor: umo.Started) -> None:
+    result = run("tune", "conveyor", "window", "3 cm")
+    assert result.exit_code == 0, said(result)
+    assert result.stdout == "window  20 -> 30 mm\n"
+    assert "put window = 30 under [parameters] of the wiring" in said(result)
+    _until(lambda: run("tune", "conveyor", "window").stdout == "window  30 mm\n")
+    assert "1 to 100" in run("tune", "conveyor").stdout
+
+
+def test_an_actuator_of_a_running_station_is_taken_and_given_back(conveyor: umo.Started) -> None:
+    result = run("set", "conveyor", "diverter", "ON", "--hold", "0.1")
+    assert result.exit_code == 0, said(result)
+    assert "diverter  reset to its default" in result.stdout
+
+
+def test_the_lease_of_another_hand_is_shown_and_taken_over_only_on_demand(conveyor: umo.Started) -> None:
+    with umo.attach(conveyor.pid) as station, station.lease("somebody else"):
+        assert "lease: somebody else" in run("mode", "conveyor").stdout
+        result = run("call", "conveyor", "push")
+        assert (result.exit_code, "somebody else has the lease" in said(result)) == (2, True)
+        assert run("call", "conveyor", "push", "--take").exit_code == 0
+    events = [event for event in umo.attach(conveyor.pid).events if event.who.endswith("else")]
+    assert json.dumps([event.asked for event in events][:1]) == '["lease"]'
+
+
+def test_a_station_is_stopped_last(conveyor: umo.Started) -> None:
+    result = run("stop", "conveyor")
+    assert (result.exit_code, result.stdout) == (0, "conveyor has ended\n")
+    assert conveyor.wait(20).failure is None
