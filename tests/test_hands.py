@@ -512,3 +512,56 @@ def test_guards_hold_for_any_interleaving_of_program_and_hands(steps: list[tuple
                     assert (now - kept[path]) * PERIOD <= lasts + 2 * PERIOD
                     assert holder
                     assert rig.hands.mode is Mode.MANUAL
+
+
+# A station ----------------------------------------------------------------------------------------------
+
+
+def test_an_axis_whose_motor_a_hand_takes_goes_on_from_where_it_then_stands() -> None:
+    pytest.importorskip("mujoco")
+    from umo.process.station import find
+
+    station = find("ztheta")
+    m: Any = station.machine()
+    connection = connect(m, station.wiring(None))
+    letters, number = Letters(), 0
+
+    def send(do: str, path: str = "", **more: Any) -> None:
+        nonlocal number
+        number += 1
+        letters.waiting.append(HandCommand(number, "a test", "a", do, path, **more))
+
+    def periods(count: int) -> None:
+        for _ in range(count):
+            if number and connection.machine.clock.number % 100 == 0:
+                send("keep", held=("z.motor",))
+            m.timer.read()
+            m.sample()
+            m.control()
+            m.update()
+
+    def done(path: str) -> bool:
+        return any(e.path == path and e.state is CommandState.DONE for e in connection.machine.events)
+
+    with connection:
+        connection.machine.hands = Hands(connection.machine, letters, Mode.MANUAL)
+        send("lease")
+        send("call", "home")
+        for _ in range(100):
+            periods(100)
+            if done("home"):
+                break
+        assert done("home")
+        before = m.z.encoder.read()
+        send("write", "z.motor", value=-1.5)
+        periods(150)
+        assert m.z.motor.read() == -1.5
+        moved = m.z.encoder.read()
+        assert abs(moved - before) > m.z.following_error
+        send("let go", "z.motor")
+        periods(500)
+        assert abs(m.z.error) < m.z.window
+        send("call", "z.move_to", arguments={"position": 100_000.0})
+        periods(2000)
+        assert done("z.move_to")
+        assert m.z.encoder.read() == pytest.approx(100_000.0, abs=m.z.window)
