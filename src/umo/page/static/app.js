@@ -1,0 +1,4 @@
+import { Feed } from "./feed.js";
+
+const feed = new Feed();
+feed.start();
