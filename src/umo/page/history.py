@@ -30,7 +30,9 @@ class History:
 
     def add(self, times: Floats, rows: Floats) -> None:
         """Some samples: a time (s, not before the last one) and a row of values for each."""
-        times, rows = times[-self.capacity :], rows[-self.capacity :]
+        if len(times) > self.capacity:
+            self._count = 0
+            times, rows = times[-self.capacity :], rows[-self.capacity :]
         if self._count + len(times) > len(self._times):
             kept = min(self.capacity - len(times), self._count)
             self._times[:kept] = self._times[self._count - kept : self._count].copy()

@@ -57,7 +57,8 @@ def window(watched: Watched, columns: Sequence[int], start: float, stop: float, 
     times, values = watched.history.between(start, stop, columns)
     if not width:
         most = max(1, MOST_SAMPLES // max(len(columns), 1))
-        return Points(times[-most:], values[:, -most:], values[:, -most:])
+        values = values[:, -most:]
+        return Points(times[-most:], values, values)
     return reduced(times, values, (stop - start) / width, watched.period)
 
 

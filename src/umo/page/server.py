@@ -116,15 +116,19 @@ def listen(host: str, port: int) -> socket.socket:
     return socket.create_server((host, port), family=family)
 
 
-def serve(options: Options, listening: socket.socket, ready: Callable[[], None] = lambda: None) -> None:
+def serve(options: Options, listening: socket.socket, ready: Callable[[], None]) -> None:
     """Serve until Ctrl-C or SIGTERM. `ready` is called when the server answers."""
+    server(options, ready).run(sockets=[listening])
+
+
+def server(options: Options, ready: Callable[[], None]) -> uvicorn.Server:
+    """The server, not yet running."""
     config = uvicorn.Config(
         application(options, Feed()), log_level="error", access_log=False, lifespan="on", server_header=False,
         ws="websockets-sansio", ws_max_size=LONGEST_MESSAGE, ws_per_message_deflate=False,
-        timeout_graceful_shutdown=GRACE,
-        ssl_certfile=options.certificate, ssl_keyfile=options.key,
+        timeout_graceful_shutdown=GRACE, ssl_certfile=options.certificate, ssl_keyfile=options.key,
     )  # fmt: skip
-    _Server(config, ready).run(sockets=[listening])
+    return _Server(config, ready)
 
 
 class _Server(uvicorn.Server):

@@ -25,6 +25,9 @@ class Watched:
 
     def __init__(self, reader: Reader) -> None:
         self.reader = reader
+        reader.next = max(
+            reader.next, reader.head - reader.slots // 2
+        )  # older ones may be written over while they are read
         self.about: dict[str, Any] = reader.about
         self.station = str(self.about["station"])
         self.name = self.station

@@ -18,13 +18,13 @@ from umo.wiring.source import read
 OCCASIONS = 3
 """The last missed periods of a black box that are told."""
 given: dict[str, Station] = {}
-"""Stations in folders that `umo view` was given, by name."""
+"""Stations in folders of a user's, by name: that `umo view` was given, or whose frames name their folder."""
 wirings: dict[str, str] = {}
 """Wirings that `umo view` was given, by the name of the station."""
 
 
 def station_named(name: str) -> Station | None:
-    """The station in the folder that `umo view` was given, or a shipped one; None for any other."""
+    """The station in a user's folder that is known, or a shipped one; None for any other."""
     if name in given:
         return given[name]
     try:
@@ -36,6 +36,8 @@ def station_named(name: str) -> Station | None:
 def wires(about: dict[str, Any], paths: Iterable[str]) -> dict[str, str]:
     """How each object is wired, such as `modbus:holding:3`; empty if the station's folder is not known."""
     name = str(about["station"])
+    if place := about.get("place"):
+        given[name] = Station(name, Path(place))
     station = station_named(name)
     try:
         file = None if station is None else station.wiring(wirings.get(name) or about["wiring"] or None)

@@ -26,8 +26,8 @@ async function show() {
   }
   if (mounted?.name === name && mounted.run === feed.run && name !== "stations") return;
   const turn = ++asked;
-  const module = name === "stations" ? { mount: mountStations, unmount() {} } : await VIEWS[name]();
-  if (turn !== asked) return;
+  const module = name === "stations" ? { mount: mountStations, unmount() {} } : await VIEWS[name]().catch(() => null);
+  if (turn !== asked || !module) return;  // the server has gone in between: shown again when it is back
   mounted?.module.unmount();
   const element = el("section", { className: name, "aria-label": name });
   main.replaceChildren(element);

@@ -5,6 +5,7 @@ import { el, isBinary, unitOf } from "./dom.js";
 
 const uPlot = window.uPlot;
 const LANE = 22;  // CSS pixels
+const NARROW = 600;  // CSS pixels below which only two units have an axis
 export const COLOURS = 8;
 
 const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
@@ -37,10 +38,12 @@ export class Chart {
     const units = [...new Set(this.numbers.map(({ entry }) => unitOf(entry)))];
     const text = css("--text-dim");
     const grid = { stroke: css("--grid"), width: 1 };
+    const narrow = this._element.clientWidth < NARROW;
     const axis = (unit, place) => ({
-      scale: `u:${unit}`, side: place < 2 ? 3 : 1, label: unit || " ", stroke: text, size: 58, labelSize: 16, gap: 3,
+      scale: `u:${unit}`, side: place < (narrow ? 1 : 2) ? 3 : 1, label: unit || " ", stroke: text, gap: 3,
+      size: narrow ? 46 : 58, labelSize: 16, show: !narrow || place < 2,
       grid: place === 0 ? grid : { show: false }, ticks: grid, font: "11px system-ui", labelFont: "12px system-ui",
-      values: (_, splits) => splits.map((value) => (Math.abs(value) >= 1e5 ? value.toExponential(1) : String(Number(value.toPrecision(6))))),
+      values: (_, splits) => splits.map((value) => (Math.abs(value) >= 1e7 ? value.toExponential(2) : String(Number(value.toPrecision(8))))),
     });
     const options = {
       width: 300, height: 200, legend: { show: false }, padding: [10, null, 0, null], pxAlign: false,

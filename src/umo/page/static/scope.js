@@ -54,14 +54,14 @@ class Scope {
     this._spans = el("select", { title: "Time shown", "aria-label": "Time shown", onchange: () => this._spanned(Number(this._spans.value)) });
     this.trigger = new Trigger(this.feed, () => this._subscribe());
     this._plot = el("div", { className: "plot" });
-    this._hint = el("div", { className: "hint" });
+    this._hint = el("span", { className: "hint" });
     this.legend = new Legend(this.feed, (path) => this._show(this.paths.filter((other) => other !== path)));
     element.append(
       el("div", { className: "bar" }, this._add, this._paths, this._pause, this._spans,
         button("Live", "Home", () => this.live()), this.trigger.element,
         button("Clear cursors", "Esc", () => this._clear()), button("PNG", "Save as a picture", () => this._picture()),
-        button("CSV", "Save every sample of the time shown", () => this._csv())),
-      this._plot, this._hint, this.legend.element,
+        button("CSV", "Save every sample of the time shown", () => this._csv()), this._hint),
+      this._plot, this.legend.element,
     );
   }
 
