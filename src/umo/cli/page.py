@@ -11,7 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import quote
 
-from umo.errors import UmoError
+from umo.errors import FramesError
 from umo.frames.folder import folder
 from umo.process.station import StationError, find
 from umo.system.realtime import stand_back
@@ -27,7 +27,7 @@ SHORTEST = 8
 """Characters of a token with which other computers are let in."""
 
 
-class PageError(UmoError, ValueError):
+class PageError(FramesError, ValueError):
     """The page cannot be served like this."""
 
 

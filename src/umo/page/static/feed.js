@@ -192,7 +192,9 @@ export class Feed {
     });
   }
 
-  _send(message) { this._socket.send(JSON.stringify(message)); }
+  _send(message) {
+    if (this._socket.readyState === WebSocket.OPEN) this._socket.send(JSON.stringify(message));
+  }
 
   /** Call a listener on "server", "stations", "description", "state" or "connection"; the result ends that. */
   on(kind, listener) {

@@ -125,9 +125,10 @@ class Scope {
     if (this.view) this.chart.draw(this.view);
     else if (this._from !== null && this._from !== undefined) this.chart.draw([this._from, this._from + this.span]);
     else if (last !== null) this.chart.draw([last - this.span, last]);
-    performance.measure("umo-scope", { start: began, end: performance.now() });
-    performance.clearMeasures();
-    this.drawn = (this.drawn ?? 0) + 1;
+    queueMicrotask(() => {  // after uPlot's, which draws
+      performance.measure("umo-scope", { start: began, end: performance.now() });
+      performance.clearMeasures("umo-scope");
+    });
   }
 
   // What is shown --------------------------------------------------------------------------------------
