@@ -354,6 +354,47 @@ def watch(
     guarded(lambda: show(words or [], once, seconds))
 
 
+@app.command(
+    epilog="Examples: umo view  |  umo view ztheta --open  |  umo view --port 8300  |  "
+    "umo view --host 0.0.0.0 --token 'a long secret' --certificate cell.pem --key cell.key"
+)
+def view(
+    station: Annotated[
+        str | None,
+        typer.Argument(metavar="[STATION]", help="Name or directory of the station to show first; it may start later."),
+    ] = None,
+    wiring: WiringName = None,
+    port: Annotated[
+        int | None, typer.Option(min=0, max=65535, help="TCP port; default: 8270, or any free one if it is taken.")
+    ] = None,
+    open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    host: Annotated[
+        str, typer.Option(help="Address to listen at. Any other than this computer's own loopback needs a token.")
+    ] = "127.0.0.1",
+    hands: Annotated[bool, typer.Option("--hands", help="Let other computers command too, not only see.")] = False,
+    token: Annotated[
+        str | None,
+        typer.Option(
+            "--token", "--password", envvar="UMO_TOKEN", help="What a browser must give; default: a random token."
+        ),
+    ] = None,
+    certificate: Annotated[
+        Path | None, typer.Option(metavar="FILE.pem", help="Certificate for TLS (https); needs --key.")
+    ] = None,
+    key: Annotated[Path | None, typer.Option(metavar="FILE.key", help="Private key of the certificate.")] = None,
+) -> None:
+    """Show running stations in a browser: scope, machine, twin. Prints the address, which carries a token.
+
+    The page is served by a process of its own, which reads the frames: it does not disturb the station. It listens
+    on loopback. At another address (--host) it asks for the token, and is read-only unless --hands is given; give a
+    certificate there, or the token can be read on the network. Ctrl-C ends it; the stations go on.
+    """
+    from .page import Choice
+    from .page import view as show
+
+    guarded(lambda: show(Choice(station, wiring, host, port, token, open_, hands, certificate, key)))
+
+
 @app.command(epilog="Examples: umo ps  |  umo ps --json")
 def ps(as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False) -> None:
     """List the stations that run in real time, and the devices whose last run ended unsafely."""

@@ -13,7 +13,7 @@ from umo.errors import FramesError
 from umo.frames import Reader, rings
 from umo.frames.layout import USAGE
 from umo.latency import blackbox
-from umo.latency.causes import AFTER, WAKE, Verdict, explain, missed_rows, split, tally
+from umo.latency.causes import AFTER, WAKE, explain, missed_rows, sentence, split, tally
 from umo.remote.search import frames_at, reading, station_name
 from umo.text import did_you_mean
 
@@ -37,7 +37,7 @@ def why(station: str | None, now: bool, file: Path | None) -> int:
 def _newest(station: str | None) -> Path:
     found = blackbox.boxes(blackbox.folder())
     if station is not None:
-        names = [path.name.rsplit("-", 3)[0] for path in found]
+        names = [blackbox.station_of(path) for path in found]
         found = [path for path, name in zip(found, names, strict=True) if name == station_name(station)]
         if not found and names:
             known = ", ".join(dict.fromkeys(names))
@@ -65,9 +65,8 @@ def _report(reader: Reader, file: Path) -> None:
     frames, about = reader.read(), reader.about
     if not len(frames):
         raise FramesError(f"no period is in {file}")
-    kept = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(about.get("kept", about["started"])))
     name = f"{about['station']} ({about['wiring']})" if about["wiring"] else about["station"]
-    out.print(f"{name}, {kept}: {about.get('reason', '')}")
+    out.print(f"{name}, {blackbox.kept_at(about)}: {about.get('reason', '')}")
     out.print(
         f"the last {len(frames)} periods of {about['period'] * 1e3:g} ms; {reader.missed} missed in the whole run",
     )
@@ -77,18 +76,12 @@ def _report(reader: Reader, file: Path) -> None:
         out.print(_usual(reader, frames))
         return
     for verdict in verdicts[-10:]:
-        out.print(_sentence(frames, verdict), style="bold")
+        out.print(sentence(frames, verdict), style="bold")
     if len(verdicts) > 1:
         counts = ", ".join(f"{cause} {count}" for cause, count in tally(verdicts).items())
         out.print(f"all {len(verdicts)} occasions: {counts}")
     out.print(_around(reader, frames, verdicts[-1].row))
     out.print(str(file), style="dim")
-
-
-def _sentence(frames: Any, verdict: Verdict) -> str:
-    row = frames[verdict.row]
-    missed = f"{verdict.missed} period{'s' * (verdict.missed > 1)} missed"
-    return f"{missed} before {row['time']:.4f} s (period {row['number']}): {verdict.text}"
 
 
 def _parts(reader: Reader, frames: Any) -> tuple[list[str], Any]:

@@ -6,8 +6,10 @@ import dataclasses
 import os
 import struct
 import time
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -81,6 +83,16 @@ def name_for(folder: Path, station: str, now: float) -> Path:
     """A new file, by station and local time."""
     stamp = time.strftime("%Y%m%d-%H%M%S", time.localtime(now))
     return folder / f"{station[:100]}-{stamp}-{int(now * 1000) % 1000:03d}{SUFFIX}"
+
+
+def station_of(path: Path) -> str:
+    """The name of the station in the name of a black box."""
+    return path.name.rsplit("-", 3)[0]
+
+
+def kept_at(about: Mapping[str, Any]) -> str:
+    """When a black box was written, in local time."""
+    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(about.get("kept", about["started"])))
 
 
 def thin(folder: Path) -> None:

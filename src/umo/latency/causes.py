@@ -79,6 +79,13 @@ def explain(frames: Frames, layout: Layout, row: int) -> Verdict:
     return Verdict(row, int(frames["missed"][row]), cause, still + text, excess * 1e-9 if first >= 2 else 0.0)
 
 
+def sentence(frames: Frames, verdict: Verdict) -> str:
+    """`2 periods missed before 3.4560 s (period 3456): control code took 2.1 ms`."""
+    row = frames[verdict.row]
+    missed = f"{verdict.missed} period{'s' * (verdict.missed > 1)} missed"
+    return f"{missed} before {row['time']:.4f} s (period {row['number']}): {verdict.text}"
+
+
 def split(frames: Frames, layout: Layout) -> PhaseTimes:
     """Where each period's time went, in ns: waking up, the phases, what came after `update`."""
     phases = frames["phases"].astype(float)

@@ -1,0 +1,149 @@
+"""`umo view`: the page of the running stations, served by this process."""
+
+from __future__ import annotations
+
+import errno
+import socket
+import webbrowser
+from dataclasses import dataclass
+from html import escape
+from importlib.util import find_spec
+from pathlib import Path
+from urllib.parse import quote
+
+from umo.errors import FramesError
+from umo.frames.folder import folder
+from umo.process.station import StationError, find
+from umo.system.realtime import stand_back
+from umo.text import did_you_mean
+
+from .console import err, out
+from .running import readers, station_name
+
+LIBRARIES = ("starlette", "uvicorn", "websockets")
+PORT = 8270
+"""The default; any free port if it is taken."""
+SHORTEST = 8
+"""Characters of a token with which other computers are let in."""
+
+
+class PageError(FramesError, ValueError):
+    """The page cannot be served like this."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What `umo view` was given."""
+
+    station: str | None = None
+    wiring: str | None = None
+    host: str = "127.0.0.1"
+    port: int | None = None
+    token: str | None = None
+    open: bool = False
+    hands: bool = False
+    certificate: Path | None = None
+    key: Path | None = None
+
+
+def view(choice: Choice) -> int:
+    """Print the address, and serve the page until Ctrl-C."""
+    for library in LIBRARIES:
+        if find_spec(library) is None:
+            raise PageError(f'the page needs {library}: pip install "umo[page]"')
+    from umo.page.guard import is_loopback, new_token
+    from umo.page.server import Options, serve
+
+    local = is_loopback(choice.host)
+    _check(choice, local)
+    name = _station(choice)
+    listening = _listening(choice)
+    port = listening.getsockname()[1]
+    token = choice.token or new_token(folder() / "page.token")
+    hands = local or choice.hands
+    options = Options(choice.host, port, token, name, hands, choice.certificate, choice.key)
+    address = f"http{'s' if choice.certificate else ''}://{_shown_host(choice.host)}:{port}/"
+
+    def ready() -> None:
+        out.print(address if choice.token else f"{address}?token={quote(token)}", soft_wrap=True, highlight=False)
+        if not local:
+            _warn(choice, hands)
+        if choice.open:
+            _open(f"{address}?token={quote(token)}")
+
+    stand_back()
+    serve(options, listening, ready)
+    return 0
+
+
+def _check(choice: Choice, local: bool) -> None:
+    """PageError for options that do not fit one another."""
+    if not local and len(choice.token or "") < SHORTEST:
+        raise PageError(
+            f"listening at {choice.host} lets other computers in: give a token of at least {SHORTEST} characters "
+            "(--token, or the variable UMO_TOKEN)"
+        )
+    if (choice.certificate is None) != (choice.key is None):
+        raise PageError("TLS needs both --certificate and --key")
+    for file in filter(None, (choice.certificate, choice.key)):
+        file.open("rb").close()  # OSError names it
+
+
+def _station(choice: Choice) -> str | None:
+    """The name of the station to show first: one that runs, or one that can be started; and where its folder is."""
+    if choice.station is None:
+        if choice.wiring is not None:
+            raise PageError("--wiring belongs to a station: give its name or folder first")
+        return None
+    from umo.page import words
+
+    name = station_name(choice.station)
+    running = [str(reader.about["station"]) for reader in readers()]
+    try:
+        station = find(choice.station)
+        words.given[name] = station
+        station.wiring(choice.wiring)
+        if choice.wiring is not None:
+            words.wirings[name] = choice.wiring
+    except StationError as error:
+        if name not in running:
+            near = did_you_mean(name, running)
+            raise PageError(f"{choice.station!r} is not running{near}, and {error}") from None
+    if name not in running:
+        err.print(f"umo: {name} is not running yet; the page waits for it", soft_wrap=True)
+    return name
+
+
+def _listening(choice: Choice) -> socket.socket:
+    from umo.page.server import listen
+
+    try:
+        return listen(choice.host, PORT if choice.port is None else choice.port)
+    except OSError as error:
+        if choice.port is None and error.errno == errno.EADDRINUSE:
+            return listen(choice.host, 0)
+        reason = error.strerror or str(error)
+        raise PageError(f"cannot listen at {choice.host}, port {choice.port or PORT}: {reason}") from None
+
+
+def _shown_host(host: str) -> str:
+    if host in ("0.0.0.0", "::"):
+        return socket.gethostname()
+    return f"[{host}]" if ":" in host else host
+
+
+def _warn(choice: Choice, hands: bool) -> None:
+    may = "see and command the machine" if hands else "see the machine (read-only; --hands to command)"
+    err.print(f"umo: warning: whoever reaches {choice.host} and has the token can {may}", soft_wrap=True)
+    if choice.certificate is None:
+        err.print("umo: warning: without --certificate and --key the token can be read on the network", soft_wrap=True)
+
+
+def _open(address: str) -> None:
+    """In the user's browser, by a file that only the user can read: other users see the arguments of processes."""
+    file = folder() / "page.html"
+    file.unlink(missing_ok=True)
+    file.touch(0o600, exist_ok=False)
+    url = escape(address)
+    file.write_text(f'<meta http-equiv="refresh" content="0; url={url}"><a href="{url}">umo</a>')
+    webbrowser.open(file.as_uri())

@@ -1,0 +1,105 @@
+"""All running stations of this user: one task reads their rings for all pages."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from contextlib import suppress
+from pathlib import Path
+
+from umo.errors import FramesError
+from umo.frames import Reader, rings
+from umo.page.station import Watched
+from umo.page.words import box_in_words, newest_box
+
+RATE = 30.0
+"""Looks at the rings a second while a page is open."""
+IDLE_RATE = 5.0
+"""While no page is open."""
+STATES = 3
+"""Looks from one state to the next."""
+SEARCH = 1.0
+"""s from one search for new rings to the next."""
+BOXES = 5.0
+"""s from one search for new black boxes to the next."""
+ENDED = 4
+"""Ended runs that are kept in memory, so that the end can be looked at."""
+
+
+class Feed:
+    """`watched` are the runs by name. A run that has ended stays until the station starts again."""
+
+    def __init__(self) -> None:
+        self.watched: dict[str, Watched] = {}
+        self.pages = 0
+        """That are open."""
+        self._refused: set[str] = set()
+        self._looked = asyncio.Event()
+
+    async def run(self) -> None:
+        """Until cancelled."""
+        search = boxes = 0.0
+        looks = 0
+        while True:
+            now = time.monotonic()
+            if now >= search:
+                search = now + SEARCH
+                self.search()
+            if now >= boxes:
+                boxes = now + BOXES
+                await self._look_for_boxes()
+            looks += 1
+            self.look(states=looks % STATES == 0)
+            await asyncio.sleep(max(0.001, now + 1 / (RATE if self.pages else IDLE_RATE) - time.monotonic()))
+
+    def look(self, states: bool) -> None:
+        """Read every ring once, and wake the pages."""
+        for watched in self.watched.values():
+            if not watched.over:
+                watched.read()
+            if states:
+                watched.take_state()
+        looked, self._looked = self._looked, asyncio.Event()
+        looked.set()
+
+    async def looked(self) -> None:
+        """Wait for the next look at the rings."""
+        await self._looked.wait()
+
+    def search(self) -> None:
+        """Attach to new rings."""
+        with suppress(FramesError):  # no folder: nothing runs
+            known = {watched.path for watched in self.watched.values()}
+            for path in rings():
+                if path not in known and path.name not in self._refused:
+                    self._attach(path)
+        ended = [name for name, watched in self.watched.items() if watched.over]
+        for name in ended[:-ENDED]:
+            self.watched.pop(name).close()
+
+    def _attach(self, path: Path) -> None:
+        try:
+            watched = Watched(Reader(path))
+        except FramesError:  # of another version, or gone
+            self._refused.add(path.name)
+            return
+        before = self.watched.get(watched.name)
+        if before is not None and not before.ended:
+            watched.name = f"{watched.name} (pid {watched.about['pid']})"
+        elif before is not None:
+            before.close()
+        self.watched.pop(watched.name, None)
+        self.watched[watched.name] = watched
+
+    async def _look_for_boxes(self) -> None:
+        """The newest black box of each station, read in a thread."""
+        for watched in list(self.watched.values()):
+            path = newest_box(watched.station)
+            if path is not None and path.name != watched.box_name:
+                watched.box = await asyncio.to_thread(box_in_words, path)
+                watched.box_name = path.name
+
+    def close(self) -> None:
+        for watched in self.watched.values():
+            watched.close()
+        self.watched.clear()

@@ -1,0 +1,182 @@
+"""Who may see the page: the token, the Host and Origin headers, and the headers that bind the browser.
+
+The token comes with the address (`/?token=...`) or from the form, then a cookie takes its place. Host must be this
+computer's (a name that another site lets point here is refused), Origin must be the page's own.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import hmac
+import ipaddress
+import secrets
+import socket
+from http.cookies import CookieError, SimpleCookie
+from pathlib import Path
+from urllib.parse import parse_qs
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+WRONG_TAKES = 0.5
+"""s that the answer to a wrong token takes; the next one waits for it."""
+LONGEST = 4096
+"""Bytes of a form."""
+POLICY = (
+    "default-src 'self'; script-src 'self' {scripts}; img-src 'self' data: blob:; object-src 'none'; "
+    "base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
+)
+"""Content-Security-Policy: everything from this server."""
+LOCAL = ("localhost", "127.0.0.1", "::1")
+
+
+def new_token(file: Path) -> str:
+    """The token of this user's pages, kept in a file that only the user can read, until the computer restarts. So a
+    page that is open finds the server again."""
+    try:
+        kept = file.read_text().strip()
+        if len(kept) >= 32 and file.stat().st_mode & 0o077 == 0:
+            return kept
+    except (OSError, ValueError):
+        pass
+    token = secrets.token_urlsafe(32)
+    try:
+        file.unlink(missing_ok=True)
+        file.touch(0o600, exist_ok=False)
+        file.write_text(token)
+    except OSError:  # it is for this server only, then
+        pass
+    return token
+
+
+class Guard:
+    """An ASGI application around another. Requests without the token do not reach it."""
+
+    def __init__(self, app: ASGIApp, token: str, host: str, port: int, secure: bool, scripts: str) -> None:
+        self._app = app
+        self._token = token.encode()
+        self._cookie = f"umo-{port}"  # cookies do not know ports
+        key = hashlib.scrypt(self._token, salt=b"umo page", n=2**14, r=8, p=1)
+        self._session = hmac.new(key, b"session", "sha256").hexdigest()
+        """The cookie's value: valid as long as the token is, also after a restart of the server."""
+        self._secure = secure
+        self._everywhere = not is_loopback(host)
+        self._names = {*LOCAL, host.lower(), *((socket.gethostname().lower(),) if self._everywhere else ())}
+        self._policy = POLICY.format(scripts=scripts)
+        self._wrong = asyncio.Lock()
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+            return
+        answer = await self._refusal(scope, receive)
+        if answer is None:
+            await self._app(scope, receive, self._with_headers(scope, send))
+        elif scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": 4401 if answer.status_code == 401 else 1008})
+        else:
+            await answer(scope, receive, self._with_headers(scope, send))
+
+    async def _refusal(self, scope: Scope, receive: Receive) -> Response | None:
+        """None: the request may pass."""
+        headers = Headers(scope=scope)
+        if not self._is_our_host(headers.get("host", "")):
+            return PlainTextResponse("the Host header names another computer\n", 403)
+        origin = headers.get("origin")
+        if origin is not None and origin.lower() != self._own_origin(headers):
+            return PlainTextResponse("the Origin header names another site\n", 403)
+        if self._has_cookie(headers):
+            return None
+        if scope["type"] == "http" and scope["path"] == "/login" and scope["method"] == "POST":
+            return await self._login(receive)
+        given = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token")
+        if given is None or not await self._is_right(given[0]):
+            return self._ask(headers, again=given is not None)
+        if scope["type"] == "http" and scope["path"] == "/":
+            scope["state"] = {**scope.get("state", {}), "set_cookie": True}
+        return None
+
+    def _is_our_host(self, text: str) -> bool:
+        """By name, or any address as such, which no other site can have."""
+        name = text[1 : text.find("]")] if text.startswith("[") else text.partition(":")[0]
+        if name.lower() in self._names:
+            return True
+        try:
+            address = ipaddress.ip_address(name)
+        except ValueError:
+            return False
+        return self._everywhere or address.is_loopback
+
+    def _own_origin(self, headers: Headers) -> str:
+        return f"http{'s' if self._secure else ''}://{headers.get('host', '')}".lower()
+
+    def _has_cookie(self, headers: Headers) -> bool:
+        try:
+            cookie = SimpleCookie(headers.get("cookie", "")).get(self._cookie)
+        except CookieError:
+            return False
+        return cookie is not None and hmac.compare_digest(cookie.value.encode(), self._session.encode())
+
+    async def _is_right(self, token: str) -> bool:
+        """Wrong ones are answered one after another, each after a while: guessing takes for ever."""
+        if hmac.compare_digest(token.encode(errors="replace"), self._token):
+            return True
+        async with self._wrong:
+            await asyncio.sleep(WRONG_TAKES)
+        return False
+
+    async def _login(self, receive: Receive) -> Response:
+        body, more = b"", True
+        while more and len(body) < LONGEST:
+            message = await receive()
+            body += message.get("body", b"")
+            more = message.get("more_body", False)
+        given = parse_qs(body.decode("latin-1"), encoding="utf-8").get("token", [""])[0]
+        if not await self._is_right(given):
+            return HTMLResponse(FORM.replace("{again}", "This is not the token."), 401)
+        response = RedirectResponse("/", 303)
+        response.headers["set-cookie"] = self._set_cookie()
+        return response
+
+    def _ask(self, headers: Headers, again: bool) -> Response:
+        if "text/html" in headers.get("accept", ""):
+            return HTMLResponse(FORM.replace("{again}", "This is not the token." if again else ""), 401)
+        return PlainTextResponse("open the address that `umo view` printed: it carries the token\n", 401)
+
+    def _set_cookie(self) -> str:
+        secure = "; Secure" if self._secure else ""
+        return f"{self._cookie}={self._session}; HttpOnly; SameSite=Strict; Path=/{secure}"
+
+    def _with_headers(self, scope: Scope, send: Send) -> Send:
+        async def wrapped(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                headers["content-security-policy"] = self._policy
+                headers["x-content-type-options"] = "nosniff"
+                headers["referrer-policy"] = "no-referrer"
+                headers["cross-origin-resource-policy"] = "same-origin"
+                headers["cross-origin-opener-policy"] = "same-origin"
+                headers.setdefault("cache-control", "no-cache")
+                if scope.get("state", {}).get("set_cookie"):
+                    headers["set-cookie"] = self._set_cookie()
+            await send(message)
+
+        return wrapped
+
+
+def is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host.lower() == "localhost"
+
+
+FORM = """<!doctype html><html lang="en"><meta charset="utf-8"><title>umo</title>
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<h1>umo</h1><p>{again}</p>
+<form method="post" action="/login"><label>Token or password: <input name="token" type="password" autofocus></label>
+<button>Open</button></form>
+<p>The address that <code>umo view</code> printed carries the token.</p></html>
+"""

@@ -1,0 +1,88 @@
+"""Samples reduced to a minimum and a maximum per pixel, triggers, and measured values, in numpy."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+HYSTERESIS = 0.1
+"""Of the peak-to-peak value: half the band around the middle in which no crossing is counted."""
+FEWEST = 2.0
+"""Samples per pixel from which they are reduced."""
+
+
+@dataclass(frozen=True)
+class Points:
+    """What is drawn: for each point a time, and per trace the least and the greatest value; NaN: no value."""
+
+    times: Floats
+    low: Floats
+    high: Floats
+    """One row per trace. The same array as `low` where nothing was reduced."""
+
+
+def reduced(times: Floats, values: Floats, step: float, period: float) -> Points:
+    """Samples (one row per trace) as one point per `step` s that has a sample. No minimum or maximum is lost.
+
+    The time of a point is that of its first sample. Every sample is a point if `step` is below two periods.
+    """
+    if step < FEWEST * period or len(times) == 0:
+        return Points(times, values, values)
+    buckets = np.floor(times / step)
+    first = np.flatnonzero(np.diff(buckets, prepend=np.nan) != 0)
+    return Points(times[first], _reduceat(np.fmin, values, first), _reduceat(np.fmax, values, first))
+
+
+def _reduceat(function: np.ufunc, values: Floats, first: npt.NDArray[np.intp]) -> Floats:
+    found: Floats = function.reduceat(values, first, axis=1)
+    return found
+
+
+def crossing(times: Floats, values: Floats, kind: str, level: float) -> float | None:
+    """The time of the first sample that fulfils a trigger; None if there is none.
+
+    `rising`, `falling`: the first sample beyond the level after one that was not. `above`, `below`: the first one
+    beyond the level.
+    """
+    beyond = values > level if kind in ("rising", "above") else values < level
+    if kind in ("rising", "falling"):
+        beyond = beyond[1:] & ~beyond[:-1] & np.isfinite(values[:-1])
+        times = times[1:]
+    found = np.flatnonzero(beyond)
+    return float(times[found[0]]) if len(found) else None
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Values of one trace over a stretch of time, in its unit; frequency in Hz, None if it cannot be told."""
+
+    minimum: float
+    maximum: float
+    mean: float
+    rms: float
+    frequency: float | None
+
+
+def measured(times: Floats, values: Floats) -> dict[str, Any] | None:
+    """Minimum, maximum, mean, root mean square and frequency of all samples that have a value; None without one."""
+    known = np.isfinite(values)
+    if not known.all():
+        times, values = times[known], values[known]
+    if not len(values):
+        return None
+    low, high = float(values.min()), float(values.max())
+    rms = float(np.sqrt(np.mean(np.square(values))))
+    return asdict(Measured(low, high, float(values.mean()), rms, frequency(times, values, low, high)))
+
+
+def frequency(times: Floats, values: Floats, low: float, high: float) -> float | None:
+    """Of the rising crossings of the middle, in Hz, counted with a hysteresis; None for less than one whole period."""
+    middle, band = (low + high) / 2, (high - low) * HYSTERESIS
+    outside = np.flatnonzero(np.abs(values - middle) > band)
+    above = values[outside] > middle
+    rising = times[outside[1:][above[1:] & ~above[:-1]]]
+    return float((len(rising) - 1) / (rising[-1] - rising[0])) if len(rising) > 1 else None

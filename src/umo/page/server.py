@@ -1,0 +1,144 @@
+"""The server of the page: routes, and how it listens."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import hashlib
+import re
+import socket
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp
+from starlette.websockets import WebSocket
+
+from umo.page import twin
+from umo.page.feed import Feed
+from umo.page.guard import Guard
+from umo.page.session import Session
+
+STATIC = Path(__file__).parent / "static"
+LONGEST_MESSAGE = 1 << 16
+"""Bytes of a message of a page."""
+GRACE = 1
+"""s that open pages are given at the end."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to serve. `station` is shown first; `hands`: pages may command."""
+
+    host: str
+    port: int
+    token: str
+    station: str | None = None
+    hands: bool = True
+    certificate: Path | None = None
+    key: Path | None = None
+
+
+def application(options: Options, feed: Feed) -> ASGIApp:
+    """The page of a feed, behind its guard."""
+    about = {"station": options.station, "hands": options.hands, "version": version("umo")}
+
+    async def index(request: Request) -> Response:
+        return FileResponse(STATIC / "index.html")
+
+    async def page(websocket: WebSocket) -> None:
+        await websocket.accept()
+        await Session(websocket, feed, about).run()
+
+    @asynccontextmanager
+    async def lifespan(app: Starlette) -> AsyncIterator[None]:
+        reading = asyncio.create_task(feed.run())
+        yield
+        reading.cancel()
+        with suppress(asyncio.CancelledError):
+            await reading
+        feed.close()
+
+    routes = [
+        Route("/", index),
+        WebSocketRoute("/ws", page),
+        Route("/twin/{name}", _twin(feed)),
+        Route("/twin/{name}/{file:path}", _twin_file(feed)),
+        Mount("/static", StaticFiles(directory=STATIC)),
+    ]
+    app = Starlette(routes=routes, lifespan=lifespan)
+    secure = options.certificate is not None
+    return Guard(app, options.token, options.host, options.port, secure, _hashes((STATIC / "index.html").read_text()))
+
+
+def _twin(feed: Feed) -> Callable[[Request], object]:
+    async def answer(request: Request) -> Response:
+        watched = feed.watched.get(request.path_params["name"])
+        if watched is not None:
+            paths, wiring = list(watched.columns), str(watched.about["wiring"] or "")
+            found = await asyncio.to_thread(twin.describe, watched.station, wiring, paths)
+            if found is not None:
+                return JSONResponse(found)
+        return PlainTextResponse("no twin\n", 404)
+
+    return answer
+
+
+def _twin_file(feed: Feed) -> Callable[[Request], object]:
+    async def answer(request: Request) -> Response:
+        watched = feed.watched.get(request.path_params["name"])
+        if watched is not None:
+            found = await asyncio.to_thread(twin.file, watched.station, request.path_params["file"])
+            if found is not None:
+                return FileResponse(found)
+        return PlainTextResponse("no such file\n", 404)
+
+    return answer
+
+
+def _hashes(html: str) -> str:
+    """The hashes of the scripts in a page, for its policy."""
+    found = re.findall(r"<script[^>]*>([^<]+)</script>", html)
+    return " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'" for text in found)
+
+
+def listen(host: str, port: int) -> socket.socket:
+    """A socket that listens; OSError if the port is taken or the address is none of this computer's."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    return socket.create_server((host, port), family=family)
+
+
+def serve(options: Options, listening: socket.socket, ready: Callable[[], None]) -> None:
+    """Serve until Ctrl-C or SIGTERM. `ready` is called when the server answers."""
+    server(options, ready).run(sockets=[listening])
+
+
+def server(options: Options, ready: Callable[[], None]) -> uvicorn.Server:
+    """The server, not yet running."""
+    config = uvicorn.Config(
+        application(options, Feed()), log_level="error", access_log=False, lifespan="on", server_header=False,
+        ws="websockets-sansio", ws_max_size=LONGEST_MESSAGE, ws_per_message_deflate=False,
+        timeout_graceful_shutdown=GRACE, ssl_certfile=options.certificate, ssl_keyfile=options.key,
+    )  # fmt: skip
+    return _Server(config, ready)
+
+
+class _Server(uvicorn.Server):
+    """Says when it answers."""
+
+    def __init__(self, config: uvicorn.Config, ready: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._ready = ready
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        if self.started:
+            self._ready()

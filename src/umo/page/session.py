@@ -1,0 +1,168 @@
+"""One open page: its websocket, what it has subscribed to, and what it asks for.
+
+From the page, JSON: `watch` (name of a run), `live` (id, paths, span, width, trigger), `stop` (id), `window` (id,
+paths, start, stop, width; 0: every sample), `measure` (id, paths, start, stop), `command`.
+To the page, JSON: `server`, `stations`, `description`, `state`, `measured`, `answer`, `error`; binary: points
+(`umo.page.live.packed`).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from contextlib import suppress
+from typing import Any
+
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from umo.page import commands
+from umo.page.feed import Feed
+from umo.page.live import MOST_WIDTH, BadRequest, Live, columns_of, number, packed, window
+from umo.page.reduction import measured
+from umo.page.station import Watched
+
+MOST_LIVE = 16
+"""Subscriptions of one page."""
+
+
+class Session:
+    """`server`: what every page is told of this server."""
+
+    def __init__(self, socket: WebSocket, feed: Feed, server: dict[str, Any]) -> None:
+        self._socket = socket
+        self._feed = feed
+        self._server = server
+        self._name: str | None = server.get("station")
+        self._watched: Watched | None = None
+        self._live: dict[Any, Live] = {}
+        self._state = 0
+        """Number of the state that was sent last."""
+        self._stations = ""
+        self._sending = asyncio.Lock()
+
+    async def run(self) -> None:
+        """Until the page is closed."""
+        self._feed.pages += 1
+        sending = asyncio.create_task(self._send_all())
+        try:
+            while True:
+                await self._take(await self._socket.receive_text())
+        except (WebSocketDisconnect, KeyError):  # KeyError: a binary message
+            pass
+        finally:
+            self._feed.pages -= 1
+            sending.cancel()
+            with suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
+                await sending
+
+    # To the page ---------------------------------------------------------------------------------------
+
+    async def _send_all(self) -> None:
+        """After every look at the rings, what is new. A slow page gets fewer messages; none waits for it."""
+        await self._tell(self._server | {"type": "server"})
+        while True:
+            await self._tell_stations()
+            await self._tell_state()
+            for live in list(self._live.values()):
+                message = live.next()
+                if message is not None:
+                    await self._send(message)
+            await self._feed.looked()
+
+    async def _tell_stations(self) -> None:
+        """The list when it has changed, and the description of a run that is new."""
+        lines = [watched.line() for watched in self._feed.watched.values()]
+        if (text := json.dumps({"type": "stations", "stations": lines})) != self._stations:
+            self._stations = text
+            await self._send(text)
+        if self._name is None and len(lines) == 1:
+            self._name = lines[0]["name"]
+        watched = self._feed.watched.get(self._name or "")
+        if watched is not None and watched is not self._watched:
+            self._watched, self._state = watched, 0
+            self._live.clear()
+            await self._tell(watched.description())
+
+    async def _tell_state(self) -> None:
+        watched = self._watched
+        if watched is None or watched.number == self._state:
+            return
+        full = self._state == 0 or watched.number != self._state + 1
+        self._state = watched.number
+        await self._send(watched.state(full))
+
+    async def _tell(self, message: dict[str, Any]) -> None:
+        await self._send(json.dumps(message))
+
+    async def _send(self, message: str | bytes) -> None:
+        async with self._sending:
+            if isinstance(message, str):
+                await self._socket.send_text(message)
+            else:
+                await self._socket.send_bytes(message)
+
+    # From the page -------------------------------------------------------------------------------------
+
+    async def _take(self, text: str) -> None:
+        """Carry out a message of the page; one without meaning is answered by an error."""
+        message: Any = None
+        try:
+            message = json.loads(text)
+            if not isinstance(message, dict):
+                raise BadRequest("a message is a JSON object")
+            await self._carry_out(message)
+        except (ValueError, RecursionError) as error:  # BadRequest and what json raises
+            number = message.get("id") if isinstance(message, dict) else None
+            await self._tell({"type": "error", "id": number, "text": str(error)[:200]})
+
+    async def _carry_out(self, message: dict[str, Any]) -> None:
+        kind, watched = message.get("type"), self._watched
+        if kind == "watch":
+            self._watch(message.get("name"))
+        elif kind == "command":
+            answer = await commands.carry_out(message, watched, bool(self._server.get("hands")))
+            await self._tell(answer | {"type": "answer", "id": message.get("id")})
+        elif kind == "stop":
+            self._live.pop(_key(message), None)
+        elif watched is None:
+            raise BadRequest("no station is chosen")
+        elif kind == "live":
+            self._subscribe(Live(watched, message), _key(message))
+        elif kind == "window":
+            width = int(min(max(number(message, "width"), 0), MOST_WIDTH))
+            points = window(watched, *_stretch(watched, message), width)
+            await self._send(packed({"id": message.get("id"), "window": True}, points))
+        elif kind == "measure":
+            columns, start, stop = _stretch(watched, message)
+            times, values = watched.history.between(start, stop, columns)
+            found = [measured(times, row) for row in values]
+            await self._tell({"type": "measured", "id": message.get("id"), "values": found})
+        else:
+            raise BadRequest(f"no message {kind!r}")
+
+    def _watch(self, name: Any) -> None:
+        if name is not None and not isinstance(name, str):
+            raise BadRequest("a name is a text")
+        self._name, self._watched, self._state = name, None, 0
+        self._live.clear()
+
+    def _subscribe(self, live: Live, key: int) -> None:
+        self._live.pop(key, None)
+        if len(self._live) >= MOST_LIVE:
+            raise BadRequest(f"up to {MOST_LIVE} subscriptions")
+        self._live[key] = live
+
+
+def _key(message: dict[str, Any]) -> int:
+    key = message.get("id")
+    if not isinstance(key, int):
+        raise BadRequest("id must be a whole number")
+    return key
+
+
+def _stretch(watched: Watched, message: dict[str, Any]) -> tuple[list[int], float, float]:
+    """Columns, start and stop of a part of the history."""
+    start, stop = number(message, "start"), number(message, "stop")
+    if stop < start:
+        raise BadRequest("stop must not be before start")
+    return columns_of(watched, message.get("paths")), start, stop

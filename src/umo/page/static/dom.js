@@ -1,0 +1,71 @@
+/** Small helpers: elements, numbers, the address. */
+
+/** An element with properties, attributes (`data-`, `aria-`, role) and children. */
+export function el(tag, properties = {}, ...children) {
+  const element = document.createElement(tag);
+  for (const [name, value] of Object.entries(properties)) {
+    if (name in element && !name.includes("-") && name !== "list") element[name] = value;
+    else if (value !== null && value !== undefined) element.setAttribute(name, value);
+  }
+  element.append(...children.filter((child) => child !== null && child !== undefined));
+  return element;
+}
+
+/** Set the text of an element if it differs: nothing is laid out again for nothing. */
+export function setText(element, text) {
+  if (element.textContent !== text) element.textContent = text;
+}
+
+/** A number in up to five significant digits. */
+export function shortNumber(value) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "-";
+  const size = Math.abs(value);
+  if (size !== 0 && (size < 1e-4 || size >= 1e9)) return value.toExponential(3);
+  if (size >= 1000) return value.toFixed(1);
+  return String(Number(value.toPrecision(5)));
+}
+
+export const unitOf = (entry) => (!entry?.unit || entry.unit === "sampling_period" ? "" : entry.unit);
+export const isBinary = (entry) => Boolean(entry) && "one" in entry;
+
+/** The value of an object or signal with its unit, or its state. */
+export function shown(entry, value) {
+  if (isBinary(entry)) return value === null || value === undefined ? "-" : value > 0.5 ? entry.one : entry.zero;
+  const number = shortNumber(value);
+  return number === "-" ? number : `${number} ${unitOf(entry)}`.trimEnd();
+}
+
+/** Seconds as `1.5 ms`, `12.3 s`, `2 min`. */
+export function duration(seconds) {
+  if (seconds === null) return "never";
+  const size = Math.abs(seconds);
+  if (size < 1e-3) return `${shortNumber(seconds * 1e6)} µs`;
+  if (size < 1) return `${shortNumber(seconds * 1e3)} ms`;
+  return size < 120 ? `${seconds.toFixed(size < 10 ? 2 : 1)} s` : `${Math.round(seconds / 60)} min`;
+}
+
+/** What is chosen, kept in the address after `#`. */
+export const address = {
+  get(name) { return new URLSearchParams(location.hash.slice(1)).get(name); },
+  set(values) {
+    const all = new URLSearchParams(location.hash.slice(1));
+    for (const [name, value] of Object.entries(values)) {
+      if (value === null || value === "") all.delete(name);
+      else all.set(name, value);
+    }
+    history.replaceState(null, "", `${location.pathname}#${all.toString().replaceAll("%2C", ",")}`);
+  },
+};
+
+/** The paths on the scope, as the address has them; null: nothing was chosen yet. */
+export function tracesOfAddress() {
+  const text = address.get("traces");
+  return text === null ? null : text.split(",").filter(Boolean);
+}
+
+/** Offer a file for saving. */
+export function save(name, blob) {
+  const link = el("a", { href: URL.createObjectURL(blob), download: name });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+}

@@ -1,0 +1,207 @@
+/** The connection to the server: stations, states, and traces against time. It reconnects by itself. */
+
+const RETRY = [250, 500, 1000, 2000];  // ms from one attempt to the next
+
+/**
+ * @typedef {{times: Float64Array, low: Float64Array[], high: Float64Array[], from: number, trigger?: number,
+ *   start?: number}} Points  Per trace the least and the greatest value of each point; NaN: no value.
+ */
+
+/** The numbers of a binary message. @param {ArrayBuffer} buffer @returns {{head: object, points: Points}} */
+export function unpack(buffer) {
+  const length = new DataView(buffer).getUint32(0, true);
+  const head = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
+  const { count, traces, same } = head;
+  let at = 4 + length;
+  const take = () => {
+    const part = new Float64Array(buffer, at, count);
+    at += 8 * count;
+    return part;
+  };
+  const times = take();
+  const low = Array.from({ length: traces }, take);
+  const high = same ? low : Array.from({ length: traces }, take);
+  return { head, points: { ...head, times, low, high } };
+}
+
+export class Feed {
+  constructor() {
+    this.connected = false;
+    this.server = null;
+    this.stations = [];
+    this.wanted = null;
+    this.description = null;
+    this.state = null;
+    this._index = new Map();
+    this._values = [];
+    this._listeners = new Map();
+    this._subscriptions = new Map();
+    this._waiting = new Map();
+    this._id = 0;
+    this._attempt = 0;
+  }
+
+  /** Name of the run that is shown. */
+  get station() { return this.description ? this.description.name : null; }
+
+  /** Id of the run that is shown: it changes when the station is started again. */
+  get run() { return this.description ? this.description.run : null; }
+
+  start() {
+    const socket = new WebSocket(new URL("ws", location.href.split("#")[0].split("?")[0]).href.replace(/^http/, "ws"));
+    socket.binaryType = "arraybuffer";
+    this._socket = socket;
+    socket.onopen = () => {
+      this._attempt = 0;
+      this.connected = true;
+      if (this.wanted) this._send({ type: "watch", name: this.wanted });
+      this._emit("connection");
+    };
+    socket.onmessage = ({ data }) => (typeof data === "string" ? this._text(JSON.parse(data)) : this._binary(data));
+    socket.onclose = ({ code }) => this._closed(code);
+  }
+
+  _closed(code) {
+    const was = this.connected;
+    this.connected = false;
+    this.refused = code === 4401 || code === 1008;
+    for (const { reject } of this._waiting.values()) reject(new Error("the connection to the server is lost"));
+    this._waiting.clear();
+    if (was || this._attempt === 0) this._emit("connection");
+    setTimeout(() => this.start(), RETRY[Math.min(this._attempt++, RETRY.length - 1)]);
+  }
+
+  _text(message) {
+    const known = this[`_on_${message.type}`];
+    if (known) known.call(this, message);
+    else this._answer(message);
+  }
+
+  _on_server(message) {
+    this.server = message;
+    this._emit("server");
+  }
+
+  _on_stations({ stations }) {
+    this.stations = stations;
+    this._emit("stations");
+  }
+
+  _on_description(message) {
+    this.description = message;
+    this.entries = [...message.objects, ...message.signals];
+    this._index = new Map(this.entries.map((entry, index) => [entry.path, index]));
+    this._values = [];
+    this.state = null;
+    this._emit("description");
+    for (const subscription of this._subscriptions.values()) subscription.begin();
+  }
+
+  _on_state(message) {
+    if (message.full) this._values = [];
+    this.changed = Object.keys(message.values).map(Number);
+    for (const index of this.changed) this._values[index] = message.values[index];
+    this.state = message;
+    this._emit("state");
+  }
+
+  _on_error(message) {
+    if (!this._answer(message, true)) console.warn(message.text);
+  }
+
+  _answer(message, failed = false) {
+    const waiting = this._waiting.get(message.id);
+    if (!waiting) return false;
+    this._waiting.delete(message.id);
+    if (failed) waiting.reject(new Error(message.text));
+    else waiting.resolve(message);
+    return true;
+  }
+
+  _binary(data) {
+    const { head, points } = unpack(data);
+    if (head.window) this._answer(points);
+    else this._subscriptions.get(head.id)?.listener(points);
+  }
+
+  /** Show another run; null: the only one. */
+  watch(name) {
+    this.wanted = name;
+    this.description = this.state = null;
+    this._emit("description");
+    if (this.connected) this._send({ type: "watch", name });
+  }
+
+  /** The present value of an object or signal; null: it is not known. */
+  latest(path) {
+    const found = this._values[this._index.get(path)];
+    if (!found) return null;
+    const [value, raw = null, quality = 0] = found;
+    return { value, raw, quality, time: this.state.time };
+  }
+
+  /** The unit or states of an object or signal. */
+  entry(path) { return this.entries?.[this._index.get(path)] ?? null; }
+
+  /** s on the station's clock between which the server knows the history. */
+  range() { return { start: this.state?.start ?? 0, stop: this.state?.stop ?? 0 }; }
+
+  /**
+   * Points about 30 times a second, until `close`.
+   * @param {{paths: string[], span: number, width: number, trigger?: object}} request
+   * @param {(points: Points) => void} listener
+   */
+  subscribe(request, listener) {
+    const id = ++this._id;
+    const begin = () => {
+      const known = request.paths.every((path) => this._index.has(path));
+      if (this.connected && this.description && known) this._send({ type: "live", id, ...request });
+    };
+    this._subscriptions.set(id, { listener, begin });
+    begin();
+    return {
+      close: () => {
+        this._subscriptions.delete(id);
+        if (this.connected) this._send({ type: "stop", id });
+      },
+    };
+  }
+
+  /** The history between two times, reduced to `width` pixels; 0: every sample. @returns {Promise<Points>} */
+  window(request) { return this._ask({ type: "window", ...request }); }
+
+  /** Minimum, maximum, mean, rms and frequency of all samples between two times. */
+  measure(request) { return this._ask({ type: "measure", ...request }); }
+
+  /** A command for the station; the answer in the machine's words. */
+  command(message) { return this._ask({ ...message, type: "command" }); }
+
+  /** A GET from this server as JSON; Error with the status otherwise. */
+  async json(path) {
+    const response = await fetch(path, { credentials: "same-origin" });
+    if (!response.ok) throw new Error(`${path}: ${response.status}`);
+    return response.json();
+  }
+
+  _ask(message) {
+    if (!this.connected) return Promise.reject(new Error("there is no connection to the server"));
+    const id = ++this._id;
+    return new Promise((resolve, reject) => {
+      this._waiting.set(id, { resolve, reject });
+      this._send({ ...message, id });
+    });
+  }
+
+  _send(message) {
+    if (this._socket.readyState === WebSocket.OPEN) this._socket.send(JSON.stringify(message));
+  }
+
+  /** Call a listener on "server", "stations", "description", "state" or "connection"; the result ends that. */
+  on(kind, listener) {
+    const all = this._listeners.get(kind) ?? new Set();
+    this._listeners.set(kind, all.add(listener));
+    return () => all.delete(listener);
+  }
+
+  _emit(kind) { for (const listener of [...(this._listeners.get(kind) ?? [])]) listener(); }
+}

@@ -1,0 +1,40 @@
+/** Like objects of lists in one line, as `umo watch` has them. */
+
+const FROM = 3;  // members from which they are folded
+
+/** A path with `*` for its indexes. */
+export const generalised = (path) => path.split(".").map((part) => (/^\d+$/.test(part) ? "*" : part)).join(".");
+
+/** The name of like paths: `zones[0..39].heater`. @param {string[]} paths */
+export function folded(paths) {
+  const parts = paths.map((path) => path.split("."));
+  return parts[0].map((part, i) => {
+    const numbers = [...new Set(parts.map((path) => path[i]))].map(Number);
+    if (!/^\d+$/.test(part) || numbers.length === 1) return `.${part}`;
+    return `[${numbers.reduce((a, b) => Math.min(a, b))}..${numbers.reduce((a, b) => Math.max(a, b))}]`;
+  }).join("").slice(1);
+}
+
+/**
+ * The lines of a list of paths: one for each object, or for a family of at least three.
+ * @returns {{name: string, group: string, places: number[]}[]}  In the order of the groups' first members.
+ */
+export function linesOf(paths) {
+  const families = new Map();
+  paths.forEach((path, place) => {
+    const family = generalised(path);
+    families.set(family, [...(families.get(family) ?? []), place]);
+  });
+  const lines = [];
+  for (const places of families.values()) {
+    if (places.length >= FROM) lines.push(line(folded(places.map((place) => paths[place])), places));
+    else for (const place of places) lines.push(line(paths[place], [place]));
+  }
+  const groups = new Map();
+  for (const each of lines) groups.set(each.group, [...(groups.get(each.group) ?? []), each]);
+  return [...groups.values()].flat();
+}
+
+function line(name, places) {
+  return { name, group: name.includes(".") ? name.slice(0, name.indexOf(".")) : "", places };
+}

@@ -1,0 +1,102 @@
+/** One line of the machine: an object or a signal, or a family of like ones. */
+
+import { duration, el, isBinary, setText, shortNumber, shown, unitOf } from "./dom.js";
+
+/** Sign and name of a quality: colour is not the only difference. */
+export const QUALITIES = [["●", "good"], ["▲", "out of range"], ["◇", "unreferenced"], ["◔", "stale"], ["✕", "bad"]];
+const STALE = 3;
+
+export class Row {
+  /**
+   * @param {number[]} places  In the feed's entries; several: a family.
+   * @param {{family: string, open: boolean, inside: boolean}} how
+   */
+  constructor(feed, name, places, how, act) {
+    this._feed = feed;
+    this._places = places;
+    this._entry = feed.entries[places[0]];
+    this._paths = places.map((place) => feed.entries[place].path);
+    const mark = how.family ? (how.open ? "▾ " : "▸ ") : "";
+    const title = how.family ? "Fold or unfold" : "Put on the scope, or take off";
+    this._sign = el("td", { className: "quality" });
+    this._value = el("td", { className: "value" });
+    this._age = el("td", { className: "age" });
+    this._raw = el("td", { className: "raw" });
+    this._scope = el("td", { className: "on-scope" });
+    const button = el("button", { className: "name", textContent: mark + name, title, onclick: act });
+    if (how.family) button.setAttribute("aria-expanded", String(how.open));
+    this._reason = el("small", { className: "reason" });
+    this.element = el("tr", { className: how.inside ? "inside" : "", "data-path": name },
+      this._sign, el("th", { scope: "row" }, button, this._reason), this._value, this._age, this._raw,
+      el("td", { className: "wiring", textContent: this._wire() }), el("td", { className: "range", textContent: this._range() }), this._scope);
+  }
+
+  _wire() {
+    const wires = [...new Set(this._paths.map((path) => this._feed.description.wires[path] ?? ""))];
+    return wires.length > 2 ? `${wires[0]} .. ${wires[wires.length - 1]}` : wires.join(", ");
+  }
+
+  _range() {
+    const { kind = "signal", minimum, maximum } = this._entry;
+    const what = kind.replace(/([a-z])([A-Z])/g, "$1 $2").toLowerCase();
+    if (isBinary(this._entry)) return `${what}, ${this._entry.zero} or ${this._entry.one}`;
+    return minimum === undefined ? what : `${what}, ${shortNumber(minimum)} to ${shown(this._entry, maximum)}`;
+  }
+
+  /** Show the present values. */
+  refresh() {
+    const found = this._paths.map((path) => this._feed.latest(path)).filter(Boolean);
+    if (!found.length) return;
+    setText(this._value, this._text(found.map(({ value }) => value)));
+    this._quality(Math.max(...found.map(({ quality }) => quality)), found);
+    const [{ raw }] = found;
+    setText(this._raw, found.length === 1 && raw !== null ? String(raw) : "");
+    this._inhibited();
+  }
+
+  _text(values) {
+    if (values.length === 1) return shown(this._entry, values[0]);
+    if (isBinary(this._entry)) {
+      const ones = values.filter((value) => value > 0.5).length;
+      if (ones === 0 || ones === values.length) return shown(this._entry, values[0]);
+      return `${ones} ${this._entry.one}, ${values.length - ones} ${this._entry.zero}`;
+    }
+    const known = values.filter((value) => value !== null);
+    const low = known.reduce((a, b) => Math.min(a, b), Infinity);
+    const high = known.reduce((a, b) => Math.max(a, b), -Infinity);
+    if (!known.length) return "-";
+    return low === high ? shown(this._entry, low) : `${shortNumber(low)} to ${shortNumber(high)} ${unitOf(this._entry)}`.trimEnd();
+  }
+
+  /** The worst one, with how many have it; the age of the oldest value. */
+  _quality(worst, found) {
+    const signal = !("kind" in this._entry);
+    const [sign, name] = QUALITIES[worst];
+    setText(this._sign, signal ? "" : sign);
+    this._sign.title = signal ? "" : name;
+    this._sign.setAttribute("aria-label", signal ? "" : name);
+    this.element.dataset.quality = signal ? "" : name;
+    const count = found.length > 1 ? `${found.filter(({ quality }) => quality === worst).length} ` : "";
+    if (worst > 0) this._value.append(el("em", { textContent: ` ${count}${name}` }));
+    const ages = this._places.map((place) => this._feed.state.ages[place]).filter((age) => age !== undefined);
+    const age = ages.includes(null) ? null : Math.max(...ages);
+    setText(this._age, worst >= STALE && ages.length ? duration(age) : signal ? "" : this._fresh());
+  }
+
+  _fresh() { return this._entry.synchronous ? "" : "on demand"; }
+
+  /** The reason why an actuator stands at its default. */
+  _inhibited() {
+    const reasons = this._feed.state.inhibited ?? {};
+    const path = this._paths.find((each) => each in reasons);
+    setText(this._reason, path ? `⊘ inhibited: ${reasons[path]}` : "");
+  }
+
+  /** Whether it is on the scope. @param {string[]} traces */
+  mark(traces) {
+    const on = this._paths.length === 1 && traces.includes(this._paths[0]);
+    setText(this._scope, on ? "∿" : "");
+    this._scope.title = on ? "On the scope" : "";
+    this.element.classList.toggle("traced", on);
+  }
+}

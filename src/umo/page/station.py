@@ -1,0 +1,163 @@
+"""One run of a station as the page sees it: its ring is read once, for all pages."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from umo.frames import Reader, Stage
+from umo.objects import Quality
+from umo.page.history import History
+from umo.page.words import wires
+from umo.text import printable
+
+OF_THE_RING = ("actions", "tunables", "interlocks")
+"""What the description of a ring says of hands."""
+OF_A_STATE = ("mode", "lease", "inhibited", "tuned", "events")
+
+
+class Watched:
+    """A ring, the last minutes of it, and its state ten times a second."""
+
+    def __init__(self, reader: Reader) -> None:
+        self.reader = reader
+        reader.next = max(
+            reader.next, reader.head - reader.slots // 2
+        )  # older ones may be written over while they are read
+        self.about: dict[str, Any] = reader.about
+        self.station = str(self.about["station"])
+        self.name = self.station
+        """Of this run on the page; two runs of one station have different names."""
+        self.run = reader.path.name
+        self.entries: list[dict[str, Any]] = [*reader.layout.objects, *reader.layout.signals]
+        self.columns = {str(entry["path"]): column for column, entry in enumerate(self.entries)}
+        self.period = float(self.about["period"])
+        self.history = History(len(self.entries), self.period)
+        self.stage = reader.state
+        self.number = 0
+        """Of the state."""
+        self.box = ""
+        """The newest black box in words."""
+        self.box_name = ""
+        self.over = False
+        """The run has ended, and all its frames are read."""
+        self._frame: Any = reader.latest()
+        self._good = np.full(len(reader.layout.objects), np.nan)
+        self._seen = time.monotonic()
+        self._shown: list[Any] = []
+        self._changed: dict[int, Any] = {}
+        self._texts: dict[bool, str] = {}
+
+    def read(self) -> None:
+        """Take all new frames."""
+        self.stage = self.reader.state  # before the frames: the last ones are read in any case
+        frames = self.reader.read()
+        self.over = self.ended
+        if not len(frames):
+            return
+        self._seen = time.monotonic()
+        self._frame = frames[-1]
+        self.history.add(frames["time"], self._rows(frames))
+        usable = frames["quality"] < Quality.STALE
+        last = len(frames) - 1 - np.argmax(usable[::-1], axis=0)
+        self._good = np.where(usable.any(axis=0), frames["time"][last], self._good)
+
+    @staticmethod
+    def _rows(frames: Any) -> Any:
+        """A row for each frame; what is of bad quality has no value."""
+        values, quality = frames["values"], frames["quality"]
+        if quality.size and quality.max() >= Quality.BAD:
+            values = np.where(quality >= Quality.BAD, np.nan, values)
+        return np.hstack([values, frames["signals"]])
+
+    # What pages are told -------------------------------------------------------------------------------
+
+    def description(self) -> dict[str, Any]:
+        """What does not change during the run."""
+        layout = self.reader.layout
+        about = {name: self.about[name] for name in ("station", "wiring", "pid", "started", "period")}
+        told = {
+            "type": "description",
+            "name": self.name,
+            "station": self.station,
+            "run": self.run,
+            "period": self.period,
+        }
+        told |= {"objects": layout.objects, "signals": layout.signals, "wires": wires(self.about, self.reader.paths)}
+        told |= about | {"qualities": [str(quality) for quality in Quality]}
+        return told | {name: getattr(layout, name) for name in OF_THE_RING if hasattr(layout, name)}
+
+    def take_state(self) -> None:
+        """Make the next state: what has changed since the one before."""
+        self.number += 1
+        shown = self._values()
+        before = self._shown if len(self._shown) == len(shown) else [None] * len(shown)
+        self._changed = {i: new for i, (new, old) in enumerate(zip(shown, before, strict=True)) if new != old}
+        self._shown = shown
+        self._texts = {}
+
+    def state(self, full: bool) -> str:
+        """The state as JSON: all values, or only those that have changed. Made once for all pages."""
+        if full not in self._texts:
+            values = dict(enumerate(self._shown)) if full else self._changed
+            self._texts[full] = json.dumps(self._heading() | {"full": full, "values": values})
+        return self._texts[full]
+
+    def _heading(self) -> dict[str, Any]:
+        frame, stage = self._frame, str(self.stage)
+        told: dict[str, Any] = {
+            "type": "state", "run": self.run, "number": self.number, "stage": stage, "box": self.box,
+            "missed": self.reader.missed, "lost": self.reader.lost, "start": self.history.start,
+            "stop": self.history.stop, "silent": round(time.monotonic() - self._seen, 1), "ages": self._ages(),
+        }  # fmt: skip
+        if frame is not None:
+            text = printable(frame["progress"].decode(errors="replace"))
+            told |= {"time": float(frame["time"]), "progress": [text, int(frame["done"]), int(frame["total"])]}
+            told |= {"execution": int(frame["execution"]) / 1e9, "wake": int(frame["wake"]) / 1e9}
+        return told | self._hands()
+
+    def _hands(self) -> dict[str, Any]:
+        """What the ring says of hands, if it does."""
+        state = getattr(self.reader, "hands", None)
+        return {name: state[name] for name in OF_A_STATE if name in state} if isinstance(state, dict) else {}
+
+    def _values(self) -> list[Any]:
+        """For each object value, raw and quality; for each signal its value. None: no value."""
+        if self._frame is None:
+            return []
+        frame = self._frame
+        objects = zip(_plain(frame["values"]), frame["raws"].tolist(), frame["quality"].tolist(), strict=True)
+        return [*map(list, objects), *([value] for value in _plain(frame["signals"]))]
+
+    def _ages(self) -> dict[int, float | None]:
+        """Of the objects whose value is not new: s since the device gave one; None: it never did."""
+        if self._frame is None:
+            return {}
+        old = np.flatnonzero(self._frame["quality"] >= Quality.STALE)
+        ages = np.round(float(self._frame["time"]) - self._good[old], 3)
+        return dict(zip(old.tolist(), _plain(ages), strict=True))
+
+    def line(self) -> dict[str, Any]:
+        """For the list of stations."""
+        names = ("wiring", "pid", "started", "period")
+        return {"name": self.name, "run": self.run, "stage": str(self.stage)} | {n: self.about[n] for n in names}
+
+    @property
+    def ended(self) -> bool:
+        return self.stage is Stage.ENDED
+
+    @property
+    def path(self) -> Path:
+        return self.reader.path
+
+    def close(self) -> None:
+        self.reader.close()
+
+
+def _plain(numbers: Any) -> list[float | None]:
+    """Without NaN and infinities, which JSON does not have."""
+    return [value if np.isfinite(value) else None for value in numbers.tolist()]

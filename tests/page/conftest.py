@@ -1,0 +1,154 @@
+"""A station that a test steps, a server of the page on a free port, and a page in Chromium."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+
+from machines import bench, wired
+from umo import connect, published
+from umo.testing import Scripted, VirtualTimer, periods
+
+TOKEN = "a token for the tests"
+FLAGS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+PATIENCE = 20.0
+"""s"""
+
+
+def eventually(condition: Callable[[], Any], seconds: float = PATIENCE) -> Any:
+    """What the condition returns once it is true."""
+    until = time.monotonic() + seconds
+    while True:
+        if found := condition():
+            return found
+        assert time.monotonic() < until, "the condition did not become true in time"
+        time.sleep(0.02)
+
+
+@contextmanager
+def running(name: str = "press", count: int = 50, box: Scripted | None = None) -> Iterator[Callable[[int], None]]:
+    """A station that this process publishes; the function runs more of its periods of 1 ms."""
+    m = bench()
+    wiring = wired(m, box or Scripted({"encoder": range(1, 100_000)}), clock=VirtualTimer())
+    connection = connect(m, wiring)
+    with connection, published(connection, name, "rig"):
+        periods(m, count)
+        yield lambda more: periods(m, more)
+
+
+@dataclass
+class Served:
+    """A server that runs."""
+
+    port: int
+
+    @property
+    def origin(self) -> str:
+        return f"http://127.0.0.1:{self.port}"
+
+    @property
+    def url(self) -> str:
+        return f"{self.origin}/?token={TOKEN.replace(' ', '%20')}"
+
+    @property
+    def socket(self) -> str:
+        return self.url.replace("http", "ws", 1).replace("/?", "/ws?")
+
+
+@contextmanager
+def serving(port: int = 0, **options: Any) -> Iterator[Served]:
+    from umo.page.server import Options, listen, server
+
+    listening = listen("127.0.0.1", port)
+    port = listening.getsockname()[1]
+    ready = threading.Event()
+    serving = server(Options(**{"host": "127.0.0.1", "port": port, "token": TOKEN} | options), ready.set)
+    thread = threading.Thread(target=serving.run, kwargs={"sockets": [listening]})
+    thread.start()
+    try:
+        assert ready.wait(PATIENCE)
+        yield Served(port)
+    finally:
+        serving.should_exit = True
+        thread.join(PATIENCE)
+        listening.close()
+
+
+class Client:
+    """A page without a browser: a websocket."""
+
+    def __init__(self, socket: Any) -> None:
+        self._socket = socket
+
+    def send(self, **message: Any) -> None:
+        self._socket.send(json.dumps(message))
+
+    def send_text(self, text: str) -> None:
+        self._socket.send(text)
+
+    def get(self, kind: str) -> Any:
+        """The next message of a type; `points`: a binary one, as (head, times, low, high)."""
+        while True:
+            message = self._socket.recv(PATIENCE)
+            if isinstance(message, bytes):
+                if kind == "points":
+                    return unpacked(message)
+            elif (found := json.loads(message))["type"] == kind:
+                return found
+
+
+@contextmanager
+def opened(url: str, **options: Any) -> Iterator[Client]:
+    from websockets.sync.client import connect as open_socket
+
+    with open_socket(url, open_timeout=PATIENCE, **options) as socket:
+        yield Client(socket)
+
+
+def unpacked(message: bytes) -> tuple[dict[str, Any], Any, Any, Any]:
+    """As static/feed.js does it."""
+    import numpy as np
+
+    length = int.from_bytes(message[:4], "little")
+    head = json.loads(message[4 : 4 + length])
+    numbers = np.frombuffer(message, "<f8", offset=4 + length)
+    rows = numbers.reshape(-1, head["count"])
+    low = rows[1 : 1 + head["traces"]]
+    return head, rows[0], low, low if head["same"] else rows[1 + head["traces"] :]
+
+
+@pytest.fixture(scope="session")
+def chromium() -> Iterator[Any]:
+    playwright = pytest.importorskip("playwright.sync_api", reason="the tests in a browser need playwright")
+    path = shutil.which("chromium") or shutil.which("chromium-browser")
+    if path is None:
+        pytest.skip("the tests in a browser need Debian's package chromium")
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=path, args=list(FLAGS))
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def page(chromium: Any) -> Iterator[Any]:
+    """A page without errors in its console, and without requests to other hosts."""
+    faults: list[str] = []
+    context = chromium.new_context(viewport={"width": 1280, "height": 800}, accept_downloads=True)
+    page = context.new_page()
+    page.set_default_timeout(PATIENCE * 1e3)
+    page.on("console", lambda message: faults.append(message.text) if message.type == "error" else None)
+    page.on("pageerror", lambda error: faults.append(str(error)))
+    page.on("request", lambda request: faults.append(request.url) if "//127.0.0.1:" not in request.url else None)
+    page.faults = faults
+    yield page
+    context.close()
+    allowed = ("ERR_CONNECTION_REFUSED", "WebSocket connection to")  # while a test has stopped the server
+    assert [fault for fault in faults if "blob:" not in fault and not any(each in fault for each in allowed)] == []

@@ -1,0 +1,160 @@
+"""The page in a real browser: Chromium, headless."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from umo.testing import Scripted
+
+from .conftest import eventually, running, serving
+
+
+def cell(page: Any, path: str, column: str) -> str:
+    return str(page.locator(f'tr[data-path="{path}"] .{column}').inner_text())
+
+
+def test_the_values_on_the_page_are_those_of_the_station(page: Any) -> None:
+    with running() as step, serving() as served:
+        page.goto(served.url + "#view=machine&raw=1")
+        eventually(lambda: cell(page, "encoder", "raw") == "51")
+        step(7)
+        eventually(lambda: cell(page, "encoder", "raw") == "58")
+        assert cell(page, "valve", "value") == "OFF"
+        assert page.locator('tr[data-path="encoder"] .quality').get_attribute("aria-label") == "good"
+
+
+def test_the_token_does_not_stay_in_the_address(page: Any) -> None:
+    with running(), serving() as served:
+        page.goto(served.url)
+        page.locator("[data-view=scope][aria-selected=true]").wait_for()
+        assert "token" not in page.url
+        page.reload()
+        page.locator("[data-view=scope][aria-selected=true]").wait_for()
+
+
+def test_a_click_on_an_object_puts_it_on_the_scope(page: Any) -> None:
+    with running(), serving() as served:
+        page.goto(served.url + "#view=machine&traces=encoder")
+        page.get_by_role("button", name="limit").click()
+        page.locator("[data-view=scope]").click()
+        page.locator('.legend tr[data-path="limit"]').wait_for()
+        assert page.locator(".legend tbody tr").count() == 2
+        assert "traces=encoder,limit" in page.url
+
+
+def test_the_filter_leaves_what_it_names(page: Any) -> None:
+    with running(), serving() as served:
+        page.goto(served.url + "#view=machine")
+        page.get_by_label("Filter").fill("enc")
+        assert page.locator("tr[data-path]").count() == 1
+
+
+def test_the_scope_measures_pauses_and_saves(page: Any, tmp_path: Path) -> None:
+    with running(box=Scripted({"encoder": [1, 3] * 1000}), count=1000), serving() as served:
+        page.goto(served.url + "#traces=encoder,valve&span=1")
+        row = page.locator('.legend tr[data-path="encoder"] td')
+        eventually(lambda: row.nth(8).inner_text().startswith("500"))
+        page.locator(".plot .u-over").click(position={"x": 100, "y": 50})
+        page.locator(".plot .u-over").click(position={"x": 300, "y": 50})
+        eventually(lambda: "between the cursors" in page.locator("caption").inner_text())
+        page.keyboard.press("Space")
+        assert page.get_by_role("button", name="Continue").is_visible()
+        with page.expect_download() as saved:
+            page.get_by_role("button", name="CSV").click()
+        saved.value.save_as(tmp_path / "scope.csv")
+        lines = (tmp_path / "scope.csv").read_text().splitlines()
+        assert re.match(r"time \[s\],encoder \[\w+\],valve", lines[0])
+        assert len(lines) == pytest.approx(1001, abs=2)
+        assert lines[1].endswith(",OFF")
+        with page.expect_download() as saved:
+            page.get_by_role("button", name="PNG").click()
+        saved.value.save_as(tmp_path / "scope.png")
+        assert (tmp_path / "scope.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_wheel_changes_the_time_shown_and_a_drag_zooms_in(page: Any) -> None:
+    with running(count=3000, box=Scripted({"encoder": range(1, 9000)})), serving() as served:
+        page.goto(served.url + "#traces=encoder&span=2")
+        plot = page.locator(".plot .u-over")
+        plot.hover()
+        page.mouse.wheel(0, -150)
+        eventually(lambda: 0 < float(re.search(r"span=([\d.]+)", page.evaluate("location.hash"))[1]) < 2)
+        box = plot.bounding_box()
+        page.mouse.move(box["x"] + 100, box["y"] + 50)
+        page.mouse.down()
+        page.mouse.move(box["x"] + 300, box["y"] + 50, steps=5)
+        page.mouse.up()
+        assert page.get_by_role("button", name="Continue").is_visible()
+
+
+def test_a_trigger_stops_at_an_edge(page: Any) -> None:
+    with running(box=Scripted({"encoder": [1] * 500 + [900] * 5000}), count=400) as step, serving() as served:
+        page.goto(served.url + "#traces=encoder&span=0.1")
+        page.get_by_label("Trigger", exact=True).select_option("rising")
+        eventually(lambda: "waiting" in page.locator(".hint").inner_text())
+        page.locator('.legend tr[data-path="encoder"] td').nth(4).filter(has_text=re.compile(".")).wait_for()
+        step(400)
+        eventually(lambda: "triggered at" in page.locator(".hint").inner_text())
+
+
+def test_the_page_says_what_to_type_when_nothing_runs_and_then_shows_it(page: Any) -> None:
+    with serving() as served:
+        page.goto(served.url)
+        page.get_by_text("umo run ztheta --realtime").wait_for()
+        with running():
+            page.locator(".legend").wait_for()
+
+
+def test_several_stations_are_a_list(page: Any) -> None:
+    with running("press"), running("oven"), serving() as served:
+        page.goto(served.url)
+        page.get_by_role("button", name=re.compile("oven")).click()
+        eventually(lambda: page.locator("#summary").inner_text().startswith("oven"))
+        page.locator(".legend").wait_for()
+
+
+def test_the_page_follows_a_station_that_starts_again(page: Any) -> None:
+    with serving() as served:
+        with running():
+            page.goto(served.url + "#view=machine&raw=1")
+            eventually(lambda: page.locator('tr[data-path="encoder"]').count())
+        page.get_by_text("has ended").wait_for()
+        with running(count=20):
+            page.get_by_text("has started again").wait_for()
+            eventually(lambda: cell(page, "encoder", "raw") == "21")
+
+
+def test_the_page_comes_back_when_the_server_does(page: Any) -> None:
+    with running():
+        with serving() as served:
+            page.goto(served.url)
+            page.locator(".legend").wait_for()
+        page.get_by_text("The connection to the server is lost").wait_for()
+        with serving(served.port):
+            page.get_by_text("is back").wait_for()
+            page.locator("#notice").wait_for(state="hidden")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_theme_is_the_systems_until_the_switch_changes_it(page: Any, scheme: str) -> None:
+    with serving() as served:
+        page.emulate_media(color_scheme=scheme)
+        page.goto(served.url)
+        theme = "getComputedStyle(document.documentElement).colorScheme"
+        assert page.evaluate(theme) == scheme
+        page.locator("#theme").click()
+        assert page.evaluate(theme) != scheme
+
+
+def test_nothing_is_wider_than_a_phone(page: Any) -> None:
+    page.set_viewport_size({"width": 390, "height": 844})
+    with running(), serving() as served:
+        for view in ("scope", "machine"):
+            page.goto(f"{served.url}#view={view}")
+            page.locator(f"section.{view} tbody tr").first.wait_for()
+            assert page.evaluate("document.documentElement.scrollWidth") <= 390
+            page.goto("about:blank")

@@ -1,0 +1,118 @@
+"""Who may see the page: token, cookie, Host, Origin; what the browser is bound to."""
+
+from __future__ import annotations
+
+import stat
+from collections.abc import Iterator
+from http.client import HTTPConnection
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import pytest
+from websockets.exceptions import InvalidStatus
+
+from umo.page.guard import new_token
+
+from .conftest import TOKEN, Served, opened, serving
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("UMO_FRAMES", str(tmp_path_factory.mktemp("frames")))
+        patch.setenv("UMO_STATE", str(tmp_path_factory.mktemp("state")))
+        with serving() as served:
+            yield served
+
+
+def ask(served: Served, path: str, method: str = "GET", body: str | None = None, **headers: str) -> Any:
+    connection = HTTPConnection("127.0.0.1", served.port, timeout=20)
+    try:
+        connection.request(method, path, body, {name.replace("_", "-"): value for name, value in headers.items()})
+        response = connection.getresponse()
+        response.text = response.read().decode(errors="replace")  # type: ignore[attr-defined]
+        return response
+    finally:
+        connection.close()
+
+
+PATHS = ("/", "/static/app.js", "/static/style.css", "/twin/ztheta", "/ws", "/static/../server.py")
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_nothing_is_served_without_the_token(served: Served, path: str) -> None:
+    assert ask(served, path).status == 401
+
+
+@pytest.mark.parametrize("token", ["", "wrong", TOKEN + "x", TOKEN[:-1], "\u00e4", "%ff"])
+def test_a_wrong_token_is_refused(served: Served, token: str) -> None:
+    assert ask(served, f"/?token={quote(token)}").status == 401
+
+
+def cookie_of(served: Served) -> str:
+    response = ask(served, served.url.removeprefix(served.origin))
+    assert response.status == 200
+    return str(response.getheader("set-cookie"))
+
+
+def test_the_token_becomes_a_cookie_that_scripts_and_other_sites_cannot_use(served: Served) -> None:
+    cookie = cookie_of(served)
+    assert "HttpOnly" in cookie
+    assert "SameSite=Strict" in cookie
+    assert TOKEN not in cookie
+    assert ask(served, "/static/app.js", Cookie=cookie.partition(";")[0]).status == 200
+    assert ask(served, "/static/app.js", Cookie=cookie.partition(";")[0][:-1]).status == 401
+
+
+def test_the_form_gives_the_cookie_for_the_token(served: Served) -> None:
+    body = f"token={TOKEN.replace(' ', '+')}"
+    assert ask(served, "/login", "POST", "token=wrong").status == 401
+    response = ask(served, "/login", "POST", body, Origin=served.origin)
+    assert (response.status, response.getheader("location")) == (303, "/")
+    assert "HttpOnly" in response.getheader("set-cookie")
+    assert ask(served, "/login", "POST", body, Origin="http://evil.example").status == 403
+
+
+@pytest.mark.parametrize("host", ["evil.example", "evil.example:80", "127.0.0.1.evil.example", "", "10.0.0.1", "[::2]"])
+def test_a_name_that_another_site_lets_point_here_is_refused(served: Served, host: str) -> None:
+    cookie = cookie_of(served).partition(";")[0]
+    assert ask(served, "/", Host=host, Cookie=cookie).status == 403
+
+
+@pytest.mark.parametrize("host", ["localhost:9000", "127.0.0.1", "[::1]:80"])
+def test_a_forwarded_port_of_this_computer_is_let_in(served: Served, host: str) -> None:
+    assert ask(served, "/", Host=host, Cookie=cookie_of(served).partition(";")[0]).status == 200
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", "https://127.0.0.1", "http://127.0.0.1:1"])
+def test_another_site_cannot_open_the_websocket(served: Served, origin: str) -> None:
+    with pytest.raises(InvalidStatus) as caught, opened(served.socket, origin=origin):
+        pass
+    assert caught.value.response.status_code == 403
+
+
+def test_the_websocket_needs_the_token(served: Served) -> None:
+    with pytest.raises(InvalidStatus), opened(served.socket.partition("?")[0]):
+        pass
+    with opened(served.socket, origin=served.origin) as client:
+        assert client.get("server")["hands"]
+
+
+def test_the_policy_binds_the_browser_to_this_server(served: Served) -> None:
+    response = ask(served, served.url.removeprefix(served.origin))
+    policy = response.getheader("content-security-policy")
+    assert "default-src 'self'" in policy
+    assert "unsafe" not in policy
+    assert response.getheader("x-content-type-options") == "nosniff"
+    assert response.getheader("referrer-policy") == "no-referrer"
+
+
+def test_the_token_of_the_user_is_kept_in_a_file_for_the_user_only(tmp_path: Path) -> None:
+    file = tmp_path / "page.token"
+    token = new_token(file)
+    assert len(token) >= 32
+    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    assert new_token(file) == token
+    file.chmod(0o644)
+    assert new_token(file) != token
