@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from umo.cycle import connect
@@ -20,7 +21,13 @@ from umo.frames.ring import Ring
 
 @contextmanager
 def published(
-    connection: connect[Any], station: str, wiring: str = "", path: Path | None = None, *, place: Path | None = None
+    connection: connect[Any],
+    station: str,
+    wiring: str = "",
+    path: Path | None = None,
+    *,
+    place: Path | None = None,
+    options: Mapping[str, Any] = MappingProxyType({}),
 ) -> Iterator[Ring]:
     """Publish every period of a connected machine while the block lasts.
 
@@ -29,7 +36,8 @@ def published(
             ...
 
     `umo ps` and `umo watch press` then find it. Default: a new file in the user's folder, removed at the end. A file
-    given as `path` keeps the last frames after the block; the caller removes it. `place` is the station's folder.
+    given as `path` keeps the last frames after the block; the caller removes it. `place` is the station's folder,
+    `options` those with which its machine was made.
     FramesError if there is not enough memory, or if this connection is already published.
     """
     if connection.image.transfer.journal is not None:
@@ -38,6 +46,7 @@ def published(
         "station": station,
         "wiring": wiring,
         "place": "" if place is None else str(place),
+        "options": dict(options),
         "devices": connection.wired.devices,
         "pid": os.getpid(),
         "started": time.time(),
