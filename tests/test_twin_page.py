@@ -145,3 +145,204 @@ def shown(browser: Any) -> Iterator[Any]:
     for viewer in opened:
         assert viewer.complaints == []
         viewer.close()
+
+
+def rotated(quaternion: Any, vector: Any) -> Any:
+    w, x, y, z = quaternion
+    u = np.array([x, y, z])
+    return vector + 2 * np.cross(u, np.cross(u, vector) + w * vector)
+
+
+def test_the_bodies_of_z_theta_stand_where_mujoco_puts_them_for_the_values_of_the_encoders(shown: Any) -> None:
+    mujoco = pytest.importorskip("mujoco")
+    viewer = shown("ztheta")
+    model = mujoco.MjModel.from_xml_path(str(find("ztheta").path / "plant.xml"))
+    data = mujoco.MjData(model)
+    random = np.random.default_rng(1)
+    for z, theta in [(54_600.0, -270.0), (129_400.0, 270.0), *random.uniform((54_600, -270), (129_400, 270), (10, 2))]:
+        viewer.set({"z.encoder": float(z), "theta.encoder": float(theta)})
+        data.joint("z").qpos[0], data.joint("theta").qpos[0] = z * 1e-6, np.deg2rad(theta)
+        mujoco.mj_kinematics(model, data)
+        for body in ("world", "courier", "z", "theta", "cup"):
+            position, rotation = viewer.pose(body)
+            assert position == pytest.approx(data.body(body).xpos, abs=1e-6)
+            for axis in np.eye(3):
+                turned = data.body(body).xmat.reshape(3, 3) @ axis
+                assert rotated(rotation, axis) == pytest.approx(turned, abs=1e-6)
+
+
+def test_an_axis_that_is_not_referenced_stays_within_its_stops_and_is_drawn_faintly(shown: Any) -> None:
+    viewer = shown("ztheta")
+    viewer.set({"z.encoder": -147_871.0}, {"z.encoder": 2})
+    assert viewer.pose("z")[0][2] == pytest.approx(0.0545)
+    opacity = "test.view().scene.byName.get('z').meshes.map((mesh) => mesh.material.opacity)"
+    assert max(viewer.run(opacity)) < 0.5
+    viewer.set({"z.encoder": 100_000.0}, {"z.encoder": 0})
+    assert min(viewer.run(opacity)) == 1.0
+
+
+def test_states_show_bodies_and_colour_them(shown: Any) -> None:
+    viewer = shown("ztheta")
+    part = "test.view().scene.byName.get('part').node.visible"
+    colour = "'#' + test.view().scene.byName.get('suction valve').meshes[0].material.color.getHexString()"
+    viewer.set({"gripper.pressure": 1.0, "gripper.vacuum": 0.0})
+    assert (viewer.run(part), viewer.run(colour)) == (False, "#3a4048")
+    viewer.set({"gripper.pressure": 0.0, "gripper.vacuum": 1.0})
+    assert (viewer.run(part), viewer.run(colour)) == (True, "#2ea043")
+
+
+def test_a_zone_has_the_colour_of_its_temperature(shown: Any) -> None:
+    viewer = shown("furnace")
+    colour = "'#' + test.view().scene.byName.get('zones.3').meshes[0].material.color.getHexString()"
+    path = "zones.3.temperature"  # the furnace has more values than a subscription takes: they come with the state
+    shades = []
+    for temperature in (20.0, 700.0, 1000.0, 2000.0):
+        viewer.set({path: temperature})
+        shades.append(viewer.run(colour))
+    assert shades[0] == "#4a5568"
+    assert shades[2] == "#ffd34d"
+    assert len(set(shades)) == 4
+
+
+RUN = """() => {  // 10 s of belt at 0.3 m/s; a part of 90 mm at 5 s, another of 60 mm at 5.6 s
+    const { past } = test;
+    past.times = Array.from({ length: 1001 }, (_, i) => i / 100);
+    const covered = (t) => (t >= 5 && t < 5.3) || (t >= 5.6 && t < 5.8);
+    for (const path of test.view().scene.paths) past.columns[path] = past.times.map(() => 0);
+    past.columns["belt.speed"] = past.times.map(() => 0.3);
+    past.columns.entry = past.times.map((t) => (covered(t) ? 1 : 0));
+    return test.set({});
+}"""
+SETTLED = """async (time) => {
+    test.view().player.seek(time);
+    for (let i = 0; i < 20; i += 1) await test.drawing();
+}"""
+
+
+def loads(viewer: Viewer) -> list[tuple[float, float]]:
+    return [(round(front, 2), round(rear, 2)) for front, rear in viewer.run("test.view().scene.loads('part')")]
+
+
+def test_the_parts_on_the_belt_are_where_they_were_at_the_time_that_is_shown(shown: Any) -> None:
+    viewer = shown("conveyor")
+    viewer.run(RUN)
+    assert loads(viewer) == []  # live: 4 s later both have left the belt
+    viewer.page.evaluate(SETTLED, 6.0)
+    assert loads(viewer) == [(0.3, 0.21), (0.12, 0.06)]
+    viewer.page.evaluate(SETTLED, 5.1)
+    assert loads(viewer) == [(0.03, 0.0)]
+
+
+def test_the_past_is_shown_by_the_slider_and_live_again_by_a_key(shown: Any) -> None:
+    viewer = shown("ztheta")
+    viewer.run("""() => {
+        test.past.times = [0, 1, 2];
+        for (const path of test.view().scene.paths) test.past.columns[path] = [0, 0, 0];
+        test.past.columns["z.encoder"] = [60000, 70000, 80000];
+        return test.set({ "z.encoder": 80000 });
+    }""")
+    slider = viewer.page.locator("input[type=range]")
+    slider.evaluate("(slider) => { slider.value = '0.5'; slider.dispatchEvent(new Event('input')); }")
+    viewer.page.wait_for_function("Math.abs(test.view().scene.pose('z').position[2] - 0.065) < 1e-6")
+    assert "-1.5 s" in viewer.page.locator("output").inner_text()
+    viewer.page.locator(".twin-picture").press("End")
+    viewer.page.wait_for_function("Math.abs(test.view().scene.pose('z').position[2] - 0.08) < 1e-6")
+
+
+def test_playing_goes_on_from_where_it_is_and_ends_live(shown: Any) -> None:
+    viewer = shown("ztheta")
+    viewer.run("""() => {
+        test.past.times = [0, 1, 2];
+        for (const path of test.view().scene.paths) test.past.columns[path] = [0, 0, 0];
+        test.view().player.speed = 5; test.view().player.seek(0.1); test.view().player.toggle();
+    }""")
+    assert viewer.run("test.view().player.playing")
+    viewer.page.wait_for_function("test.view().player.time === null")
+    assert not viewer.run("test.view().player.playing")
+
+
+def test_nothing_is_drawn_while_nothing_changes(shown: Any) -> None:
+    viewer = shown("ztheta")
+    viewer.set({"z.encoder": 70_000.0})
+    before = viewer.run("test.view().drawn")
+    for _ in range(5):
+        viewer.set({"z.encoder": 70_000.0})
+    assert viewer.run("test.view().drawn") == before
+    viewer.set({"z.encoder": 70_001.0})
+    assert viewer.run("test.view().drawn") == before + 1
+
+
+@pytest.mark.parametrize("key", ["ArrowLeft", "ArrowUp", "Shift+ArrowRight", "+", "-"])
+def test_a_key_moves_the_eye_and_r_brings_it_back(shown: Any, key: str) -> None:
+    viewer = shown("conveyor")
+    where = "test.view().eye.camera.position.toArray()"
+    first = viewer.run(where)
+    viewer.page.locator(".twin-picture").press(key)
+    assert viewer.run(where) != pytest.approx(first)
+    viewer.page.locator(".twin-picture").press("r")
+    assert viewer.run(where) == pytest.approx(first)
+
+
+def test_everything_is_in_the_window_after_fit(shown: Any) -> None:
+    viewer = shown("furnace")
+    viewer.page.locator(".twin-picture").press("+")
+    viewer.page.get_by_role("button", name="Fit").click()
+    corners = """() => {
+        const { min, max } = test.view().scene.bounds(), { camera } = test.view().eye;
+        camera.updateMatrixWorld();
+        return [min.x, max.x].flatMap((x) => [min.y, max.y].flatMap((y) => [min.z, max.z].map((z) =>
+            min.clone().set(x, y, z).project(camera).toArray())));
+    }"""
+    assert np.abs(np.array(viewer.run(corners))).max() <= 1.0
+
+
+def test_labels_name_the_bodies_and_their_values_on_demand(shown: Any) -> None:
+    viewer = shown("ztheta")
+    viewer.set({"z.encoder": 87_000.0, "theta.encoder": 12.345}, {"theta.encoder": 2})
+    labels = viewer.page.locator(".twin-label")
+    assert labels.count() == 0
+    viewer.page.get_by_role("button", name="Labels").click()
+    viewer.run("test.drawing()")
+    texts = labels.all_inner_texts()
+    assert "z\nz.encoder 87000 um" in texts
+    assert "theta\ntheta.encoder 12.35 deg (unreferenced)" in texts
+    viewer.page.get_by_role("button", name="Labels").click()
+    viewer.run("test.drawing()")
+    assert labels.count() == 0
+
+
+def test_a_click_on_a_body_shows_its_label(shown: Any) -> None:
+    viewer = shown("conveyor")
+    viewer.run("test.view().eye.fit()")
+    place = viewer.run("""() => {
+        const { camera } = test.view().eye, { body } = { body: test.view().scene.byName.get("belt") };
+        camera.updateMatrixWorld();
+        const at = body.meshes[0].getWorldPosition(camera.position.clone()).project(camera);
+        const box = document.querySelector(".twin-picture").getBoundingClientRect();
+        return [box.left + (at.x + 1) / 2 * box.width, box.top + (1 - at.y) / 2 * box.height];
+    }""")
+    viewer.page.mouse.click(*place)
+    viewer.page.wait_for_function("document.querySelectorAll('.twin-label').length === 1")
+    assert viewer.page.locator(".twin-label").inner_text() == "belt"
+
+
+def test_unmounting_leaves_nothing_behind(shown: Any) -> None:
+    viewer = shown("conveyor")
+    assert viewer.run("test.subscribers.size") == 2
+    viewer.run("test.twin.unmount()")
+    left = viewer.run("[test.subscribers.size, test.heard.state.size, test.heard.description.size]")
+    assert left == [0, 0, 0]
+    assert viewer.page.locator("section").inner_html() == ""
+    viewer.run("test.twin.mount(document.querySelector('section'), test.feed)")
+    assert viewer.page.locator("canvas").count() == 1
+
+
+def test_a_station_without_a_twin_and_a_wrong_declaration_are_said_in_words(browser: Any) -> None:
+    for description, text in (
+        (None, "declares no twin"),
+        ({"error": "twin: body 'x': no object 'y'"}, "no object 'y'"),
+    ):
+        viewer = Viewer(browser, description)
+        assert text in viewer.page.locator("section").inner_text()
+        assert viewer.complaints == []
+        viewer.close()

@@ -1,15 +1,18 @@
 /** Values of the past: a coarse window over all that the server keeps, a fine one about the time that is shown. */
 
 const MOST = 1_500_000; // numbers in a window
+const TOGETHER = 64; // paths that the server takes at once
+const COARSE = 2000; // samples
 const FINE = { before: 4, after: 8, rate: 100 }; // s, s, samples a second
+
+/** @typedef {{start: number, stop: number, of: Map<string, {times: Float64Array, values: ArrayLike<number>}>}} Window */
 
 export class History {
   /** @param {object} feed of the page @param {object[]} entries path and unit, or states, of each value */
   constructor(feed, entries) {
     this.feed = feed;
-    this.paths = entries.map((entry) => entry.path);
-    this.column = new Map(this.paths.map((path, i) => [path, i]));
-    this.binary = entries.map((entry) => "one" in entry);
+    this.entries = entries;
+    this.binary = new Map(entries.map((entry) => [entry.path, "one" in entry]));
     this.coarse = this.fine = null;
     this.asking = false;
   }
@@ -20,7 +23,7 @@ export class History {
     this.asking = true;
     try {
       const kept = this.feed.range();
-      if (!covers(this.coarse, t)) this.coarse = await this.#window(kept.start, kept.stop, 2000);
+      if (!covers(this.coarse, t)) this.coarse = await this.#window(kept.start, kept.stop, COARSE);
       const start = Math.max(kept.start, t - FINE.before);
       const stop = Math.min(kept.stop, t + FINE.after);
       this.fine = await this.#window(start, stop, Math.ceil((stop - start) * FINE.rate));
@@ -30,38 +33,46 @@ export class History {
     }
   }
 
-  /** The value at a time: between two samples on a straight line, a state as it was before. Null: not loaded. */
+  /** The value at a time: between two samples on a straight line, a state as it was before. NaN: not loaded. */
   at(path, t) {
     const window = covers(this.fine, t) ? this.fine : this.coarse;
-    if (!window || !window.times.length) return null;
-    const { times } = window;
-    const column = window.columns[this.column.get(path)];
-    const i = Math.max(after(times, t) - 1, 0);
-    const value = column[i];
-    const next = column[i + 1];
-    if (this.binary[this.column.get(path)] || !(times[i + 1] > times[i]) || !Number.isFinite(next) || t < times[i])
-      return value;
-    return value + ((next - value) * (t - times[i])) / (times[i + 1] - times[i]);
+    const { times, values } = window?.of.get(path) ?? { times: [], values: [] };
+    if (!times.length) return NaN;
+    const i = Math.max(countUntil(times, t) - 1, 0);
+    const steps = this.binary.get(path) || t < times[i] || !(times[i + 1] > times[i]) || !Number.isFinite(values[i + 1]);
+    if (steps) return values[i];
+    return values[i] + ((values[i + 1] - values[i]) * (t - times[i])) / (times[i + 1] - times[i]);
   }
 
+  /** @returns {Promise<Window>} */
   async #window(start, stop, width) {
-    const most = Math.max(50, Math.floor(MOST / this.paths.length));
-    const got = await this.feed.window({ paths: this.paths, start, stop, width: Math.min(Math.max(width, 1), most) });
-    return { start, stop, times: got.times, columns: middles(got, this.binary) };
+    const most = Math.max(50, Math.floor(MOST / this.entries.length));
+    const asked = { start, stop, width: Math.min(Math.max(width, 1), most) };
+    const parts = [];
+    for (let i = 0; i < this.entries.length; i += TOGETHER) parts.push(this.entries.slice(i, i + TOGETHER));
+    const got = await Promise.all(
+      parts.map((part) => this.feed.window({ ...asked, paths: part.map((entry) => entry.path) })),
+    );
+    const of = new Map();
+    parts.forEach((part, i) => {
+      const values = middles(part, got[i]);
+      part.forEach(({ path }, j) => of.set(path, { times: got[i].times, values: values[j] }));
+    });
+    return { start, stop, of };
   }
 }
 
 /** One number for each minimum and maximum: the mean, of a state the higher level. */
-export function middles({ low, high }, binary) {
-  return low.map((column, i) => (binary[i] ? high[i] : column.map((value, j) => (value + high[i][j]) / 2)));
+export function middles(entries, { low, high }) {
+  return entries.map((entry, i) => ("one" in entry ? high[i] : low[i].map((value, j) => (value + high[i][j]) / 2)));
 }
 
 function covers(window, t) {
   return Boolean(window) && t >= window.start && t <= window.stop;
 }
 
-/** The number of times that are at most t. */
-function after(times, t) {
+/** How many of the times are at most t. */
+function countUntil(times, t) {
   let low = 0;
   let high = times.length;
   while (low < high) {

@@ -1,14 +1,15 @@
 /** The view "Twin": the picture, drawn only when something has changed, its buttons and its time. */
 
 import * as THREE from "three";
+import { Belts } from "./belts.js";
 import { Eye } from "./camera.js";
-import { History, middles } from "./history.js";
+import { History } from "./history.js";
 import { Labels } from "./labels.js";
 import { button, Player } from "./player.js";
 import { TwinScene } from "./scene.js";
 
-const MANY = 200; // paths: more are taken from the state of the station, 10 times a second
-const BELTS = { span: 60, rate: 50 }; // s, samples a second: the past that loads on belts are found from
+const BAD = 4; // quality
+const MANY = 64; // paths of a subscription: more are taken from the state of the station, 10 times a second
 
 export class TwinView {
   /** @param {HTMLElement} element @param {object} feed of the page @param {object} description of the twin */
@@ -16,8 +17,7 @@ export class TwinView {
     this.feed = feed;
     this.scene = new TwinScene(description);
     this.history = new History(feed, description.paths);
-    this.belts = this.scene.bodies.flatMap((body) => body.carried.flatMap((load) => [load.sensor, load.speed]));
-    this.past = null;
+    this.live = new Map();
     this.samples = new Map();
     this.sample = (path) => this.samples.get(path) ?? null;
     this.frame = 0;
@@ -26,12 +26,11 @@ export class TwinView {
     this.listeners = new AbortController();
     this.closers = [];
     this.#build(element, description);
-    this.#listen(element);
+    this.#listen();
     this.#subscribe();
     this.#theme();
     this.#resize();
     this.eye.look(this.scene.bounds(), description.view);
-    this.draw();
   }
 
   /** Draw with the next picture of the browser. */
@@ -76,12 +75,12 @@ export class TwinView {
     this.labels = new Labels(this.layer, this.scene);
     this.player = new Player(this.feed, () => this.draw());
     this.picture.append(this.renderer.domElement, this.layer);
-    this.element.append(this.#tools(keys), this.picture, this.player.element);
+    this.element.append(this.#tools(), this.picture, this.player.element);
     element.append(this.element);
     this.eye = new Eye(this.picture, () => this.draw());
   }
 
-  #tools(keys) {
+  #tools() {
     const tools = Object.assign(document.createElement("div"), { className: "twin-tools" });
     this.labelling = button("Labels", "Names and values of the bodies (L); or click on a body", () => this.#label());
     this.labelling.setAttribute("aria-pressed", "false");
@@ -90,7 +89,6 @@ export class TwinView {
       button("Fit", "Fit everything into the window (F)", () => this.eye.fit()),
       this.labelling,
     );
-    tools.title = keys;
     return tools;
   }
 
@@ -136,66 +134,62 @@ export class TwinView {
       const live = this.feed.subscribe({ paths, span: 0, width: 1 }, (data) => this.#liveCame(paths, data));
       this.closers.push(() => live.close());
     }
-    if (this.belts.length) {
-      const asked = { paths: this.belts, span: BELTS.span, width: BELTS.span * BELTS.rate };
-      this.belt = new Stretch(this.belts.length, BELTS.span);
-      const belt = this.feed.subscribe(asked, (data) => {
-        this.belt.take(data);
-        if (this.player.time === null) this.draw();
-      });
-      this.closers.push(() => belt.close());
-    }
+    this.belts = new Belts(this.feed, this.scene, () => this.draw());
+    this.closers.push(() => this.belts.close());
   }
 
   #liveCame(paths, { times, low, high }) {
     if (!times.length) return;
     const last = times.length - 1;
-    const binary = paths.map((path) => "one" in this.scene.entries.get(path));
-    this.live = new Map(paths.map((path, i) => [path, binary[i] ? high[i][last] : (low[i][last] + high[i][last]) / 2]));
-    if (this.player.time === null) this.draw();
+    const values = paths.map((path, i) => (this.#isState(path) ? high[i][last] : (low[i][last] + high[i][last]) / 2));
+    this.#take(paths, values);
   }
 
   #stateCame(paths) {
     this.player.refresh();
-    if (paths.length > MANY) this.live = new Map(paths.map((path) => [path, this.feed.latest(path)?.value ?? NaN]));
+    const found = paths.map((path) => this.feed.latest(path));
+    const qualities = found.map((latest) => latest?.quality).join();
+    if (qualities !== this.qualities) this.draw();
+    this.qualities = qualities;
+    if (paths.length > MANY) this.#take(paths, found.map((latest) => latest?.value ?? NaN));
+  }
+
+  /** New values of the station: drawn if they are others. */
+  #take(paths, values) {
+    const same = paths.every((path, i) => Object.is(this.live.get(path), values[i]));
+    if (same) return;
+    paths.forEach((path, i) => this.live.set(path, values[i]));
     if (this.player.time === null) this.draw();
+  }
+
+  #isState(path) {
+    return "one" in this.scene.entries.get(path);
   }
 
   /** The values at the time that is shown. */
   #look() {
     const { time } = this.player;
     if (time !== null) {
-      for (const path of this.scene.paths) this.samples.set(path, { value: this.history.at(path, time), quality: 0 });
+      for (const path of this.scene.paths) {
+        const value = this.history.at(path, time);
+        this.samples.set(path, { value, quality: Number.isFinite(value) ? 0 : BAD });
+      }
       return;
     }
     for (const path of this.scene.paths) {
       const latest = this.feed.latest(path);
-      const value = this.live?.get(path) ?? latest?.value ?? NaN;
+      const value = this.live.get(path) ?? latest?.value ?? NaN;
       this.samples.set(path, { value, quality: latest?.quality ?? 0 });
     }
   }
 
   /** Have the past loaded that the time needs; draw again when it has come. */
   async #fetch(time) {
-    if (await this.history.load(time)) this.draw();
-    if (!this.belts.length || this.player.time !== time || this.pastOf === time) return;
-    this.pastOf = time;
-    const start = Math.max(this.feed.range().start, time - BELTS.span);
-    const width = Math.max(1, Math.ceil((time - start) * BELTS.rate));
-    const got = await this.feed.window({ paths: this.belts, start, stop: time, width });
-    this.past = { times: got.times, columns: columnsOf(this.belts, this.#middles(got)), now: time };
-    this.draw();
-  }
-
-  #middles(got) {
-    return middles(got, this.belts.map((path) => "one" in this.scene.entries.get(path)));
-  }
-
-  #beltNow() {
-    if (!this.belt) return null;
-    if (this.player.time !== null) return this.past;
-    const { times } = this.belt;
-    return { times, columns: columnsOf(this.belts, this.#middles(this.belt)), now: times.at(-1) ?? 0 };
+    try {
+      if (await this.history.load(time)) this.draw();
+    } catch {
+      // the page shows that there is no connection
+    }
   }
 
   #render(now) {
@@ -206,9 +200,9 @@ export class TwinView {
       this.draw();
     }
     this.before = this.player.playing ? now : undefined;
-    if (this.player.time !== null) this.#fetch(this.player.time).catch(() => {}); // the connection says it itself
+    if (this.player.time !== null) this.#fetch(this.player.time);
     this.#look();
-    this.scene.update(this.sample, this.#beltNow());
+    this.scene.update(this.sample, this.belts.before(this.player.time));
     this.renderer.render(this.world, this.eye.camera);
     this.labels.place(this.eye.camera, this.picture.clientWidth, this.picture.clientHeight, this.sample);
     this.drawn += 1;
@@ -223,39 +217,9 @@ export class TwinView {
   }
 
   #theme() {
-    const line = getComputedStyle(this.element).getPropertyValue("--twin-grid").trim();
-    this.ground.material.color.set(line || "#9aa3ad");
+    this.ground.material.color.set(getComputedStyle(this.picture).color);
     this.draw();
   }
-}
-
-/** The data of a subscription over its span. */
-class Stretch {
-  constructor(count, span) {
-    this.span = span;
-    this.times = new Float64Array(0);
-    this.low = Array.from({ length: count }, () => new Float64Array(0));
-    this.high = this.low;
-  }
-
-  take({ from, times, low, high }) {
-    const end = times.at(-1) ?? this.times.at(-1) ?? 0;
-    const keep = [...this.times.keys()].filter((i) => this.times[i] < from && this.times[i] > end - this.span);
-    const [first, count] = [keep[0] ?? 0, keep.length];
-    const joined = (old, more) => {
-      const made = new Float64Array(count + more.length);
-      made.set(old.subarray(first, first + count));
-      made.set(more, count);
-      return made;
-    };
-    this.low = this.low.map((old, i) => joined(old, low[i]));
-    this.high = this.high.map((old, i) => joined(old, high[i]));
-    this.times = joined(this.times, times);
-  }
-}
-
-function columnsOf(paths, columns) {
-  return new Map(paths.map((path, i) => [path, columns[i]]));
 }
 
 /** A grid of lines 0.1 m apart, wider where the machine is; not there without a floor. */
