@@ -2,28 +2,25 @@
 
 import { TwinView } from "./twin/view.js";
 
+const NONE = "This station declares no twin. A file twin.py in its folder would: docs/howto-declare-a-twin.md.";
+
 let view = null;
-let opened = 0;
+let turn = 0;
 
 /** Show the twin of the feed's station in an empty element. */
 export async function mount(element, feed) {
   unmount();
-  const turn = opened;
-  const forget = feed.on("description", () => remount(element, feed, turn));
-  const description = feed.station ? await asked(feed) : null;
-  if (turn !== opened) return forget();
-  if (!description || description.error) tell(element, description?.error ?? NONE);
+  const mine = turn;
+  const description = await asked(feed);
+  if (mine !== turn) return; // another one was mounted meanwhile, or this one unmounted
+  if (description.error) tell(element, description.error);
   else view = made(element, feed, description);
-  onUnmount = () => (forget(), view?.close(), element.replaceChildren());
 }
-
-let onUnmount = () => {};
 
 /** Stop showing it. */
 export function unmount() {
-  opened += 1;
-  onUnmount();
-  onUnmount = () => {};
+  turn += 1;
+  view?.close();
   view = null;
 }
 
@@ -32,17 +29,11 @@ export function shown() {
   return view;
 }
 
-const NONE = "This station declares no twin. A file twin.py in its folder would: docs/howto-declare-a-twin.md.";
-
-function remount(element, feed, turn) {
-  if (turn === opened) mount(element, feed);
-}
-
 async function asked(feed) {
   try {
-    return await feed.json(`twin/${encodeURIComponent(feed.station)}`);
-  } catch {
-    return null;
+    return (await feed.json(`twin/${encodeURIComponent(feed.station)}`)) ?? { error: NONE };
+  } catch (error) {
+    return { error: /404/.test(error.message) ? NONE : `The twin cannot be shown: ${error.message}` };
   }
 }
 

@@ -36,6 +36,7 @@ export class Labels {
         label.remove();
         this.shown.delete(body);
       }
+    const boxes = [];
     for (const body of wanted) {
       if (!this.shown.has(body)) this.#add(body);
       const label = this.shown.get(body);
@@ -43,8 +44,23 @@ export class Labels {
       if (label.textContent !== text) label.textContent = text;
       const at = middle(body).project(camera);
       label.hidden = Math.abs(at.z) > 1 || !seen(body.node);
-      label.style.transform = `translate(${((at.x + 1) / 2) * width}px, ${((1 - at.y) / 2) * height}px)`;
+      if (!label.hidden) boxes.push({ label, x: ((at.x + 1) / 2) * width, y: ((1 - at.y) / 2) * height });
     }
+    this.#arrange(boxes, width);
+  }
+
+  /** Side by side, none over another, none cut off at the right. */
+  #arrange(boxes, width) {
+    for (const box of boxes) [box.w, box.h] = [box.label.offsetWidth, box.label.offsetHeight];
+    boxes.sort((one, other) => one.y - other.y);
+    boxes.forEach((box, i) => {
+      box.x = Math.max(0, Math.min(box.x, width - box.w));
+      for (const other of boxes.slice(0, i)) {
+        const beside = box.x >= other.x + other.w || other.x >= box.x + box.w;
+        if (!beside && box.y < other.y + other.h + 2 && box.y + box.h > other.y) box.y = other.y + other.h + 2;
+      }
+      box.label.style.transform = `translate(${Math.round(box.x)}px, ${Math.round(box.y)}px)`;
+    });
   }
 
   clear() {

@@ -56,7 +56,7 @@ export class TwinView {
   }
 
   #build(element, description) {
-    this.element = Object.assign(document.createElement("div"), { className: "twin" });
+    this.element = Object.assign(document.createElement("div"), { className: "twin-view" });
     this.picture = Object.assign(document.createElement("div"), { className: "twin-picture", tabIndex: 0 });
     this.picture.setAttribute("role", "application");
     const keys = "arrows: orbit, with Shift: pan, + and -: zoom, R: reset view, F: fit, L: labels, Space: play, End: live";
