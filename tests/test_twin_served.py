@@ -22,19 +22,6 @@ pytest.importorskip("uvicorn", reason="the page needs the extra `page`")
 twin_page = pytest.importorskip("test_twin_page", reason="the tests of the page need Playwright and Chromium")
 browser = twin_page.browser
 
-MOUNT = """async () => {
-    const { Feed } = await import("/static/feed.js");
-    const twin = await import("/static/twin.js");
-    const feed = new Feed();
-    const described = new Promise((done) => feed.on("description", () => feed.description && done()));
-    feed.on("stations", () => feed.watch(null));
-    feed.start();
-    await described;
-    document.querySelector("main").style.height = "400px";
-    await twin.mount(document.querySelector("main"), feed);
-    window.test = { feed, twin };
-}"""
-
 
 @pytest.fixture
 def running() -> Iterator[Callable[[Any], float]]:
@@ -79,13 +66,14 @@ def test_a_body_stands_where_the_station_is_live_and_in_its_past(browser: Any, r
     page.on("pageerror", lambda error: complaints.append(str(error)))
     page.on("request", lambda request: asked.append(request.url))
     page.goto(address)
-    page.evaluate(MOUNT)
-    reached = "([um, by]) => Math.abs(test.twin.shown()?.scene.pose('z').position[2] * 1e6 - um) < by"
+    page.get_by_role("tab", name="Twin").click()
+    page.evaluate("async () => { window.twin = await import('/static/twin.js'); }")
+    reached = "([um, by]) => Math.abs(twin.shown()?.scene.pose('z').position[2] * 1e6 - um) < by"
     page.wait_for_function(reached, arg=[homed, 0.1])
-    before = page.evaluate("test.feed.range().stop")
+    before = page.evaluate("twin.shown().feed.range().stop")
     page.wait_for_function(reached, arg=[running(up), 0.1])
-    page.wait_for_function("(t) => test.feed.range().stop > t", arg=before)
-    page.evaluate("(t) => test.twin.shown().player.seek(t)", before)
+    page.wait_for_function("(t) => twin.shown().feed.range().stop > t", arg=before)
+    page.evaluate("(t) => twin.shown().player.seek(t)", before)
     page.wait_for_function(reached, arg=[homed, 20.0])  # a sample of the past is the mean over 10 ms
     page.close()
     assert complaints == []
