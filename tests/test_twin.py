@@ -20,10 +20,10 @@ from umo.frames.layout import describe_objects, describe_signals
 from umo.process.station import StationError, find
 from umo.twin import (
     Body,
-    Box,
     Capsule,
     Carried,
     Colour,
+    Cuboid,
     Cylinder,
     Drive,
     Ellipsoid,
@@ -33,12 +33,12 @@ from umo.twin import (
     Slide,
     Sphere,
     Twin,
-    View,
+    Viewpoint,
     Visible,
     turned,
     twin_of,
 )
-from umo.twin.station import declared_by
+from umo.twin.declared import declared_by
 
 STATIONS = ("ztheta", "conveyor", "furnace")
 
@@ -170,15 +170,15 @@ def test_names_of_bodies_are_unique_and_parents_are_there() -> None:
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: Box((0.1, 0.1)),
-        lambda: Box((0.1, 0.1, 0.0)),
+        lambda: Cuboid((0.1, 0.1)),
+        lambda: Cuboid((0.1, 0.1, 0.0)),
         lambda: Sphere(-1.0),
         lambda: Sphere(math.nan),
         lambda: Cylinder(0.1, math.inf),
-        lambda: Box((1, 1, 1), colour="red"),
-        lambda: Box((1, 1, 1), opacity=2.0),
-        lambda: Box((1, 1, 1), position=(0, 0)),
-        lambda: Box((1, 1, 1), rotation=(1, 1, 0, 0)),
+        lambda: Cuboid((1, 1, 1), colour="red"),
+        lambda: Cuboid((1, 1, 1), opacity=2.0),
+        lambda: Cuboid((1, 1, 1), position=(0, 0)),
+        lambda: Cuboid((1, 1, 1), rotation=(1, 1, 0, 0)),
         lambda: Mesh([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 3)]),
         lambda: Mesh([(0, 0)], []),
         lambda: Slide("x", axis=(0, 0, 0)),
@@ -193,7 +193,7 @@ def test_names_of_bodies_are_unique_and_parents_are_there() -> None:
         lambda: Body("x", [Slide("y")]),  # type: ignore[list-item]
         lambda: Body("x", drives=[Sphere(1.0)]),  # type: ignore[list-item]
         lambda: Body("x", [Sphere(1.0)], drives=[Colour("y", {0: "#000000", 1: "#ffffff"}, shape=1)]),
-        lambda: View((0, 0, 0), (0, 0, 0)),
+        lambda: Viewpoint((0, 0, 0), (0, 0, 0)),
         lambda: turned((0, 0, 0), 90),
     ],
 )
@@ -207,10 +207,10 @@ def test_a_rotation_is_about_its_axis() -> None:
 
 
 def test_the_description_is_json_with_every_shape_and_the_entries_of_the_paths() -> None:
-    shapes = [Box((1, 2, 3)), Ellipsoid((1, 2, 3)), Sphere(1), Cylinder(1, 2), Capsule(1, 2),
+    shapes = [Cuboid((1, 2, 3)), Ellipsoid((1, 2, 3)), Sphere(1), Cylinder(1, 2), Capsule(1, 2),
               Mesh([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)])]  # fmt: skip
     drives = [Slide("ram"), Visible("valve", "ON"), Carried("valve", "ON", speed="speed", over=1.0, size=(0.1, 0.1))]
-    twin = Twin([Body("all", shapes, drives=drives)], floor=None, view=View((1, 1, 1), (0, 0, 0)))
+    twin = Twin([Body("all", shapes, drives=drives)], floor=None, view=Viewpoint((1, 1, 1), (0, 0, 0)))
     found = json.loads(json.dumps(twin.describe(press()), allow_nan=False))
     assert [shape["kind"] for shape in found["bodies"][0]["shapes"]] == [
         "box", "ellipsoid", "sphere", "cylinder", "capsule", "mesh"

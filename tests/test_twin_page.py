@@ -15,7 +15,7 @@ import pytest
 
 import umo.page as umo_page
 from umo.process.station import find
-from umo.twin.station import declared_by
+from umo.twin.declared import declared_by
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the tests of the page need Playwright")
 CHROMIUM = shutil.which("chromium")

@@ -40,7 +40,7 @@ def photograph(connection: umo.connect) -> None:
 
 
 def show_twin(connection: umo.connect) -> None:
-    """The tab Twin of the page, with labels."""
+    """The twin in the tab of the page."""
     from playwright.sync_api import sync_playwright
 
     flags = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
@@ -52,9 +52,9 @@ def show_twin(connection: umo.connect) -> None:
         page.get_by_role("tab", name="Twin").click()
         page.get_by_role("button", name="Labels").click()
         page.get_by_text("gripper.pressure PASS").wait_for()
-        with tempfile.TemporaryDirectory() as folder:
-            page.screenshot(path=f"{folder}/twin.png")
-            Image.open(f"{folder}/twin.png").convert("RGB").quantize(160).save(HERE / "twin.png", optimize=True)
+        page.get_by_role("button", name="Labels").click()
+        page.locator(".twin-label").first.wait_for(state="detached")
+        page.locator(".twin-view").screenshot(path=HERE / "twin.png")
         browser.close()
         server.terminate()
 

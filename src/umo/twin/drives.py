@@ -12,17 +12,17 @@ from umo.objects.units import check_unit, convert
 from umo.text import did_you_mean
 from umo.twin.shapes import HERE, Numbers, check_colour, numbers, unit_vector
 
-Entry = Mapping[str, Any]
+Described = Mapping[str, Any]
 """An object or a signal as frames describe it: path, and unit or the names of its states `one` and `zero`."""
 
 
 class Values:
     """The objects and signals of a machine, by path."""
 
-    def __init__(self, entries: Sequence[Entry]) -> None:
+    def __init__(self, entries: Sequence[Described]) -> None:
         self._entries = {str(entry["path"]): entry for entry in entries}
 
-    def entry(self, path: str) -> Entry:
+    def entry(self, path: str) -> Described:
         """DeclarationError with the nearest path."""
         if path not in self._entries:
             raise DeclarationError(f"no object or signal {path!r}{did_you_mean(path, self._entries)}")

@@ -11,15 +11,15 @@ from typing import Any
 from umo.errors import DeclarationError
 from umo.text import cause_of, did_you_mean
 from umo.twin.drives import Drive, Hinge, Joint, Slide
-from umo.twin.shapes import Box, Capsule, Cylinder, Ellipsoid, Mesh, Shape, Sphere
-from umo.twin.twin import Body, View
+from umo.twin.shapes import Capsule, Cuboid, Cylinder, Ellipsoid, Mesh, Shape, Sphere
+from umo.twin.twin import Body, Viewpoint
 
 WORLD = "world"
 UNCOLOURED = (0.5, 0.5, 0.5, 1.0)
 """The colour of a geom that was given none: its material's holds."""
 
 
-def parts(given: Any, joints: Mapping[str, str | Drive]) -> tuple[list[Body], float | None, View | None]:
+def parts(given: Any, joints: Mapping[str, str | Drive]) -> tuple[list[Body], float | None, Viewpoint | None]:
     """Bodies, the height of the floor, and the view."""
     mj = _mujoco()
     model = _loaded(mj, given)
@@ -103,7 +103,7 @@ def _shape(mj: Any, model: Any, geom: int) -> Shape | None:
     if opacity == 0.0:
         return None
     if kind == kinds.mjGEOM_BOX:
-        return Box(whole, **options)
+        return Cuboid(whole, **options)
     if kind == kinds.mjGEOM_ELLIPSOID:
         return Ellipsoid(whole, **options)
     if kind == kinds.mjGEOM_SPHERE:
@@ -133,13 +133,13 @@ def _byte(share: float) -> int:
     return round(255 * min(max(share, 0.0), 1.0))
 
 
-def _view(model: Any) -> View | None:
+def _view(model: Any) -> Viewpoint | None:
     """Of the first camera that stands in the world. It looks along its own -z, as far as the model's middle is."""
     for number in range(model.ncam):
         if model.cam_bodyid[number] == 0:
             eye, ahead = model.cam_pos0[number], -model.cam_mat0[number].reshape(3, 3)[:, 2]
             away = max(float((model.stat.center - eye) @ ahead), float(model.stat.extent))
-            return View(_floats(eye), _floats(eye + away * ahead))
+            return Viewpoint(_floats(eye), _floats(eye + away * ahead))
     return None
 
 

@@ -63,18 +63,18 @@ class Shape:
 
 
 @dataclass(frozen=True)
-class Box(Shape):
+class Cuboid(Shape):
     """`size`: its whole lengths along x, y and z."""
 
     size: Numbers
     kind = "box"
 
     def sizes(self) -> dict[str, float]:
-        return dict(zip(("size x", "size y", "size z"), numbers("Box: size", self.size, 3), strict=True))
+        return dict(zip(("size x", "size y", "size z"), numbers("Cuboid: size", self.size, 3), strict=True))
 
 
 @dataclass(frozen=True)
-class Ellipsoid(Box):
+class Ellipsoid(Cuboid):
     """`size`: its diameters along x, y and z."""
 
     kind = "ellipsoid"

@@ -16,7 +16,7 @@ from umo.text import did_you_mean
 from umo.twin.drives import Carried, Colour, Drive, Joint, Values, Visible
 from umo.twin.shapes import HERE, UPRIGHT, Numbers, Shape, numbers, unit_quaternion
 
-Part = Joint | Colour | Visible | Carried
+Driven = Joint | Colour | Visible | Carried
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Body:
     parent: str | None = None
     position: Numbers = HERE
     rotation: Numbers = UPRIGHT
-    drives: Sequence[Part] = ()
+    drives: Sequence[Driven] = ()
 
     def __post_init__(self) -> None:
         numbers(f"body {self.name!r}: position", self.position, 3)
@@ -42,7 +42,7 @@ class Body:
             if not isinstance(shape, Shape):
                 raise DeclarationError(f"body {self.name!r}: {shape!r} is not a shape")
         for drive in self.drives:
-            if not isinstance(drive, Part):
+            if not isinstance(drive, Driven):
                 kinds = "Slide, Hinge, Colour, Visible or Carried"
                 raise DeclarationError(f"body {self.name!r}: {drive!r} is not a drive ({kinds})")
         for colour in self._all(Colour):
@@ -70,15 +70,15 @@ class Body:
 
 
 @dataclass(frozen=True)
-class View:
+class Viewpoint:
     """From where the twin is first seen: the places of the eye and of what it looks at, in m."""
 
     eye: Numbers
     target: Numbers
 
     def __post_init__(self) -> None:
-        if numbers("View: eye", self.eye, 3) == numbers("View: target", self.target, 3):
-            raise DeclarationError(f"View: eye and target are the same place, {self.eye!r}")
+        if numbers("Viewpoint: eye", self.eye, 3) == numbers("Viewpoint: target", self.target, 3):
+            raise DeclarationError(f"Viewpoint: eye and target are the same place, {self.eye!r}")
 
 
 class Twin:
@@ -88,7 +88,7 @@ class Twin:
     DeclarationError for two bodies of one name, a parent that is missing, and a circle of parents.
     """
 
-    def __init__(self, bodies: Iterable[Body], *, floor: float | None = 0.0, view: View | None = None) -> None:
+    def __init__(self, bodies: Iterable[Body], *, floor: float | None = 0.0, view: Viewpoint | None = None) -> None:
         self.bodies = tuple(bodies)
         self.floor, self.view = floor, view
         known = {body.name: body for body in self.bodies}

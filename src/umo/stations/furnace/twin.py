@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 
-from umo.twin import Body, Box, Colour, Cylinder, Twin
+from umo.twin import Body, Colour, Cuboid, Cylinder, Twin
 
 from .control import Furnace
 
@@ -25,13 +25,13 @@ def _zone(number: int) -> Iterator[Body]:
     place = (column * (WIDTH + GAP), row * 2 * DEPTH, 0.3)
     yield Body(
         name,
-        [Box((WIDTH, DEPTH, HEIGHT), position=(0, 0, HEIGHT / 2))],
+        [Cuboid((WIDTH, DEPTH, HEIGHT), position=(0, 0, HEIGHT / 2))],
         position=place,
         drives=[Colour(f"{name}.temperature", GLOW)],
     )
     yield Body(
         f"{name} heater",
-        [Box((WIDTH, DEPTH, 0.06), position=(0, 0, -0.06))],
+        [Cuboid((WIDTH, DEPTH, 0.06), position=(0, 0, -0.06))],
         parent=name,
         drives=[Colour(f"{name}.heater", {0: "#3a4048", 100: "#ff7a1a"})],
     )

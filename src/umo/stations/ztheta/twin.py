@@ -2,7 +2,7 @@
 
 from importlib.resources import files
 
-from umo.twin import Body, Box, Colour, Cylinder, Sphere, Twin, Visible
+from umo.twin import Body, Colour, Cuboid, Cylinder, Sphere, Twin, Visible
 
 from .control import Manipulator
 
@@ -15,7 +15,7 @@ def twin(machine: Manipulator) -> Twin:
     model = files("umo.stations.ztheta").joinpath("plant.xml").read_text("utf-8")
     return Twin.from_mujoco(model, joints={"z": "z.encoder", "theta": "theta.encoder"}, more=[
         Body(
-            "part", [Box((0.02, 0.02, 0.01), position=(0, 0, -0.005), colour="#339e4d")],
+            "part", [Cuboid((0.02, 0.02, 0.01), position=(0, 0, -0.005), colour="#339e4d")],
             parent="cup", drives=[Visible("gripper.pressure", "PASS")],
         ),
         Body(
