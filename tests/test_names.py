@@ -11,7 +11,7 @@ import umo
 TREE = Path(umo.__file__).parent
 SHOWN_TO_THE_OBJECTS = TREE / "objects" / "link.py"
 """Protocols of what lies above, under the names that those things have."""
-ROLES = {"__init__", "application", "control", "objects", "plant", "run", "errors", "driver", "channel"}
+ROLES = {"__init__", "application", "control", "objects", "plant", "run", "errors", "driver", "channel", "twin"}
 """Modules with one part in many places: a station's files, a driver's, a command of the command line, its errors."""
 ROLES_OF_CLASSES = {"Plant"}
 """Each station's own."""

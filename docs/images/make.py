@@ -1,14 +1,17 @@
-"""Makes the pictures of README and docs from runs of the stations; wants `.venv/bin/pip install -e '.[all,render]'`."""
+"""Makes the pictures of README and docs from runs of the stations; wants `.venv/bin/pip install -e '.[all,render]'`,
+and for that of the page the extra `page`, Playwright and Chromium."""
 
 import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 from PIL import Image
 
 import umo
+from umo.frames import published
 from umo.process.station import find
 from umo.stations.ztheta.application import main
 from umo.stations.ztheta.objects import machine
@@ -17,19 +20,43 @@ from umo.stations.ztheta.render import render
 HERE = Path(__file__).parent
 
 
-def photograph() -> None:
-    """The second part, half turned."""
-    m = machine()
-    connection = umo.connect(m, find("ztheta").wirings["simulated"], seed=3)
+def while_turning(take: Callable[[umo.connect], None]) -> None:
+    """Run z-theta in virtual time, published, up to where the second part is half turned; then take a picture."""
+    m, station = machine(), find("ztheta")
+    connection = umo.connect(m, station.wirings["simulated"], seed=3)
 
     def observe(frame: umo.Frame) -> None:
         if frame.progress.text == "part 2 of 3: turning" and m.theta.encoder.read() > -10.0:
-            Image.fromarray(render(connection.driver("plant"), 960, 640)).save(HERE / "ztheta.png", optimize=True)
             connection.stop.request()
 
-    with connection:
+    with connection, published(connection, "ztheta", "simulated", place=station.path):
         connection.machine.observers.append(observe)
         umo.drive(m, main)
+        take(connection)
+
+
+def photograph(connection: umo.connect) -> None:
+    Image.fromarray(render(connection.driver("plant"), 960, 640)).save(HERE / "ztheta.png", optimize=True)
+
+
+def show_twin(connection: umo.connect) -> None:
+    """The twin in the tab of the page."""
+    from playwright.sync_api import sync_playwright
+
+    flags = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    command = [sys.executable, "-c", "from umo.cli import main; main()", "view", "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server, sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=flags)
+        page = browser.new_page(viewport={"width": 960, "height": 640}, color_scheme="light")
+        page.goto(server.stdout.readline().strip())
+        page.get_by_role("tab", name="Twin").click()
+        page.get_by_role("button", name="Labels").click()
+        page.get_by_text("gripper.pressure PASS").wait_for()
+        page.get_by_role("button", name="Labels").click()
+        page.locator(".twin-label").first.wait_for(state="detached")
+        page.locator(".twin-view").screenshot(path=HERE / "twin.png")
+        browser.close()
+        server.terminate()
 
 
 def plot(picture: str, *words: str) -> None:
@@ -42,7 +69,8 @@ def plot(picture: str, *words: str) -> None:
 
 
 if __name__ == "__main__":
-    photograph()
+    while_turning(photograph)
+    while_turning(show_twin)
     plot("run.png", "ztheta")
     plot("conveyor.png", "conveyor")
     plot("furnace.png", "furnace", "--zones", "8", "--faults", "broken-thermocouple:3")

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from umo.cycle import connect
@@ -21,7 +22,13 @@ from umo.objects import actions_of, tunables_of
 
 @contextmanager
 def published(
-    connection: connect[Any], station: str, wiring: str = "", path: Path | None = None, *, place: Path | None = None
+    connection: connect[Any],
+    station: str,
+    wiring: str = "",
+    path: Path | None = None,
+    *,
+    place: Path | None = None,
+    options: Mapping[str, Any] = MappingProxyType({}),
 ) -> Iterator[Ring]:
     """Publish every period of a connected machine while the block lasts.
 
@@ -30,7 +37,8 @@ def published(
             ...
 
     `umo ps` and `umo watch press` then find it. Default: a new file in the user's folder, removed at the end. A file
-    given as `path` keeps the last frames after the block; the caller removes it. `place` is the station's folder.
+    given as `path` keeps the last frames after the block; the caller removes it. `place` is the station's folder,
+    `options` those with which its machine was made.
     FramesError if there is not enough memory, or if this connection is already published.
     """
     if connection.image.transfer.journal is not None:
@@ -39,6 +47,7 @@ def published(
         "station": station,
         "wiring": wiring,
         "place": "" if place is None else str(place),
+        "options": dict(options),
         "devices": connection.wired.devices,
         "pid": os.getpid(),
         "started": time.time(),

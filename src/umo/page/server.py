@@ -71,7 +71,6 @@ def application(options: Options, feed: Feed) -> ASGIApp:
         Route("/", index),
         WebSocketRoute("/ws", page),
         Route("/twin/{name}", _twin(feed)),
-        Route("/twin/{name}/{file:path}", _twin_file(feed)),
         Mount("/static", StaticFiles(directory=STATIC)),
     ]
     app = Starlette(routes=routes, lifespan=lifespan)
@@ -83,23 +82,10 @@ def _twin(feed: Feed) -> Callable[[Request], object]:
     async def answer(request: Request) -> Response:
         watched = feed.watched.get(request.path_params["name"])
         if watched is not None:
-            paths, wiring = list(watched.columns), str(watched.about["wiring"] or "")
-            found = await asyncio.to_thread(twin.describe, watched.station, wiring, paths)
+            found = await asyncio.to_thread(twin.describe, watched.reader.layout)
             if found is not None:
                 return JSONResponse(found)
         return PlainTextResponse("no twin\n", 404)
-
-    return answer
-
-
-def _twin_file(feed: Feed) -> Callable[[Request], object]:
-    async def answer(request: Request) -> Response:
-        watched = feed.watched.get(request.path_params["name"])
-        if watched is not None:
-            found = await asyncio.to_thread(twin.file, watched.station, request.path_params["file"])
-            if found is not None:
-                return FileResponse(found)
-        return PlainTextResponse("no such file\n", 404)
 
     return answer
 

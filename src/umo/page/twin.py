@@ -1,16 +1,17 @@
-"""The twin of a station: bodies, joints, and the objects that drive them."""
+"""The twin of a station that runs, for the page."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
+from umo.errors import UmoError
+from umo.frames import Layout
+from umo.twin import twin_of
 
-def describe(station: str, wiring: str, paths: list[str]) -> dict[str, Any] | None:
-    """The twin as JSON; None: the station has none."""
-    return None
 
-
-def file(station: str, name: str) -> Path | None:
-    """A file of the twin, such as a mesh; None: there is none."""
-    return None
+def describe(layout: Layout) -> dict[str, Any] | None:
+    """The twin as JSON, or what is wrong with its declaration as `error`; None: the station declares none."""
+    try:
+        return twin_of(layout)
+    except UmoError as error:
+        return {"error": str(error)}

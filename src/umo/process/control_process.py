@@ -132,9 +132,11 @@ class Control:
         with ExitStack() as stack:
             ring = None
             try:
-                ring = stack.enter_context(
-                    published(connection, self._plan.name, self._plan.wiring_name, self._path, place=self._plan.place)
+                plan = self._plan
+                frames = published(
+                    connection, plan.name, plan.wiring_name, self._path, place=plan.place, options=plan.machine_options
                 )
+                ring = stack.enter_context(frames)
             except (FramesError, OSError) as error:
                 self._channel.send("notice", text=f"this run cannot be watched or traced: {text_of(error)}")
             yield ring

@@ -102,6 +102,7 @@ class Plan:
         else:
             self.wiring = Path(job.wiring) if isinstance(job.wiring, str) else job.wiring
         for_machine, self.options = self._share(make, main)
+        self.machine_options = {name: value for name, value in job.options.items() if name in for_machine}
         if station is not None:
             self.machine, self.name, self.place = station.machine(**for_machine), station.name, station.path
         else:

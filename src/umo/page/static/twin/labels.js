@@ -1,0 +1,115 @@
+/** Names of bodies with the values that drive them, over the picture. */
+
+import * as THREE from "three";
+
+const QUALITY = ["", "out of range", "unreferenced", "stale", "bad"];
+const MOST = 60;
+
+export class Labels {
+  /** @param {HTMLElement} element the layer above the picture @param {import("./scene.js").TwinScene} scene */
+  constructor(element, scene) {
+    this.element = element;
+    this.scene = scene;
+    this.all = false;
+    this.chosen = null;
+    this.shown = new Map();
+  }
+
+  /** Show those of all driven bodies, at most 60, or only that of the chosen one. */
+  show(all) {
+    this.all = all;
+  }
+
+  /** Choose the body under a place of the picture, -1 to 1 each; none where there is none. */
+  choose(x, y, camera) {
+    const ray = new THREE.Raycaster();
+    ray.setFromCamera(new THREE.Vector2(x, y), camera);
+    const hits = ray.intersectObject(this.scene.root, true);
+    this.chosen = hits.find((hit) => hit.object.userData.body && seen(hit.object))?.object.userData.body ?? null;
+  }
+
+  /** Put each where its body is now. */
+  place(camera, width, height, sample) {
+    const wanted = new Set(this.#wanted());
+    for (const [body, label] of this.shown)
+      if (!wanted.has(body)) {
+        label.remove();
+        this.shown.delete(body);
+      }
+    const boxes = [];
+    for (const body of wanted) {
+      if (!this.shown.has(body)) this.#add(body);
+      const label = this.shown.get(body);
+      const text = this.#text(body, sample);
+      if (label.textContent !== text) label.textContent = text;
+      const at = middle(body).project(camera);
+      label.hidden = Math.abs(at.z) > 1 || !seen(body.node);
+      if (!label.hidden) boxes.push({ label, x: ((at.x + 1) / 2) * width, y: ((1 - at.y) / 2) * height });
+    }
+    this.#arrange(boxes, width);
+  }
+
+  /** Side by side, none over another, none cut off at the right. */
+  #arrange(boxes, width) {
+    for (const box of boxes) [box.w, box.h] = [box.label.offsetWidth, box.label.offsetHeight];
+    boxes.sort((one, other) => one.y - other.y);
+    boxes.forEach((box, i) => {
+      box.x = Math.max(0, Math.min(box.x, width - box.w));
+      for (const other of boxes.slice(0, i)) {
+        const beside = box.x >= other.x + other.w || other.x >= box.x + box.w;
+        if (!beside && box.y < other.y + other.h + 2 && box.y + box.h > other.y) box.y = other.y + other.h + 2;
+      }
+      box.label.style.transform = `translate(${Math.round(box.x)}px, ${Math.round(box.y)}px)`;
+    });
+  }
+
+  clear() {
+    for (const label of this.shown.values()) label.remove();
+    this.shown.clear();
+    this.chosen = null;
+  }
+
+  #wanted() {
+    const driven = this.all ? this.scene.bodies.filter((body) => pathsOf(body).length).slice(0, MOST) : [];
+    return this.chosen && !driven.includes(this.chosen) ? [...driven, this.chosen] : driven;
+  }
+
+  #add(body) {
+    const label = document.createElement("span");
+    label.className = "twin-label";
+    this.element.append(label);
+    this.shown.set(body, label);
+  }
+
+  #text(body, sample) {
+    const lines = pathsOf(body).map((path) => `${path} ${shownValue(this.scene.entries.get(path), sample(path))}`);
+    return [body.name, ...lines].join("\n");
+  }
+}
+
+/** A value as text: with its unit, or the name of its state; and its quality, if that is not good. */
+export function shownValue(entry, found) {
+  if (!found || !Number.isFinite(found.value)) return "no value";
+  const quality = QUALITY[found.quality] ? ` (${QUALITY[found.quality]})` : "";
+  if ("one" in entry) return (found.value > 0.5 ? entry.one : entry.zero) + quality;
+  const size = Math.abs(found.value);
+  const digits = size >= 1000 ? 0 : size >= 100 ? 1 : size >= 10 ? 2 : 3;
+  return `${found.value.toFixed(digits)} ${entry.unit}`.trim() + quality;
+}
+
+function pathsOf({ told }) {
+  const paths = [...told.joints, ...told.colours, ...told.visible].map((drive) => drive.path);
+  return [...new Set([...paths, ...told.carried.flatMap((load) => [load.sensor, load.speed])])];
+}
+
+function middle(body) {
+  if (!body.meshes.length) return body.node.getWorldPosition(new THREE.Vector3());
+  const box = new THREE.Box3();
+  for (const mesh of body.meshes) box.expandByObject(mesh);
+  return box.getCenter(new THREE.Vector3());
+}
+
+function seen(object) {
+  for (let each = object; each; each = each.parent) if (!each.visible) return false;
+  return true;
+}

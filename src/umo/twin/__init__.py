@@ -1,0 +1,32 @@
+"""Twins: a machine in 3D that moves with the values of its objects. A station declares its twin in twin.py:
+
+def twin(machine: Press) -> Twin:
+    return Twin([Body("ram", [Cuboid((0.1, 0.1, 0.3))], drives=[Slide("ram.position", axis=(0, 0, -1))])])
+"""
+
+from umo.twin.declared import twin_of
+from umo.twin.drives import Carried, Colour, Drive, Hinge, Joint, Slide, Visible
+from umo.twin.shapes import Capsule, Cuboid, Cylinder, Ellipsoid, Mesh, Shape, Sphere, turned
+from umo.twin.twin import Body, Twin, Viewpoint
+
+__all__ = [
+    "Body",
+    "Capsule",
+    "Carried",
+    "Colour",
+    "Cuboid",
+    "Cylinder",
+    "Drive",
+    "Ellipsoid",
+    "Hinge",
+    "Joint",
+    "Mesh",
+    "Shape",
+    "Slide",
+    "Sphere",
+    "Twin",
+    "Viewpoint",
+    "Visible",
+    "turned",
+    "twin_of",
+]

@@ -1,0 +1,49 @@
+"""The twin of a station that runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from umo.errors import UmoError
+from umo.frames.layout import Layout
+from umo.process.parameters import arguments_for
+from umo.process.station import Station, StationError, find
+from umo.system.packages import MARK
+from umo.text import did_you_mean, located
+from umo.twin.twin import Twin
+
+
+def twin_of(layout: Layout) -> dict[str, Any] | None:
+    """What the twin.py of a running station declares, for the machine that runs; None if it declares no twin.
+
+    The description of its frames names the station's folder and the options of its machine. StationError if twin.py
+    cannot be imported or fails, DeclarationError if it does not fit the machine.
+    """
+    place = Path(layout.about.get("place") or "-")
+    if not (place / MARK).is_file():  # a machine and an application given as functions
+        return None
+    station = find(place)
+    options = arguments_for(station.make, "machine", layout.about.get("options", {}))
+    declared = declared_by(station, options)
+    return None if declared is None else declared.describe(layout)
+
+
+def declared_by(station: Station, options: dict[str, Any] | None = None) -> Twin | None:
+    """The result of `twin(machine)` in twin.py of a station, with a machine of these options; None without the file."""
+    module = station.module("twin")
+    if module is None:
+        return None
+    file, make = station.path / "twin.py", getattr(module, "twin", None)
+    if not callable(make):
+        raise StationError(f"{file} has no twin(){did_you_mean('twin', vars(module))}")
+    machine = station.machine(**(options or {}))
+    try:
+        twin = make(machine)
+    except (UmoError, KeyboardInterrupt):
+        raise
+    except BaseException as error:
+        raise StationError(f"twin() of {file} failed: {located(error)}") from error
+    if not isinstance(twin, Twin):
+        raise StationError(f"twin() of {file} returned {twin!r}, not a Twin")
+    return twin

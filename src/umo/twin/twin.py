@@ -1,0 +1,166 @@
+"""The declaration of a twin: bodies, how they hang together, and what moves them."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from umo.cycle.signals import signals_of
+from umo.errors import DeclarationError
+from umo.frames.layout import Layout, describe_objects, describe_signals
+from umo.objects import Compound
+from umo.text import did_you_mean
+from umo.twin.drives import Carried, Colour, Drive, Joint, Values, Visible
+from umo.twin.shapes import HERE, UPRIGHT, Numbers, Shape, numbers, unit_quaternion
+
+Driven = Joint | Colour | Visible | Carried
+
+
+@dataclass(frozen=True)
+class Body:
+    """A rigid body of the machine: its shapes, and what drives it.
+
+    `parent`: the name of the body that carries it; None: it stands in the world. `position` (m) and `rotation` (as
+    `turned` gives it) are those against the parent while every joint is at 0. `drives`: joints, each acting on what
+    the one before it has moved; a colour; a state in which it is visible; loads that it carries.
+    """
+
+    name: str
+    shapes: Sequence[Shape] = ()
+    parent: str | None = None
+    position: Numbers = HERE
+    rotation: Numbers = UPRIGHT
+    drives: Sequence[Driven] = ()
+
+    def __post_init__(self) -> None:
+        numbers(f"body {self.name!r}: position", self.position, 3)
+        unit_quaternion(f"body {self.name!r}: rotation", self.rotation)
+        for shape in self.shapes:
+            if not isinstance(shape, Shape):
+                raise DeclarationError(f"body {self.name!r}: {shape!r} is not a shape")
+        for drive in self.drives:
+            if not isinstance(drive, Driven):
+                kinds = "Slide, Hinge, Colour, Visible or Carried"
+                raise DeclarationError(f"body {self.name!r}: {drive!r} is not a drive ({kinds})")
+        for colour in self._all(Colour):
+            if colour.shape is not None and not 0 <= colour.shape < len(self.shapes):
+                raise DeclarationError(
+                    f"body {self.name!r}: it has {len(self.shapes)} shapes, Colour {colour.path!r} wants "
+                    f"number {colour.shape}"
+                )
+
+    def _all(self, kind: type[Any]) -> list[Any]:
+        return [drive for drive in self.drives if isinstance(drive, kind)]
+
+    def describe(self, values: Values) -> dict[str, Any]:
+        """For the page; the drives by what they do."""
+        try:
+            driven = {
+                name: [drive.describe(values) for drive in self._all(kind)]
+                for name, kind in {"joints": Joint, "colours": Colour, "visible": Visible, "carried": Carried}.items()
+            }
+        except DeclarationError as error:
+            raise DeclarationError(f"twin: body {self.name!r}: {error}") from None
+        shapes = [shape.describe() for shape in self.shapes]
+        place = {"position": list(self.position), "rotation": list(self.rotation)}
+        return {"name": self.name, "parent": self.parent, "shapes": shapes} | place | driven
+
+
+@dataclass(frozen=True)
+class Viewpoint:
+    """From where the twin is first seen: the places of the eye and of what it looks at, in m."""
+
+    eye: Numbers
+    target: Numbers
+
+    def __post_init__(self) -> None:
+        if numbers("Viewpoint: eye", self.eye, 3) == numbers("Viewpoint: target", self.target, 3):
+            raise DeclarationError(f"Viewpoint: eye and target are the same place, {self.eye!r}")
+
+
+class Twin:
+    """The bodies of a machine, in SI units; z is up. `floor`: the height of a floor, m; None: there is none. `view`:
+    by default everything is seen from the front, the right and above.
+
+    DeclarationError for two bodies of one name, a parent that is missing, and a circle of parents.
+    """
+
+    def __init__(self, bodies: Iterable[Body], *, floor: float | None = 0.0, view: Viewpoint | None = None) -> None:
+        self.bodies = tuple(bodies)
+        self.floor, self.view = floor, view
+        known = {body.name: body for body in self.bodies}
+        for name, count in Counter(body.name for body in self.bodies).items():
+            if count > 1:
+                raise DeclarationError(f"twin: {count} bodies are named {name!r}")
+        for body in self.bodies:
+            if body.parent is not None and body.parent not in known:
+                raise DeclarationError(
+                    f"twin: body {body.name!r} has no parent {body.parent!r}{did_you_mean(body.parent, known)}"
+                )
+        for body in self.bodies:
+            _check_circle(body, known)
+
+    @classmethod
+    def from_mujoco(
+        cls,
+        model: str | os.PathLike[str] | Any,
+        joints: Mapping[str, str | Drive],
+        *,
+        more: Iterable[Body] = (),
+    ) -> Twin:
+        """The bodies, geoms and joints of a MuJoCo model: the path of its file, its XML or an `MjModel`.
+
+        `joints`: for each joint that moves, the object that drives it: `{"z": "z.encoder"}`, or a `Drive` with scale
+        and offset. The object's value in m or rad is the joint's coordinate in MuJoCo (its `qpos`). The other joints
+        stay where the model has them at first. `more`: bodies in addition; their parents are bodies of the model by
+        name. Its first camera is the view, its first plane the floor. DeclarationError if MuJoCo is not installed, the
+        model cannot be read, or a joint is not there.
+        """
+        from umo.twin.mujoco import parts
+
+        bodies, floor, view = parts(model, joints)
+        return cls([*bodies, *more], floor=floor, view=view)
+
+    def describe(self, machine: Compound | Layout) -> dict[str, Any]:
+        """Plain data for the page: JSON. Values are then those of frames, in the objects' units.
+
+        DeclarationError, with the body and the nearest valid name, for a path that the machine does not have, a state
+        that an object does not have, and a unit that does not fit.
+        """
+        values = Values(entries_of(machine))
+        bodies = [body.describe(values) for body in self.bodies]
+        view = None if self.view is None else {"eye": list(self.view.eye), "target": list(self.view.target)}
+        paths = sorted(set(_paths(bodies)))
+        return {"bodies": bodies, "floor": self.floor, "view": view, "paths": [dict(values.entry(p)) for p in paths]}
+
+
+def entries_of(machine: Compound | Layout) -> list[Mapping[str, Any]]:
+    """The objects and signals, as frames describe them."""
+    if isinstance(machine, Layout):
+        return [*machine.objects, *machine.signals]
+    return [*describe_objects(list(machine.atoms())), *describe_signals(signals_of(machine))]
+
+
+def _paths(bodies: Sequence[Mapping[str, Any]]) -> Iterable[str]:
+    """Of every value that a body shows."""
+    for body in bodies:
+        for kind in ("joints", "colours", "visible"):
+            yield from (drive["path"] for drive in body[kind])
+        for load in body["carried"]:
+            yield from (load["sensor"], load["speed"])
+
+
+def _check_circle(body: Body, known: Mapping[str, Body]) -> None:
+    passed = [body.name]
+    while body.parent is not None:
+        body = known[body.parent]
+        if body.name in passed:
+            raise DeclarationError(f"twin: body {body.name!r} is carried by itself: {' < '.join([*passed, body.name])}")
+        passed.append(body.name)
+
+
+Declaration = Callable[[Any], Twin]
+"""`twin(machine)` of a station's file twin.py."""
