@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from umo.objects import Quality
-from umo.page.station import Watched
+from umo.page.watched import Watched
 from umo.testing import Scripted
 
 from .conftest import Client, opened, running, serving

@@ -389,10 +389,10 @@ def view(
     on loopback. At another address (--host) it asks for the token, and is read-only unless --hands is given; give a
     certificate there, or the token can be read on the network. Ctrl-C ends it; the stations go on.
     """
-    from .page import Choice
+    from .page import ViewOptions
     from .page import view as show
 
-    guarded(lambda: show(Choice(station, wiring, host, port, token, open_, hands, certificate, key)))
+    guarded(lambda: show(ViewOptions(station, wiring, host, port, token, open_, hands, certificate, key)))
 
 
 @app.command(epilog="Examples: umo ps  |  umo ps --json")

@@ -14,11 +14,12 @@ from urllib.parse import quote
 from umo.errors import FramesError
 from umo.frames.folder import folder
 from umo.process.station import StationError, find
+from umo.remote.search import station_name
 from umo.system.realtime import stand_back
 from umo.text import did_you_mean
 
 from .console import err, out
-from .running import readers, station_name
+from .running import readers
 
 LIBRARIES = ("starlette", "uvicorn", "websockets")
 PORT = 8270
@@ -32,7 +33,7 @@ class PageError(FramesError, ValueError):
 
 
 @dataclass(frozen=True)
-class Choice:
+class ViewOptions:
     """What `umo view` was given."""
 
     station: str | None = None
@@ -46,7 +47,7 @@ class Choice:
     key: Path | None = None
 
 
-def view(choice: Choice) -> int:
+def view(choice: ViewOptions) -> int:
     """Print the address, and serve the page until Ctrl-C."""
     for library in LIBRARIES:
         if find_spec(library) is None:
@@ -76,7 +77,7 @@ def view(choice: Choice) -> int:
     return 0
 
 
-def _check(choice: Choice, local: bool) -> None:
+def _check(choice: ViewOptions, local: bool) -> None:
     """PageError for options that do not fit one another."""
     if not local and len(choice.token or "") < SHORTEST:
         raise PageError(
@@ -89,7 +90,7 @@ def _check(choice: Choice, local: bool) -> None:
         file.open("rb").close()  # OSError names it
 
 
-def _station(choice: Choice) -> str | None:
+def _station(choice: ViewOptions) -> str | None:
     """The name of the station to show first: one that runs, or one that can be started; and where its folder is."""
     if choice.station is None:
         if choice.wiring is not None:
@@ -114,7 +115,7 @@ def _station(choice: Choice) -> str | None:
     return name
 
 
-def _listening(choice: Choice) -> socket.socket:
+def _listening(choice: ViewOptions) -> socket.socket:
     from umo.page.server import listen
 
     try:
@@ -132,7 +133,7 @@ def _shown_host(host: str) -> str:
     return f"[{host}]" if ":" in host else host
 
 
-def _warn(choice: Choice, hands: bool) -> None:
+def _warn(choice: ViewOptions, hands: bool) -> None:
     may = "see and command the machine" if hands else "see the machine (read-only; --hands to command)"
     err.print(f"umo: warning: whoever reaches {choice.host} and has the token can {may}", soft_wrap=True)
     if choice.certificate is None:

@@ -14,9 +14,9 @@ from umo.objects import Atomic, Compound, Digital, DigitalActuator, Node
 from umo.process.station import Station, StationError
 from umo.text import did_you_mean
 from umo.wiring import check
-from umo.wiring.describe import wire_of
 from umo.wiring.patterns import expand
 from umo.wiring.source import WiringSource, read
+from umo.wiring.wire_text import wire_of
 
 from .console import out
 from .folding import FROM

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from umo.errors import FramesError
 from umo.frames import Reader, rings
-from umo.page.station import Watched
+from umo.page.watched import Watched
 from umo.page.words import box_in_words, newest_box
 
 RATE = 30.0

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from umo.page.reduction import Floats
+from umo.objects.scaling import FloatArray
 
 SECONDS = 300.0
 MOST_BYTES = 128 << 20
@@ -28,7 +28,7 @@ class History:
         self._values = np.zeros((columns, size))
         self._count = 0
 
-    def add(self, times: Floats, rows: Floats) -> None:
+    def add(self, times: FloatArray, rows: FloatArray) -> None:
         """Some samples: a time (s, not before the last one) and a row of values for each."""
         if len(times) > self.capacity:
             self._count = 0
@@ -45,7 +45,7 @@ class History:
         self._count = end
 
     @property
-    def times(self) -> Floats:
+    def times(self) -> FloatArray:
         return self._times[: self._count]
 
     @property
@@ -58,7 +58,7 @@ class History:
         """The time of the newest sample in s; 0 if there is none."""
         return float(self._times[self._count - 1]) if self._count else 0.0
 
-    def between(self, start: float, stop: float, columns: Sequence[int]) -> tuple[Floats, Floats]:
+    def between(self, start: float, stop: float, columns: Sequence[int]) -> tuple[FloatArray, FloatArray]:
         """The samples from `start` to `stop` (s, both included): times, and one row per column."""
         begin = int(np.searchsorted(self.times, start, "left"))
         end = int(np.searchsorted(self.times, stop, "right"))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from umo.page.reduction import Points, crossing, reduced
-from umo.page.station import Watched
+from umo.page.watched import Watched
 
 MOST_TRACES = 64
 MOST_WIDTH = 8192

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-Floats = npt.NDArray[np.float64]
+from umo.objects.scaling import FloatArray
+
 HYSTERESIS = 0.1
 """Of the peak-to-peak value: half the band around the middle in which no crossing is counted."""
 FEWEST = 2.0
@@ -19,13 +20,13 @@ FEWEST = 2.0
 class Points:
     """What is drawn: for each point a time, and per trace the least and the greatest value; NaN: no value."""
 
-    times: Floats
-    low: Floats
-    high: Floats
+    times: FloatArray
+    low: FloatArray
+    high: FloatArray
     """One row per trace. The same array as `low` where nothing was reduced."""
 
 
-def reduced(times: Floats, values: Floats, step: float, period: float) -> Points:
+def reduced(times: FloatArray, values: FloatArray, step: float, period: float) -> Points:
     """Samples (one row per trace) as one point per `step` s that has a sample. No minimum or maximum is lost.
 
     The time of a point is that of its first sample. Every sample is a point if `step` is below two periods.
@@ -37,12 +38,12 @@ def reduced(times: Floats, values: Floats, step: float, period: float) -> Points
     return Points(times[first], _reduceat(np.fmin, values, first), _reduceat(np.fmax, values, first))
 
 
-def _reduceat(function: np.ufunc, values: Floats, first: npt.NDArray[np.intp]) -> Floats:
-    found: Floats = function.reduceat(values, first, axis=1)
+def _reduceat(function: np.ufunc, values: FloatArray, first: npt.NDArray[np.intp]) -> FloatArray:
+    found: FloatArray = function.reduceat(values, first, axis=1)
     return found
 
 
-def crossing(times: Floats, values: Floats, kind: str, level: float) -> float | None:
+def crossing(times: FloatArray, values: FloatArray, kind: str, level: float) -> float | None:
     """The time of the first sample that fulfils a trigger; None if there is none.
 
     `rising`, `falling`: the first sample beyond the level after one that was not. `above`, `below`: the first one
@@ -57,7 +58,7 @@ def crossing(times: Floats, values: Floats, kind: str, level: float) -> float | 
 
 
 @dataclass(frozen=True)
-class Measured:
+class TraceValues:
     """Values of one trace over a stretch of time, in its unit; frequency in Hz, None if it cannot be told."""
 
     minimum: float
@@ -67,7 +68,7 @@ class Measured:
     frequency: float | None
 
 
-def measured(times: Floats, values: Floats) -> dict[str, Any] | None:
+def measured(times: FloatArray, values: FloatArray) -> dict[str, Any] | None:
     """Minimum, maximum, mean, root mean square and frequency of all samples that have a value; None without one."""
     known = np.isfinite(values)
     if not known.all():
@@ -76,10 +77,10 @@ def measured(times: Floats, values: Floats) -> dict[str, Any] | None:
         return None
     low, high = float(values.min()), float(values.max())
     rms = float(np.sqrt(np.mean(np.square(values))))
-    return asdict(Measured(low, high, float(values.mean()), rms, frequency(times, values, low, high)))
+    return asdict(TraceValues(low, high, float(values.mean()), rms, frequency(times, values, low, high)))
 
 
-def frequency(times: Floats, values: Floats, low: float, high: float) -> float | None:
+def frequency(times: FloatArray, values: FloatArray, low: float, high: float) -> float | None:
     """Of the rising crossings of the middle, in Hz, counted with a hysteresis; None for less than one whole period."""
     middle, band = (low + high) / 2, (high - low) * HYSTERESIS
     outside = np.flatnonzero(np.abs(values - middle) > band)

@@ -15,11 +15,11 @@ from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from umo.page import commands
+from umo.page import forwarding
 from umo.page.feed import Feed
 from umo.page.live import MOST_WIDTH, BadRequest, Live, columns_of, number, packed, window
 from umo.page.reduction import measured
-from umo.page.station import Watched
+from umo.page.watched import Watched
 
 MOST_LIVE = 16
 """Subscriptions of one page."""
@@ -120,7 +120,7 @@ class Session:
         if kind == "watch":
             self._watch(message.get("name"))
         elif kind == "command":
-            answer = await commands.carry_out(message, watched, bool(self._server.get("hands")))
+            answer = await forwarding.carry_out(message, watched, bool(self._server.get("hands")))
             await self._tell(answer | {"type": "answer", "id": message.get("id")})
         elif kind == "stop":
             self._live.pop(_key(message), None)

@@ -11,9 +11,9 @@ from umo.frames import Reader
 from umo.latency import blackbox
 from umo.latency.causes import explain, missed_rows, sentence, tally
 from umo.process.station import Station, find
-from umo.wiring.describe import wire_of
 from umo.wiring.patterns import expand
 from umo.wiring.source import read
+from umo.wiring.wire_text import wire_of
 
 OCCASIONS = 3
 """The last missed periods of a black box that are told."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from umo.page.station import Watched
+from umo.page.watched import Watched
 
 READ_ONLY = "this page is read-only"
 

@@ -17,7 +17,8 @@ from umo.text import printable
 
 OF_THE_RING = ("actions", "tunables", "interlocks")
 """What the description of a ring says of hands."""
-OF_A_STATE = ("mode", "lease", "inhibited", "tuned", "events")
+MOST_EVENTS = 100
+"""The last ones that a page is told of."""
 
 
 class Watched:
@@ -51,6 +52,9 @@ class Watched:
         self._shown: list[Any] = []
         self._changed: dict[int, Any] = {}
         self._texts: dict[bool, str] = {}
+        self._event = 0
+        """The number of the next event, when the events were told last."""
+        self._new_events = False
 
     def read(self) -> None:
         """Take all new frames."""
@@ -89,7 +93,7 @@ class Watched:
         }
         told |= {"objects": layout.objects, "signals": layout.signals, "wires": wires(self.about, self.reader.paths)}
         told |= about | {"qualities": [str(quality) for quality in Quality]}
-        return told | {name: getattr(layout, name) for name in OF_THE_RING if hasattr(layout, name)}
+        return told | {name: getattr(layout, name) for name in OF_THE_RING}
 
     def take_state(self) -> None:
         """Make the next state: what has changed since the one before."""
@@ -99,12 +103,15 @@ class Watched:
         self._changed = {i: new for i, (new, old) in enumerate(zip(shown, before, strict=True)) if new != old}
         self._shown = shown
         self._texts = {}
+        before_event, self._event = self._event, self.reader.next_event
+        self._new_events = self._event != before_event
 
     def state(self, full: bool) -> str:
         """The state as JSON: all values, or only those that have changed. Made once for all pages."""
         if full not in self._texts:
             values = dict(enumerate(self._shown)) if full else self._changed
-            self._texts[full] = json.dumps(self._heading() | {"full": full, "values": values})
+            events = {"events": self._events()} if full or self._new_events else {}
+            self._texts[full] = json.dumps(self._heading() | events | {"full": full, "values": values})
         return self._texts[full]
 
     def _heading(self) -> dict[str, Any]:
@@ -121,9 +128,20 @@ class Watched:
         return told | self._hands()
 
     def _hands(self) -> dict[str, Any]:
-        """What the ring says of hands, if it does."""
-        state = getattr(self.reader, "hands", None)
-        return {name: state[name] for name in OF_A_STATE if name in state} if isinstance(state, dict) else {}
+        """Mode, lease and tunable numbers, if the station takes commands; which actuators are inhibited."""
+        reader, frame = self.reader, self._frame
+        told: dict[str, Any] = {}
+        if frame is not None:
+            taken = np.flatnonzero(frame["commands"]).tolist()
+            told["inhibited"] = {reader.paths[slot]: reader.inhibited(frame, slot) for slot in taken}
+        if reader.mode is not None:
+            tuned = {path: value if np.isfinite(value) else None for path, value in reader.tunables().items()}
+            told |= {"mode": str(reader.mode), "lease": {"holder": reader.holder}, "tuned": tuned}
+        return told
+
+    def _events(self) -> list[dict[str, Any]]:
+        found = [each.event for each in self.reader.events(self._event - MOST_EVENTS)]
+        return [each._asdict() | {"state": str(each.state)} for each in found]
 
     def _values(self) -> list[Any]:
         """For each object value, raw and quality; for each signal its value. None: no value."""
