@@ -120,7 +120,11 @@ class Axis(Compound):
                 self._set_searching(False)
             await self._settle()
 
-    @action(position=lambda axis: Range.of(axis.encoder), speed=_up_to("velocity"), duration=Range("s", 0.0, 3600.0))
+    @action(
+        position=lambda axis: Range.of(axis.encoder),
+        speed=_up_to("velocity"),
+        duration=lambda axis: Range("s", 0.0, 3600.0),  # here, as a unit needs pint, which is not imported with umo
+    )
     async def move_to(self, position: float, *, speed: float = inf, duration: float = 0.0) -> None:
         """To a position, at most at this speed, in at least `duration` s, jerk-limited. Ends when the encoder has
         arrived.

@@ -45,7 +45,7 @@ def action(
     **ranges: Declared,
 ) -> Any:
     """Mark a method, or an `async def` sequence, of a compound as an action: it may be called from outside while the
-    machine runs, by `umo call`, the page or `umo.attach`.
+    machine runs, by `umo call` or `umo.attach`.
 
         class Press(Compound):
             @action(force=Range("kN", 0.0, 80.0))

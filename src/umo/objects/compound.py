@@ -58,7 +58,7 @@ class Compound(Node):
     """Attributes that are shown beside the objects in frames, trace, plot and `umo watch`: units by name, such as
     `signals = {"load": "N"}`. The signals of the control laws are shown without being named here."""
     tunable: ClassVar[Mapping[str, Range]] = MappingProxyType({})
-    """The numbers that may be changed while the machine runs (`umo tune`, the page, `umo.attach`): attributes, also of
+    """The numbers that may be changed while the machine runs (`umo tune`, `umo.attach`): attributes, also of
     laws, each with its unit and range, such as `tunable = {"law.gain": Range("V/mm", 0.0, 2.0)}`."""
     max_period: ClassVar[str | float | None] = None
     """The longest sampling period for which `control` is designed, in s or as "2 ms". Default: not limited."""
