@@ -118,7 +118,9 @@ def test_the_lease_of_another_hand_is_shown_and_taken_over_only_on_demand(convey
     assert json.dumps([event.asked for event in events][:1]) == '["lease"]'
 
 
-def test_a_station_is_stopped_last(conveyor: umo.Started) -> None:
-    result = run("stop", "conveyor")
-    assert (result.exit_code, result.stdout) == (0, "conveyor has ended\n")
-    assert conveyor.wait(20).failure is None
+def test_a_station_is_stopped() -> None:
+    with umo.start("conveyor", manual=True, realtime=True) as started:
+        _until(lambda: started.frames is not None and started.frames.head > 5, started)
+        result = run("stop", "conveyor")
+        assert (result.exit_code, result.stdout) == (0, "conveyor has ended\n"), said(result)
+        assert started.wait(20).failure is None
