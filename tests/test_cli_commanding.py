@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 from typer.testing import CliRunner, Result
 
+import patient
 import umo
 from umo.cli.app import app
 from umo.process.start import LINUX
@@ -27,7 +29,9 @@ def started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[umo.Star
     with pytest.MonkeyPatch.context() as patch:
         for name, folder in folders.items():
             patch.setenv(name, folder)
-        with umo.start("conveyor", manual=True, realtime=True) as started:
+        with umo.start(
+            "conveyor", patient.conveyor(tmp_path_factory.mktemp("wiring")), manual=True, realtime=True
+        ) as started:
             _until(lambda: started.frames is not None and started.frames.head > 5, started)
             yield started, folders
 
@@ -118,7 +122,9 @@ def test_the_lease_of_another_hand_is_shown_and_taken_over_only_on_demand(convey
     assert json.dumps([event.asked for event in events][:1]) == '["lease"]'
 
 
-def test_a_station_is_stopped_last(conveyor: umo.Started) -> None:
-    result = run("stop", "conveyor")
-    assert (result.exit_code, result.stdout) == (0, "conveyor has ended\n")
-    assert conveyor.wait(20).failure is None
+def test_a_station_is_stopped(tmp_path: Path) -> None:
+    with umo.start("conveyor", patient.conveyor(tmp_path), manual=True, realtime=True) as started:
+        _until(lambda: started.frames is not None and started.frames.head > 5, started)
+        result = run("stop", "conveyor")
+        assert (result.exit_code, result.stdout) == (0, "conveyor has ended\n"), said(result)
+        assert started.wait(20).failure is None

@@ -17,6 +17,7 @@ import pytest
 
 import umo
 from machines import bench, wired
+from patient import conveyor
 from umo import CommandRefused, FramesError, RangeError, connect, published
 from umo.cycle.hands import AT_ONCE, Hands, Mode
 from umo.frames import Reader
@@ -174,8 +175,8 @@ def until(condition: Callable[[], object], patience: float = 20.0) -> None:
         time.sleep(0.005)
 
 
-def test_a_program_commands_a_running_station() -> None:
-    with umo.start("conveyor", manual=True, realtime=True) as started:
+def test_a_program_commands_a_running_station(tmp_path: Path) -> None:
+    with umo.start("conveyor", conveyor(tmp_path), manual=True, realtime=True) as started:
         until(lambda: started.stage.name == "RUNNING")
         with umo.attach(started.pid) as station:
             until(lambda: station.reader.head > 5)
@@ -213,14 +214,14 @@ def test_a_program_commands_a_running_station() -> None:
         assert started.wait(20).failure is None
 
 
-def test_what_a_killed_client_held_goes_to_its_default_and_its_lease_ends() -> None:
+def test_what_a_killed_client_held_goes_to_its_default_and_its_lease_ends(tmp_path: Path) -> None:
     code = (
         "import sys, time, umo\nstation = umo.attach(int(sys.argv[1]))\n"
         "with station.lease('a client', seconds=1.0):\n"
         "    station.diverter.write('ON')\n    station.belt.run_at(0.3)\n"
         "    print('held', flush=True)\n    time.sleep(60)\n"
     )
-    with umo.start("conveyor", manual=True, realtime=True) as started:
+    with umo.start("conveyor", conveyor(tmp_path), manual=True, realtime=True) as started:
         until(lambda: started.stage.name == "RUNNING")
         client = subprocess.Popen([sys.executable, "-c", code, str(started.pid)], stdout=subprocess.PIPE)
         assert client.stdout is not None
@@ -236,8 +237,8 @@ def test_what_a_killed_client_held_goes_to_its_default_and_its_lease_ends() -> N
             assert any("it was not renewed" in text for text in texts)
 
 
-def test_the_application_waits_until_the_mode_is_automatic() -> None:
-    with umo.start("conveyor", manual=True, realtime=True) as started:
+def test_the_application_waits_until_the_mode_is_automatic(tmp_path: Path) -> None:
+    with umo.start("conveyor", conveyor(tmp_path), manual=True, realtime=True) as started:
         until(lambda: started.stage.name == "RUNNING")
         with umo.attach(started.pid) as station:
             until(lambda: station.reader.head > 100)

@@ -1,0 +1,15 @@
+"""A station for tests of commands: what a busy computer does to its loop is not tested there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from umo.process.station import find
+
+
+def conveyor(folder: Path) -> Path:
+    """A wiring of the conveyor on its plant, with a hang limit that a busy computer keeps."""
+    text = (find("conveyor").path / "wiring" / "simulated.toml").read_text("utf-8")
+    wiring = folder / "simulated.toml"
+    wiring.write_text(text.replace('".plant:', '"umo.stations.conveyor.plant:') + '\n[process]\nhang_timeout = "5 s"\n')
+    return wiring
