@@ -117,6 +117,8 @@ def test_garbage_is_counted_and_dropped_and_commands_come_through_again(queue: t
         b"[" * 900,
         b'{"seconds": "x"}',
         b'{"x": 1}',
+        b'{"seconds": NaN}',
+        b'{"seconds": 1e999}',
         b"\xff\xfe",
     ],
 )
