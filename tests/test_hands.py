@@ -30,6 +30,7 @@ from umo import (
 from umo.control import next_period, state_of, wait
 from umo.cycle.events import CommandState, Event
 from umo.cycle.hands import AT_ONCE, HOLD, HandCommand, Hands, Mode
+from umo.objects import actions_of
 from umo.testing import Scripted, VirtualTimer, put
 
 PERIOD = 0.01
@@ -84,6 +85,11 @@ class Press(Compound):
         """Fail after a period."""
         await next_period()
         raise TaskFailed("the press is stuck")
+
+    @action
+    def begin(self) -> None:
+        """Close it in a sequence that nobody awaits."""
+        self.start(self.close(1.0))
 
     @action
     async def start_another(self) -> None:
@@ -366,6 +372,17 @@ def test_a_sequence_that_an_action_starts_goes_on_while_the_application_waits(ri
     assert rig.last()[0] is CommandState.DONE
 
 
+def test_a_sequence_that_an_action_has_left_behind_goes_on_and_ends_with_the_lease(rig: Rig) -> None:
+    rig.call("begin")
+    rig.periods(8)
+    assert (rig.m.closed, rig.m.cleaned) == (1, 1)
+    rig.call("begin")
+    rig.periods(2)
+    rig.do("give back")
+    rig.periods(8)
+    assert (rig.m.closed, rig.m.cleaned) == (1, 2)
+
+
 def test_an_action_that_fails_is_answered_and_the_machine_goes_on(rig: Rig) -> None:
     rig.call("fail")
     rig.periods(3)
@@ -443,8 +460,17 @@ def test_a_number_without_a_range_is_refused_where_it_is_declared() -> None:
         def go(self, far: float) -> None: ...
 
     with pytest.raises(DeclarationError, match=r"action go: argument far needs a range"):
-        from umo.objects import actions_of
+        actions_of(Wrong(lamp=relay()))
 
+
+def test_an_annotation_that_cannot_be_evaluated_is_a_mistake_of_the_declaration() -> None:
+    class Wrong(Compound):
+        lamp: BinaryActuator[OnOff]
+
+        @action
+        def go(self) -> Nowhere: ...  # type: ignore[name-defined]  # noqa: F821
+
+    with pytest.raises(DeclarationError, match="action go: its annotations cannot be evaluated: name 'Nowhere'"):
         actions_of(Wrong(lamp=relay()))
 
 

@@ -19,7 +19,7 @@ import umo
 from machines import bench, wired
 from patient import conveyor
 from umo import CommandRefused, FramesError, RangeError, connect, published
-from umo.cycle.hands import AT_ONCE, Hands, Mode
+from umo.cycle.hands import AT_ONCE, HOLD, Hands, Mode
 from umo.frames import Reader
 from umo.frames.folder import QUEUE
 from umo.process.start import LINUX
@@ -117,6 +117,8 @@ def test_garbage_is_counted_and_dropped_and_commands_come_through_again(queue: t
         b"[" * 900,
         b'{"seconds": "x"}',
         b'{"x": 1}',
+        b'{"seconds": NaN}',
+        b'{"seconds": 1e999}',
         b"\xff\xfe",
     ],
 )
@@ -235,6 +237,16 @@ def test_what_a_killed_client_held_goes_to_its_default_and_its_lease_ends(tmp_pa
             texts = [event.text for event in station.events]
             assert "not kept up" in texts
             assert any("it was not renewed" in text for text in texts)
+
+
+def test_what_is_held_lasts_under_a_lease_that_is_seldom_renewed(tmp_path: Path) -> None:
+    with umo.start("conveyor", conveyor(tmp_path), manual=True, realtime=True) as started:
+        until(lambda: started.stage.name == "RUNNING")
+        with umo.attach(started.pid) as station, station.lease(seconds=30.0):
+            station.diverter.write("ON")
+            now = station.frames(0.01)["time"][-1]
+            until(lambda: station.frames(0.01)["time"][-1] > now + 3 * HOLD)
+            assert station.diverter.read() == "ON"
 
 
 def test_the_application_waits_until_the_mode_is_automatic(tmp_path: Path) -> None:

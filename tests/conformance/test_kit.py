@@ -100,6 +100,36 @@ def test_a_driver_that_hangs_without_a_line_is_found(monkeypatch: pytest.MonkeyP
     assert certificate.unreached == ()  # reset did work
 
 
+def test_a_call_that_hung_and_returns_after_all_is_the_last_one_of_its_rule(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(examine, "HANG", 0.1)
+    monkeypatch.setattr("umo.testing.conformance.trial.PATIENCE", 0.05)
+    end = threading.Event()
+    hung: list[threading.Thread] = []
+    later: list[str] = []
+
+    class Hangs(Simulated):
+        def finalize(self, channel: Channel) -> None:
+            hung.append(threading.current_thread())
+            end.wait()
+            raise OSError("the answer came too late")
+
+        def reset(self, channel: Channel, default: int | None) -> None:
+            if threading.current_thread() in hung:
+                later.append("reset")
+            elif hung:
+                end.set()
+                hung[0].join()
+
+        def close(self) -> None:
+            if threading.current_thread() in hung:
+                later.append("close")
+
+    certificate = conform(Subject("hangs", make=Hangs, outputs=(Output("valve"),), timeout=0.05), cycles=10)
+    assert end.is_set()
+    assert later == []
+    assert certificate.unreached == ()
+
+
 def test_a_loop_back_shows_the_level_where_the_device_keeps_no_record() -> None:
     with careful(levels=None) as subject:
         certificate = conform(subject, only=["initialise", "reset", "range", "block write"], cycles=10)

@@ -221,12 +221,13 @@ class Commands:
 
     @property
     def states(self) -> bytes:
-        """A byte for each slot: `FREE`, `IN_HAND`, or 1 + the number of the first interlock that inhibits it."""
+        """A byte for each slot: `FREE`, `IN_HAND`, or the number, from 1, of the reason for which it is inhibited."""
         if self._states is None:
             states = bytearray(len(self._image.items))
-            for number, each in reversed(list(enumerate(self._inhibitions))):
+            numbers = {reason: number for number, reason in enumerate(self.reasons, 1)}
+            for each in reversed(self._inhibitions):
                 for slot in each.slots if each.reason is not None else ():
-                    states[slot] = min(1 + number, IN_HAND - 1)
+                    states[slot] = numbers.get(each.interlock.reason, len(numbers))
             for slot in self._in_hand:
                 states[slot] = IN_HAND
             self._states = bytes(states)
@@ -234,8 +235,9 @@ class Commands:
 
     @property
     def reasons(self) -> list[str]:
-        """Of the interlocks, in the order of their numbers."""
-        return [each.interlock.reason for each in self._inhibitions]
+        """Of the interlocks, each once, in the order of their numbers; more than fit a byte share the last."""
+        found = list(dict.fromkeys(each.interlock.reason for each in self._inhibitions))
+        return found if len(found) < IN_HAND else [*found[: IN_HAND - 2], "one of many interlocks"]
 
     def failed(self, slot: int) -> None:
         """The device did not accept what is pending. A default is sent again, until it is accepted or another value is

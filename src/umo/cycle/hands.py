@@ -14,14 +14,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import partial
+from math import isfinite
 from typing import TYPE_CHECKING, Any, Protocol
 
 from umo.cycle.commands import Source
 from umo.cycle.events import CommandState, Event
 from umo.cycle.lease import Lease
 from umo.cycle.sequences import Sequences, Task
-from umo.errors import CommandRefused, PathError, RangeError, StateError, UmoError
-from umo.objects import Binary, BinaryActuator, DigitalActuator, actions_of, tunables_of
+from umo.errors import CommandRefused, DriverError, PathError, StateError, UmoError
+from umo.objects import Binary, BinaryActuator, DigitalActuator, Range, actions_of, tunables_of
 from umo.text import did_you_mean, located, text_of
 
 if TYPE_CHECKING:
@@ -71,6 +72,8 @@ class HandCommand:
             if not isinstance(text.get(name, kind()), kind):
                 raise TypeError(f"{name} is not a {kind.__name__}")
         seconds = float(text.pop("seconds", 2.0))
+        if not isfinite(seconds):  # a lease of NaN seconds would never end
+            raise ValueError(f"{seconds} is not a time")
         held = tuple(map(str, text.pop("held", ())))
         return cls(number, seconds=seconds, held=held, **text)
 
@@ -152,9 +155,8 @@ class Hands:
                 del self._held[path]  # an interlock has reset it
             elif now > held.until:
                 self._release(path, "not kept up")
-        if self._running:
-            self._advance()
-        self._active = bool(self._running or self._held or self.lease.holder)
+        self._advance()
+        self._active = bool(self._running or self._held or self.lease.holder or self.sequences.running)
 
     def _advance(self) -> None:
         for each in self._running.copy():
@@ -189,7 +191,8 @@ class Hands:
                 raise CommandRefused(f"there is no command {command.do!r}{did_you_mean(command.do, COMMANDS)}")
             state, text = COMMANDS[command.do](self, command)
         except UmoError as error:
-            state, text = CommandState.REFUSED, _error(error)
+            failed = isinstance(error, DriverError)
+            state, text = CommandState.FAILED if failed else CommandState.REFUSED, _error(error)
         except Exception as error:
             state, text = CommandState.FAILED, _error(error)
         self._active = True
@@ -308,8 +311,12 @@ class Hands:
         self.lease.end()
 
     def _drop(self, why: str) -> None:
-        """Whatever the hand has begun ends."""
+        """Whatever the hand has begun ends, and what that has started."""
         self._cancel_running(why)
+        try:
+            self._at_work(self.sequences.cancel)
+        except Exception as error:
+            self._note(f"a sequence that an action has started failed in its cleaning up: {_error(error)}")
         for path in list(self._held):
             self._release(path, why)
 
@@ -372,11 +379,7 @@ def _level(item: BinaryActuator[Any] | DigitalActuator, value: Any) -> float:
         if not isinstance(value, str) or value not in names:
             raise StateError(f"{item.path} has no state {value!r}{did_you_mean(str(value), names)}: {', '.join(names)}")
         return float(item._level(names[value]))
-    if isinstance(value, bool) or not isinstance(value, int | float) or value != value:
-        raise RangeError(f"{item.path}: {value!r} is not a number in {item.units}")
-    if not item.minimum <= value <= item.maximum:
-        raise RangeError(f"{item.path}: {value:g} {item.units} is outside {item.minimum:g} to {item.maximum:g}")
-    return float(value)
+    return Range.of(item).check(item.path, value)
 
 
 def _plain(result: Any) -> str:

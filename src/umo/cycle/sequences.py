@@ -324,6 +324,11 @@ class Sequences:
         self.paused = False
         """They are not advanced; no time passes for them."""
 
+    @property
+    def running(self) -> bool:
+        """Whether there are any."""
+        return bool(self._tasks)
+
     def start(self, sequence: Sequence) -> Task:
         task = Task(sequence)
         self._tasks.append(task)

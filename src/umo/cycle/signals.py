@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from inspect import getattr_static
-from math import nan
 from typing import Any, NamedTuple
 
 from umo.errors import DeclarationError
 from umo.objects import Compound
+from umo.objects.tunable import number_of
 from umo.objects.units import check_unit
 
 _MISSING = object()
@@ -26,10 +26,7 @@ class Signal(NamedTuple):
 
     def read(self) -> float:
         """Its value now; NaN if it has none, or if reading it fails."""
-        try:
-            return float(getattr(self.owner, self.name))
-        except Exception:  # of a property of the user's: what is shown must not disturb what is controlled
-            return nan
+        return number_of(self.owner, self.name)
 
 
 def signals_of(root: Compound) -> tuple[Signal, ...]:

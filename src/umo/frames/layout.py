@@ -135,7 +135,12 @@ class Layout:
             ("values", "<f8", count, "each object's own; a binary object's electrical 1 is 1.0"),
             ("raws", "<i8", count, ""),
             ("quality", "<u1", count, ", ".join(f"{int(quality)} {quality}" for quality in Quality)),
-            ("commands", "<u1", count, "0 free, 255 taken by hand, else 1 + the number of the interlock that inhibits"),
+            (
+                "commands",
+                "<u1",
+                count,
+                "0 free, 255 taken by hand, else the number of its reason, from 1",
+            ),
         ]
 
     @property

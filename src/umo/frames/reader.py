@@ -158,19 +158,19 @@ class Reader:
         return Mode(number) if number in set(Mode) else None
 
     @property
-    def holder(self) -> str:
-        """Who has the lease; empty: nobody."""
+    def lease(self) -> tuple[int, str]:
+        """The number of the last lease, and who has it; "": nobody has it any longer."""
         for _ in range(TRIES):
-            lease = self._live[LEASE // 8]
+            number = int(self._live[LEASE // 8])
             text = self._map[HOLDER : HOLDER + NAME].rstrip(b"\0").decode(errors="replace")
-            if lease >= 0 and lease == self._live[LEASE // 8]:
-                return text
-        return ""
+            if number >= 0 and number == self._live[LEASE // 8]:
+                return number, text
+        return -1, ""
 
     @property
-    def lease(self) -> int:
-        """The number of the last lease."""
-        return int(self._live[LEASE // 8])
+    def holder(self) -> str:
+        """Who has the lease; empty: nobody."""
+        return self.lease[1]
 
     @property
     def taken(self) -> int:

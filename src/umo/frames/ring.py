@@ -131,13 +131,13 @@ class Ring:
         if frame.missed:
             self.missed += frame.missed
             live[MISSED // 8] = self.missed
-        if self._told != self._events.number:
-            self._tell()
         if self._tunables:  # one in each period
             number = index % len(self._tunables)
             self._numbers[(self._tunables_at >> 3) + number] = self._tunables[number].read()
         if self._machine.hands is not None:
             self._show(self._machine.hands)
+        if self._told != self._events.number:  # last: whoever sees an answer finds the lease and the mode as told
+            self._tell()
 
     def _tell(self) -> None:
         """Publish the new events, as far as they are kept."""

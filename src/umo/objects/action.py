@@ -167,7 +167,10 @@ def _of(node: Compound) -> Iterator[Action]:
 def _action(node: Compound, name: str, mark: _Mark) -> Action:
     path = f"{node.path}.{name}".lstrip(".")
     bound = getattr(node, name)
-    signature = inspect.signature(bound, eval_str=True)
+    try:
+        signature = inspect.signature(bound, eval_str=True)
+    except Exception as error:  # an annotation may be anything, such as a name for type checkers only
+        raise DeclarationError(f"action {path}: its annotations cannot be evaluated: {error}") from None
     arguments = tuple(_argument(node, path, each, mark.ranges) for each in signature.parameters.values())
     names = [each.name for each in arguments]
     for given in (*mark.ranges, *(mark.release or ())):

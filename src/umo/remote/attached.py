@@ -135,8 +135,9 @@ class RemoteStation(RemotePart):
                 if event.state is not CommandState.BEGUN:
                     raise _raised(event)
         except KeyboardInterrupt:
-            with suppress(UmoError):
-                self.send("cancel", path)
+            if do == "call":
+                with suppress(UmoError):
+                    self.send("cancel", path)
             raise
         raise FramesError(f"{self.reader.about['station']} has ended before it answered")
 
@@ -161,7 +162,7 @@ class RemoteStation(RemotePart):
     def keep_up(self, path: str, lasts: float = HOLD) -> None:
         """What is written or jogged lasts as long as the lease."""
         if self.held_lease is not None:
-            self.held_lease.held[path] = lasts
+            self.held_lease.keep_up(path, lasts)
 
     def let_go(self, path: str) -> None:
         """What is written or jogged is kept up no longer."""

@@ -33,18 +33,19 @@ class HeldLease:
         self._seconds = seconds
         self._over = over
         self._number = 0
-        self._end = threading.Event()
+        self._ended = False
+        self._wake = threading.Event()
         self._thread: threading.Thread | None = None
 
     @property
     def lost(self) -> bool:
         """Whether it has ended, or another hand has taken it over."""
-        reader = self._station.reader
-        return self._number != reader.lease or not reader.holder
+        number, holder = self._station.reader.lease
+        return number != self._number or not holder
 
     def __enter__(self) -> HeldLease:
         self._station.ask("lease", key=self.key, who=self.who, seconds=self._seconds, over=self._over)
-        self._number = self._station.reader.lease
+        self._number, _ = self._station.reader.lease
         self._station.held_lease = self
         self._thread = threading.Thread(target=self._keep, name="umo lease", daemon=True)
         self._thread.start()
@@ -53,7 +54,8 @@ class HeldLease:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._end.set()
+        self._ended = True
+        self._wake.set()
         assert self._thread is not None
         self._thread.join()
         with suppress(UmoError, OSError):  # it is lost, or the station has ended
@@ -61,7 +63,17 @@ class HeldLease:
                 self._station.ask("give back")
         self._station.held_lease = None
 
+    def keep_up(self, path: str, lasts: float) -> None:
+        """From now on this is kept up: the thread may be waiting longer than it lasts."""
+        self.held[path] = lasts
+        self._wake.set()
+
     def _keep(self) -> None:
-        while not self._end.wait(min([self._seconds, *self.held.values()]) / OFTEN):
+        """Until the block ends, or the lease is lost."""
+        while True:
+            self._wake.wait(min([self._seconds, *self.held.values()]) / OFTEN)
+            self._wake.clear()
+            if self._ended or self.lost:
+                return
             with suppress(UmoError, OSError):
                 self._station.send("keep", key=self.key, held=list(self.held))

@@ -39,6 +39,9 @@ def find_running(name: str | None, said: Callable[[str], object] = lambda text: 
     found = readers(said)
     wanted = None if name is None else station_name(name)
     fitting = [r for r in found if name is None or r.about["station"] in (name, wanted) or str(r.about["pid"]) == name]
+    for reader in found:
+        if fitting != [reader]:
+            reader.close()
     if len(fitting) == 1:
         return fitting[0]
     names = [str(reader.about["station"]) for reader in found]

@@ -13,7 +13,7 @@ from typing import Any
 from umo.drivers.contract import Driver
 from umo.errors import Failure, StopError
 from umo.testing.conformance.certificate import Certificate, Finding, Judgement
-from umo.testing.conformance.probe import Watch, call_of
+from umo.testing.conformance.probe import call_of
 from umo.testing.conformance.rules import NotTried, Rule, RuleBroken, chosen_rules
 from umo.testing.conformance.subject import Subject
 from umo.testing.conformance.trial import Trial
@@ -58,19 +58,18 @@ def conform(
                 hangs = trial.watch.doing
                 findings.append(Finding(rule.id, rule.text, Judgement.FAILED, str(error)))
     except BaseException as error:
-        _bring_to_defaults(trial)
-        if trial.unreached:
-            raise _stop_error(trial) from error
+        if unreached := _bring_to_defaults(trial):
+            raise _stop_error(subject, unreached) from error
         raise
-    _bring_to_defaults(trial)
-    certificate = _certificate(trial, driver, findings)
+    unreached = _bring_to_defaults(trial)
+    certificate = _certificate(trial, driver, findings, unreached)
     for call in on_certificate:
         call(certificate)
     return certificate
 
 
-def _stop_error(trial: Trial) -> StopError:
-    failures = [Failure(text, text, "not reset", trial.subject.name) for text in trial.unreached]
+def _stop_error(subject: Subject, unreached: Iterable[str]) -> StopError:
+    failures = [Failure(text, text, "not reset", subject.name) for text in unreached]
     return StopError("not brought to their defaults", failures)
 
 
@@ -120,7 +119,7 @@ def _in_thread(trial: Trial, work: Callable[[], None], look: Callable[[], object
     except BaseException:
         trial.watch.stopped = True
         thread.join(4 * trial.patience + HANG)
-        trial.watch.stopped = False
+        trial.watch.stopped, trial.watch.over = False, thread.is_alive()
         raise
 
 
@@ -128,20 +127,22 @@ def _check_hang(trial: Trial) -> None:
     watch = trial.watch
     began, limit = watch.began, watch.limit
     if began is not None and (took := monotonic() - began) > 4 * limit + HANG:
+        watch.over = True
         raise Hangs(f"{watch.doing} did not end within {took:.1f} s; its timeout is {limit * 1e3:g} ms")
 
 
-def _bring_to_defaults(trial: Trial) -> None:
-    """Even if the driver hangs: with a new driver and a new watch, as the old one may still be in its call."""
-    if trial.watch.began is not None:
-        trial.watch.stopped = True
-        trial.watch = Watch()
+def _bring_to_defaults(trial: Trial) -> tuple[str, ...]:
+    """The outputs that were not brought to their defaults. If the driver hangs, its trial is left to its thread, and a
+    new one brings them there: the call that hangs may return at any time."""
+    if trial.watch.over:
+        trial = Trial(trial.subject, trial.cycles)
     if trial.subject.line is not None:
         trial.subject.line.heal()
     try:
         _in_thread(trial, lambda: trial.restore(always=True), lambda: None)
     except Hangs:
-        trial.unreached = [output.channel for output in trial.subject.outputs]
+        return tuple(output.channel for output in trial.subject.outputs)
+    return tuple(trial.unreached)
 
 
 def _part(progress: OnProgress | None, rule: Rule, number: int, count: int) -> Callable[[float], object]:
@@ -151,7 +152,9 @@ def _part(progress: OnProgress | None, rule: Rule, number: int, count: int) -> C
     return lambda share: progress(rule.id, (number + share) / count)
 
 
-def _certificate(trial: Trial, driver: Driver[Any], findings: Iterable[Finding]) -> Certificate:
+def _certificate(
+    trial: Trial, driver: Driver[Any], findings: Iterable[Finding], unreached: tuple[str, ...]
+) -> Certificate:
     subject = trial.subject
     return Certificate(
         name=subject.name,
@@ -161,7 +164,7 @@ def _certificate(trial: Trial, driver: Driver[Any], findings: Iterable[Finding])
         inputs=tuple(each.channel for each in subject.inputs),
         findings=tuple(findings),
         times=trial.times,
-        unreached=tuple(trial.unreached),
+        unreached=unreached,
         cycles=trial.cycles,
         date=datetime.now(UTC).strftime("%Y-%m-%d"),
         versions={"umo": _version(), "Python": platform.python_version()},

@@ -27,6 +27,8 @@ class Watch:
         """Duration in s of the last call."""
         self.stopped = False
         """The next call is not to be made, as the user wants the kit to end."""
+        self.over = False
+        """No more calls are to be made: one did not return in time."""
         self.wrong_kinds: list[str] = []
         """Calls that raised something else than an OSError."""
         self.wrong_types: list[str] = []
@@ -35,6 +37,8 @@ class Watch:
     def call(self, what: str, limit: float, function: Callable[..., T], *arguments: Any) -> T:
         """A call of the driver with this timeout. Its OSErrors pass, with a note of the call; other exceptions are
         noted here and become OSErrors."""
+        if self.over:
+            raise Stopped
         if self.stopped:
             self.stopped = False  # the calls that tidy up are still to be made
             raise Stopped
