@@ -109,7 +109,7 @@ class Client:
 def opened(url: str, **options: Any) -> Iterator[Client]:
     from websockets.sync.client import connect as open_socket
 
-    with open_socket(url, open_timeout=PATIENCE, **options) as socket:
+    with open_socket(url, open_timeout=PATIENCE, max_queue=None, **options) as socket:
         yield Client(socket)
 
 

@@ -59,7 +59,8 @@ class PageHand:
         self._following: set[asyncio.Task[None]] = set()
 
     def _named(self, name: str) -> str:
-        return f"{printable(name)[:NAME].strip() or user()} (page, {self._client})"
+        given = printable(" ".join(name.split()))[:NAME]
+        return f"{given or user()} (page, {self._client})"
 
     # Commands ------------------------------------------------------------------------------------------
 

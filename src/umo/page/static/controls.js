@@ -8,19 +8,24 @@ const JOG = 0.1;  // of the range: the first value of a jog
 
 const name = (path) => path.slice(path.lastIndexOf(".") + 1);
 const bounded = (about) => Number.isFinite(about.minimum) && Number.isFinite(about.maximum);
-const span = (about) => (bounded(about) ? `${shortNumber(about.minimum)} to ${shortNumber(about.maximum)}` : "");
+const plain = (value) => shortNumber(value).replace(/\.0$/, "");
+const span = (about) => (bounded(about) ? `${plain(about.minimum)} to ${plain(about.maximum)}` : "");
+const sentence = (text) => text.split(/(?<=\.) /)[0];
 
 /** A number field; what is outside of the range is refused by the machine, in its words. */
-function field(about, label, value = "") {
-  return el("input", { type: "number", step: "any", value, placeholder: span(about), title: [span(about), about.unit].filter(Boolean).join(" "), "aria-label": label });
+function field(about, label, value = "", placeholder = span(about).replace(" to ", "…")) {
+  return el("input", { type: "number", step: "any", value, placeholder, title: [span(about), about.unit].filter(Boolean).join(" "), "aria-label": label });
 }
 
 /** A slider over the range of a number; null if it has no range. */
-function slider(about, label, oninput) {
+function slider(about, label, listeners) {
   if (!bounded(about)) return null;
   const step = (about.maximum - about.minimum) / SLIDER || "any";
-  return el("input", { type: "range", min: about.minimum, max: about.maximum, step, "aria-label": `${label}, slider`, oninput });
+  return el("input", { type: "range", min: about.minimum, max: about.maximum, step, "aria-label": `${label}, slider`, ...listeners });
 }
+
+/** A slider between the ends of its range. */
+const between = (about, input) => input && el("div", { className: "range" }, el("small", { textContent: plain(about.minimum) }), input, el("small", { textContent: plain(about.maximum) }));
 
 const isBusy = (input) => input && document.activeElement === input;
 
@@ -35,8 +40,8 @@ export class ActuatorControl {
     this._inputs = isBinary(entry) ? this._states() : this._numbers();
     this._reason = el("small", { className: "reason" });
     this.element = el("div", { className: "control actuator", "data-control": entry.path },
-      el("span", { className: "label", textContent: name(entry.path) }), this._value, this._release,
-      el("div", { className: "inputs" }, ...this._inputs), this._reason);
+      el("span", { className: "label", textContent: name(entry.path) }), this._value,
+      ...this._inputs.filter((input) => input !== this._slider), this._release, between(entry, this._slider), this._reason);
   }
 
   _states() {
@@ -47,8 +52,8 @@ export class ActuatorControl {
   _numbers() {
     this._field = field(this._entry, this.path);
     this._field.onchange = () => this._field.value !== "" && this._write(Number(this._field.value));
-    this._slider = slider(this._entry, this.path, () => this._moved());
-    return [this._slider, this._field, el("span", { className: "unit", textContent: unitOf(this._entry) })];
+    this._slider = slider(this._entry, this.path, { oninput: () => this._moved() });
+    return [this._field, this._slider].filter(Boolean);
   }
 
   /** The slider is moved: its newest value every `OFTEN` ms. */
@@ -73,11 +78,11 @@ export class ActuatorControl {
 
   refresh(feed) {
     const value = feed.latest(this.path)?.value ?? null;
-    setText(this._value, shown(this._entry, value));
+    if (!isBinary(this._entry)) setText(this._value, shown(this._entry, value));  // the pressed button is the state
     const reason = feed.state.inhibited?.[this.path] ?? "";
     setText(this._reason, reason);
     const enabled = this._hand.leased && this._hand.manual;
-    for (const input of this._inputs) if (input && "disabled" in input) input.disabled = !enabled;
+    for (const input of this._inputs) input.disabled = !enabled;
     this._release.disabled = !(enabled && this._hand.holds(this.path));
     for (const button of this.element.querySelectorAll("[data-state]")) {
       const on = value !== null && button.dataset.state === (value > 0.5 ? this._entry.one : this._entry.zero);
@@ -85,7 +90,7 @@ export class ActuatorControl {
     }
     if (value === null || isBinary(this._entry) || this._timer) return;
     if (this._slider && !isBusy(this._slider)) this._slider.value = value;
-    if (!isBusy(this._field) && !isBusy(this._slider)) this._field.value = shortNumber(value) === "-" ? "" : Number(shortNumber(value));
+    if (!isBusy(this._field) && !isBusy(this._slider)) this._field.value = plain(value);
   }
 }
 
@@ -130,7 +135,7 @@ export class ActionControl {
     this._cancel = el("button", { textContent: "Cancel", type: "button", hidden: true, onclick: () => hand.ask({ do: "cancel", path: action.path }) });
     this._running = 0;
     this.element = el("form", { className: "control action", "data-control": action.path, noValidate: true, onsubmit: (event) => this._submitted(event) },
-      this._call, ...this._arguments.elements, this._cancel, el("small", { textContent: action.help }));
+      this._call, ...this._arguments.elements, this._cancel, el("small", { textContent: sentence(action.help), title: action.help }));
   }
 
   async _submitted(event) {
@@ -164,7 +169,7 @@ export class JogControl {
     this.element = el("div", { className: "control jog", "data-control": action.path },
       el("span", { className: "label", textContent: name(action.path) }), ...this._buttons,
       this._speed && el("label", {}, `${this._about.name} `, this._speed, el("span", { className: "unit", textContent: this._about.unit ?? "" })),
-      ...this._others.elements, el("small", { textContent: `${action.help} Hold the button.` }));
+      ...this._others.elements, el("small", { textContent: "Hold the button.", title: action.help }));
   }
 
   _first() { return Number.isFinite(this._about.maximum) ? Number((JOG * this._about.maximum).toPrecision(2)) : ""; }
@@ -228,28 +233,30 @@ export class TunableControl {
     this._hand = hand;
     this._about = about;
     this._value = el("output", {});
-    this._field = field(about, about.path);
+    this._field = field(about, about.path, "", bounded(about) ? "" : "new value");
+    this._slider = slider(about, about.path, { onchange: () => this._tune(Number(this._slider.value)) });
     this._set = el("button", { textContent: "Set", type: "submit" });
     this.element = el("form", { className: "control tunable", "data-control": about.path, noValidate: true, onsubmit: (event) => this._submitted(event) },
-      el("span", { className: "label", textContent: this._name() }), this._value, this._field,
-      el("span", { className: "unit", textContent: unitOf(about) }), this._set);
+      el("span", { className: "label", textContent: about.name }), this._value, this._field, this._set, between(about, this._slider));
   }
 
-  /** Of a law, with the law's name. */
-  _name() { return this._about.name ?? name(this._about.path); }
-
-  async _submitted(event) {
+  _submitted(event) {
     event.preventDefault();
-    if (this._field.value === "") return;
-    const value = Number(this._field.value);
-    const { state } = await this._hand.ask({ do: "tune", path: this._about.path, value }, `${this._about.path} = ${value}`);
+    if (this._field.value !== "") this._tune(Number(this._field.value));
+  }
+
+  async _tune(value) {
+    const { path } = this._about;
+    const { state } = await this._hand.ask({ do: "tune", path, value }, `${path} = ${plain(value)}`);
     if (state === "done") this._field.value = "";
   }
 
   refresh(feed) {
     const value = feed.state.tuned?.[this._about.path] ?? null;
-    setText(this._value, `${shortNumber(value)} ${unitOf(this._about)}`.trimEnd());
-    this._set.disabled = this._field.disabled = !this._hand.leased;
+    setText(this._value, `${plain(value)} ${unitOf(this._about)}`.trimEnd());
+    const enabled = this._hand.leased;
+    for (const input of [this._set, this._field, this._slider]) if (input) input.disabled = !enabled;
+    if (this._slider && !isBusy(this._slider) && value !== null) this._slider.value = value;
   }
 }
 

@@ -75,6 +75,7 @@ class Hands {
       button.disabled = !hand.leased;
     }
     setText(this._why, why(this.feed, hand));
+    this._why.hidden = !this._why.textContent;
     this._show();
     for (const part of this._parts) part.refresh();
   }
@@ -147,14 +148,17 @@ class Part {
     const { objects, actions, tunables } = this._part;
     const hold = actions.filter(({ release }) => release);
     const plain = actions.filter(({ release }) => !release);
-    this._controls = [
-      ...objects.filter((entry) => !isActuator(entry)).map((entry) => new SensorControl(entry)),
-      ...objects.filter(isActuator).map((entry) => new ActuatorControl(this._hand, entry)),
-      ...hold.map((action) => new JogControl(this._hand, action)),
-      ...plain.map((action) => new ActionControl(this._hand, action)),
-      ...tunables.map((entry) => new TunableControl(this._hand, entry)),
-    ];
-    this.element.append(...this._controls.map(({ element }) => element));
+    const sections = {
+      "": objects.filter((entry) => !isActuator(entry)).map((entry) => new SensorControl(entry)),
+      Actions: [...hold.map((action) => new JogControl(this._hand, action)), ...plain.map((action) => new ActionControl(this._hand, action))],
+      Actuators: objects.filter(isActuator).map((entry) => new ActuatorControl(this._hand, entry)),
+      "Tunable numbers": tunables.map((entry) => new TunableControl(this._hand, entry)),
+    };
+    this._controls = Object.values(sections).flat();
+    for (const [title, controls] of Object.entries(sections)) {
+      if (title && controls.length) this.element.append(el("h3", { textContent: title }));
+      this.element.append(...controls.map(({ element }) => element));
+    }
   }
 
   refresh() {
