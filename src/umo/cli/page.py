@@ -96,16 +96,16 @@ def _station(choice: ViewOptions) -> str | None:
         if choice.wiring is not None:
             raise PageError("--wiring belongs to a station: give its name or folder first")
         return None
-    from umo.page import words
+    from umo.page import run_facts
 
     name = station_name(choice.station)
     running = [str(reader.about["station"]) for reader in readers()]
     try:
         station = find(choice.station)
-        words.given[name] = station
+        run_facts.given[name] = station
         station.wiring(choice.wiring)
         if choice.wiring is not None:
-            words.wirings[name] = choice.wiring
+            run_facts.wirings[name] = choice.wiring
     except StationError as error:
         if name not in running:
             near = did_you_mean(name, running)

@@ -12,7 +12,7 @@ import numpy as np
 from umo.frames import Reader, Stage
 from umo.objects import Quality
 from umo.page.history import History
-from umo.page.words import wires
+from umo.page.run_facts import wires
 from umo.text import printable
 
 OF_THE_RING = ("actions", "tunables", "interlocks")
