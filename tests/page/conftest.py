@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -80,6 +82,18 @@ def serving(port: int = 0, **options: Any) -> Iterator[Served]:
         serving.should_exit = True
         thread.join(PATIENCE)
         listening.close()
+
+
+@contextmanager
+def viewing(*words: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """`umo view` in a process of its own, and the address that it prints."""
+    command = [sys.executable, "-c", "from umo.cli import main; main()", "view", "--port", "0", *words]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            yield process, process.stdout.readline().strip()
+        finally:
+            process.kill()
 
 
 class Client:

@@ -13,7 +13,7 @@ import umo
 from patient import conveyor
 from umo.process.start import LINUX
 
-from .conftest import Client, Served, eventually, opened, running, serving
+from .conftest import Client, Served, eventually, opened, running, serving, viewing
 
 pytestmark = pytest.mark.skipif(not LINUX, reason="machines run in other processes on Linux only")
 
@@ -133,6 +133,21 @@ def test_a_page_cannot_command_with_the_lease_of_another(station: umo.RemoteStat
         assert (found["state"], found["text"]) == ("refused", "CommandRefused: Ann (page, 127.0.0.1) has the lease")
         assert command(second, 2, "lease", who="Ben", over=True)["state"] == "done"
         assert command(first, 2, "write", path="diverter", value="ON")["state"] == "refused"
+
+
+def test_what_a_page_jogs_ends_when_its_server_is_killed(station: umo.RemoteStation) -> None:
+    with viewing() as (process, address), opened(address.replace("http", "ws", 1).replace("/?", "/ws?")) as client:
+        client.get("description")
+        command(client, 1, "lease", who="Ann")
+        command(client, 2, "call", path="belt.run_at", arguments={"speed": 0.3})
+        touching(client, ["belt.run_at"], lambda: station.belt.setpoint.read() > 0.2)
+        process.kill()
+        eventually(lambda: station.belt.setpoint.read() == 0.0)
+        eventually(lambda: not station.reader.holder)
+        texts = [event.text for event in station.events]
+        assert texts.index("not kept up") < texts.index(
+            "the lease of Ann (page, 127.0.0.1) has ended: it was not renewed"
+        )
 
 
 @pytest.mark.parametrize("held", [None, "diverter", [1], ["x"] * 33])
