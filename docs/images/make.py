@@ -1,12 +1,16 @@
 """Makes the pictures of README and docs from runs of the stations; wants `.venv/bin/pip install -e '.[all,render]'`,
 and for that of the page the extra `page`, Playwright and Chromium."""
 
+from __future__ import annotations
+
 import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from PIL import Image
 
@@ -16,6 +20,9 @@ from umo.process.station import find
 from umo.stations.ztheta.application import main
 from umo.stations.ztheta.objects import machine
 from umo.stations.ztheta.render import render
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
 
 HERE = Path(__file__).parent
 
@@ -39,24 +46,62 @@ def photograph(connection: umo.connect) -> None:
     Image.fromarray(render(connection.driver("plant"), 960, 640)).save(HERE / "ztheta.png", optimize=True)
 
 
-def show_twin(connection: umo.connect) -> None:
-    """The twin in the tab of the page."""
+@contextmanager
+def open_page(width: int, height: int) -> Iterator[Page]:
+    """`umo view` in Chromium."""
     from playwright.sync_api import sync_playwright
 
     flags = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
     command = [sys.executable, "-c", "from umo.cli import main; main()", "view", "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=flags)
-        page = browser.new_page(viewport={"width": 960, "height": 640}, color_scheme="light")
+        page = browser.new_page(viewport={"width": width, "height": height}, color_scheme="light")
         page.goto(server.stdout.readline().strip())
+        try:
+            yield page
+        finally:
+            browser.close()
+            server.terminate()
+
+
+def show_twin(connection: umo.connect) -> None:
+    """The twin in the tab of the page."""
+    with open_page(960, 640) as page:
         page.get_by_role("tab", name="Twin").click()
         page.get_by_role("button", name="Labels").click()
         page.get_by_text("gripper.pressure PASS").wait_for()
         page.get_by_role("button", name="Labels").click()
         page.locator(".twin-label").first.wait_for(state="detached")
         page.locator(".twin-view").screenshot(path=HERE / "twin.png")
-        browser.close()
-        server.terminate()
+
+
+def show_views() -> None:
+    """The other tabs, with z-theta at work in real time; then the hands, in manual mode."""
+    with umo.start("ztheta", realtime=True, acknowledge=True) as started, open_page(1200, 750) as page:
+        page.get_by_role("tab", name="Machine").click()
+        page.get_by_text("part 1 of 3: picking").first.wait_for(timeout=60_000)
+        for path in ("z.servo.reference", "z.encoder", "theta.encoder", "gripper.vacuum", "gripper.pressure"):
+            page.locator(f'tr[data-path="{path}"] button.name').click()
+        page.get_by_text("part 2 of 3: turning").first.wait_for(timeout=60_000)
+        page.screenshot(path=HERE / "page-machine.png")
+        page.get_by_role("tab", name="Scope").click()
+        page.get_by_label("Time shown").select_option("20")
+        page.get_by_text("part 2 of 3: placing").first.wait_for(timeout=60_000)
+        page.screenshot(path=HERE / "page-scope.png")
+        page.get_by_role("tab", name="Hands").click()
+        page.get_by_label("Your name").fill("Ann")
+        page.get_by_role("button", name="Take the lease").click()
+        page.get_by_role("button", name="manual").click()
+        field = page.get_by_label("z.move_to position")
+        for position in ("200000", "100000"):
+            field.fill(position)
+            field.press("Enter")
+        page.get_by_text("z.move_to position=100000 duration=0: done").wait_for(timeout=60_000)
+        page.locator('[data-control="z.jog"] [data-sign="-1"]').hover()
+        page.mouse.down()
+        page.get_by_text("z.jog: done").wait_for()
+        page.screenshot(path=HERE / "page-hands.png")
+        started.stop()
 
 
 def plot(picture: str, *words: str) -> None:
@@ -71,6 +116,7 @@ def plot(picture: str, *words: str) -> None:
 if __name__ == "__main__":
     while_turning(photograph)
     while_turning(show_twin)
+    show_views()
     plot("run.png", "ztheta")
     plot("conveyor.png", "conveyor")
     plot("furnace.png", "furnace", "--zones", "8", "--faults", "broken-thermocouple:3")
