@@ -14,7 +14,7 @@ from umo.errors import PathError, RangeError
 from umo.frames import Reader
 from umo.remote import RemoteStation
 from umo.remote.members import call_action
-from umo.text import did_you_mean
+from umo.text import did_you_mean, printable
 
 from .console import err, out
 from .progress_line import OneLine
@@ -37,7 +37,7 @@ def mode(name: str, wanted: str | None, over: bool) -> None:
         if wanted is not None:
             with station.lease(over=over):
                 station.mode = wanted
-        title, holder = station.reader.about["station"], station.reader.holder
+        title, holder = station.reader.about["station"], printable(station.reader.holder)
         lease = f"  lease: {holder}" if holder and wanted is None else ""
         out.print(f"{title}  {wanted or station.mode or 'takes no commands'}{lease}")
 
