@@ -1,9 +1,10 @@
-"""What publishing a frame costs, and whether a reader at full speed ever sees a torn one."""
+"""What publishing a frame and looking for commands cost, and whether a reader at full speed ever sees a torn frame."""
 
 from __future__ import annotations
 
 import os
 import tempfile
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter_ns
@@ -15,9 +16,13 @@ from bench.driver import Fill
 from bench.machine import machine, wiring
 from bench.mix import layout
 from umo import connect, published
+from umo.cycle.hands import Hands
 from umo.frames import Reader, Ring
+from umo.frames.folder import QUEUE
+from umo.remote.queue import HEAD, Receiver
 
 BATCH = 200
+PERIOD = 0.001
 
 
 @dataclass
@@ -46,6 +51,26 @@ def publishing(count: int, batches: int) -> tuple[float, float, float]:
         times = [_batch(ring, frame) for _ in range(batches)]
         counting = min(_batch(lambda _: ring.usage.read(), None) for _ in range(batches))
     return min(times), float(np.median(times)), counting
+
+
+def looking(batches: int) -> tuple[tuple[float, float], tuple[float, float]]:
+    """us of the look for commands from outside in a period of 1 ms, where there are none: the least of some batches and
+    their median; and the same of one `os.pread` of 8 bytes of the queue, in turns with it."""
+    plan = layout(13)
+    plant = machine(plan)
+    connection = connect(plant, wiring(plant, Fill(plan.sensors, plan.actuators)))
+    with (
+        connection,
+        published(connection, "bench") as ring,
+        closing(Receiver(ring.path.with_suffix(QUEUE), ring.bell, PERIOD)) as receiver,
+        receiver.path.open("rb") as queue,
+    ):
+        hands, file = Hands(connection.machine, receiver), queue.fileno()
+        looks, reads = [], []
+        for _ in range(batches):
+            looks.append(_batch(lambda _: hands.look(), None))
+            reads.append(_batch(lambda _: os.pread(file, 8, HEAD), None))
+    return (min(looks), float(np.median(looks))), (min(reads), float(np.median(reads)))
 
 
 def _batch(work: Any, frame: Any) -> float:

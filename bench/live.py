@@ -50,6 +50,8 @@ def measure(size: Size, console: Console) -> list[Target]:
         found = []
         with console.status("publishing a frame"):
             found += _publishing(size.batches)
+        with console.status("looking for commands"):
+            found += _looking(size.batches)
         with console.status(f"{size.frames:,} frames by a reader at full speed"):
             found.append(_torn(size.frames))
         with console.status(f"z-theta at 1 ms over {size.periods:,} periods, a C loop in turns"):
@@ -73,6 +75,15 @@ def _publishing(batches: int) -> list[Target]:
         found.append(upper(f"publishing a frame of {count:,} objects", least, limit, "us", median))
         found.append(Target("  of which counters of the system", "-", f"{counting:.2f} us", ""))
     return found
+
+
+def _looking(batches: int) -> list[Target]:
+    (least, median), (read, read_median) = frames.looking(batches)
+    share = f"{least / read:.2f} ({median / read_median:.2f}) times its {read:.2f} ({read_median:.2f}) us"
+    return [
+        upper("the look for commands, none there", least, 1.0, "us", median),
+        Target("  against one os.pread of 8 bytes", "-", share, ""),
+    ]
 
 
 def _torn(count: int) -> Target:

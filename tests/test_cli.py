@@ -278,6 +278,32 @@ def test_check_refuses_an_interlock_that_makes_no_sense(umo, tank: Path) -> None
     assert "Tank.interlocks gives <BinaryActuator inlet" in said(result)
 
 
+def test_check_says_how_many_actions_and_tunable_numbers_there_are(umo, tank: Path) -> None:
+    assert "actions" not in said(umo("check", "tank"))
+    assert said(umo("check", "conveyor")).endswith("period 2 ms, 3 actions, 4 tunable numbers")
+
+
+@pytest.mark.parametrize(
+    ("declared", "text"),
+    [
+        ("@umo.action\n    def dose(self, level: float):\n        pass", "action dose: argument level needs a range"),
+        ("@umo.action\n    def dose(self, level):\n        pass", "action dose: argument level must be annotated"),
+        ("@umo.action(levl=umo.Range('mm', 0, 1))\n    def dose(self):\n        pass", "has no argument 'levl'"),
+        ("tunable = {'levl': umo.Range('mm', 0, 1)}", "tunable levl: Tank has no attribute 'levl'"),
+    ],
+)
+def test_check_refuses_actions_and_tunable_numbers_that_make_no_sense(
+    umo, tank: Path, declared: str, text: str
+) -> None:
+    control = tank / "control.py"
+    control.write_text(
+        "import umo\n" + control.read_text().replace("    def setup(self)", f"    {declared}\n\n    def setup(self)")
+    )
+    result = umo("check", "tank")
+    assert (result.exit_code, text in said(result)) == (2, True), said(result)
+    assert len(result.stderr.strip().splitlines()) <= 2
+
+
 def test_the_tree_shows_units_ranges_and_wiring(umo) -> None:
     text = said(umo("tree", "ztheta", "-w", "second_generation"))
     for words in ("Manipulator", "digital actuator, -10 to 10 V", "plant:pwm:z", "incremental", "asynchronous"):

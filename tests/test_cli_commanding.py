@@ -122,6 +122,21 @@ def test_the_lease_of_another_hand_is_shown_and_taken_over_only_on_demand(convey
     assert json.dumps([event.asked for event in events][:1]) == '["lease"]'
 
 
+def test_ps_and_watch_show_the_mode_and_who_has_the_lease(conveyor: umo.Started) -> None:
+    def lines() -> Any:
+        (line,) = json.loads(run("ps", "--json").stdout)["running"]
+        return line["mode"], line["lease"]
+
+    assert lines() == ("manual", None)
+    assert "running, manual" in run("ps").stdout
+    assert "lease" not in run("ps").stdout + run("watch", "conveyor", "--once").stdout
+    with umo.attach(conveyor.pid) as station, station.lease("some\x1bbody"):
+        assert lines() == ("manual", "some?body")
+        assert "some?body" in run("ps").stdout
+        assert ", manual, lease: some?body\n" in run("watch", "conveyor", "--once").stdout
+        assert "lease: some?body" in run("mode", "conveyor").stdout
+
+
 def test_a_station_is_stopped(tmp_path: Path) -> None:
     with umo.start("conveyor", patient.conveyor(tmp_path), manual=True, realtime=True) as started:
         _until(lambda: started.frames is not None and started.frames.head > 5, started)

@@ -596,6 +596,28 @@ def test_what_another_interlock_still_inhibits_is_not_free_after_an_acknowledgem
         assert (m.ram.inhibited, m.acknowledge()) == (None, True)
 
 
+def test_the_states_of_the_actuators_are_made_anew_only_when_one_changes() -> None:
+    m = latched()
+    connection = connect(m, wiring())
+    with connection:
+        commands = connection.machine.commands
+        periods(m)
+        free = commands.states
+        put(m.door, PassFail.FAIL)
+        periods(m)
+        inhibited = commands.states
+        assert inhibited != free
+        periods(m, 3)
+        put(m.door, PassFail.PASS)
+        periods(m, 3)
+        assert commands.states is inhibited  # it is latched
+        assert m.ram.acknowledge()
+        assert commands.states == free
+        put(m.door, PassFail.FAIL)
+        periods(m)
+        assert commands.states == inhibited
+
+
 # That stop the program ----------------------------------------------------------------------------------
 
 

@@ -28,6 +28,7 @@ from umo import (
     connect,
 )
 from umo.control import next_period, state_of, wait
+from umo.cycle.commands import FREE, IN_HAND
 from umo.cycle.events import CommandState, Event
 from umo.cycle.hands import AT_ONCE, HOLD, HandCommand, Hands, Mode
 from umo.objects import actions_of
@@ -275,7 +276,7 @@ def test_an_actuator_in_a_hand_refuses_the_program_and_is_given_back_at_its_defa
         assert rig.m.ram.read() == 1.0
         rig.do("write", "ram", 4.0)
         rig.periods(2)
-        assert (rig.m.ram.read(), rig.m.taken, rig.m.ram.inhibited) == (4.0, False, "hand a has taken it by hand")
+        assert (rig.m.ram.read(), rig.m.taken, rig.m.ram.inhibited) == (4.0, False, "taken by hand: hand a")
         rig.m.wanted = 0.0
         rig.do("let go", "ram")
         rig.periods()
@@ -530,6 +531,10 @@ def test_guards_hold_for_any_interleaving_of_program_and_hands(steps: list[tuple
             if rig.m.door.read() is PassFail.FAIL:
                 assert rig.m.lamp.read() is OnOff.OFF
                 assert rig.m.ram.read() == rig.m.ram.default
+            commands = rig.connection.machine.commands
+            for actuator_ in (rig.m.ram, rig.m.heater, rig.m.lamp):
+                state, hand = commands.states[actuator_._slot], commands.hand_of(actuator_._slot)
+                assert (state == IN_HAND, state == FREE) == (bool(hand), actuator_.inhibited is None)
             now = rig.connection.machine.clock.number
             for path in ("heater", "lamp"):  # only hands write them
                 item: Any = rig.m.find(path)

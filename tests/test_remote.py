@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import mmap
 import os
 import signal
 import struct
@@ -10,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing, contextmanager, nullcontext
 from pathlib import Path
 from random import Random
 
@@ -20,10 +22,11 @@ from machines import bench, wired
 from patient import conveyor
 from umo import CommandRefused, FramesError, RangeError, connect, published
 from umo.cycle.hands import AT_ONCE, HOLD, Hands, Mode
-from umo.frames import Reader
+from umo.frames import Reader, rings
 from umo.frames.folder import QUEUE
+from umo.frames.layout import BELL, DESCRIPTION
 from umo.process.start import LINUX
-from umo.remote.queue import FIRST, HEAD, LONGEST, SLOT, SLOTS, Receiver, Sender
+from umo.remote.queue import ANYWAY, FIRST, HEAD, LONGEST, SLOT, SLOTS, Receiver, Sender
 from umo.testing import Scripted, VirtualTimer, periods
 
 pytestmark = pytest.mark.skipif(not LINUX, reason="machines run in other processes on Linux only")
@@ -45,14 +48,38 @@ class Machine:
         return self._receiver.taken
 
 
-@pytest.fixture
-def queue(tmp_path: Path) -> Iterator[tuple[Receiver, Sender]]:
-    receiver = Receiver(tmp_path / f"bench{QUEUE}")
+def bell_beside(receiver: Path) -> memoryview:
+    """That of a ring of frames which has nothing else."""
+    ring = receiver.with_suffix(".frames")
+    ring.write_bytes(bytes(DESCRIPTION))
+    with ring.open("r+b") as file:
+        return memoryview(mmap.mmap(file.fileno(), 0)).cast("q")[BELL // 8 : BELL // 8 + 1]
+
+
+def ends(path: Path, period: float = 0.0) -> Iterator[tuple[Receiver, Sender]]:
+    bell = bell_beside(path)
+    receiver = Receiver(path, bell, period)
     sender = Sender(Machine(receiver))  # type: ignore[arg-type]
     yield receiver, sender
     sender.close()
     receiver.close()
-    assert not list(tmp_path.iterdir())
+    bell.release()
+    assert list(path.parent.iterdir()) == [path.with_suffix(".frames")]
+
+
+@pytest.fixture
+def queue(tmp_path: Path) -> Iterator[tuple[Receiver, Sender]]:
+    """Every look reads the file."""
+    yield from ends(tmp_path / f"bench{QUEUE}")
+
+
+PERIOD = 0.001
+
+
+@pytest.fixture
+def belled(tmp_path: Path) -> Iterator[tuple[Receiver, Sender]]:
+    """A look reads the file when the bell says so, and every `ANYWAY` s."""
+    yield from ends(tmp_path / f"bench{QUEUE}", PERIOD)
 
 
 def test_commands_come_in_the_order_in_which_they_were_sent(queue: tuple[Receiver, Sender]) -> None:
@@ -141,6 +168,109 @@ def test_a_head_that_jumps_is_not_followed(queue: tuple[Receiver, Sender]) -> No
     assert receiver.dropped == 3
 
 
+# The bell -----------------------------------------------------------------------------------------------
+
+
+def reads(receiver: Receiver, monkeypatch: pytest.MonkeyPatch, looks: int) -> int:
+    """How many of so many looks read the file."""
+    count = 0
+    pread = os.pread
+
+    def counted(*arguments: int) -> bytes:
+        nonlocal count
+        count += 1
+        return pread(*arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "pread", counted)
+        for _ in range(looks):
+            assert receiver.take() is None
+    return count
+
+
+def test_a_look_at_an_empty_queue_does_not_read_the_file(
+    belled: tuple[Receiver, Sender], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    receiver, sender = belled
+    every = round(ANYWAY / PERIOD)
+    assert reads(receiver, monkeypatch, 10 * every) == 10
+    for _ in range(3):
+        sender.send({"do": "keep"})
+    assert [command.number for command in (receiver.take(), receiver.take(), receiver.take()) if command] == [1, 2, 3]
+    assert reads(receiver, monkeypatch, 10 * every) == 10
+
+
+@contextmanager
+def without_bell(sender: Sender) -> Iterator[None]:
+    """A hand that dies before it can write it."""
+    frames, sender._frames = sender._frames, os.open(os.devnull, os.O_RDWR)
+    try:
+        yield
+    finally:
+        os.close(sender._frames)
+        sender._frames = frames
+
+
+def test_a_command_without_a_bell_comes_with_the_next_one(belled: tuple[Receiver, Sender]) -> None:
+    receiver, sender = belled
+    with without_bell(sender):
+        sender.send({"do": "tune"})
+    assert receiver.take() is None
+    sender.send({"do": "keep"})
+    assert [command.do for command in (receiver.take(), receiver.take()) if command] == ["tune", "keep"]
+
+
+def test_a_command_without_a_bell_is_only_late(belled: tuple[Receiver, Sender]) -> None:
+    receiver, sender = belled
+    receiver.take()
+    with without_bell(sender):
+        sender.send({"do": "tune"})
+    looks = next(look for look in range(1000) if receiver.take() is not None)
+    assert 1 < looks <= round(ANYWAY / PERIOD)
+
+
+@pytest.mark.parametrize("number", [-(2**63), -1, 1, 7, 2**63 - 1])
+def test_a_wrong_bell_loses_no_command(belled: tuple[Receiver, Sender], number: int) -> None:
+    receiver, sender = belled
+    for _ in range(3):
+        sender.send({"do": "keep"})
+        os.pwrite(sender._frames, struct.pack("<q", number), BELL)
+    taken = [command.number for _ in range(3 * SLOTS) if (command := receiver.take()) is not None]
+    assert (taken, receiver.dropped) == ([1, 2, 3], 0)
+
+
+def test_garbage_in_the_queue_is_found_without_a_bell(belled: tuple[Receiver, Sender]) -> None:
+    receiver, sender = belled
+    file = os.open(receiver.path, os.O_RDWR)
+    os.pwrite(file, struct.pack("<Q", 10 * SLOTS), HEAD)
+    os.close(file)
+    for _ in range(round(ANYWAY / PERIOD)):
+        assert receiver.take() is None
+    assert receiver.dropped == 1
+    sender.send({"do": "keep"})
+    assert receiver.take() is not None
+
+
+def test_hands_that_die_at_any_moment_lose_no_command_of_the_others(belled: tuple[Receiver, Sender]) -> None:
+    """Each write of a hand may be its last: of the entry, of the head, of the bell."""
+    receiver, sender = belled
+    random, sent = Random(2), 0
+    found: list[int] = []
+    for _ in range(2000):
+        dies = random.choice(["", "", "in the entry", "before the bell"])
+        if dies == "in the entry":
+            file = os.open(receiver.path, os.O_RDWR)
+            os.pwrite(file, random.randbytes(100), FIRST + sent % SLOTS * SLOT)
+            os.close(file)
+        elif sent - receiver.taken < SLOTS:
+            with without_bell(sender) if dies else nullcontext():
+                sent = sender.send({"do": "keep"})
+        looks = random.choice([0, 1, AT_ONCE, 2 * round(ANYWAY / PERIOD)])
+        found += [command.number for _ in range(looks) if (command := receiver.take()) is not None]
+    found += [command.number for _ in range(3 * SLOTS) if (command := receiver.take()) is not None]
+    assert (found, receiver.dropped) == ([*range(1, sent + 1)], 0)
+
+
 # A machine with a queue ---------------------------------------------------------------------------------
 
 
@@ -148,7 +278,7 @@ def test_a_flood_of_a_client_costs_a_few_commands_in_each_period(tmp_path: Path)
     m = bench()
     connection = connect(m, wired(m, Scripted(), clock=VirtualTimer()))
     with connection, published(connection, "bench", path=tmp_path / "bench.frames") as ring:
-        receiver = Receiver(ring.path.with_suffix(QUEUE))
+        receiver = Receiver(ring.path.with_suffix(QUEUE), ring.bell)
         connection.machine.hands = Hands(connection.machine, receiver, Mode.MANUAL)
         periods(m)
         with Reader(ring.path) as reader:
@@ -165,6 +295,23 @@ def test_a_flood_of_a_client_costs_a_few_commands_in_each_period(tmp_path: Path)
             }
             sender.close()
         receiver.close()
+
+
+def test_a_ring_keeps_its_place_when_a_hand_has_written_to_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("UMO_FRAMES", str(tmp_path))
+    with ExitStack() as stack:
+        paths = []
+        for name in ("b", "a", "c"):
+            m = bench()
+            connection = connect(m, wired(m, Scripted(), clock=VirtualTimer()))
+            stack.enter_context(connection)
+            ring = stack.enter_context(published(connection, name))
+            stack.enter_context(closing(Receiver(ring.path.with_suffix(QUEUE), ring.bell)))
+            paths.append(ring.path)
+        for path in paths[:2]:
+            with Reader(path) as reader, closing(Sender(reader)) as sender:
+                sender.send({"do": "keep"})
+        assert rings() == paths
 
 
 # A running station --------------------------------------------------------------------------------------

@@ -63,6 +63,7 @@ def test_ps_lists_what_runs() -> None:
             assert word in result.stdout
         (line,) = json.loads(umo("ps", "--json").stdout)["running"]
         assert (line["station"], line["periods"], line["missed"]) == ("press", 20, 2)
+        assert (line["state"], line["mode"], line["lease"]) == ("running", None, None)
     assert said(umo("ps")) == "no station is running"
 
 

@@ -2,18 +2,99 @@
 
 from __future__ import annotations
 
+from functools import partial
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from .app import Take, _finite, app, guarded
+from .app import Take, WiringName, app, finite, guarded
+
+command = partial(app.command, rich_help_panel="Running stations")
 
 Running = Annotated[
     str, typer.Argument(metavar="STATION", help="Name or pid of a station that runs in real time (see `umo ps`).")
 ]
 
 
-@app.command(epilog="Examples: umo mode ztheta  |  umo mode ztheta manual  |  umo mode ztheta automatic --take")
+@command(epilog="Examples: umo ps  |  umo ps --json")
+def ps(as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False) -> None:
+    """List the stations that run in real time, and the devices whose last run ended unsafely."""
+    from .running import ps as show
+
+    guarded(lambda: show(as_json))
+
+
+@command(
+    epilog="Examples: umo watch  |  umo watch z gripper.vacuum  |  umo watch 'zones.*.temperature'  |  "
+    "umo watch ztheta z.encoder --seconds 10",
+)
+def watch(
+    words: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[STATION] [PATH]...",
+            help="Station name or pid (see `umo ps`), required if several run; paths of objects or compounds, or "
+            "patterns such as 'zones.*.temperature'.",
+        ),
+    ] = None,
+    once: Annotated[bool, typer.Option("--once", help="Show the current values once, then exit.")] = False,
+    seconds: Annotated[float | None, typer.Option(min=0.0, callback=finite, help="Exit after this time in s.")] = None,
+) -> None:
+    """Watch a running station: values, traces, missed periods. Watching does not disturb the station.
+
+    Like objects of lists are folded into one line. In a terminal: arrows, page up and down, home and end move; enter
+    folds and unfolds; a: all; q quits. Without a terminal, or with --once, every object is shown once.
+    """
+    from .watch import watch as show
+
+    guarded(lambda: show(words or [], once, seconds))
+
+
+@command(
+    epilog="Examples: umo view  |  umo view ztheta --open  |  umo view --port 8300  |  "
+    "umo view --host 0.0.0.0 --token 'a long secret' --certificate cell.pem --key cell.key",
+)
+def view(
+    station: Annotated[
+        str | None,
+        typer.Argument(metavar="[STATION]", help="Name or directory of the station to show first; it may start later."),
+    ] = None,
+    wiring: WiringName = None,
+    port: Annotated[
+        int | None, typer.Option(min=0, max=65535, help="TCP port; default: 8270, or any free one if it is taken.")
+    ] = None,
+    open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    host: Annotated[
+        str, typer.Option(help="Address to listen at. Any other than this computer's own loopback needs a token.")
+    ] = "127.0.0.1",
+    hands: Annotated[bool, typer.Option("--hands", help="Let other computers command too, not only see.")] = False,
+    token: Annotated[
+        str | None,
+        typer.Option(
+            "--token", "--password", envvar="UMO_TOKEN", help="What a browser must give; default: a random token."
+        ),
+    ] = None,
+    certificate: Annotated[
+        Path | None, typer.Option(metavar="FILE.pem", help="Certificate for TLS (https); needs --key.")
+    ] = None,
+    key: Annotated[Path | None, typer.Option(metavar="FILE.key", help="Private key of the certificate.")] = None,
+) -> None:
+    """Show running stations in a browser: scope, machine, twin. Prints the address, which carries a token.
+
+    The page is served by a process of its own, which reads the frames: it does not disturb the station. It listens
+    on loopback. At another address (--host) it asks for the token, and is read-only unless --hands is given; give a
+    certificate there, or the token can be read on the network. Ctrl-C ends it; the stations go on.
+    """
+    from .page import ViewOptions
+    from .page import view as show
+
+    guarded(lambda: show(ViewOptions(station, wiring, host, port, token, open_, hands, certificate, key)))
+
+
+@command(
+    epilog="Examples: umo mode ztheta  |  umo mode ztheta manual  |  umo mode ztheta automatic --take",
+)
 def mode(
     station: Running,
     wanted: Annotated[str | None, typer.Argument(metavar="[automatic|manual]", help="The new mode.")] = None,
@@ -29,9 +110,9 @@ def mode(
     guarded(lambda: work(station, wanted, take))
 
 
-@app.command(
+@command(
     epilog="Examples: umo call ztheta  |  umo call ztheta home  |  umo call ztheta z.move_to 'position=100 mm'  |  "
-    "umo call ztheta z.jog velocity=5000 --hold 2"
+    "umo call ztheta z.jog velocity=5000 --hold 2",
 )
 def call(
     station: Running,
@@ -41,17 +122,22 @@ def call(
     ] = None,
     hold: Annotated[
         float | None,
-        typer.Option(min=0.0, callback=_finite, help="Of a jog: how long it is kept up in s; default: until Ctrl-C."),
+        typer.Option(min=0.0, callback=finite, help="Of a jog: how long it is kept up in s; default: until Ctrl-C."),
     ] = None,
     take: Take = False,
 ) -> None:
-    """Call an action of a running station and wait for its end; without an action, list them. Ctrl-C cancels it."""
+    """Call an action of a running station and wait for its end; without an action, list them.
+
+    Ctrl-C cancels the action.
+    """
     from .commanding import call as work
 
     guarded(lambda: work(station, action, arguments or [], take, hold))
 
 
-@app.command(epilog="Examples: umo tune ztheta  |  umo tune ztheta z.servo.gain  |  umo tune ztheta z.servo.gain 0.004")
+@command(
+    epilog="Examples: umo tune ztheta  |  umo tune ztheta z.servo.gain  |  umo tune ztheta z.servo.gain 0.004",
+)
 def tune(
     station: Running,
     path: Annotated[str | None, typer.Argument(metavar="[PATH]", help="Such as z.servo.gain.")] = None,
@@ -64,9 +150,27 @@ def tune(
     guarded(lambda: work(station, path, value, take))
 
 
-@app.command(epilog="Examples: umo stop ztheta  |  umo stop 4711")
+@command(epilog="Examples: umo stop ztheta  |  umo stop 4711")
 def stop(station: Running) -> None:
     """End a run safely: every actuator goes to its default. It needs no lease."""
     from .commanding import stop as work
 
     guarded(lambda: work(station))
+
+
+@command(
+    epilog="Examples: umo why  |  umo why ztheta  |  umo why ztheta --now  |  umo why --file kept.box",
+)
+def why(
+    station: Annotated[
+        str | None, typer.Argument(metavar="[STATION]", help="Name of a station; default: all stations.")
+    ] = None,
+    now: Annotated[bool, typer.Option("--now", help="First write a black box of the running station.")] = False,
+    file: Annotated[
+        Path | None, typer.Option(metavar="FILE.box", help="Read this black box instead of the newest one.")
+    ] = None,
+) -> None:
+    """Show why periods were missed: the newest black box, the duration of each phase, and the cause."""
+    from .why import why as say_why
+
+    guarded(lambda: say_why(station, now, file))

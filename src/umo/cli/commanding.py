@@ -13,7 +13,8 @@ from rich.table import Table
 from umo.errors import PathError, RangeError
 from umo.frames import Reader
 from umo.remote import RemoteStation
-from umo.text import did_you_mean
+from umo.remote.members import call_action
+from umo.text import did_you_mean, printable
 
 from .console import err, out
 from .progress_line import OneLine
@@ -36,7 +37,7 @@ def mode(name: str, wanted: str | None, over: bool) -> None:
         if wanted is not None:
             with station.lease(over=over):
                 station.mode = wanted
-        title, holder = station.reader.about["station"], station.reader.holder
+        title, holder = station.reader.about["station"], printable(station.reader.holder)
         lease = f"  lease: {holder}" if holder and wanted is None else ""
         out.print(f"{title}  {wanted or station.mode or 'takes no commands'}{lease}")
 
@@ -60,26 +61,23 @@ def call(name: str, path: str | None, words: list[str], over: bool, hold: float 
         if path not in actions:
             raise PathError(f"no action {path!r}{did_you_mean(path, actions)}; `umo call {name}` lists them")
         given = dict(_argument(actions[path], word) for word in words)
-        with station.lease(over=over):
-            kept = actions[path]["release"] is not None and given != actions[path]["release"]
-            if kept:
-                station.keep_up(path)
-            result = _called(station, path, given)
-            if kept:
+        with station.lease(over=over) as lease:
+            result = _called(station, actions[path], given)
+            if path in lease.held:
                 _hold(hold)
         if result is not None:
             out.print_json(data=result)
 
 
-def _called(station: RemoteStation, path: str, given: dict[str, Any]) -> Any:
+def _called(station: RemoteStation, action: dict[str, Any], given: dict[str, Any]) -> Any:
     with OneLine(err) as line:
         began = time.monotonic()
 
         def show() -> None:
             progress = station.progress
-            line.show(time.monotonic() - began, progress.text or path, progress.share)
+            line.show(time.monotonic() - began, progress.text or action["path"], progress.share)
 
-        return station.ask("call", path, arguments=given, while_running=show)
+        return call_action(station, action, given, show)
 
 
 def _argument(action: dict[str, Any], word: str) -> tuple[str, Any]:

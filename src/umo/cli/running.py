@@ -6,6 +6,7 @@ import json
 import time
 from typing import Any
 
+from rich import box
 from rich.table import Table
 
 from umo.errors import FramesError, PathError
@@ -83,6 +84,8 @@ def _line(reader: Reader) -> dict[str, Any]:
         "pid": about["pid"],
         "since": about["started"],
         "state": reader.state.name.lower(),
+        "mode": None if reader.mode is None else str(reader.mode),
+        "lease": printable(reader.holder) or None,
         "progress": "" if frame is None else printable(frame["progress"].decode(errors="replace")),
         "period_s": about["period"],
         "periods": reader.head,
@@ -91,18 +94,23 @@ def _line(reader: Reader) -> dict[str, Any]:
 
 
 def _table(found: list[dict[str, Any]]) -> Table:
-    table = Table("station", "pid", "since", "state", "period", "periods", "missed", "progress", header_style="bold")
+    """The column of the lease only where somebody has one."""
+    held = any(line["lease"] for line in found)
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="bold", padding=(0, 1, 0, 0))
+    for title in ("station", "pid", "since", "state", "period", "periods", "missed", "lease", "progress"):
+        if held or title != "lease":
+            table.add_column(title, overflow="fold", no_wrap=title in ("pid", "period", "periods", "missed"))
     for line in found:
         since = time.strftime("%H:%M:%S", time.localtime(line["since"]))
-        name = f"{line['station']} ({line['wiring']})" if line["wiring"] else line["station"]
         table.add_row(
-            name,
+            f"{line['station']} ({line['wiring']})" if line["wiring"] else line["station"],
             str(line["pid"]),
             f"{since} ({lasting(time.time() - line['since'])})",
-            line["state"],
+            f"{line['state']}, {line['mode']}" if line["mode"] else line["state"],
             f"{line['period_s'] * 1e3:g} ms",
             f"{line['periods']:,}",
             f"{line['missed']:,}",
+            *([line["lease"]] if held else []),
             line["progress"],
         )
     return table

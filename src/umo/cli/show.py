@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from rich.text import Text
 
 from umo.errors import Fault
+from umo.objects import actions_of, tunables_of
 from umo.objects.interlock import interlocks_of
 from umo.process.station import Station
 from umo.wiring import check, resolve
@@ -21,16 +22,18 @@ def check_station(station: Station, wiring: str | None, arguments: Sequence[str]
     machine = machine_of(station, arguments)
     station.module("application")  # a wiring may be right and the application not import
     interlocks_of(machine)
+    offered = [(len(actions_of(machine)), "action"), (len(tunables_of(machine)), "tunable number")]
     faults = check(machine, file)
     if reported(faults):
         return 2
     wired = resolve(machine, file)
     period = "no timer" if wired.period is None else f"period {wired.period * 1e3:g} ms"
-    name = file or "everything simulated"
-    out.print(
-        f"ok: {name}: {_count(len(wired.wires), 'object')} on {_count(len(wired.drivers), 'driver')}, {period}",
-        soft_wrap=True,
-    )
+    found = [
+        f"{_count(len(wired.wires), 'object')} on {_count(len(wired.drivers), 'driver')}",
+        period,
+        *(_count(number, what) for number, what in offered if number),
+    ]
+    out.print(f"ok: {file or 'everything simulated'}: {', '.join(found)}", soft_wrap=True)
     return 0
 
 

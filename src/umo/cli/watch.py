@@ -140,10 +140,17 @@ class Picture:
         lost = f", {reader.lost:,} frames not seen" if reader.lost else ""
         text = Text(f"{name}: {progress}{done}\n", style="bold", no_wrap=True)
         text.append(
-            f"{frame['time']:.3f} s, period {about['period'] * 1e3:g} ms, missed {reader.missed:,}{lost}\n", "none"
+            f"{frame['time']:.3f} s, period {about['period'] * 1e3:g} ms, missed {reader.missed:,}{lost}"
+            f"{self._hands()}\n",
+            "none",
         )
         text.append(self._paces(), "none")
         return text
+
+    def _hands(self) -> str:
+        """Mode and holder of the lease, of a station that takes commands."""
+        mode, holder = self._reader.mode, printable(self._reader.holder)
+        return "" if mode is None else f", {mode}" + (f", lease: {holder}" if holder else "")
 
     def _paces(self) -> str:
         """Waking up and execution over the last second, in us."""

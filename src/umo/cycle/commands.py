@@ -33,6 +33,11 @@ A_TICK = 1e-9
 """Tolerance in s of a sum of periods (rounding)."""
 
 
+def reason_of_hand(who: str) -> str:
+    """Why the program cannot write an actuator that somebody has taken."""
+    return f"taken by hand: {who}"
+
+
 class Source(Enum):
     """Who commands an actuator."""
 
@@ -81,7 +86,7 @@ class Command:
     @property
     def reason(self) -> str | None:
         """Why the program cannot write another value than the default."""
-        return self.interlocked or (f"{self.hand} has taken it by hand" if self.hand else None)
+        return self.interlocked or (reason_of_hand(self.hand) if self.hand else None)
 
     def admits(self, value: float, source: Source) -> bool:
         """Whether a value may be taken now; Interlocked where an interlock is declared to stop the program."""
@@ -131,9 +136,10 @@ class Commands:
         commands = self.by_slot.values()
         self._expiring = [command for command in commands if command.expires < inf]
         self.slewing = [command for command in commands if command.slew_rate < inf]
-        self._inhibiting = False
-        """Whether an interlock inhibits actuators, as last evaluated."""
+        self._inhibiting: list[Inhibition] = []
+        """The interlocks that inhibit actuators, as last evaluated."""
         self._states: bytes | None = None
+        """Of `states`; None after a change."""
         self._in_hand: set[int] = set()
         """The actuators that a hand has taken."""
 
@@ -187,8 +193,9 @@ class Commands:
         if command.interlocked is not None:
             return False
         command.hand = who
-        self._in_hand.add(slot)
-        self._states = None
+        if slot not in self._in_hand:
+            self._in_hand.add(slot)
+            self._states = None
         return True
 
     def leave_hand(self, slot: int) -> None:
@@ -217,6 +224,7 @@ class Commands:
         for command in commands:
             for each in command.inhibitions:
                 each.acknowledge()
+        self._states = None
         return all(command.interlocked is None for command in commands)
 
     @property
@@ -268,8 +276,9 @@ class Commands:
         """What was free in the period before. All conditions are asked before anything is reset."""
         begun = [each for each in self._inhibitions if each.ask()]
         if begun or self._inhibiting:
-            self._inhibiting = any(each.reason for each in self._inhibitions)
-            self._states = None
+            inhibiting = [each for each in self._inhibitions if each.reason is not None]
+            if begun or inhibiting != self._inhibiting:
+                self._inhibiting, self._states = inhibiting, None
         for each in begun:
             for slot in each.slots:
                 self._knock_out(slot)

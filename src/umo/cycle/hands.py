@@ -22,7 +22,7 @@ from umo.cycle.events import CommandState, Event
 from umo.cycle.lease import Lease
 from umo.cycle.sequences import Sequences, Task
 from umo.errors import CommandRefused, DriverError, PathError, StateError, UmoError
-from umo.objects import Binary, BinaryActuator, DigitalActuator, Range, actions_of, tunables_of
+from umo.objects import Binary, BinaryActuator, DigitalActuator, Range
 from umo.text import did_you_mean, located, text_of
 
 if TYPE_CHECKING:
@@ -121,8 +121,6 @@ class Hands:
         self._machine = machine
         self.inbox = inbox
         self.lease = Lease()
-        self.actions = actions_of(machine.root)
-        self.tunables = tunables_of(machine.root)
         actuators = (item for item in machine.root.atoms() if isinstance(item, BinaryActuator | DigitalActuator))
         self._actuators: dict[str, BinaryActuator[Any] | DigitalActuator] = {item.path: item for item in actuators}
         self.sequences = Sequences()
@@ -233,7 +231,7 @@ class Hands:
 
     def _tune(self, command: HandCommand) -> tuple[CommandState, str]:
         self.lease.check(command.key)
-        tunable = _known(self.tunables, command.path, "tunable number")
+        tunable = _known(self._machine.tunables, command.path, "tunable number")
         before = tunable.read()
         tunable.set(command.value)
         return CommandState.DONE, json.dumps(f"{before:g} -> {tunable.read():g}")
@@ -262,7 +260,7 @@ class Hands:
 
     def _call(self, command: HandCommand) -> tuple[CommandState, str]:
         self.lease.check(command.key)
-        action = _known(self.actions, command.path, "action")
+        action = _known(self._machine.actions, command.path, "action")
         if not action.harmless:
             self._need_manual(f"{action.path} can be called")
         arguments = action.converted(command.arguments)

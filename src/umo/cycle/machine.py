@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Coroutine
-from functools import partial
+from functools import cached_property, partial
 from time import monotonic_ns
 from typing import Any, NamedTuple, cast
 
@@ -19,7 +19,7 @@ from umo.cycle.stop_order import stop_sequence
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
 from umo.errors import DriverError
-from umo.objects import Compound, Node
+from umo.objects import Action, Compound, Node, Tunable, actions_of, tunables_of
 from umo.wiring.faults.wrapper import Injection
 
 INJECTED = "injected_faults"
@@ -72,6 +72,16 @@ class ConnectedMachine:
         for compound in self._compounds:
             compound._disconnect()
         self.image.disconnect()
+
+    @cached_property
+    def actions(self) -> dict[str, Action]:
+        """What may be called from outside, by path."""
+        return actions_of(self.root)
+
+    @cached_property
+    def tunables(self) -> dict[str, Tunable]:
+        """The numbers that may be changed from outside, by path."""
+        return tunables_of(self.root)
 
     @property
     def running(self) -> bool:

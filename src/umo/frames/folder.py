@@ -52,7 +52,7 @@ def rings() -> list[Path]:
         names = [name for name in os.listdir(place) if name.endswith(SUFFIX) and not name.startswith(".")]
     except OSError as error:
         raise FramesError(f"no folder for frames: {error}") from None
-    return [path for path in sorted((place / name for name in names), key=_age) if is_living(path)]
+    return [path for path in sorted((place / name for name in names), key=_made) if is_living(path)]
 
 
 def is_living(path: Path) -> bool:
@@ -98,8 +98,10 @@ def hold(file: int) -> None:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
-def _age(path: Path) -> float:
+def _made(path: Path) -> int:
+    """ns of CLOCK_MONOTONIC, from the name that `new_path` gave; 0 for another name. Hands write to the file: the times
+    that the file system keeps change."""
     try:
-        return path.lstat().st_ctime
-    except OSError:
-        return 0.0
+        return int(path.stem.rpartition("-")[2], 16)
+    except ValueError:
+        return 0

@@ -45,6 +45,8 @@ EVENT, MODE, TAKEN, DROPPED, LEASE = 104, 112, 120, 128, 136
 number of the lease, which is below 0 while its holder is being written."""
 HOLDER = 144
 """Offset of the text of who has the lease, UTF-8, `NAME` bytes; empty: nobody."""
+BELL = 208
+"""Offset of the only number that hands write, 8 bytes: of their last command in the queue (`umo.remote.queue`)."""
 DESCRIPTION = 256
 """Offset of the JSON."""
 NOTE = 64

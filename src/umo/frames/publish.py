@@ -11,13 +11,13 @@ from types import MappingProxyType
 from typing import Any
 
 from umo.cycle import connect
+from umo.cycle.machine import ConnectedMachine
 from umo.cycle.phases import Phases
 from umo.cycle.stage import Stage
 from umo.errors import FramesError
 from umo.frames.folder import new_path
 from umo.frames.layout import Layout, describe_objects, describe_signals
 from umo.frames.ring import Ring
-from umo.objects import actions_of, tunables_of
 
 
 @contextmanager
@@ -43,45 +43,52 @@ def published(
     """
     if connection.image.transfer.journal is not None:
         raise FramesError(f"{station} is already published; a connection can publish only one ring of frames")
-    about = {
-        "station": station,
-        "wiring": wiring,
-        "place": "" if place is None else str(place),
-        "options": dict(options),
-        "devices": connection.wired.devices,
-        "pid": os.getpid(),
-        "started": time.time(),
-        "started_monotonic": time.monotonic_ns(),
-        "period": connection.wired.period or 0.0,
-    }
-    if connection.wired.injection is not None:
-        about["injected_faults"] = list(connection.wired.injection.texts)
-    observers = connection.machine.observers
-    phases = Phases(connection.image, connection.wired.drivers)
+    machine = connection.machine
+    about = {"station": station, "wiring": wiring, "place": "" if place is None else str(place)}
+    phases = Phases(machine.image, connection.wired.drivers)
     try:
-        machine = connection.machine
-        tunables = list(tunables_of(machine.root).values())
-        layout = Layout(
-            describe_objects(machine.image.items),
-            tuple(phases.names),
-            about,
-            describe_signals(machine.frame.signals),
-            tuple(machine.commands.reasons),
-            tuple(each.describe() for each in actions_of(machine.root).values()),
-            tuple(each.describe() for each in tunables),
-        )
-        ring = Ring(machine, phases, layout, path or new_path(station), tunables=tunables)
+        layout = _layout(machine, phases, about | {"options": dict(options)} | _about(connection))
+        ring = Ring(machine, phases, layout, path or new_path(station), tunables=list(machine.tunables.values()))
         try:
             ring.state(Stage.RUNNING)
-            observers.append(ring)
+            machine.observers.append(ring)
             yield ring
         finally:
-            connection.machine.finish_period()  # a period that raised is one of the frames
-            if ring in observers:
-                observers.remove(ring)
-            ring.close()
+            _end(machine, ring)
             if path is None:
                 with suppress(OSError):  # then whoever looks next removes it
                     ring.path.unlink(missing_ok=True)
     finally:
         phases.remove()
+
+
+def _about(connection: connect[Any]) -> dict[str, Any]:
+    """What the frames tell of this run."""
+    wired = connection.wired
+    about = {
+        "devices": wired.devices,
+        "pid": os.getpid(),
+        "started": time.time(),
+        "started_monotonic": time.monotonic_ns(),
+        "period": wired.period or 0.0,
+    }
+    return about if wired.injection is None else about | {"injected_faults": list(wired.injection.texts)}
+
+
+def _layout(machine: ConnectedMachine, phases: Phases, about: dict[str, Any]) -> Layout:
+    return Layout(
+        describe_objects(machine.image.items),
+        tuple(phases.names),
+        about,
+        describe_signals(machine.frame.signals),
+        tuple(machine.commands.reasons),
+        tuple(each.describe() for each in machine.actions.values()),
+        tuple(each.describe() for each in machine.tunables.values()),
+    )
+
+
+def _end(machine: ConnectedMachine, ring: Ring) -> None:
+    machine.finish_period()  # a period that raised is one of the frames
+    if ring in machine.observers:
+        machine.observers.remove(ring)
+    ring.close()

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from umo.cycle.commands import FREE, IN_HAND
+from umo.cycle.commands import FREE, IN_HAND, reason_of_hand
 from umo.cycle.events import CommandState, Event
 from umo.cycle.hands import Mode
 from umo.cycle.stage import Stage
@@ -236,7 +236,7 @@ class Reader:
         state = int(frame["commands"][number])
         if state == FREE:
             return None
-        return f"taken by hand: {self.holder}" if state == IN_HAND else self.layout.interlocks[state - 1]
+        return reason_of_hand(self.holder) if state == IN_HAND else self.layout.interlocks[state - 1]
 
     # The journal ---------------------------------------------------------------------------------------
 

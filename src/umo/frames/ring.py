@@ -20,6 +20,7 @@ from umo.cycle.progress import Progress
 from umo.cycle.stage import Stage
 from umo.frames.file import make
 from umo.frames.layout import (
+    BELL,
     CHECKSUM,
     DESCRIPTION,
     DROPPED,
@@ -101,6 +102,8 @@ class Ring:
         self._words = self._bytes.cast(image.raws.format)  # numpy's own letter for int64, "l" or "q"
         self._numbers = self._bytes.cast("d")
         self._live = self._words[: DESCRIPTION // 8]
+        self.bell = self._live[BELL // 8 : BELL // 8 + 1]
+        """The number that hands write here (`umo.remote.queue`); until `close`."""
         self.usage = Usage()
         image.transfer.journal = self.journal = Journal()
 
@@ -218,7 +221,7 @@ class Ring:
         self.state(Stage.ENDED)
         self.usage.close()
         self.image.transfer.journal = None
-        for view in (self._live, self._words, self._numbers, self._bytes):
+        for view in (self.bell, self._live, self._words, self._numbers, self._bytes):
             view.release()
         self._map.close()
         os.close(self.file)

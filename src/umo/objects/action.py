@@ -6,6 +6,7 @@ import inspect
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
+from functools import cache
 from math import inf
 from typing import Any, Literal, TypeVar, get_args, get_origin, overload
 
@@ -157,27 +158,37 @@ def actions_of(root: Compound) -> dict[str, Action]:
 
 
 def _of(node: Compound) -> Iterator[Action]:
-    for name in dir(type(node)):
-        function = inspect.getattr_static(type(node), name, None)
-        mark = getattr(function, MARK, None)
-        if isinstance(mark, _Mark):
-            yield _action(node, name, mark)
+    for name, mark in _marks(type(node)).items():  # type: ignore[arg-type]
+        yield _action(node, name, mark)
+
+
+@cache
+def _marks(kind: type[Compound]) -> dict[str, _Mark]:
+    """What the decorator was given, by the names of the methods."""
+    found = ((name, getattr(inspect.getattr_static(kind, name, None), MARK, None)) for name in dir(kind))
+    return {name: mark for name, mark in found if isinstance(mark, _Mark)}
+
+
+@cache
+def _declared(kind: type[Compound], name: str) -> tuple[Mapping[str, inspect.Parameter], str]:
+    """The parameters of an action without `self`, and what its docstring says first."""
+    method = getattr(object.__new__(kind), name)
+    about = (inspect.getdoc(method) or "").partition("\n\n")[0].replace("\n", " ")
+    return inspect.signature(method, eval_str=True).parameters, about
 
 
 def _action(node: Compound, name: str, mark: _Mark) -> Action:
     path = f"{node.path}.{name}".lstrip(".")
-    bound = getattr(node, name)
     try:
-        signature = inspect.signature(bound, eval_str=True)
+        parameters, about = _declared(type(node), name)  # type: ignore[arg-type]
     except Exception as error:  # an annotation may be anything, such as a name for type checkers only
         raise DeclarationError(f"action {path}: its annotations cannot be evaluated: {error}") from None
-    arguments = tuple(_argument(node, path, each, mark.ranges) for each in signature.parameters.values())
+    arguments = tuple(_argument(node, path, each, mark.ranges) for each in parameters.values())
     names = [each.name for each in arguments]
     for given in (*mark.ranges, *(mark.release or ())):
         if given not in names:
             raise DeclarationError(f"action {path} has no argument {given!r}{did_you_mean(given, names)}")
-    help_ = (inspect.getdoc(bound) or "").partition("\n\n")[0].replace("\n", " ")
-    offered = Action(path, bound, arguments, mark.harmless, mark.release, help_)
+    offered = Action(path, getattr(node, name), arguments, mark.harmless, mark.release, about)
     if mark.release is not None:
         offered.converted(mark.release)
     return offered

@@ -148,7 +148,7 @@ class Control:
         with ExitStack() as stack:
             if ring is not None:
                 try:
-                    inbox = Receiver(ring.path.with_suffix(QUEUE))
+                    inbox = Receiver(ring.path.with_suffix(QUEUE), ring.bell, connection.wired.period or 0.0)
                     stack.callback(inbox.close)
                     machine.hands = Hands(machine, inbox, Mode.MANUAL if self._plan.job.manual else Mode.AUTOMATIC)
                 except FramesError as error:

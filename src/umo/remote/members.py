@@ -159,6 +159,23 @@ class RemoteObject:
         return f"<{self._entry['kind']} {self.path} = {shown} {self.quality}>"
 
 
+def call_action(
+    station: RemoteStation,
+    action: dict[str, Any],
+    given: dict[str, Any],
+    while_running: Callable[[], object] = lambda: None,
+) -> Any:
+    """Call an action, as described in the frames, and wait for its end; its result. One that lasts only as long as it
+    is kept up is kept up from now on, unless it is called as for its release."""
+    path, release = action["path"], action["release"]
+    (station.let_go if release in (None, given) else station.keep_up)(path)
+    try:
+        return station.ask("call", path, arguments=given, while_running=while_running)
+    except BaseException:
+        station.let_go(path)
+        raise
+
+
 def _caller(station: RemoteStation, action: dict[str, Any]) -> Callable[..., Any]:
     """A function that calls an action and waits for its end."""
     arguments = action["arguments"]
@@ -171,13 +188,7 @@ def _caller(station: RemoteStation, action: dict[str, Any]) -> Callable[..., Any
         except TypeError as error:
             raise RangeError(f"{path}: {error}") from None
         given = {name: getattr(value, "name", value) for name, value in given.items()}
-        held = action["release"] is not None and given != action["release"]
-        (station.keep_up if held else station.let_go)(path)
-        try:
-            return station.ask("call", path, arguments=given)
-        except BaseException:
-            station.let_go(path)
-            raise
+        return call_action(station, action, given)
 
     call.__name__ = call.__qualname__ = path.rpartition(".")[2]
     call.__doc__ = action["help"]

@@ -1,10 +1,14 @@
 """The queue of commands: a file in shared memory, beside the frames of a run. Hands write to it, the machine reads it.
 
-The machine reads with `pread` and maps nothing: whatever another process does to the file, even cutting it short, is
-at worst a command that is dropped. Hands take turns by a lock of the file, which the machine does not take.
+The machine reads with `pread` and does not map this file: whatever another process does to it, even cutting it short,
+is at worst a command that is dropped. Hands take turns by a lock of the file, which the machine does not take.
 
 Layout, little-endian: `HEADER`; at `HEAD` the number of commands written so far; from `FIRST` on `SLOTS` commands of
 `SLOT` bytes each: CRC-32 of all that follows, size of the text, number of the command (from 1), text (JSON, UTF-8).
+
+The machine reads the file only if the bell is not the number of commands that it has taken, and every `ANYWAY` s. The
+bell is a number among the live numbers of the frames, which the machine has mapped. A hand writes a command, then the
+head, then the bell. A wrong bell makes a command late by `ANYWAY`, or costs a look at the file in each period.
 """
 
 from __future__ import annotations
@@ -15,7 +19,7 @@ import struct
 import threading
 import time
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -24,7 +28,9 @@ from umo.cycle.hands import HandCommand
 from umo.errors import CommandRefused, FramesError
 from umo.frames import Reader
 from umo.frames.folder import QUEUE
+from umo.frames.layout import BELL
 from umo.system import folders
+from umo.text import text_of
 
 try:
     import fcntl
@@ -40,16 +46,24 @@ LONGEST = SLOT - ENTRY.size
 """Bytes of a command's text."""
 DROPS = 4
 """The most entries that are dropped at one look."""
+ANYWAY = 0.1
+"""s after which the machine reads the file whatever the bell says."""
 PATIENCE = 1.0
 """s that a hand waits for room in the queue, and for its turn."""
 PAUSE = 0.002
 
 
 class Receiver:
-    """The machine's end. It makes the file, which only this user can open."""
+    """The machine's end. It makes the file, which only this user can open.
 
-    def __init__(self, path: Path) -> None:
+    `bell` is that of the ring of frames. `period` is the time between two looks in s; 0: every look reads the file.
+    """
+
+    def __init__(self, path: Path, bell: Sequence[int], period: float = 0.0) -> None:
         self.path = path
+        self._bell = bell
+        self._every = max(1, round(ANYWAY / period)) if period else 1
+        self._looks = 0
         self.taken = 0
         self.dropped = 0
         flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOFOLLOW", 0)
@@ -63,6 +77,9 @@ class Receiver:
 
     def take(self) -> HandCommand | None:
         """The next command; None if there is none. Whatever is not a command is counted and dropped."""
+        self._looks += 1
+        if self._bell[0] == self.taken and self._looks % self._every:
+            return None
         head = os.pread(self._file, 8, HEAD)
         if head == self._seen and self.taken == self._head:
             return None
@@ -119,9 +136,13 @@ class Sender:
         except OSError as error:
             why = "it takes no commands" if isinstance(error, FileNotFoundError) else error.strerror
             raise FramesError(f"{reader.about['station']}: {why}") from None
-        if os.pread(self._file, HEADER.size, 0) != HEADER.pack(MAGIC, VERSION, SLOTS):
+        try:
+            if os.pread(self._file, HEADER.size, 0) != HEADER.pack(MAGIC, VERSION, SLOTS):
+                raise FramesError(f"{path} is not a queue of this version")
+            self._frames = folders.open_own(reader.path, write=True)
+        except (FramesError, OSError) as error:
             os.close(self._file)
-            raise FramesError(f"{path} is not a queue of this version")
+            raise FramesError(text_of(error)) from None
 
     def send(self, command: dict[str, Any]) -> int:
         """Its number. CommandRefused if the queue stays full: the machine does not take commands, or too many come."""
@@ -144,6 +165,7 @@ class Sender:
         entry = ENTRY.pack(_checksum(len(text), number, text), len(text), number) + text
         os.pwrite(self._file, entry, FIRST + head % SLOTS * SLOT)
         os.pwrite(self._file, number.to_bytes(8, "little"), HEAD)
+        os.pwrite(self._frames, number.to_bytes(8, "little"), BELL)
 
     @contextmanager
     def _turn(self, until: float) -> Iterator[None]:
@@ -162,6 +184,7 @@ class Sender:
             fcntl.flock(self._file, fcntl.LOCK_UN)
 
     def close(self) -> None:
+        os.close(self._frames)
         os.close(self._file)
 
 

@@ -1,0 +1,203 @@
+"""The commands for machines, wirings and drivers, and for making new ones."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .app import OF_THE_MACHINE, Acknowledge, StationName, Take, WiringName, app, finite, guarded
+
+command = partial(app.command, rich_help_panel="Machines, wirings, drivers")
+command_of_new = partial(app.command, rich_help_panel="New stations and drivers")
+
+
+@command(
+    epilog="Examples: umo check ztheta  |  umo check ztheta -w modbus  |  umo check furnace --zones 100",
+    context_settings=OF_THE_MACHINE,
+)
+def check(context: typer.Context, station: StationName, wiring: WiringName = None) -> None:
+    """Find every fault of a wiring, and wrong declarations of the machine, without touching hardware.
+
+    Options of the machine follow the station's name.
+    """
+    from umo.process.station import find
+
+    from .show import check_station
+
+    guarded(lambda: check_station(find(station), wiring, context.args))
+
+
+@command(
+    epilog="Examples: umo tree ztheta  |  umo tree ztheta z -w second_generation  |  umo tree furnace --zones 3 --all",
+    context_settings={"ignore_unknown_options": True},
+)
+def tree(
+    station: StationName,
+    words: Annotated[
+        list[str] | None, typer.Argument(metavar="[PATH]", help="An object or a list of the machine, such as z.")
+    ] = None,
+    wiring: WiringName = None,
+    everything: Annotated[bool, typer.Option("--all", help="Show every member of a list.")] = False,
+) -> None:
+    """Show the hierarchy of objects with units, ranges and wiring (the paper's Figure 4).
+
+    Three or more like members of a list are shown once: with the parts of the first, and the wires of the first and
+    the last. Members that differ are shown by themselves. Options of the machine follow the station's name.
+    """
+    from umo.process.station import find
+
+    from .tree import show_tree
+
+    guarded(lambda: show_tree(find(station), wiring, words or [], everything))
+
+
+@command(
+    epilog="Examples: umo get ztheta z.encoder  |  umo get ztheta z.encoder gripper.pressure --unit mm",
+    context_settings={"ignore_unknown_options": True},
+)
+def get(
+    station: StationName,
+    paths: Annotated[list[str], typer.Argument(metavar="PATH...", help="Objects, such as z.encoder.")],
+    wiring: WiringName = None,
+    unit: Annotated[str | None, typer.Option(help="Show digital values in this unit.")] = None,
+    acknowledge: Acknowledge = False,
+) -> None:
+    """Read objects by path: from the frames if the station is running; otherwise connect, read and reset.
+
+    Options of the machine follow the station's name.
+    """
+    from umo.process.station import find
+
+    from .hand import get_values
+
+    guarded(lambda: get_values(find(station), wiring, paths, unit, acknowledge))
+
+
+@command(
+    "set",
+    epilog="Examples: umo set ztheta gripper.vacuum ON --hold 2  |  umo set ztheta z.motor '500 mV' --hold 1",
+    context_settings=OF_THE_MACHINE,
+)
+def set_(
+    context: typer.Context,
+    station: StationName,
+    path: Annotated[str, typer.Argument(help="An actuator, such as gripper.vacuum.")],
+    value: Annotated[str, typer.Argument(help="A state (ON), a number, or a number with a unit ('80 mm').")],
+    wiring: WiringName = None,
+    hold: Annotated[
+        float | None, typer.Option(min=0.0, callback=finite, help="Hold time in s; default: until Ctrl-C.")
+    ] = None,
+    acknowledge: Acknowledge = False,
+    take: Take = False,
+) -> None:
+    """Connect, write and hold one actuator, show its value, then reset. No control code runs.
+
+    Options of the machine follow the value. Of a station that runs, the actuator is taken by hand; that needs its
+    manual mode (`umo mode`).
+    """
+    from umo.process.station import find
+
+    from .hand import set_value
+
+    guarded(lambda: set_value(find(station), wiring, path, value, hold, acknowledge, take, context.args))
+
+
+@command(
+    epilog="Examples: umo drivers  |  umo drivers modbus  |  umo drivers .card:Card  |  "
+    "umo drivers fmu --model tank.fmu",
+    context_settings=OF_THE_MACHINE,
+)
+def drivers(
+    context: typer.Context,
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[NAME]",
+            help="A driver: its name, module:Class, or .module:Class for a module of the station in this folder.",
+        ),
+    ] = None,
+) -> None:
+    """List the drivers, or describe one: its options, channels and functions.
+
+    Some drivers know their channels only with their options; give these after the name.
+    """
+    from .describe import show_driver, show_drivers
+
+    guarded(lambda: show_drivers() if name is None else show_driver(name, context.args))
+
+
+@command(
+    epilog="Examples: umo conform oven/wiring/modbus.toml  |  umo conform oven -w modbus --only coil:3 --yes  |  "
+    "umo conform oven -w bench --loopback dac:0=adc:0",
+    context_settings=OF_THE_MACHINE,
+)
+def conform(
+    context: typer.Context,
+    target: Annotated[
+        str, typer.Argument(metavar="WIRING|STATION", help="A wiring file of a station, or a station (with -w).")
+    ],
+    wiring: WiringName = None,
+    driver: Annotated[
+        str | None, typer.Option(metavar="NAME", help="The driver to test; default: the only one with hardware.")
+    ] = None,
+    loopback: Annotated[
+        list[str] | None,
+        typer.Option(metavar="OUT=IN", help="The input that reads the level of an output. Can be repeated."),
+    ] = None,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(metavar="CHANNEL", help="Use this channel or object, and no others. Can be repeated."),
+    ] = None,
+    refused: Annotated[
+        list[str] | None,
+        typer.Option(metavar="CHANNEL", help="A channel that the device refuses: its text. Can be repeated."),
+    ] = None,
+    tolerance: Annotated[
+        float, typer.Option(min=0.0, callback=finite, help="Of loop-backs, in the unit of the output.")
+    ] = 0.0,
+    cycles: Annotated[int, typer.Option(min=1, help="Transfers in the search for leaks.")] = 10_000,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="Write the certificate to this file.")
+    ] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Drive the outputs without asking.")] = False,
+    acknowledge: Acknowledge = False,
+) -> None:
+    """Prove that a driver keeps its contract, with its device. Exit status 1: it breaks a rule.
+
+    The outputs are driven over the ranges of their objects, after you have agreed to it; all go to their defaults at
+    the end. A driver with the options host and port, or serial, is also tested with a disturbed line to its device.
+    """
+    from .conform import Choice, conform_wiring
+
+    choice = Choice(driver, only or (), loopback or (), refused or (), tolerance, cycles, json_file, yes, acknowledge)
+    guarded(lambda: conform_wiring(target, wiring, choice, context.args))
+
+
+@command_of_new(epilog="Examples: umo new my-machine && umo run my-machine")
+def new(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="A new or empty folder.")],
+) -> None:
+    """Create a small working station with tests."""
+    from .new import make_station
+
+    guarded(lambda: make_station(directory))
+
+
+@command_of_new(
+    "new-driver",
+    epilog="Examples: umo new-driver my_card && pytest test_my_card.py",
+)
+def new_driver(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the module, such as my_card.")],
+) -> None:
+    """Create a driver with its tests in this folder: NAME.py and test_NAME.py.
+
+    The driver works at once, with a device in memory. Its tests run the conformance kit, which proves that a driver
+    keeps the contract. Replace the device in memory by the calls of the real one; the tests stay.
+    """
+    from .new import make_driver
+
+    guarded(lambda: make_driver(name, Path.cwd()))
