@@ -1,5 +1,5 @@
 """Makes the pictures of README and docs from runs of the stations; wants `.venv/bin/pip install -e '.[all,render]'`,
-and for that of the page the extra `page`, Playwright and Chromium."""
+and for those of page and notebook the extra `page`, Playwright and Chromium."""
 
 import shutil
 import subprocess
@@ -11,13 +11,16 @@ from pathlib import Path
 from PIL import Image
 
 import umo
-from umo.frames import published
+from umo.frames import Reader, published
+from umo.frames.frames_table import html_of_frames
 from umo.process.station import find
+from umo.remote.scope import Scope
 from umo.stations.ztheta.application import main
 from umo.stations.ztheta.objects import machine
 from umo.stations.ztheta.render import render
 
 HERE = Path(__file__).parent
+FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 
 
 def while_turning(take: Callable[[umo.connect], None]) -> None:
@@ -39,14 +42,29 @@ def photograph(connection: umo.connect) -> None:
     Image.fromarray(render(connection.driver("plant"), 960, 640)).save(HERE / "ztheta.png", optimize=True)
 
 
+def show_notebook(connection: umo.connect) -> None:
+    """A live table and a scope, without the notebook around them."""
+    from playwright.sync_api import sync_playwright
+
+    with umo.attach("ztheta") as station, sync_playwright() as playwright, Reader(station.reader.path) as reader:
+        table = html_of_frames(
+            reader, ["theta.encoder", "theta.step", "theta.error", "gripper.vacuum", "gripper.pressure"]
+        )
+        scope = Scope(reader, ["theta.encoder", "theta.error", "theta.step", "gripper.vacuum"], 2.0).draw({})
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
+        page = browser.new_page(viewport={"width": 760, "height": 100}, color_scheme="light")
+        page.set_content(f'<!doctype html><body style="font: 13px sans-serif">{table}<br>{scope}</body>')
+        page.screenshot(path=HERE / "notebook.png", full_page=True)
+        browser.close()
+
+
 def show_twin(connection: umo.connect) -> None:
     """The twin in the tab of the page."""
     from playwright.sync_api import sync_playwright
 
-    flags = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
     command = [sys.executable, "-c", "from umo.cli import main; main()", "view", "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server, sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=flags)
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
         page = browser.new_page(viewport={"width": 960, "height": 640}, color_scheme="light")
         page.goto(server.stdout.readline().strip())
         page.get_by_role("tab", name="Twin").click()
@@ -71,6 +89,7 @@ def plot(picture: str, *words: str) -> None:
 if __name__ == "__main__":
     while_turning(photograph)
     while_turning(show_twin)
+    while_turning(show_notebook)
     plot("run.png", "ztheta")
     plot("conveyor.png", "conveyor")
     plot("furnace.png", "furnace", "--zones", "8", "--faults", "broken-thermocouple:3")

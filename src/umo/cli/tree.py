@@ -11,6 +11,7 @@ from rich.tree import Tree
 from umo.drivers import Direction
 from umo.errors import PathError
 from umo.objects import Atomic, Compound, Digital, DigitalActuator, Node
+from umo.objects.families import FROM
 from umo.process.station import Station, StationError
 from umo.text import did_you_mean
 from umo.wiring import check
@@ -19,7 +20,6 @@ from umo.wiring.source import WiringSource, read
 from umo.wiring.wire_text import wire_of
 
 from .console import out
-from .folding import FROM
 from .show import label, reported
 from .station_options import machine_and_words
 

@@ -101,6 +101,8 @@ class Ring:
         self._words = self._bytes.cast(image.raws.format)  # numpy's own letter for int64, "l" or "q"
         self._numbers = self._bytes.cast("d")
         self._live = self._words[: DESCRIPTION // 8]
+        for number, tunable in enumerate(tunables):
+            self._numbers[(self._tunables_at >> 3) + number] = tunable.read()
         self.usage = Usage()
         image.transfer.journal = self.journal = Journal()
 

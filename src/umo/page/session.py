@@ -15,10 +15,10 @@ from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from umo.frames.reduction import measured
 from umo.page import forwarding
 from umo.page.feed import Feed
 from umo.page.live import MOST_WIDTH, BadRequest, Live, columns_of, number, packed, window
-from umo.page.reduction import measured
 from umo.page.watched import Watched
 
 MOST_LIVE = 16

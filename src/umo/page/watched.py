@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from umo.frames import Reader, Stage
+from umo.frames.history import History
 from umo.objects import Quality
-from umo.page.history import History
 from umo.page.words import wires
 from umo.text import printable
 

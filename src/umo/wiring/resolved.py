@@ -184,6 +184,11 @@ class Wired:
         """Every device of the machine."""
         return sorted({device for devices in self.hardware.values() for device in devices})
 
+    def text_of(self, wire: Wire) -> str:
+        """How an object is wired: `box:coil:3 inverted`. A timer that is paced stands in the place of its driver."""
+        name = next((name for name, driver in self.drivers.items() if driver is wire.driver), "timer")
+        return f"{name}:{wire.channel.text}{' inverted' * wire.inverted}"
+
     @property
     def timer_wire(self) -> Wire | None:
         """The timer on its channel."""
