@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import subprocess
 import sys
 import threading
 import time
@@ -306,6 +307,11 @@ def test_the_scope_has_a_lane_for_each_unit_and_a_bar_for_each_binary_object() -
         Table(html)  # every element is closed
 
 
+def test_the_scope_names_the_last_value_not_the_greatest_of_the_last_pixel() -> None:
+    with running(box=Scripted({"encoder": [*[200] * 15, 0]})) as (_, station):
+        assert "encoder  0 mm" in Scope(station.reader, ["encoder"], 60.0).draw({})
+
+
 def test_one_sample_is_seen_in_a_minute_of_others() -> None:
     m = bench()
     readings = [0] * 3000
@@ -426,6 +432,20 @@ def test_a_live_view_ends_when_the_notebook_is_gone(screen: Screen) -> None:
         table = station.live()
         screen.gone = True
         table.wait(20)
+
+
+def test_a_live_view_ends_with_the_program(tmp_path: Path) -> None:
+    (tmp_path / "IPython").mkdir()
+    (tmp_path / "IPython" / "__init__.py").write_text("get_ipython = object")
+    (tmp_path / "IPython" / "display.py").write_text(
+        "class Handle:\n    def update(self, data, *, raw): print(data['text/html'], flush=True)\n"
+        "def display(data, *, raw, display_id): return Handle()\n"
+    )
+    code = f"import sys\nsys.path.insert(0, {str(tmp_path)!r})\nimport umo\nview = umo.attach('press').live()"
+    with running():
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "view: stopped" in Table(done.stdout.splitlines()[-1]).heading
 
 
 def test_a_live_view_goes_on_when_the_station_was_detached_from(screen: Screen) -> None:

@@ -41,6 +41,7 @@ class LiveView:
         self.station = str(reader.about["station"])
         if reader.closed or reader.state is Stage.ENDED:
             raise FramesError(f"{self.station} has ended")
+        self._stopped = threading.Event()
         self._reader = Reader(reader.path)
         try:
             self._draw = make(self._reader)
@@ -48,10 +49,9 @@ class LiveView:
         except BaseException:
             self._reader.close()
             raise
-        self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._follow, name="umo live view", daemon=True)
-        self._thread.start()
         atexit.register(self.stop)
+        self._thread.start()
 
     @property
     def live(self) -> bool:
@@ -62,7 +62,6 @@ class LiveView:
         """The picture stays as it is."""
         self._stopped.set()
         self._thread.join()
-        atexit.unregister(self.stop)
 
     def wait(self, timeout: float | None = None) -> None:
         """Until the station has ended and its last picture is shown; TimeoutError after `timeout` s."""
@@ -76,14 +75,17 @@ class LiveView:
             while not self._stopped.wait(pause):
                 began = time.monotonic()
                 ended = self._reader.state is Stage.ENDED  # before the picture, which then has the last frame
-                self._show({})
+                self._handle.update(self._bundle(self._repr_html_()), raw=True)
                 if ended:
-                    return
+                    break
                 pause = max(1 / RATE, REST * (time.monotonic() - began))
-            self._show({"view": "stopped"})
+            else:
+                self._handle.update(self._bundle(self._repr_html_()), raw=True)
+        atexit.unregister(self.stop)
 
-    def _show(self, more: dict[str, str]) -> None:
-        self._handle.update(self._bundle(never_raises(self._draw)(more)), raw=True)
+    @never_raises
+    def _repr_html_(self) -> str:
+        return self._draw({"view": "stopped"} if self._stopped.is_set() else {})
 
     def _bundle(self, html: str) -> dict[str, str]:
         return {"text/html": html, "text/plain": repr(self)}

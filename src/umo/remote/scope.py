@@ -48,6 +48,8 @@ class Scope:
         self._period = float(reader.about["period"])
         self._history = History(len(self._places), self._period, seconds + 1.0)
         self._frame: Any = None
+        self._now: list[list[float]] = []
+        """The last value of each trace; no value before the first frame."""
         reader.next = max(reader.next, reader.head - reader.slots // 2)  # older ones may be written over while read
 
     def draw(self, more: Mapping[str, str]) -> str:
@@ -65,6 +67,7 @@ class Scope:
         stop = max(self._history.stop, self._seconds)
         start = stop - self._seconds
         times, values = self._history.between(start, stop, range(len(self._places)))
+        self._now = values[:, -1:].tolist()
         points = reduced(times, values, self._seconds / PIXELS, self._period)
         x = LEFT + (points.times - start) * (PIXELS / self._seconds)
         parts, height = [], 0.0
@@ -103,7 +106,7 @@ class Scope:
             parts.append(f'<path d="{path}" fill="none" {style} stroke-width="1.4" stroke-linecap="round"/>')
             place, line = LEFT + number % BESIDE * (PIXELS / BESIDE), LINE * (number // BESIDE) + 12
             parts.append(f'<path d="M{place:g} {line - 4}h24" {style} stroke-width="2.5"/>')
-            parts.append(_text(place + 30, line, self._said(row, points)))
+            parts.append(_text(place + 30, line, self._said(row)))
         return "".join([*parts, _text(4, 12, str(self._entries[lane[0]]["unit"]))])
 
     def _bar(self, lane: list[int], x: FloatArray, points: Points) -> str:
@@ -120,13 +123,13 @@ class Scope:
                     f'<rect x="{x[begin]:.1f}" y="4" width="{width:.1f}" height="{BAR - 7}" '
                     f'fill="{COLOURS[row % len(COLOURS)]}" opacity="{opacity}"/>'
                 )
-        return "".join([*parts, _text(LEFT + 4, BAR - 7, self._said(row, points))])
+        return "".join([*parts, _text(LEFT + 4, BAR - 7, self._said(row))])
 
-    def _said(self, row: int, points: Points) -> str:
+    def _said(self, row: int) -> str:
         """Its name, and its last value."""
         path = str(self._entries[row]["path"])
         name = path if len(path) <= LONGEST_NAME else f"...{path[3 - LONGEST_NAME :]}"
-        return f"{name}  {in_words(self._entries[row], points.high[row, -1:].tolist())}"
+        return f"{name}  {in_words(self._entries[row], self._now[row])}"
 
 
 def _span(low: FloatArray, high: FloatArray) -> tuple[float, float]:

@@ -185,8 +185,9 @@ class Wired:
         return sorted({device for devices in self.hardware.values() for device in devices})
 
     def text_of(self, wire: Wire) -> str:
-        """How an object is wired: `box:coil:3 inverted`. A timer that is paced stands in the place of its driver."""
-        name = next((name for name, driver in self.drivers.items() if driver is wire.driver), "timer")
+        """How an object is wired: `box:coil:3 inverted`."""
+        drivers = (wire.driver, getattr(wire.driver, "timer", None))  # a timer that is paced stands before its driver
+        name = next((name for name, driver in self.drivers.items() if any(driver is each for each in drivers)), "timer")
         return f"{name}:{wire.channel.text}{' inverted' * wire.inverted}"
 
     @property
