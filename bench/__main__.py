@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from bench import figures, forms, live, native, report, scan, zones
+from bench import figures, forms, live, native, open_page, report, scan, zones
 from bench.drivers import kernel
 from bench.drivers import table as drivers
 from bench.drivers.case import IN_KERNEL
@@ -45,6 +45,12 @@ def main() -> int:
         console.print(f"about {show.text(size.takes)}")
         console.print(report.target_grid(live.measure(size, console), live.TITLE))
         return 0
+    if options.page:
+        rounds, seconds = (3, 2.0) if options.quick else (20, 4.0)
+        console.print(f"about {show.text(4 * rounds * (seconds + open_page.SETTLE))}")
+        with live.folders():
+            console.print(report.target_grid(open_page.measure(rounds, seconds), open_page.TITLE))
+        return 0
     return _all(console, rounds, options)
 
 
@@ -54,6 +60,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures here too")
     alone = parser.add_mutually_exclusive_group()
     alone.add_argument("--live", action="store_true", help="the processes and frames alone: real time, some kills")
+    alone.add_argument("--page", action="store_true", help="the loop with the page of `umo view` open, and without")
     alone.add_argument(
         "--kills", action="store_true", help="kills and faults by the hundred against a box on libmodbus"
     )

@@ -46,7 +46,7 @@ def measure(size: Size, console: Console) -> list[Target]:
     """All of them. Linux only."""
     if not sys.platform.startswith("linux"):
         return []
-    with _folders():
+    with folders():
         found = []
         with console.status("publishing a frame"):
             found += _publishing(size.batches)
@@ -145,7 +145,7 @@ def _two(samples: Samples, what: str = "total") -> str:
 
 
 @contextmanager
-def _folders() -> Iterator[None]:
+def folders() -> Iterator[None]:
     """What umo keeps of these runs goes away with them."""
     names = ("UMO_STATE", "UMO_FRAMES")
     before = {name: os.environ.get(name) for name in names}

@@ -71,8 +71,8 @@ def _station(found: Loops) -> None:
         try:
             while started.outcome is None:
                 started.poll(ENOUGH)
-                _take(started.frames, found)
-            _take(started.frames, found)
+                take(started.frames, found)
+            take(started.frames, found)
         finally:
             for process in company:
                 process.kill()
@@ -80,7 +80,7 @@ def _station(found: Loops) -> None:
         found.lost += started.frames.lost
 
 
-def _take(reader: Reader, found: Loops) -> None:
+def take(reader: Reader, found: Loops) -> None:
     frames = reader.read()
     times = np.stack([frames["wake"], frames["execution"]], 1)
     times[frames["missed"] > 0] = -1

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
+import select
 import threading
 from collections import defaultdict, deque
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import pytest
 
@@ -33,30 +34,45 @@ REFUSED = ("holding:600", "input:600", "coil:5000")
 
 
 class Levels:
-    """The levels of the coils and holding registers of a device, from what it logs; a thread reads the log."""
+    """The levels of the coils and holding registers of a device, from what it logs before it answers. A thread reads
+    the log, so that it never fills the pipe."""
 
     def __init__(self, peer: Peer) -> None:
         self._pipe = peer._pipe
         self._levels: dict[tuple[str, int], deque[int]] = defaultdict(lambda: deque(maxlen=KEPT))
         self._lock = threading.Lock()
+        self._begun = b""
+        """A line of the log whose end has not come yet."""
         threading.Thread(target=self._read, daemon=True).start()
 
     def __call__(self, text: str) -> list[int]:
         """Of a channel with one cell, as Subject.levels has them."""
         table, address, *kind = text.split(":")
         with self._lock:
+            self._take()  # the thread may have had no turn yet
             kept = self._levels[table, int(address)] or deque([(coil if table == "coil" else holding)(int(address))])
             found = list(kept)
             self._levels[table, int(address)] = deque(found[-1:], maxlen=KEPT)
         return [raw - 65536 if kind == ["int16"] and raw > 32767 else raw for raw in found]
 
     def _read(self) -> None:
-        data = b""
-        while more := os.read(self._pipe, 65536):
-            *lines, data = (data + more).split(b"\n")
-            with self._lock:
-                for line in lines:
-                    self._note(line.decode().split())
+        with suppress(OSError, ValueError):  # the device has been stopped
+            while True:
+                select.select([self._pipe], [], [])
+                with self._lock:
+                    if self._take():
+                        return
+
+    def _take(self) -> bool:
+        """Note what is logged now; whether the log has ended."""
+        while select.select([self._pipe], [], [], 0)[0]:
+            more = os.read(self._pipe, 65536)
+            if not more:
+                return True
+            *lines, self._begun = (self._begun + more).split(b"\n")
+            for line in lines:
+                self._note(line.decode().split())
+        return False
 
     def _note(self, words: list[str]) -> None:
         if words[:1] != ["request"]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -82,6 +84,18 @@ def serving(port: int = 0, **options: Any) -> Iterator[Served]:
         listening.close()
 
 
+@contextmanager
+def viewing(*words: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """`umo view` in a process of its own, and the address that it prints."""
+    command = [sys.executable, "-c", "from umo.cli import main; main()", "view", "--port", "0", *words]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            yield process, process.stdout.readline().strip()
+        finally:
+            process.kill()
+
+
 class Client:
     """A page without a browser: a websocket."""
 
@@ -109,7 +123,7 @@ class Client:
 def opened(url: str, **options: Any) -> Iterator[Client]:
     from websockets.sync.client import connect as open_socket
 
-    with open_socket(url, open_timeout=PATIENCE, **options) as socket:
+    with open_socket(url, open_timeout=PATIENCE, max_queue=None, **options) as socket:
         yield Client(socket)
 
 

@@ -116,15 +116,6 @@ def test_a_message_without_meaning_is_answered_and_the_page_goes_on(client: Clie
         client.get("state")
 
 
-def test_a_command_is_refused_as_read_only(client: Client) -> None:
-    with running():
-        client.get("description")
-        client.send(type="command", id=4, path="motor", value=1)
-        answer = client.get("answer")
-        assert (answer["id"], answer["state"]) == (4, "refused")
-        assert "read-only" in answer["text"]
-
-
 def test_a_value_of_bad_quality_is_no_value_in_the_history() -> None:
     frames = np.zeros(2, [("values", "f8", 2), ("quality", "u1", 2), ("signals", "f8", 1)])
     frames["values"] = 7.0

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import os
+import shutil
 import signal
+import ssl
 import subprocess
-import sys
 import urllib.request
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from typer.testing import Result
+
+from .conftest import viewing
 
 Umo = Callable[..., Result]
 
@@ -54,18 +56,35 @@ def test_without_its_libraries_it_says_what_to_install(umo: Umo, monkeypatch: py
     assert 'pip install "umo[page]"' in refused(umo("view"))
 
 
-def test_the_address_that_it_prints_opens_the_page_until_ctrl_c(tmp_path: Path) -> None:
-    command = [sys.executable, "-c", "from umo.cli import main; main()", "view", "--port", "0"]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ
-    ) as process:
-        try:
-            assert process.stdout is not None
-            address = process.stdout.readline().strip()
-            with urllib.request.urlopen(address, timeout=20) as response:
-                assert b"<title>umo</title>" in response.read()
-            process.send_signal(signal.SIGINT)
-            _, error = process.communicate(timeout=20)
-            assert "Traceback" not in error
-        finally:
-            process.kill()
+def test_the_address_that_it_prints_opens_the_page_until_ctrl_c() -> None:
+    with viewing() as (process, address):
+        with urllib.request.urlopen(address, timeout=20) as response:
+            assert b"<title>umo</title>" in response.read()
+        process.send_signal(signal.SIGINT)
+        _, error = process.communicate(timeout=20)
+        assert "Traceback" not in error
+
+
+def test_with_a_certificate_the_page_is_served_by_tls_only(tmp_path: Path) -> None:
+    if shutil.which("openssl") is None:
+        pytest.skip("a certificate for the test needs openssl")
+    key, certificate = tmp_path / "key.pem", tmp_path / "certificate.pem"
+    subprocess.run(
+        ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-days", "1",
+         "-subj", "/CN=localhost", "-addext", "subjectAltName=IP:127.0.0.1", "-keyout", key, "-out", certificate],
+        check=True, capture_output=True,
+    )  # fmt: skip
+    with viewing("--certificate", str(certificate), "--key", str(key)) as (_, address):
+        assert address.startswith("https://127.0.0.1:")
+        trust = ssl.create_default_context(cafile=str(certificate))
+        with urllib.request.urlopen(address, timeout=20, context=trust) as response:
+            assert b"<title>umo</title>" in response.read()
+            assert "Secure" in response.headers["set-cookie"]
+        with pytest.raises(OSError):
+            urllib.request.urlopen(address.replace("https", "http"), timeout=20)
+
+
+def test_a_file_that_is_not_a_certificate_is_refused(umo: Umo, tmp_path: Path) -> None:
+    file = tmp_path / "a.pem"
+    file.write_text("no certificate")
+    assert "a.pem" in refused(umo("view", "--port", "0", "--certificate", str(file), "--key", str(file)))

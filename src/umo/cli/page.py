@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import socket
+import ssl
 import webbrowser
 from dataclasses import dataclass
 from html import escape
@@ -88,6 +89,12 @@ def _check(choice: ViewOptions, local: bool) -> None:
         raise PageError("TLS needs both --certificate and --key")
     for file in filter(None, (choice.certificate, choice.key)):
         file.open("rb").close()  # OSError names it
+    if choice.certificate is not None:
+        try:
+            ssl.create_default_context(ssl.Purpose.CLIENT_AUTH).load_cert_chain(choice.certificate, choice.key)
+        except ssl.SSLError as error:
+            reason = error.reason or error
+            raise PageError(f"{choice.certificate}, {choice.key}: no certificate and its key (PEM): {reason}") from None
 
 
 def _station(choice: ViewOptions) -> str | None:
@@ -96,16 +103,16 @@ def _station(choice: ViewOptions) -> str | None:
         if choice.wiring is not None:
             raise PageError("--wiring belongs to a station: give its name or folder first")
         return None
-    from umo.page import words
+    from umo.page import run_facts
 
     name = station_name(choice.station)
     running = [str(reader.about["station"]) for reader in readers()]
     try:
         station = find(choice.station)
-        words.given[name] = station
+        run_facts.given[name] = station
         station.wiring(choice.wiring)
         if choice.wiring is not None:
-            words.wirings[name] = choice.wiring
+            run_facts.wirings[name] = choice.wiring
     except StationError as error:
         if name not in running:
             near = did_you_mean(name, running)

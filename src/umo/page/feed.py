@@ -9,8 +9,8 @@ from pathlib import Path
 
 from umo.errors import FramesError
 from umo.frames import Reader, rings
+from umo.page.run_facts import box_in_words, newest_box
 from umo.page.watched import Watched
-from umo.page.words import box_in_words, newest_box
 
 RATE = 30.0
 """Looks at the rings a second while a page is open."""

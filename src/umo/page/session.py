@@ -1,7 +1,8 @@
 """One open page: its websocket, what it has subscribed to, and what it asks for.
 
 From the page, JSON: `watch` (name of a run), `live` (id, paths, span, width, trigger), `stop` (id), `window` (id,
-paths, start, stop, width; 0: every sample), `measure` (id, paths, start, stop), `command`.
+paths, start, stop, width; 0: every sample), `measure` (id, paths, start, stop), `command` (id, do, path, value,
+arguments, over, who), `touch` (held).
 To the page, JSON: `server`, `stations`, `description`, `state`, `measured`, `answer`, `error`; binary: points
 (`umo.page.live.packed`).
 """
@@ -15,14 +16,18 @@ from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from umo.errors import FramesError
 from umo.frames.reduction import measured
-from umo.page import forwarding
 from umo.page.feed import Feed
 from umo.page.live import MOST_WIDTH, BadRequest, Live, columns_of, number, packed, window
+from umo.page.page_hand import PageHand
 from umo.page.watched import Watched
 
 MOST_LIVE = 16
 """Subscriptions of one page."""
+MOST_HELD = 32
+"""Paths that a page holds at once."""
+READ_ONLY = "this page is read-only"
 
 
 class Session:
@@ -39,6 +44,8 @@ class Session:
         """Number of the state that was sent last."""
         self._stations = ""
         self._sending = asyncio.Lock()
+        self._hand: PageHand | None = None
+        self._keeping: asyncio.Task[None] | None = None
 
     async def run(self) -> None:
         """Until the page is closed."""
@@ -51,6 +58,7 @@ class Session:
             pass
         finally:
             self._feed.pages -= 1
+            await self._drop_hand()
             sending.cancel()
             with suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
                 await sending
@@ -120,8 +128,10 @@ class Session:
         if kind == "watch":
             self._watch(message.get("name"))
         elif kind == "command":
-            answer = await forwarding.carry_out(message, watched, bool(self._server.get("hands")))
-            await self._tell(answer | {"type": "answer", "id": message.get("id")})
+            await (await self._hand_on(watched)).carry_out(message)
+        elif kind == "touch":
+            if self._hand is not None:
+                self._hand.touch(_held(message))
         elif kind == "stop":
             self._live.pop(_key(message), None)
         elif watched is None:
@@ -139,6 +149,30 @@ class Session:
             await self._tell({"type": "measured", "id": message.get("id"), "values": found})
         else:
             raise BadRequest(f"no message {kind!r}")
+
+    async def _hand_on(self, watched: Watched | None) -> PageHand:
+        """The hand of this page on the run that it shows; made for its first command."""
+        if not self._server.get("hands"):
+            raise BadRequest(READ_ONLY)
+        if watched is None:
+            raise BadRequest("no station is chosen")
+        if self._hand is None or self._hand.watched is not watched:
+            await self._drop_hand()
+            try:
+                self._hand = PageHand(watched, self._feed, self._address(), self._tell)
+            except FramesError as error:
+                raise BadRequest(str(error)) from None
+            self._keeping = asyncio.create_task(self._hand.keep())
+        return self._hand
+
+    async def _drop_hand(self) -> None:
+        hand, self._hand = self._hand, None
+        if hand is not None and self._keeping is not None:
+            self._keeping.cancel()
+            await hand.close()
+
+    def _address(self) -> str:
+        return self._socket.client.host if self._socket.client else "unknown"
 
     def _watch(self, name: Any) -> None:
         if name is not None and not isinstance(name, str):
@@ -158,6 +192,13 @@ def _key(message: dict[str, Any]) -> int:
     if not isinstance(key, int):
         raise BadRequest("id must be a whole number")
     return key
+
+
+def _held(message: dict[str, Any]) -> list[str]:
+    held = message.get("held")
+    if not isinstance(held, list) or len(held) > MOST_HELD or not all(isinstance(path, str) for path in held):
+        raise BadRequest(f"held must be up to {MOST_HELD} paths")
+    return held
 
 
 def _stretch(watched: Watched, message: dict[str, Any]) -> tuple[list[int], float, float]:

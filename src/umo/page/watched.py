@@ -12,7 +12,7 @@ import numpy as np
 from umo.frames import Reader, Stage
 from umo.frames.history import History
 from umo.objects import Quality
-from umo.page.words import wires
+from umo.page.run_facts import wires
 from umo.text import printable
 
 OF_THE_RING = ("actions", "tunables", "interlocks")
@@ -136,7 +136,8 @@ class Watched:
             told["inhibited"] = {reader.paths[slot]: reader.inhibited(frame, slot) for slot in taken}
         if reader.mode is not None:
             tuned = {path: value if np.isfinite(value) else None for path, value in reader.tunables().items()}
-            told |= {"mode": str(reader.mode), "lease": {"holder": reader.holder}, "tuned": tuned}
+            told |= {"mode": str(reader.mode), "tuned": tuned}
+            told["lease"] = dict(zip(("number", "holder"), reader.lease, strict=True))
         return told
 
     def _events(self) -> list[dict[str, Any]]:

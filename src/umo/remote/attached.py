@@ -18,16 +18,15 @@ from umo.cycle.events import CommandState, Event
 from umo.cycle.hands import HOLD
 from umo.cycle.progress import Progress
 from umo.cycle.stage import Stage
-from umo.errors import CommandRefused, FramesError, TaskFailed, UmoError
+from umo.errors import FramesError, TaskFailed, UmoError
 from umo.frames import Reader
+from umo.remote.answers import Answers
 from umo.remote.held_lease import HeldLease
 from umo.remote.live_view import LiveView, live_scope, live_table
 from umo.remote.members import RemotePart, Tree
 from umo.remote.queue import Sender
 from umo.remote.search import find_running
 
-ANSWER = 5.0
-"""s within which the machine takes a command, at a period below 1 s."""
 LOOK = 0.002
 """s between two looks for an answer."""
 
@@ -147,37 +146,20 @@ class RemoteStation(RemotePart):
         """Send a command and wait for its end; its result. The machine's errors are raised here. Ctrl-C cancels the
         command."""
         start = self.reader.next_event
-        number = self.send(do, path, **more)
+        answers = Answers(self.reader, self.send(do, path, **more), start)
         try:
-            for event in self._answers(number, start, while_running):
-                if event.state is CommandState.DONE:
-                    return json.loads(event.text) if event.text else None
-                if event.state is not CommandState.BEGUN:
-                    raise _raised(event)
+            while (event := answers.end()) is None:
+                if answers.begun:
+                    while_running()
+                time.sleep(LOOK)
         except KeyboardInterrupt:
             if do == "call":
                 with suppress(UmoError):
                     self.send("cancel", path)
             raise
-        raise FramesError(f"{self.reader.about['station']} has ended before it answered")
-
-    def _answers(self, number: int, start: int, while_running: Callable[[], object]) -> Iterator[Event]:
-        until = time.monotonic() + max(ANSWER, 5 * self.reader.about["period"])
-        begun = False
-        while True:
-            running = self.running
-            for each in self.reader.events(start):
-                start = each.number + 1
-                if each.event.command == number:
-                    begun = True
-                    yield each.event
-            if not running:
-                return
-            if not begun and time.monotonic() > until:
-                raise CommandRefused(f"the machine has not answered within {ANSWER:g} s")
-            if begun:
-                while_running()
-            time.sleep(LOOK)
+        if event.state is not CommandState.DONE:
+            raise _raised(event)
+        return json.loads(event.text) if event.text else None
 
     def keep_up(self, path: str, lasts: float = HOLD) -> None:
         """What is written or jogged lasts as long as the lease."""
@@ -232,9 +214,13 @@ def _kinds(base: type[UmoError]) -> Iterator[type[UmoError]]:
 
 
 def _myself() -> str:
-    try:
-        user = getpass.getuser()
-    except (OSError, KeyError, ImportError):
-        user = "somebody"
     program = os.path.basename(sys.argv[0]) if sys.argv and sys.argv[0] else "python"
-    return f"{user}, {program} (pid {os.getpid()})"
+    return f"{user()}, {program} (pid {os.getpid()})"
+
+
+def user() -> str:
+    """The name of this user."""
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError, ImportError):
+        return "somebody"

@@ -2,12 +2,18 @@
 
 import { address, el, setText } from "./dom.js";
 import { Feed } from "./feed.js";
+import { Hand, words } from "./hand.js";
 
-const VIEWS = { scope: () => import("./scope.js"), machine: () => import("./machine.js"), twin: () => import("./twin.js") };
+const VIEWS = {
+  scope: () => import("./scope.js"), machine: () => import("./machine.js"),
+  twin: () => import("./twin.js"), hands: () => import("./hands.js"),
+};
 const feed = new Feed();
+const hand = new Hand(feed);
 const main = document.querySelector("#view");
 const notice = document.querySelector("#notice");
 const summary = document.querySelector("#summary");
+const stop = document.querySelector("#stop");
 let mounted = null;  // {name, run, module}
 let asked = 0;
 let lastRun = null;
@@ -32,7 +38,7 @@ async function show() {
   const element = el("section", { className: name, "aria-label": name });
   main.replaceChildren(element);
   mounted = { name, run: feed.run, module };
-  module.mount(element, feed);
+  module.mount(element, feed, hand);
 }
 
 /** The list of running stations, and what to type if there is none. */
@@ -74,14 +80,14 @@ function announce(text) {
 }
 
 function onState() {
-  const { progress, missed, mode, lease } = feed.state;
+  const { progress, missed, mode } = feed.state;
   const [text = "", done = 0, total = 0] = progress ?? [];
   const parts = [feed.station, text + (total ? `, ${done} of ${total}` : ""), `missed ${missed}`];
   if (mode) parts.push(mode);
-  const holder = lease && (lease.holder ?? lease);
-  if (typeof holder === "string" && holder) parts.push(`lease: ${holder}`);
+  if (hand.holder) parts.push(`lease: ${hand.leased ? "you" : hand.holder}`);
   setText(summary, parts.filter(Boolean).join(" · "));
   document.title = `${feed.station} · umo`;
+  stop.hidden = !hand.possible || feed.state.stage === "ended";
   say();
 }
 
@@ -98,7 +104,10 @@ feed.on("description", () => {
   if (feed.description) {
     if (lastRun?.name === feed.station && lastRun.run !== feed.run) announce(`${feed.station} has started again.`);
     lastRun = { name: feed.station, run: feed.run };
-  } else setText(summary, "");
+  } else {
+    setText(summary, "");
+    stop.hidden = true;
+  }
   show();
 });
 
@@ -112,6 +121,10 @@ document.querySelector("#home").onclick = (event) => {
   event.preventDefault();
   address.set({ station: null, traces: null });
   feed.watch("");
+};
+stop.onclick = async () => {
+  const answer = await hand.ask({ do: "stop" }, `stop ${feed.station}`);
+  if (answer.state !== "done") announce(words(hand.asked[0]));
 };
 document.querySelector("#theme").onclick = () => {
   const dark = getComputedStyle(document.documentElement).colorScheme.includes("dark");

@@ -112,6 +112,10 @@ export class Feed {
   _answer(message, failed = false) {
     const waiting = this._waiting.get(message.id);
     if (!waiting) return false;
+    if (message.state === "begun") {
+      waiting.onBegun(message);
+      return true;
+    }
     this._waiting.delete(message.id);
     if (failed) waiting.reject(new Error(message.text));
     else waiting.resolve(message);
@@ -173,8 +177,14 @@ export class Feed {
   /** Minimum, maximum, mean, rms and frequency of all samples between two times. */
   measure(request) { return this._ask({ type: "measure", ...request }); }
 
-  /** A command for the station; the answer in the machine's words. */
-  command(message) { return this._ask({ ...message, type: "command" }); }
+  /**
+   * A command for the station. @returns {Promise<{state: string, text: string}>} its end, in the machine's words.
+   * @param {(answer: object) => void} [onBegun] Called when a long action has begun.
+   */
+  command(message, onBegun = () => {}) { return this._ask({ ...message, type: "command" }, onBegun); }
+
+  /** Tell that this page is there, and what it holds. @param {string[]} held */
+  touch(held) { this._send({ type: "touch", held }); }
 
   /** A GET from this server as JSON; Error with the status otherwise. */
   async json(path) {
@@ -183,11 +193,11 @@ export class Feed {
     return response.json();
   }
 
-  _ask(message) {
+  _ask(message, onBegun) {
     if (!this.connected) return Promise.reject(new Error("there is no connection to the server"));
     const id = ++this._id;
     return new Promise((resolve, reject) => {
-      this._waiting.set(id, { resolve, reject });
+      this._waiting.set(id, { resolve, reject, onBegun });
       this._send({ ...message, id });
     });
   }

@@ -1,0 +1,136 @@
+"""The hand of an open page: its commands, its lease, and what it keeps up while it is there.
+
+A page shows that it is there by touching: for each state that it gets it tells what it holds. Without a touch what it
+holds is let go of, and later its lease ends. When the page is closed, both happen at once.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import time
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from typing import Any
+
+from starlette.websockets import WebSocketDisconnect
+
+from umo.cycle.events import CommandState
+from umo.cycle.hands import HOLD
+from umo.errors import CommandRefused, FramesError
+from umo.frames import Reader
+from umo.page.feed import Feed
+from umo.page.watched import Watched
+from umo.remote import RemoteStation
+from umo.remote.answers import Answers
+from umo.remote.attached import user
+from umo.text import printable
+
+LEASE = 2.0
+"""s for which the machine gives the lease; it is renewed as long as the page touches."""
+TOUCH = 0.4
+"""s after the last touch for which a page still holds what it held."""
+OFTEN = HOLD / 5
+"""s from one renewal to the next."""
+NAME = 40
+"""The most characters of the name that a page gives."""
+TAKEN = ("path", "value", "arguments", "over")
+"""What is taken from a page's command besides `do`; the rest is this module's."""
+Tell = Callable[[dict[str, Any]], Awaitable[None]]
+
+
+class PageHand:
+    """Of one page, for one run. `client` is the page's address; `tell` sends a message to the page. FramesError if the
+    run has ended."""
+
+    def __init__(self, watched: Watched, feed: Feed, client: str, tell: Tell) -> None:
+        self.watched = watched
+        self._feed = feed
+        self._client = client
+        self._tell = tell
+        self._who = self._named("")
+        self._key = secrets.token_hex(8)
+        self._reader = Reader(watched.path)
+        self._station = RemoteStation(self._reader)
+        self._held: list[str] = []
+        self._touched = 0.0
+        self._leased = 0
+        """The number of the lease that this page took; 0: none."""
+        self._following: set[asyncio.Task[None]] = set()
+
+    def _named(self, name: str) -> str:
+        given = printable(" ".join(name.split()))[:NAME]
+        return f"{given or user()} (page, {self._client})"
+
+    # Commands ------------------------------------------------------------------------------------------
+
+    async def carry_out(self, message: dict[str, Any]) -> None:
+        """Send a command of the page. Its answers are told when they come: `begun` for a long action, then its end."""
+        more = {name: message[name] for name in TAKEN if name in message}
+        if message.get("do") == "lease":
+            self._who, more["seconds"] = self._named(str(message.get("who", ""))), LEASE
+        start = self._reader.next_event
+        try:
+            number = await self._send(str(message.get("do")), **more)
+        except (CommandRefused, FramesError) as error:
+            await self._answer(message, CommandState.REFUSED, str(error))
+            return
+        task = asyncio.create_task(self._follow(message, Answers(self._reader, number, start)))
+        self._following.add(task)
+        task.add_done_callback(self._following.discard)
+
+    async def _send(self, do: str, **more: Any) -> int:
+        """In a thread: the queue may be full, or it is another hand's turn."""
+        return await asyncio.to_thread(self._station.send, do, key=self._key, who=self._who, **more)
+
+    async def _follow(self, message: dict[str, Any], answers: Answers) -> None:
+        state = CommandState.BEGUN
+        try:
+            while state is CommandState.BEGUN:
+                for event in answers.new():
+                    state = event.state
+                    more = self._take_lease() if (message["do"], state) == ("lease", CommandState.DONE) else {}
+                    await self._answer(message, state, event.text, **more)
+                await self._feed.looked()
+        except (CommandRefused, FramesError) as error:
+            await self._answer(message, CommandState.FAILED, str(error))
+
+    def _take_lease(self) -> dict[str, int]:
+        self._leased, _ = self._reader.lease
+        self.touch([])
+        return {"lease": self._leased}
+
+    async def _answer(self, message: dict[str, Any], state: CommandState, text: str, **more: Any) -> None:
+        about = {"type": "answer", "id": message.get("id"), "state": str(state), "text": text}
+        with suppress(WebSocketDisconnect, RuntimeError):  # the page is closed
+            await self._tell(about | more)
+
+    # The lease -----------------------------------------------------------------------------------------
+
+    def touch(self, held: list[str]) -> None:
+        """The page is there, and holds these paths."""
+        self._touched = time.monotonic()
+        self._held = held
+
+    @property
+    def _has_lease(self) -> bool:
+        number, holder = self._reader.lease
+        return bool(self._leased and holder) and number == self._leased
+
+    async def keep(self) -> None:
+        """Renew the lease, and keep up what the page holds, as long as it touches. Until cancelled."""
+        while True:
+            silent = time.monotonic() - self._touched
+            if silent < LEASE and self._has_lease:
+                with suppress(CommandRefused, FramesError, OSError):
+                    await self._send("keep", held=self._held if silent < TOUCH else [])
+            await asyncio.sleep(OFTEN)
+
+    async def close(self) -> None:
+        """The page is closed: the lease is given back, and the machine lets go of what it held."""
+        for task in list(self._following):
+            task.cancel()
+        if self._has_lease:
+            with suppress(CommandRefused, FramesError, OSError):
+                await self._send("give back")
+        self._station.close()

@@ -1,0 +1,110 @@
+/** The hand of this page: its lease, what it holds, and what it has asked for. */
+
+const KEPT = 30;  // commands that are remembered
+const ENDS = ["done", "refused", "failed", "cancelled"];
+
+export class Hand {
+  /** @param {import("./feed.js").Feed} feed */
+  constructor(feed) {
+    this.feed = feed;
+    /** @type {{what: string, path: string, do: string, state: string, text: string}[]} The newest first. */
+    this.asked = [];
+    this._held = new Map();  // path -> what to do when it is lost
+    this._number = null;
+    this._listeners = new Set();
+    feed.on("state", () => this._onState());
+    feed.on("connection", () => this._lost());
+    feed.on("description", () => this._lost());
+    for (const event of ["pagehide", "blur"]) window.addEventListener(event, () => this.letGoOfJogs());
+    document.addEventListener("visibilitychange", () => document.hidden && this.letGoOfJogs());
+  }
+
+  /** Whether pages of this server may command, and the station takes commands. */
+  get possible() { return Boolean(this.feed.server?.hands && this.feed.state?.mode); }
+
+  get holder() { return this.feed.state?.lease?.holder ?? ""; }
+
+  /** Whether this page has the lease. */
+  get leased() {
+    return this._number !== null && this.feed.connected && Boolean(this.holder) && this.feed.state.lease.number === this._number;
+  }
+
+  get manual() { return this.feed.state?.mode === "manual"; }
+
+  async take(who, over) {
+    const answer = await this.ask({ do: "lease", who, over }, over ? "take the lease over" : "take the lease");
+    if (answer.state === "done") this._number = answer.lease;
+    this._changed();
+  }
+
+  async giveBack() {
+    await this.ask({ do: "give back" }, "give the lease back");
+    this._lost();
+  }
+
+  /** Send a command and remember its answer, which is never an exception. */
+  async ask(message, what = "") {
+    const entry = { what: what || [message.do, message.path].filter(Boolean).join(" "), path: message.path ?? "", do: message.do, state: "sent", text: "" };
+    this.asked = [entry, ...this.asked].slice(0, KEPT);
+    this._changed();
+    let answer;
+    try {
+      answer = await this.feed.command(message, () => { entry.state = "begun"; this._changed(); });
+      if (!ENDS.includes(answer.state)) answer = { state: "failed", text: `unknown answer ${answer.state}` };
+    } catch (error) {
+      answer = { state: "refused", text: error.message };
+    }
+    Object.assign(entry, { state: answer.state, text: answer.text ?? "" });
+    this._changed();
+    return answer;
+  }
+
+  /** Keep a path up from now on. `jog`: it ends too when the window loses the focus. */
+  hold(path, { jog = null, lost = () => {} } = {}) { this._held.set(path, { jog, lost }); }
+
+  letGo(path) { this._held.delete(path); }
+
+  holds(path) { return this._held.has(path); }
+
+  letGoOfJogs() { for (const { jog } of [...this._held.values()]) jog?.(); }
+
+  _onState() {
+    const { number, holder } = this.feed.state.lease ?? {};
+    if (this.leased) this.feed.touch([...this._held.keys()]);
+    else if (this._number !== null && (number > this._number || (number === this._number && !holder))) this._lost();
+    this._changed();
+  }
+
+  /** The lease is another's or nobody's: the machine has let go of everything. */
+  _lost() {
+    this._number = null;
+    const held = [...this._held.values()];
+    this._held.clear();
+    for (const { lost } of held) lost();
+    this._changed();
+  }
+
+  /** Call a listener when the lease, the mode or an answer has changed; the result ends that. */
+  on(listener) {
+    this._listeners.add(listener);
+    return () => this._listeners.delete(listener);
+  }
+
+  _changed() { for (const listener of [...this._listeners]) listener(); }
+}
+
+/** An answer in words. */
+export function words({ what, state, text }) {
+  const plain = state === "done" && text ? unquoted(text) : text.replace(/^[A-Z]\w+: /, "");
+  return [what, state === "sent" ? "…" : state, plain].filter(Boolean).join(": ");
+}
+
+/** A result, which comes as JSON. */
+function unquoted(text) {
+  try {
+    const value = JSON.parse(text);
+    return typeof value === "string" ? value : text;
+  } catch {
+    return text;
+  }
+}

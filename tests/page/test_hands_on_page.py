@@ -1,0 +1,307 @@
+"""Commands of a page: its lease, what it holds, and what the machine answers; by websocket and in a real browser."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import umo
+from patient import conveyor
+from umo.process.start import LINUX
+
+from .conftest import Client, Served, eventually, opened, running, serving, viewing
+
+pytestmark = pytest.mark.skipif(not LINUX, reason="machines run in other processes on Linux only")
+
+
+@contextmanager
+def started(folder: Path) -> Iterator[umo.RemoteStation]:
+    """The conveyor in manual mode, attached to."""
+    with umo.start("conveyor", conveyor(folder), manual=True, realtime=True) as process:
+        eventually(lambda: process.stage.name == "RUNNING")
+        with umo.attach(process.pid) as station:
+            eventually(lambda: station.reader.head > 5)
+            yield station
+
+
+@pytest.fixture(scope="module")
+def lasting(tmp_path_factory: pytest.TempPathFactory) -> Iterator[umo.RemoteStation]:
+    """One run for all tests that do not end it."""
+    folder = tmp_path_factory.mktemp("conveyor")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("UMO_FRAMES", str(folder / "frames"))
+        patch.setenv("UMO_STATE", str(folder / "state"))
+        with started(folder) as station:
+            yield station
+
+
+@pytest.fixture
+def station(lasting: umo.RemoteStation, monkeypatch: pytest.MonkeyPatch) -> Iterator[umo.RemoteStation]:
+    """That run, which nobody has the lease of at the end."""
+    monkeypatch.setenv("UMO_FRAMES", str(lasting.reader.path.parent))
+    yield lasting
+    eventually(lambda: not lasting.reader.holder)
+
+
+@pytest.fixture
+def served(station: umo.RemoteStation) -> Iterator[Served]:
+    with serving() as served:
+        yield served
+
+
+def answer(client: Client, number: int) -> Any:
+    """The end of a command."""
+    while True:
+        found = client.get("answer")
+        if found["id"] == number and found["state"] != "begun":
+            return found
+
+
+def command(client: Client, number: int, do: str, **more: Any) -> Any:
+    client.send(type="command", id=number, do=do, **more)
+    return answer(client, number)
+
+
+def touching(client: Client, held: list[str], until: Any) -> None:
+    """Answer each state, as a page does."""
+
+    def touch() -> Any:
+        client.get("state")
+        client.send(type="touch", held=held)
+        return until()
+
+    eventually(touch)
+
+
+# By websocket -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("do", ["lease", "stop"])
+def test_a_read_only_server_takes_no_command(do: str) -> None:
+    with running(), serving(hands=False) as served, opened(served.socket) as client:
+        client.get("description")
+        client.send(type="command", id=1, do=do)
+        assert client.get("error")["text"] == "this page is read-only"
+
+
+def test_a_station_that_takes_no_commands_says_so() -> None:
+    with running(), serving() as served, opened(served.socket) as client:
+        client.get("description")
+        assert command(client, 1, "lease") == {
+            "type": "answer", "id": 1, "state": "refused", "text": "press: it takes no commands",
+        }  # fmt: skip
+
+
+def test_what_a_page_holds_lasts_as_long_as_it_touches_and_then_its_lease_ends(
+    station: umo.RemoteStation, served: Served
+) -> None:
+    with opened(served.socket) as client:
+        client.get("description")
+        found = command(client, 1, "lease", who="Ann\n")
+        assert found["state"] == "done"
+        assert station.reader.lease == (found["lease"], "Ann (page, 127.0.0.1)")
+        assert command(client, 2, "write", path="diverter", value="ON")["state"] == "done"
+        begun = station.frames(0.01)["time"][-1]
+        touching(client, ["diverter"], lambda: station.frames(0.01)["time"][-1] > begun + 2.5)
+        assert station.diverter.read() == "ON"
+        eventually(lambda: station.diverter.read() == "OFF")
+        assert station.reader.holder
+        eventually(lambda: not station.reader.holder)
+
+
+def test_a_page_that_is_closed_gives_its_lease_back_at_once(station: umo.RemoteStation, served: Served) -> None:
+    with opened(served.socket) as client:
+        client.get("description")
+        command(client, 1, "lease")
+        command(client, 2, "call", path="belt.run_at", arguments={"speed": 0.3})
+        eventually(lambda: station.belt.setpoint.read() > 0.2)
+    eventually(lambda: not station.reader.holder)
+    assert [event.text for event in station.events][-2:] == ["the lease was given back", ""]
+    eventually(lambda: station.belt.setpoint.read() == 0.0)
+
+
+def test_a_page_cannot_command_with_the_lease_of_another(station: umo.RemoteStation, served: Served) -> None:
+    with opened(served.socket) as first, opened(served.socket) as second:
+        for client in (first, second):
+            client.get("description")
+        command(first, 1, "lease", who="Ann")
+        found = command(second, 1, "write", path="diverter", value="ON")
+        assert (found["state"], found["text"]) == ("refused", "CommandRefused: Ann (page, 127.0.0.1) has the lease")
+        assert command(second, 2, "lease", who="Ben", over=True)["state"] == "done"
+        assert command(first, 2, "write", path="diverter", value="ON")["state"] == "refused"
+
+
+def test_what_a_page_jogs_ends_when_its_server_is_killed(station: umo.RemoteStation) -> None:
+    with viewing() as (process, address), opened(address.replace("http", "ws", 1).replace("/?", "/ws?")) as client:
+        client.get("description")
+        command(client, 1, "lease", who="Ann")
+        command(client, 2, "call", path="belt.run_at", arguments={"speed": 0.3})
+        touching(client, ["belt.run_at"], lambda: station.belt.setpoint.read() > 0.2)
+        process.kill()
+        eventually(lambda: station.belt.setpoint.read() == 0.0)
+        eventually(lambda: not station.reader.holder)
+        texts = [event.text for event in station.events]
+        assert texts.index("not kept up") < texts.index(
+            "the lease of Ann (page, 127.0.0.1) has ended: it was not renewed"
+        )
+
+
+@pytest.mark.parametrize("held", [None, "diverter", [1], ["x"] * 33])
+def test_a_touch_without_meaning_is_answered_by_an_error(station: umo.RemoteStation, served: Served, held: Any) -> None:
+    with opened(served.socket) as client:
+        client.get("description")
+        command(client, 1, "lease")
+        client.send(type="touch", held=held)
+        assert "held must be up to 32 paths" in client.get("error")["text"]
+
+
+# In a browser -------------------------------------------------------------------------------------------
+
+
+def take_lease(page: Any, url: str, name: str = "Ann") -> None:
+    page.goto(url + "#view=hands")
+    page.get_by_label("Your name").fill(name)
+    page.get_by_role("button", name="Take the lease").click()
+    page.get_by_text("You have the lease.").wait_for()
+
+
+def control(page: Any, path: str) -> Any:
+    return page.locator(f'[data-control="{path}"]')
+
+
+def answers(page: Any) -> str:
+    return str(page.get_by_label("Commands and answers").inner_text())
+
+
+def test_an_actuator_is_written_and_released(page: Any, station: umo.RemoteStation, served: Served) -> None:
+    take_lease(page, served.url)
+    diverter = control(page, "diverter")
+    diverter.get_by_role("button", name="ON").click()
+    eventually(lambda: station.diverter.read() == "ON")
+    diverter.locator('[data-state="ON"][aria-pressed="true"]').wait_for()
+    begun = station.frames(0.01)["time"][-1]
+    eventually(lambda: station.frames(0.01)["time"][-1] > begun + 1.5)
+    assert station.diverter.read() == "ON"  # kept up by the page
+    diverter.get_by_role("button", name="Release").click()
+    eventually(lambda: station.diverter.read() == "OFF")
+
+
+def test_a_wrong_value_is_refused_in_the_machine_s_own_words(
+    page: Any, station: umo.RemoteStation, served: Served
+) -> None:
+    take_lease(page, served.url)
+    field = control(page, "window").locator('input[type="number"]')
+    field.fill("1000")
+    field.press("Enter")
+    eventually(lambda: "window: 1000 mm is outside 1 to 100" in answers(page))
+    field.fill("25")
+    field.press("Enter")
+    eventually(lambda: station.window == 25.0)
+    eventually(lambda: control(page, "window").locator("output").inner_text() == "25 mm")
+
+
+def test_a_jog_lasts_while_its_button_is_held(page: Any, station: umo.RemoteStation, served: Served) -> None:
+    take_lease(page, served.url)
+    control(page, "belt.run_at").get_by_label("belt.run_at speed").fill("0.3")
+    control(page, "belt.run_at").get_by_role("button", name="Hold").hover()
+    page.mouse.down()
+    eventually(lambda: station.belt.setpoint.read() > 0.2)
+    begun = station.frames(0.01)["time"][-1]
+    eventually(lambda: station.frames(0.01)["time"][-1] > begun + 1.0)
+    assert station.belt.setpoint.read() > 0.2
+    page.mouse.up()
+    eventually(lambda: station.belt.setpoint.read() == 0.0)
+
+
+def test_a_jog_by_the_keyboard_ends_with_the_key_or_the_focus(
+    page: Any, station: umo.RemoteStation, served: Served
+) -> None:
+    take_lease(page, served.url)
+    control(page, "belt.run_at").get_by_label("belt.run_at speed").fill("0.3")
+    for end in (lambda: page.keyboard.up("Space"), lambda: page.get_by_label("Filter").focus()):
+        control(page, "belt.run_at").get_by_role("button", name="Hold").focus()
+        page.keyboard.down("Space")
+        eventually(lambda: station.belt.setpoint.read() > 0.2)
+        end()
+        eventually(lambda: station.belt.setpoint.read() == 0.0)
+        page.keyboard.up("Space")
+
+
+def test_closing_the_tab_releases_a_jog(page: Any, station: umo.RemoteStation, served: Served) -> None:
+    take_lease(page, served.url)
+    control(page, "belt.run_at").get_by_label("belt.run_at speed").fill("0.3")
+    control(page, "belt.run_at").get_by_role("button", name="Hold").hover()
+    page.mouse.down()
+    eventually(lambda: station.belt.setpoint.read() > 0.2)
+    page.close()
+    eventually(lambda: station.belt.setpoint.read() == 0.0)
+    eventually(lambda: not station.reader.holder)
+
+
+def test_a_lease_is_taken_over_by_a_second_click_and_its_holder_sees_it(
+    page: Any, station: umo.RemoteStation, served: Served
+) -> None:
+    take_lease(page, served.url)
+    control(page, "diverter").get_by_role("button", name="ON").click()
+    eventually(lambda: station.diverter.read() == "ON")
+    other = page.context.new_page()
+    other.goto(served.url + "#view=hands")
+    other.get_by_label("Your name").fill("Ben")
+    other.get_by_text("Ann (page, 127.0.0.1) has the lease.").wait_for()
+    assert control(other, "diverter").get_by_role("button", name="ON").is_disabled()
+    other.get_by_role("button", name="Take it over").click()
+    assert station.reader.holder.startswith("Ann")
+    other.get_by_role("button", name="Yes, take it over").click()
+    other.get_by_text("You have the lease.").wait_for()
+    page.get_by_text("Ben (page, 127.0.0.1) has the lease.").wait_for()
+    assert control(page, "diverter").get_by_role("button", name="ON").is_disabled()
+    eventually(lambda: station.diverter.read() == "OFF")
+
+
+def test_in_automatic_mode_numbers_can_be_tuned_and_actuators_cannot_be_written(page: Any, tmp_path: Path) -> None:
+    with started(tmp_path) as station, serving() as served:
+        take_lease(page, served.url)
+        page.get_by_role("button", name="automatic").click()
+        page.get_by_text("Automatic mode:").wait_for()
+        assert station.mode == "automatic"
+        assert control(page, "diverter").get_by_role("button", name="ON").is_disabled()
+        assert control(page, "window").get_by_role("button", name="Set").is_enabled()
+
+
+def test_the_stop_button_is_in_every_view_and_ends_the_run_without_the_lease(page: Any, tmp_path: Path) -> None:
+    with started(tmp_path) as station, serving() as served:
+        for view in ("scope", "machine", "twin", "hands"):
+            page.goto(served.url + f"#view={view}")
+            page.locator(f"section.{view}").wait_for()
+            assert page.get_by_role("button", name="Stop", exact=True).is_visible()
+        page.get_by_role("button", name="Stop", exact=True).click()
+        eventually(lambda: not station.running)
+        page.get_by_text("conveyor has ended. The page waits for it to start again.").wait_for()
+
+
+def test_a_read_only_page_has_no_stop_button_and_says_why_its_controls_are_off(
+    page: Any, station: umo.RemoteStation
+) -> None:
+    with serving(hands=False) as served:
+        page.goto(served.url + "#view=hands")
+        page.get_by_text("This page is read-only.").wait_for()
+        assert not page.get_by_role("button", name="Stop", exact=True).is_visible()
+        assert not page.get_by_role("button", name="Take the lease").is_visible()
+        assert control(page, "diverter").get_by_role("button", name="ON").is_disabled()
+
+
+def test_after_a_new_start_of_the_station_the_page_shows_it_and_the_lease_is_to_be_taken_again(
+    page: Any, tmp_path: Path
+) -> None:
+    with serving() as served:
+        with started(tmp_path):
+            take_lease(page, served.url)
+        page.get_by_text("conveyor has ended.").wait_for()
+        with started(tmp_path):
+            page.get_by_text("Nobody has the lease.").wait_for()
+            page.get_by_role("button", name="Take the lease").click()
+            page.get_by_text("You have the lease.").wait_for()
