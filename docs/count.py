@@ -41,12 +41,13 @@ def own(name: str) -> dict[str, int]:
     """Lines by kind."""
     folder = SOURCE / "stations" / name
     files = {file.stem: file for file in folder.glob("*.py") if file.stem != "__init__"}
-    control = [file for stem, file in files.items() if stem not in PLANT | {"objects"}]
+    control = [file for stem, file in files.items() if stem not in PLANT | {"objects", "twin"}]
     return {
         "objects": lines(files["objects"]),
         "control and application": lines(*control),
         "wiring": lines(folder / "wiring" / "simulated.toml"),
         "plant": lines(*(file for stem, file in files.items() if stem in PLANT)),
+        "twin": lines(files["twin"]),
     }
 
 

@@ -51,10 +51,12 @@ def write_files(page: Path, folder: Path) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_the_python_of_a_page_runs_from_top_to_bottom(page: Path, tmp_path: Path) -> None:
-    """The blocks of a page share a namespace."""
+    """The blocks of a page share a namespace. Those for a notebook are run by tests/test_notebook.py."""
     write_files(page, tmp_path)
     namespace: dict[str, object] = {"__name__": page.stem.replace("-", "_")}
     for rest, text in blocks(page, "python"):
+        if rest == "notebook":
+            continue
         exec(compile(text, f"{page.name} {rest}", "exec", dont_inherit=True), namespace)
 
 

@@ -80,7 +80,7 @@ NAMES = {
     "umo.wiring": {"Parameter", "Process", "Wire", "Wired", "check", "driver_options", "resolve"},
     "umo.cycle": {"Frame", "Observer", "connect", "drive", "run"},
     "umo.frames": {"Layout", "Reader", "Ring", "Stage", "published", "rings"},
-    "umo.remote": {"HeldLease", "RemoteStation", "attach"},
+    "umo.remote": {"HeldLease", "LiveView", "RemoteStation", "attach"},
     "umo.process": {"RunFailed", "Started", "start"},
     "umo.latency": {"Answer", "Samples", "judge", "measure"},
     "umo.testing.conformance": {

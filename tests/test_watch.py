@@ -28,13 +28,14 @@ from umo import (
     published,
 )
 from umo.cli.app import app
-from umo.cli.folding import chosen, folded
 from umo.cli.keys import parse, pressed
 from umo.cli.running import attach, lasting
 from umo.cli.traces import Traces, span, spark
 from umo.cli.watch import Picture
+from umo.objects.families import folded
 from umo.system.record import Record
 from umo.testing import Scripted, VirtualTimer, periods
+from umo.wiring.patterns import chosen
 
 
 @contextmanager

@@ -1,5 +1,5 @@
 """Makes the pictures of README and docs from runs of the stations; wants `.venv/bin/pip install -e '.[all,render]'`,
-and for that of the page the extra `page`, Playwright and Chromium."""
+and for those of page and notebook the extra `page`, Playwright and Chromium."""
 
 from __future__ import annotations
 
@@ -15,8 +15,10 @@ from typing import TYPE_CHECKING
 from PIL import Image
 
 import umo
-from umo.frames import published
+from umo.frames import Reader, published
+from umo.frames.frames_table import html_of_frames
 from umo.process.station import find
+from umo.remote.scope import Scope
 from umo.stations.ztheta.application import main
 from umo.stations.ztheta.objects import machine
 from umo.stations.ztheta.render import render
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Page
 
 HERE = Path(__file__).parent
+FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 
 
 def while_turning(take: Callable[[umo.connect], None]) -> None:
@@ -46,15 +49,30 @@ def photograph(connection: umo.connect) -> None:
     Image.fromarray(render(connection.driver("plant"), 960, 640)).save(HERE / "ztheta.png", optimize=True)
 
 
+def show_notebook(connection: umo.connect) -> None:
+    """A live table and a scope, without the notebook around them."""
+    from playwright.sync_api import sync_playwright
+
+    with umo.attach("ztheta") as station, sync_playwright() as playwright, Reader(station.reader.path) as reader:
+        table = html_of_frames(
+            reader, ["theta.encoder", "theta.step", "theta.error", "gripper.vacuum", "gripper.pressure"]
+        )
+        scope = Scope(reader, ["theta.encoder", "theta.error", "theta.step", "gripper.vacuum"], 2.0).draw({})
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
+        page = browser.new_page(viewport={"width": 760, "height": 100}, color_scheme="light")
+        page.set_content(f'<!doctype html><body style="font: 13px sans-serif">{table}<br>{scope}</body>')
+        page.screenshot(path=HERE / "notebook.png", full_page=True)
+        browser.close()
+
+
 @contextmanager
 def open_page(width: int, height: int) -> Iterator[Page]:
     """`umo view` in Chromium."""
     from playwright.sync_api import sync_playwright
 
-    flags = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
     command = [sys.executable, "-c", "from umo.cli import main; main()", "view", "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server, sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=flags)
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
         page = browser.new_page(viewport={"width": width, "height": height}, color_scheme="light")
         page.goto(server.stdout.readline().strip())
         try:
@@ -80,7 +98,7 @@ def show_views() -> None:
     with umo.start("ztheta", realtime=True, acknowledge=True) as started, open_page(1200, 750) as page:
         page.get_by_role("tab", name="Machine").click()
         page.get_by_text("part 1 of 3: picking").first.wait_for(timeout=60_000)
-        for path in ("z.servo.reference", "z.encoder", "theta.encoder", "gripper.vacuum", "gripper.pressure"):
+        for path in ("z.error", "z.motor", "theta.encoder", "gripper.vacuum", "gripper.pressure"):
             page.locator(f'tr[data-path="{path}"] button.name').click()
         page.get_by_text("part 2 of 3: turning").first.wait_for(timeout=60_000)
         page.screenshot(path=HERE / "page-machine.png")
@@ -116,6 +134,8 @@ def plot(picture: str, *words: str) -> None:
 if __name__ == "__main__":
     while_turning(photograph)
     while_turning(show_twin)
+    while_turning(show_twin)
+    while_turning(show_notebook)
     show_views()
     plot("run.png", "ztheta")
     plot("conveyor.png", "conveyor")

@@ -139,8 +139,9 @@ def unpacked(message: bytes) -> tuple[dict[str, Any], Any, Any, Any]:
     return head, rows[0], low, low if head["same"] else rows[1 + head["traces"] :]
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def chromium() -> Iterator[Any]:
+    """It ends with the tests of the page: while Playwright runs, asyncio.run cannot be called in its thread."""
     playwright = pytest.importorskip("playwright.sync_api", reason="the tests in a browser need playwright")
     path = shutil.which("chromium") or shutil.which("chromium-browser")
     if path is None:

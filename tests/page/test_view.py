@@ -43,10 +43,6 @@ def test_a_station_that_nobody_knows_is_refused_with_the_nearest(umo: Umo) -> No
     assert "did you mean 'ztheta'?" in refused(umo("view", "zteta"))
 
 
-def test_a_wiring_without_a_station_is_refused(umo: Umo) -> None:
-    assert "--wiring belongs to a station" in refused(umo("view", "-w", "modbus"))
-
-
 def test_an_address_of_another_computer_is_refused(umo: Umo) -> None:
     assert "cannot listen at 192.0.2.1" in refused(umo("view", "--host", "192.0.2.1", "--token", "long enough"))
 

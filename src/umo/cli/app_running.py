@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from .app import Take, WiringName, app, finite, guarded
+from .app import Take, app, finite, guarded
 
 command = partial(app.command, rich_help_panel="Running stations")
 
@@ -60,7 +60,6 @@ def view(
         str | None,
         typer.Argument(metavar="[STATION]", help="Name or directory of the station to show first; it may start later."),
     ] = None,
-    wiring: WiringName = None,
     port: Annotated[
         int | None, typer.Option(min=0, max=65535, help="TCP port; default: 8270, or any free one if it is taken.")
     ] = None,
@@ -89,7 +88,7 @@ def view(
     from .page import ViewOptions
     from .page import view as show
 
-    guarded(lambda: show(ViewOptions(station, wiring, host, port, token, open_, hands, certificate, key)))
+    guarded(lambda: show(ViewOptions(station, host, port, token, open_, hands, certificate, key)))
 
 
 @command(

@@ -38,7 +38,6 @@ class ViewOptions:
     """What `umo view` was given."""
 
     station: str | None = None
-    wiring: str | None = None
     host: str = "127.0.0.1"
     port: int | None = None
     token: str | None = None
@@ -98,27 +97,19 @@ def _check(choice: ViewOptions, local: bool) -> None:
 
 
 def _station(choice: ViewOptions) -> str | None:
-    """The name of the station to show first: one that runs, or one that can be started; and where its folder is."""
+    """The name of the station to show first: one that runs, or one that can be started."""
     if choice.station is None:
-        if choice.wiring is not None:
-            raise PageError("--wiring belongs to a station: give its name or folder first")
         return None
-    from umo.page import run_facts
-
     name = station_name(choice.station)
     running = [str(reader.about["station"]) for reader in readers()]
+    if name in running:
+        return name
     try:
-        station = find(choice.station)
-        run_facts.given[name] = station
-        station.wiring(choice.wiring)
-        if choice.wiring is not None:
-            run_facts.wirings[name] = choice.wiring
+        find(choice.station)
     except StationError as error:
-        if name not in running:
-            near = did_you_mean(name, running)
-            raise PageError(f"{choice.station!r} is not running{near}, and {error}") from None
-    if name not in running:
-        err.print(f"umo: {name} is not running yet; the page waits for it", soft_wrap=True)
+        near = did_you_mean(name, running)
+        raise PageError(f"{choice.station!r} is not running{near}, and {error}") from None
+    err.print(f"umo: {name} is not running yet; the page waits for it", soft_wrap=True)
     return name
 
 

@@ -13,9 +13,8 @@ import numpy as np
 from umo.cycle.signals import Signal
 from umo.cycle.trace import Trace
 from umo.objects import Atomic, Binary, DigitalSensor
+from umo.objects.families import FROM, families, folded
 from umo.text import some
-
-from .folding import FROM, families, folded
 
 BESIDE_SENSORS = ("setpoint", "low", "high")
 """Signals that are compared with what a sensor reads."""

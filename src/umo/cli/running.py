@@ -11,14 +11,14 @@ from rich.table import Table
 
 from umo.errors import FramesError, PathError
 from umo.frames import Reader
+from umo.objects.families import ANY
 from umo.remote import search
 from umo.system.hold import is_held
 from umo.system.record import Ended, all_standing
 from umo.text import printable
-from umo.wiring.patterns import ANY
+from umo.wiring.patterns import chosen
 
 from .console import err, out
-from .folding import chosen
 
 
 def ps(as_json: bool) -> None:

@@ -4,24 +4,28 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
 
 from rich.tree import Tree
 
 from umo.drivers import Direction
-from umo.errors import PathError
+from umo.errors import DeclarationError, PathError
 from umo.objects import Atomic, Compound, Digital, DigitalActuator, Node
+from umo.objects.families import FROM
+from umo.objects.linearization import from_table
 from umo.process.station import Station, StationError
 from umo.text import did_you_mean
 from umo.wiring import check
 from umo.wiring.patterns import expand
 from umo.wiring.source import WiringSource, read
-from umo.wiring.wire_text import wire_of
 
 from .console import out
-from .folding import FROM
 from .show import label, reported
 from .station_options import machine_and_words
+
+if TYPE_CHECKING:
+    from umo.wiring.entry import Entry
 
 
 def show_tree(station: Station, wiring: str | None, words: Sequence[str] = (), everything: bool = False) -> int:
@@ -100,7 +104,9 @@ class _Branches:
 
     def _wire(self, item: Atomic) -> str:
         entry = self._entries.get(item.path)
-        return "" if entry is None else wire_of(item.path, entry)
+        if entry is None:
+            return ""
+        return f"{entry.driver}:{entry.channel or item.path}{_overrides(entry)}"
 
 
 def _range(names: Sequence[str]) -> str:
@@ -130,3 +136,14 @@ def _declared(item: Atomic) -> str:
 def _kind(item: Atomic) -> str:
     number = "digital" if isinstance(item, Digital) else "binary"
     return f"{number} {'actuator' if item.direction is Direction.OUTPUT else 'sensor'}"
+
+
+def _overrides(entry: Entry) -> str:
+    """What the circuit changes of the declaration, where it is not a number; a fault is for `check` to say."""
+    text = " inverted" if entry.inverted else ""
+    if entry.linearization is not None:
+        with suppress(DeclarationError):
+            text += f" through a {from_table(entry.linearization)}" if entry.linearization else " linear"
+    if entry.invalid_raws:
+        text += f" invalid {', '.join(map(str, entry.invalid_raws))}"
+    return text

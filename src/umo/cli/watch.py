@@ -17,13 +17,14 @@ from rich.text import Text
 
 from umo.frames import Reader, Stage
 from umo.objects import Quality
+from umo.objects.families import in_words
 from umo.text import printable
+from umo.wiring.patterns import chosen
 
 from .console import out
-from .folding import chosen
 from .keys import Wait, pressed
 from .running import attach_first
-from .traces import SPAN, Traces, short, span, spark
+from .traces import SPAN, Traces, span, spark
 from .view import Line, View
 
 PICTURES = 10
@@ -193,7 +194,7 @@ class Picture:
 
     def _value(self, line: Line, values: Any) -> Text:
         """Of an object with its quality, of a family the range, and the worst quality with how many have it."""
-        text = Text(_value(self._entries[line.rows[0]], values))
+        text = Text(in_words(self._entries[line.rows[0]], values))
         objects = len(self._frame["quality"])
         qualities = [int(self._frame["quality"][row]) for i in line.rows if (row := self._rows[i]) < objects]
         worst = max(qualities, default=0)
@@ -201,21 +202,3 @@ class Picture:
             count = f", {qualities.count(worst)}" if len(qualities) > 1 else ""
             text.append(f"{count} {Quality(worst)}", "red" if worst == Quality.BAD else "yellow")
         return text
-
-
-def _value(entry: dict[str, Any], values: Any) -> str:
-    if "one" in entry:
-        ones = int((values > 0.5).sum())
-        if len(values) == 1 or ones in (0, len(values)):
-            return str(entry["one"] if ones else entry["zero"])
-        return f"{ones} {entry['one']}, {len(values) - ones} {entry['zero']}"
-    known = values[np.isfinite(values)]
-    if not len(known):
-        return "-"
-    unit = "" if entry["unit"] == "sampling_period" else f" {entry['unit']}"
-    least, most = _number(known.min()), _number(known.max())
-    return (f"{least}{unit}" if least == most else f"{least} to {most}{unit}").rstrip()
-
-
-def _number(value: float) -> str:
-    return f"{value:.1f}" if abs(value) >= 1000 else short(value)

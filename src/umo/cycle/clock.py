@@ -9,7 +9,7 @@ from collections.abc import Callable
 class Clock:
     """Counts the timer's ticks; time stands still between them, so a run in virtual time repeats exactly."""
 
-    __slots__ = ("dt", "missed", "now", "number", "on_tick", "period", "ticks")
+    __slots__ = ("dt", "missed", "missed_in_all", "now", "number", "on_tick", "period", "ticks")
 
     def __init__(self, period: float) -> None:
         self.period = period
@@ -18,6 +18,8 @@ class Clock:
         """Ticks that the last read of the timer consumed."""
         self.missed = 0
         """What the last read of the timer returned."""
+        self.missed_in_all = 0
+        """Periods missed since connecting."""
         self.number = 0
         """Ticks since connecting."""
         self.now = 0.0
@@ -28,6 +30,8 @@ class Clock:
     def advance(self, missed: int) -> None:
         """The timer was read: 0 after it blocked for one tick, else the ticks that had already passed."""
         self.on_tick()
+        if missed:
+            self.missed_in_all += missed
         self.missed = missed
         self.ticks = missed if missed > 1 else 1
         self.number += self.ticks

@@ -100,6 +100,9 @@ class connect(Generic[C]):
             raise
         return self.root
 
+    def _repr_html_(self) -> str:
+        return self.root._repr_html_()
+
     def _enter(self) -> None:
         self._opened, self._initialized, self._restore, self.started = [], [], [], False
         given = self._wiring

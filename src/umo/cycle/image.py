@@ -45,6 +45,7 @@ class Image(ABC):
         self.clock = clock
         self.wires = sorted(wired.wires, key=_group_order(wired.wires))
         self.items = [wire.item for wire in self.wires]
+        self.wire_texts: Sequence[str] = [wired.text_of(wire) for wire in self.wires]
         self.slot_of = {id(item): slot for slot, item in enumerate(self.items)}
         self.timer = -1 if wired.timer is None else self.slot_of[id(wired.timer)]
         self.transfer = Transfer(self.wires, wired, self.timer)

@@ -10,11 +10,13 @@ from typing import Any, NamedTuple, cast
 from umo.cycle.clock import Clock, WallClock
 from umo.cycle.commands import Commands
 from umo.cycle.events import Events
+from umo.cycle.facts import facts_of
 from umo.cycle.frame import Frame, Observer, show
 from umo.cycle.hands import Hands
 from umo.cycle.image import Image
 from umo.cycle.sequences import Sequences, Task
 from umo.cycle.signals import Signal, signals_of
+from umo.cycle.stage import Stage
 from umo.cycle.stop_order import stop_sequence
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
@@ -152,6 +154,12 @@ class ConnectedMachine:
 
     def progress(self, text: str, done: int | None, total: int | None) -> None:
         self.frame.progress = self.frame.progress.then(text, done, total)
+
+    def facts(self) -> dict[str, str]:
+        """What the machine is doing, in words."""
+        stage = Stage.RUNNING if self.running else Stage.STOPPING
+        mode, holder = (None, "") if self.hands is None else (self.hands.mode, self.hands.lease.holder)
+        return facts_of(stage, mode, holder, self.frame.progress, self.clock.now, self.clock.missed_in_all)
 
     def start(self, sequence: Coroutine[Any, Any, Any]) -> Task:
         hands = self.hands

@@ -27,7 +27,8 @@ import numpy as np
 from umo.cycle.journal import Kind
 from umo.cycle.signals import Signal
 from umo.errors import FramesError
-from umo.objects import Atomic, Binary, BinaryActuator, Digital, DigitalActuator, Quality
+from umo.objects import Atomic, Quality
+from umo.objects.description import described
 
 MAGIC = b"umoframe"
 VERSION = 4
@@ -233,21 +234,10 @@ def _describe_row(row: np.dtype[Any]) -> dict[str, Any]:
 
 
 def describe_objects(items: Sequence[Atomic]) -> tuple[dict[str, Any], ...]:
-    """Path, kind and meaning of each object, in the order of the frame's slots."""
-    return tuple(_describe(item) for item in items)
+    """Path, kind, meaning and wiring of each object, in the order of the frame's slots."""
+    return tuple(described(item) for item in items)
 
 
 def describe_signals(signals: Sequence[Signal]) -> tuple[dict[str, Any], ...]:
     """Path and unit of each signal, in the order of the frame's."""
     return tuple({"path": signal.path, "unit": signal.unit} for signal in signals)
-
-
-def _describe(item: Atomic) -> dict[str, Any]:
-    what: dict[str, Any] = {"path": item.path, "kind": type(item).__name__, "synchronous": item.synchronous}
-    if isinstance(item, BinaryActuator | DigitalActuator):
-        default = item.default if isinstance(item, DigitalActuator) else str(item.default)
-        what |= {"actuator": True, "default": default, "expires": item.expires}
-    if isinstance(item, Digital):
-        return what | {"unit": item.units, "minimum": item.minimum, "maximum": item.maximum}
-    assert isinstance(item, Binary)
-    return what | {"one": str(item.one), "zero": str(item.zero)}

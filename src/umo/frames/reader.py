@@ -18,6 +18,7 @@ from umo.cycle.hands import Mode
 from umo.cycle.stage import Stage
 from umo.errors import FramesError, PathError
 from umo.frames import folder
+from umo.frames.frames_table import html_of_frames
 from umo.frames.layout import (
     CHECKSUM,
     DESCRIBED,
@@ -42,6 +43,7 @@ from umo.frames.layout import (
     Layout,
     Places,
 )
+from umo.objects.html_table import never_raises
 from umo.system import folders
 from umo.text import did_you_mean
 
@@ -300,7 +302,17 @@ class Reader:
     def _sum(self, row: npt.NDArray[np.uint8]) -> int:
         return zlib.crc32(row[16 : self.layout.content].data, zlib.crc32(row[:8].data))
 
+    @property
+    def closed(self) -> bool:
+        return self._map.closed
+
+    @never_raises
+    def _repr_html_(self) -> str:
+        return html_of_frames(self)
+
     def close(self) -> None:
+        if self.closed:
+            return
         del self._rows, self._journal, self._events
         self._live.release()
         self._map.close()

@@ -104,6 +104,8 @@ class Ring:
         self._live = self._words[: DESCRIPTION // 8]
         self.bell = self._live[BELL // 8 : BELL // 8 + 1]
         """The number that hands write here (`umo.remote.queue`); until `close`."""
+        for number, tunable in enumerate(tunables):
+            self._numbers[(self._tunables_at >> 3) + number] = tunable.read()
         self.usage = Usage()
         image.transfer.journal = self.journal = Journal()
 

@@ -5,7 +5,7 @@ The image is implemented in `umo.cycle`, above this layer. Objects use only thes
 
 from __future__ import annotations
 
-from collections.abc import Coroutine, Sequence
+from collections.abc import Coroutine, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NoReturn, Protocol
 
 from umo.errors import NotConnected
@@ -42,6 +42,8 @@ class Image(Protocol):
     quality: Live
     times: Live
     """Seconds on the cycle's clock."""
+    wire_texts: Sequence[str]
+    """How each object is wired, such as `box:coil:3 inverted`."""
     sampled_good: bool | None
     """Whether all synchronous sensors are GOOD; None: not known."""
 
@@ -93,6 +95,7 @@ class Machine(Protocol):
     def reset(self, part: Compound) -> None: ...
     def acknowledge(self, part: Compound) -> bool: ...
     def progress(self, text: str, done: int | None, total: int | None) -> None: ...
+    def facts(self) -> Mapping[str, str]: ...
     def start(self, sequence: Coroutine[Any, Any, Any]) -> Task: ...
 
 

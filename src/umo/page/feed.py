@@ -9,7 +9,7 @@ from pathlib import Path
 
 from umo.errors import FramesError
 from umo.frames import Reader, rings
-from umo.page.run_facts import box_in_words, newest_box
+from umo.page.box_words import box_in_words, newest_box
 from umo.page.watched import Watched
 
 RATE = 30.0

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from umo.page.reduction import Points, crossing, reduced
+from umo.frames.reduction import Points, crossing, reduced
 from umo.page.watched import Watched
 
 MOST_TRACES = 64

@@ -17,10 +17,10 @@ from typing import Any
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from umo.errors import FramesError
+from umo.frames.reduction import measured
 from umo.page.feed import Feed
 from umo.page.live import MOST_WIDTH, BadRequest, Live, columns_of, number, packed, window
 from umo.page.page_hand import PageHand
-from umo.page.reduction import measured
 from umo.page.watched import Watched
 
 MOST_LIVE = 16

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from umo.frames import Reader, Stage
+from umo.frames.history import History
 from umo.objects import Quality
-from umo.page.history import History
-from umo.page.run_facts import wires
 from umo.text import printable
 
 OF_THE_RING = ("actions", "tunables", "interlocks")
@@ -91,7 +90,7 @@ class Watched:
             "run": self.run,
             "period": self.period,
         }
-        told |= {"objects": layout.objects, "signals": layout.signals, "wires": wires(self.about, self.reader.paths)}
+        told |= {"objects": layout.objects, "signals": layout.signals}
         told |= about | {"qualities": [str(quality) for quality in Quality]}
         return told | {name: getattr(layout, name) for name in OF_THE_RING}
 

@@ -2,5 +2,6 @@
 
 from umo.remote.attached import RemoteStation, attach
 from umo.remote.held_lease import HeldLease
+from umo.remote.live_view import LiveView
 
-__all__ = ["HeldLease", "RemoteStation", "attach"]
+__all__ = ["HeldLease", "LiveView", "RemoteStation", "attach"]

@@ -22,6 +22,7 @@ from umo.errors import FramesError, TaskFailed, UmoError
 from umo.frames import Reader
 from umo.remote.answers import Answers
 from umo.remote.held_lease import HeldLease
+from umo.remote.live_view import LiveView, live_scope, live_table
 from umo.remote.members import RemotePart, Tree
 from umo.remote.queue import Sender
 from umo.remote.search import find_running
@@ -97,6 +98,25 @@ class RemoteStation(RemotePart):
         for name, paths in (("values", reader.paths), ("signals", reader.signals)):
             found |= {path: np.array(rows[name][:, number]) for number, path in enumerate(paths)}
         return found
+
+    # In a notebook -------------------------------------------------------------------------------------
+
+    def live(self, *paths: str) -> LiveView:
+        """Show a table of the values here in the notebook, and keep it up to date. `paths`: of objects, compounds,
+        signals, or patterns such as "zones.*.heater"; default: all.
+
+        It ends with the station, with its `stop()`, or with this program. PathError for a path that names nothing;
+        FramesError outside of a notebook, or if the station has ended.
+        """
+        return live_table(self.reader, paths)
+
+    def scope(self, *paths: str, seconds: float = 10.0) -> LiveView:
+        """Show objects and signals against time here in the notebook, as they change. `seconds` is the span, up to 300.
+
+        Numbers of one unit share a lane; binary objects are bars. No peak is lost: least and greatest value are drawn
+        for each pixel. Ends and errors as of `live`; RangeError for another span; up to 16 traces.
+        """
+        return live_scope(self.reader, paths, seconds)
 
     # Commands ------------------------------------------------------------------------------------------
 

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 from umo.cycle.hands import HOLD
 from umo.errors import PathError, RangeError
 from umo.frames import Reader
+from umo.frames.frames_table import html_of_frames
 from umo.objects import Quality
+from umo.objects.html_table import never_raises
 from umo.objects.units import convert
 from umo.text import did_you_mean
 
@@ -38,6 +40,12 @@ class Tree:
         found = (each for table in tables for each in table if each.startswith(start))
         names = {each.removeprefix(start).partition(".")[0] for each in found}
         return sorted(names)
+
+    def keys(self, path: str) -> list[str | int]:
+        """What may stand in the brackets of a part: its names and numbers, and the paths of the objects below."""
+        start = f"{path}." if path else ""
+        paths = [each.removeprefix(start) for each in self.objects if each.startswith(start)]
+        return [int(key) if key.isdigit() else key for key in dict.fromkeys([*self.below(path), *paths])]
 
 
 class RemotePart:
@@ -79,6 +87,13 @@ class RemotePart:
             what = "is an object: use its write()" if path in self._tree.objects else "is not a tunable number"
             raise NoMember(f"{path} {what}{did_you_mean(path, self._tree.tunables)}")
         self._station.ask("tune", path, value=value)
+
+    def _ipython_key_completions_(self) -> list[str | int]:
+        return self._tree.keys(self._path)
+
+    @never_raises
+    def _repr_html_(self) -> str:
+        return html_of_frames(self._station.reader, [self._path] if self._path else [])
 
     def __dir__(self) -> list[str]:
         return [*object.__dir__(self), *(name for name in self._tree.below(self._path) if name.isidentifier())]
@@ -152,6 +167,10 @@ class RemoteObject:
         """Let go of the actuator: its default is sent, and the program may write it again."""
         self._station.let_go(self.path)
         self._station.ask("let go", self.path)
+
+    @never_raises
+    def _repr_html_(self) -> str:
+        return html_of_frames(self._station.reader, [self.path])
 
     def __repr__(self) -> str:
         value = self.read()

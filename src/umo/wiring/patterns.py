@@ -11,16 +11,17 @@ for a single path outranks a pattern, and keeps its number.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from umo.errors import Fault
+from umo.errors import Fault, PathError
+from umo.objects.families import ANY, generalised
+from umo.text import did_you_mean
 from umo.wiring.source import WiringSource
 
 if TYPE_CHECKING:
     from umo.wiring.entry import Entry
 
-ANY = "*"
 NUMBER = "{}"
 NUMBERING = ("start", "stride", "offset")
 V = TypeVar("V")
@@ -33,6 +34,19 @@ def is_pattern(path: str) -> bool:
 def matches(pattern: str, path: str) -> bool:
     parts, names = pattern.split("."), path.split(".")
     return len(parts) == len(names) and all(part in (ANY, name) for part, name in zip(parts, names, strict=True))
+
+
+def chosen(known: Sequence[str], wanted: Iterable[str], where: str) -> list[int]:
+    """The places of the paths that are wanted: paths of objects, of compounds, or patterns (`zones.*.heater`) for
+    either. Each once, in the order wanted; all if none is. PathError for one that names nothing."""
+    places: dict[int, None] = {}
+    for path in wanted:
+        found = [place for place, name in enumerate(known) if _is_below(path, name)]
+        if not found:
+            near = did_you_mean(path, [*known, *dict.fromkeys(map(generalised, known))])
+            raise PathError(f"no object or signal {path!r}{near} in {where}")
+        places.update(dict.fromkeys(found))
+    return list(places) or list(range(len(known)))
 
 
 def expand(source: WiringSource, paths: Iterable[str]) -> dict[str, str]:
@@ -114,9 +128,12 @@ def _numbered(entry: Entry, number: int) -> Entry:
     return entry.model_copy(update={"channel": entry.channel.replace(NUMBER, str(place))})
 
 
-def generalised(path: str) -> str:
-    """A path with `*` for its indexes."""
-    return ".".join(ANY if part.isdigit() else part for part in path.split("."))
+def _is_below(path: str, name: str) -> bool:
+    """Whether a name is the path itself or in the compound at the path."""
+    if ANY not in path:
+        return name == path or name.startswith(f"{path}.")
+    depth = path.count(".") + 1
+    return matches(path, ".".join(name.split(".")[:depth]))
 
 
 def _path_of(key: str) -> tuple[str, str]:

@@ -184,6 +184,12 @@ class Wired:
         """Every device of the machine."""
         return sorted({device for devices in self.hardware.values() for device in devices})
 
+    def text_of(self, wire: Wire) -> str:
+        """How an object is wired: `box:coil:3 inverted`."""
+        drivers = (wire.driver, getattr(wire.driver, "timer", None))  # a timer that is paced stands before its driver
+        name = next((name for name, driver in self.drivers.items() if any(driver is each for each in drivers)), "timer")
+        return f"{name}:{wire.channel.text}{' inverted' * wire.inverted}"
+
     @property
     def timer_wire(self) -> Wire | None:
         """The timer on its channel."""

@@ -68,7 +68,7 @@ class Machine {
   }
 
   _text(place) {
-    const wire = this.feed.description.wires[this.paths[place]] ?? "";
+    const wire = this.feed.entries[place].wire ?? "";
     return `${this.paths[place]} ${wire}`.toLowerCase();
   }
 

@@ -32,7 +32,7 @@ export class Row {
   }
 
   _wire() {
-    const wires = [...new Set(this._paths.map((path) => this._feed.description.wires[path] ?? ""))];
+    const wires = [...new Set(this._places.map((place) => this._feed.entries[place].wire ?? ""))];
     return wires.length > 2 ? `${wires[0]} .. ${wires[wires.length - 1]}` : wires.join(", ");
   }
 

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from umo.page.history import History
-from umo.page.reduction import crossing, measured, reduced
+from umo.frames.history import History
+from umo.frames.reduction import crossing, measured, reduced
 
 VALUES = st.floats(-1e9, 1e9) | st.just(float("nan"))
 SAMPLES = st.integers(1, 300).flatmap(lambda count: arrays(np.float64, (2, count), elements=VALUES))

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from typing import Any
 from urllib.parse import urlparse
@@ -17,10 +14,10 @@ from umo.process.station import find
 from umo.stations.ztheta.control import Manipulator
 from umo.stations.ztheta.objects import machine
 
+from .conftest import viewing
+
 pytest.importorskip("mujoco")
 pytest.importorskip("uvicorn", reason="the page needs the extra `page`")
-twin_page = pytest.importorskip("test_twin_page", reason="the tests of the page need Playwright and Chromium")
-browser = twin_page.browser
 
 
 @pytest.fixture
@@ -41,11 +38,8 @@ def running() -> Iterator[Callable[[Any], float]]:
 @pytest.fixture
 def address() -> Iterator[str]:
     """Of a server of the page."""
-    command = [sys.executable, "-c", "from umo.cli import main; main()", "view", "--port", "0"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
-        assert server.stdout is not None
-        yield re.findall(r"http\S+", server.stdout.readline())[0]
-        server.terminate()
+    with viewing() as (_, address):
+        yield address
 
 
 async def home(m: Manipulator) -> None:
@@ -57,9 +51,9 @@ async def up(m: Manipulator) -> None:
 
 
 @pytest.mark.slow
-def test_a_body_stands_where_the_station_is_live_and_in_its_past(browser: Any, running: Any, address: str) -> None:
+def test_a_body_stands_where_the_station_is_live_and_in_its_past(chromium: Any, running: Any, address: str) -> None:
     homed = running(home)
-    page = browser.new_page()
+    page = chromium.new_page()
     complaints: list[str] = []
     asked: list[str] = []
     page.on("console", lambda message: message.type == "error" and complaints.append(message.text))

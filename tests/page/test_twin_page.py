@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -17,13 +16,7 @@ import umo.page as umo_page
 from umo.process.station import find
 from umo.twin.declared import declared_by
 
-playwright = pytest.importorskip("playwright.sync_api", reason="the tests of the page need Playwright")
-CHROMIUM = shutil.which("chromium")
-if CHROMIUM is None:
-    pytest.skip("the tests of the page need Chromium (apt-get install chromium)", allow_module_level=True)
-
 STATIC = Path(umo_page.__file__).parent / "static"
-FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 TYPES = {".js": "text/javascript", ".css": "text/css", ".html": "text/html"}
 HOST = "http://twin.test"
 PAGE = """<!doctype html><html><head><title>twin</title><link rel="stylesheet" href="static/twin.css">
@@ -76,14 +69,6 @@ FEED = """async (description) => {
 }"""
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with playwright.sync_playwright() as started:
-        opened = started.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        yield opened
-        opened.close()
-
-
 class Viewer:
     """A page that shows one twin, from files, without a server."""
 
@@ -134,12 +119,12 @@ def described(name: str) -> dict[str, Any]:
 
 
 @pytest.fixture
-def shown(browser: Any) -> Iterator[Any]:
+def shown(chromium: Any) -> Iterator[Any]:
     """Opens viewers; in the end none of them has complained or asked another host."""
     opened: list[Viewer] = []
 
     def show(name: str) -> Viewer:
-        opened.append(Viewer(browser, described(name)))
+        opened.append(Viewer(chromium, described(name)))
         return opened[-1]
 
     yield show
@@ -342,12 +327,12 @@ def test_unmounting_leaves_nothing_behind(shown: Any) -> None:
     assert viewer.page.locator("canvas").count() == 1
 
 
-def test_a_station_without_a_twin_and_a_wrong_declaration_are_said_in_words(browser: Any) -> None:
+def test_a_station_without_a_twin_and_a_wrong_declaration_are_said_in_words(chromium: Any) -> None:
     for description, text in (
         (None, "declares no twin"),
         ({"error": "twin: body 'x': no object 'y'"}, "no object 'y'"),
     ):
-        viewer = Viewer(browser, description)
+        viewer = Viewer(chromium, description)
         assert text in viewer.page.locator("section").inner_text()
         assert viewer.complaints == []
         viewer.close()
