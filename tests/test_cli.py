@@ -214,18 +214,18 @@ def test_a_device_that_is_not_there_is_named_with_status_1(umo, tmp_path: Path) 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="devices are held on Linux")
 @pytest.mark.parametrize("command", [["run"], ["get", "level"], ["set", "inlet", "OPEN", "--hold", "0"]])
 def test_a_device_that_stands_stopped_wants_to_be_acknowledged(umo, tank: Path, command: list[str]) -> None:
-    plant = tank / "plant.py"
-    plant.write_text(plant.read_text() + "\n    def devices(self):\n        return ['card 1']\n")
+    plant, card = tank / "plant.py", f"card {os.getpid()}"  # devices are held beyond this test process
+    plant.write_text(plant.read_text() + f"\n    def devices(self):\n        return [{card!r}]\n")
     wiring = tank / "wiring" / "simulated.toml"
     wiring.write_text(wiring.read_text().replace('driver = "tank", channel = "tick"', 'driver = "timerfd"'))
     (tank / "application.py").write_text("async def main(m):\n    pass\n")
-    before = Record(["card 1"], "other", "")
+    before = Record([card], "other", "")
     before.begin(False)
     before.stopped("killed", ["ram"])
     words = [command[0], "tank", *command[1:]]
     refused = umo(*words)
     assert refused.exit_code == 2
-    assert "other on card 1 was stopped at " in said(refused)
+    assert f"other on {card} was stopped at " in said(refused)
     assert "not reached: ram" in said(refused)
     assert "--acknowledge" in said(refused)
     assert umo(*words, "--acknowledge").exit_code == 0
