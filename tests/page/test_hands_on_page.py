@@ -150,6 +150,37 @@ def test_what_a_page_jogs_ends_when_its_server_is_killed(station: umo.RemoteStat
         )
 
 
+def test_a_page_that_looks_at_another_run_gives_its_lease_back(station: umo.RemoteStation, served: Served) -> None:
+    with opened(served.socket) as client:
+        client.get("description")
+        command(client, 1, "lease")
+        client.send(type="watch", name="another")
+        eventually(lambda: not station.reader.holder)
+
+
+def test_a_flood_of_commands_is_refused_in_part_and_all_are_answered(
+    station: umo.RemoteStation, served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("umo.page.page_hand.MOST_ASKED", 2)
+    with opened(served.socket) as client:
+        client.get("description")
+        command(client, 1, "lease")
+        numbers = range(2, 102)
+        for number in numbers:
+            client.send(type="command", id=number, do="tune", path="window", value=number % 50 + 1)
+        answered = [client.get("answer") for _ in numbers]
+        assert {each["id"] for each in answered} == set(numbers)
+        assert {each["text"] for each in answered if each["state"] == "refused"} == {"up to 2 commands at once"}
+        assert command(client, 1000, "tune", path="window", value=25)["state"] == "done"
+
+
+def test_a_command_without_meaning_is_refused_by_the_machine(station: umo.RemoteStation, served: Served) -> None:
+    with opened(served.socket) as client:
+        client.get("description")
+        client.send(type="command", id=1)
+        assert "there is no command 'None'" in answer(client, 1)["text"]
+
+
 @pytest.mark.parametrize("held", [None, "diverter", [1], ["x"] * 33])
 def test_a_touch_without_meaning_is_answered_by_an_error(station: umo.RemoteStation, served: Served, held: Any) -> None:
     with opened(served.socket) as client:
@@ -217,12 +248,17 @@ def test_a_jog_lasts_while_its_button_is_held(page: Any, station: umo.RemoteStat
     eventually(lambda: station.belt.setpoint.read() == 0.0)
 
 
-def test_a_jog_by_the_keyboard_ends_with_the_key_or_the_focus(
+def test_a_jog_by_the_keyboard_ends_with_the_key_the_focus_or_the_view(
     page: Any, station: umo.RemoteStation, served: Served
 ) -> None:
     take_lease(page, served.url)
     control(page, "belt.run_at").get_by_label("belt.run_at speed").fill("0.3")
-    for end in (lambda: page.keyboard.up("Space"), lambda: page.get_by_label("Filter").focus()):
+    ends = (
+        lambda: page.keyboard.up("Space"),
+        lambda: page.get_by_label("Filter").focus(),
+        lambda: page.evaluate("document.querySelector('[data-view=scope]').click()"),
+    )
+    for end in ends:
         control(page, "belt.run_at").get_by_role("button", name="Hold").focus()
         page.keyboard.down("Space")
         eventually(lambda: station.belt.setpoint.read() > 0.2)

@@ -32,6 +32,8 @@ TOUCH = 0.4
 """s after the last touch for which a page still holds what it held."""
 OFTEN = HOLD / 5
 """s from one renewal to the next."""
+MOST_ASKED = 32
+"""Commands of a page whose end is still to come."""
 NAME = 40
 """The most characters of the name that a page gives."""
 TAKEN = ("path", "value", "arguments", "over")
@@ -57,6 +59,8 @@ class PageHand:
         self._leased = 0
         """The number of the lease that this page took; 0: none."""
         self._following: set[asyncio.Task[None]] = set()
+        self._ended = False
+        self._keeping = asyncio.create_task(self._keep())
 
     def _named(self, name: str) -> str:
         given = printable(" ".join(name.split()))[:NAME]
@@ -66,6 +70,9 @@ class PageHand:
 
     async def carry_out(self, message: dict[str, Any]) -> None:
         """Send a command of the page. Its answers are told when they come: `begun` for a long action, then its end."""
+        if len(self._following) >= MOST_ASKED:
+            await self._answer(message, CommandState.REFUSED, f"up to {MOST_ASKED} commands at once")
+            return
         more = {name: message[name] for name in TAKEN if name in message}
         if message.get("do") == "lease":
             self._who, more["seconds"] = self._named(str(message.get("who", ""))), LEASE
@@ -89,7 +96,7 @@ class PageHand:
             while state is CommandState.BEGUN:
                 for event in answers.new():
                     state = event.state
-                    more = self._take_lease() if (message["do"], state) == ("lease", CommandState.DONE) else {}
+                    more = self._take_lease() if (message.get("do"), state) == ("lease", CommandState.DONE) else {}
                     await self._answer(message, state, event.text, **more)
                 await self._feed.looked()
         except (CommandRefused, FramesError) as error:
@@ -117,9 +124,9 @@ class PageHand:
         number, holder = self._reader.lease
         return bool(self._leased and holder) and number == self._leased
 
-    async def keep(self) -> None:
-        """Renew the lease, and keep up what the page holds, as long as it touches. Until cancelled."""
-        while True:
+    async def _keep(self) -> None:
+        """Renew the lease, and keep up what the page holds, as long as it touches."""
+        while not self._ended:
             silent = time.monotonic() - self._touched
             if silent < LEASE and self._has_lease:
                 with suppress(CommandRefused, FramesError, OSError):
@@ -128,9 +135,11 @@ class PageHand:
 
     async def close(self) -> None:
         """The page is closed: the lease is given back, and the machine lets go of what it held."""
+        self._ended = True
         for task in list(self._following):
             task.cancel()
         if self._has_lease:
             with suppress(CommandRefused, FramesError, OSError):
                 await self._send("give back")
+        await self._keeping  # it may be sending in a thread
         self._station.close()

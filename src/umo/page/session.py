@@ -45,7 +45,6 @@ class Session:
         self._stations = ""
         self._sending = asyncio.Lock()
         self._hand: PageHand | None = None
-        self._keeping: asyncio.Task[None] | None = None
 
     async def run(self) -> None:
         """Until the page is closed."""
@@ -126,7 +125,7 @@ class Session:
     async def _carry_out(self, message: dict[str, Any]) -> None:
         kind, watched = message.get("type"), self._watched
         if kind == "watch":
-            self._watch(message.get("name"))
+            await self._watch(message.get("name"))
         elif kind == "command":
             await (await self._hand_on(watched)).carry_out(message)
         elif kind == "touch":
@@ -162,21 +161,20 @@ class Session:
                 self._hand = PageHand(watched, self._feed, self._address(), self._tell)
             except FramesError as error:
                 raise BadRequest(str(error)) from None
-            self._keeping = asyncio.create_task(self._hand.keep())
         return self._hand
 
     async def _drop_hand(self) -> None:
         hand, self._hand = self._hand, None
-        if hand is not None and self._keeping is not None:
-            self._keeping.cancel()
+        if hand is not None:
             await hand.close()
 
     def _address(self) -> str:
         return self._socket.client.host if self._socket.client else "unknown"
 
-    def _watch(self, name: Any) -> None:
+    async def _watch(self, name: Any) -> None:
         if name is not None and not isinstance(name, str):
             raise BadRequest("a name is a text")
+        await self._drop_hand()
         self._name, self._watched, self._state = name, None, 0
         self._live.clear()
 

@@ -60,7 +60,7 @@ export class Hand {
   }
 
   /** Keep a path up from now on. `jog`: it ends too when the window loses the focus. */
-  hold(path, { jog = null, lost = () => {} } = {}) { this._held.set(path, { jog, lost }); }
+  hold(path, { jog = null, lost = () => {} } = {}) { this._held.set(path, { jog, lost, since: this.feed.state.time }); }
 
   letGo(path) { this._held.delete(path); }
 
@@ -70,17 +70,24 @@ export class Hand {
 
   _onState() {
     const { number, holder } = this.feed.state.lease ?? {};
+    for (const { path, state, time } of this.feed.state.events ?? []) {  // the machine has let go by itself
+      if (state === "cancelled" && this._held.get(path)?.since < time) this._drop(path);
+    }
     if (this.leased) this.feed.touch([...this._held.keys()]);
     else if (this._number !== null && (number > this._number || (number === this._number && !holder))) this._lost();
     this._changed();
   }
 
+  _drop(path) {
+    const { lost } = this._held.get(path);
+    this._held.delete(path);
+    lost();
+  }
+
   /** The lease is another's or nobody's: the machine has let go of everything. */
   _lost() {
     this._number = null;
-    const held = [...this._held.values()];
-    this._held.clear();
-    for (const { lost } of held) lost();
+    for (const path of [...this._held.keys()]) this._drop(path);
     this._changed();
   }
 

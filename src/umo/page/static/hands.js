@@ -89,7 +89,10 @@ class Hands {
     this._answers.replaceChildren(...shown.map((each) => el("li", { "data-state": each.state, textContent: words(each) })));
   }
 
-  close() { for (const off of this._closing) off(); }
+  close() {
+    this.hand.letGoOfJogs();
+    for (const off of this._closing) off();
+  }
 }
 
 /** What keeps the controls from being used. */
