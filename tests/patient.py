@@ -7,9 +7,13 @@ from pathlib import Path
 from umo.process.station import find
 
 
-def conveyor(folder: Path) -> Path:
-    """A wiring of the conveyor on its plant, with a hang limit that a busy computer keeps."""
-    text = (find("conveyor").path / "wiring" / "simulated.toml").read_text("utf-8")
+def patient(name: str, folder: Path) -> Path:
+    """A wiring of a station on its plant, with a hang limit that a busy computer keeps."""
+    text = (find(name).path / "wiring" / "simulated.toml").read_text("utf-8")
     wiring = folder / "simulated.toml"
-    wiring.write_text(text.replace('".plant:', '"umo.stations.conveyor.plant:') + '\n[process]\nhang_timeout = "5 s"\n')
+    wiring.write_text(text.replace('".plant:', f'"umo.stations.{name}.plant:') + '\n[process]\nhang_timeout = "5 s"\n')
     return wiring
+
+
+def conveyor(folder: Path) -> Path:
+    return patient("conveyor", folder)

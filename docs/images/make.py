@@ -134,7 +134,6 @@ def plot(picture: str, *words: str) -> None:
 if __name__ == "__main__":
     while_turning(photograph)
     while_turning(show_twin)
-    while_turning(show_twin)
     while_turning(show_notebook)
     show_views()
     plot("run.png", "ztheta")

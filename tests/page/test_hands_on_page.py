@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 import umo
-from patient import conveyor
+from patient import patient
 from umo.process.start import LINUX
 
 from .conftest import Client, Served, eventually, opened, running, serving, viewing
@@ -19,9 +19,9 @@ pytestmark = pytest.mark.skipif(not LINUX, reason="machines run in other process
 
 
 @contextmanager
-def started(folder: Path) -> Iterator[umo.RemoteStation]:
-    """The conveyor in manual mode, attached to."""
-    with umo.start("conveyor", conveyor(folder), manual=True, realtime=True) as process:
+def started(folder: Path, name: str = "conveyor") -> Iterator[umo.RemoteStation]:
+    """A station in manual mode, attached to."""
+    with umo.start(name, patient(name, folder), manual=True, realtime=True) as process:
         eventually(lambda: process.stage.name == "RUNNING")
         with umo.attach(process.pid) as station:
             eventually(lambda: station.reader.head > 5)
@@ -70,8 +70,7 @@ def touching(client: Client, held: list[str], until: Any) -> None:
     """Answer each state, as a page does."""
 
     def touch() -> Any:
-        client.get("state")
-        client.send(type="touch", held=held)
+        client.send(type="touch", number=client.get("state")["number"], held=held)
         return until()
 
     eventually(touch)
@@ -150,6 +149,43 @@ def test_what_a_page_jogs_ends_when_its_server_is_killed(station: umo.RemoteStat
         )
 
 
+def test_a_touch_that_answers_an_old_state_does_not_count(station: umo.RemoteStation, served: Served) -> None:
+    with opened(served.socket) as client:
+        client.get("description")
+        first = client.get("state")["number"]
+        command(client, 1, "lease")
+        command(client, 2, "write", path="diverter", value="ON")
+
+        def gone() -> bool:
+            client.send(type="touch", number=first, held=["diverter"])
+            return station.diverter.read() == "OFF"
+
+        eventually(gone)
+
+
+def test_more_paths_are_kept_up_than_one_command_can_carry(station: umo.RemoteStation, served: Served) -> None:
+    others = [f"{'a' * 40}.{i}" for i in range(100)]
+    with opened(served.socket) as client:
+        client.get("description")
+        command(client, 1, "lease")
+        command(client, 2, "write", path="diverter", value="ON")
+        begun = station.frames(0.01)["time"][-1]
+        touching(client, [*others, "diverter"], lambda: station.frames(0.01)["time"][-1] > begun + 2.5)
+        assert station.reader.holder
+        assert station.diverter.read() == "ON"
+
+
+def test_of_two_pages_only_the_last_to_take_the_lease_has_it(station: umo.RemoteStation, served: Served) -> None:
+    with opened(served.socket) as first, opened(served.socket) as second:
+        for client in (first, second):
+            client.get("description")
+        first.send(type="command", id=1, do="lease", over=True)
+        second.send(type="command", id=1, do="lease", over=True)
+        numbers = [answer(client, 1)["lease"] for client in (first, second)]
+        assert len(set(numbers)) == 2
+        assert station.reader.lease[0] == max(numbers)
+
+
 def test_a_page_that_looks_at_another_run_gives_its_lease_back(station: umo.RemoteStation, served: Served) -> None:
     with opened(served.socket) as client:
         client.get("description")
@@ -171,7 +207,7 @@ def test_a_flood_of_commands_is_refused_in_part_and_all_are_answered(
         answered = [client.get("answer") for _ in numbers]
         assert {each["id"] for each in answered} == set(numbers)
         assert {each["text"] for each in answered if each["state"] == "refused"} == {"up to 2 commands at once"}
-        assert command(client, 1000, "tune", path="window", value=25)["state"] == "done"
+        eventually(lambda: command(client, 1000, "tune", path="window", value=25)["state"] == "done")
 
 
 def test_a_command_without_meaning_is_refused_by_the_machine(station: umo.RemoteStation, served: Served) -> None:
@@ -181,13 +217,13 @@ def test_a_command_without_meaning_is_refused_by_the_machine(station: umo.Remote
         assert "there is no command 'None'" in answer(client, 1)["text"]
 
 
-@pytest.mark.parametrize("held", [None, "diverter", [1], ["x"] * 33])
+@pytest.mark.parametrize("held", [None, "diverter", [1], ["x"] * 257])
 def test_a_touch_without_meaning_is_answered_by_an_error(station: umo.RemoteStation, served: Served, held: Any) -> None:
     with opened(served.socket) as client:
         client.get("description")
         command(client, 1, "lease")
-        client.send(type="touch", held=held)
-        assert "held must be up to 32 paths" in client.get("error")["text"]
+        client.send(type="touch", number=1, held=held)
+        assert "held must be up to 256 paths" in client.get("error")["text"]
 
 
 # In a browser -------------------------------------------------------------------------------------------
@@ -233,6 +269,59 @@ def test_a_wrong_value_is_refused_in_the_machine_s_own_words(
     field.press("Enter")
     eventually(lambda: station.window == 25.0)
     eventually(lambda: control(page, "window").locator("output").inner_text() == "25 mm")
+
+
+def test_a_refused_value_leaves_an_actuator_as_it_is_held(
+    page: Any, station: umo.RemoteStation, served: Served
+) -> None:
+    take_lease(page, served.url)
+    setpoint = control(page, "belt.setpoint")
+    setpoint.locator('input[type="number"]').fill("0.1")
+    page.get_by_label("Filter").focus()  # a field that is left writes nothing
+    assert not answers(page).startswith("belt.setpoint")
+    setpoint.locator('input[type="number"]').fill("0.1")
+    setpoint.get_by_role("button", name="Set").click()
+    eventually(lambda: station.belt.setpoint.read() > 0.09)
+    setpoint.locator('input[type="number"]').fill("99")
+    setpoint.get_by_role("button", name="Set").click()
+    eventually(lambda: "refused" in answers(page))
+    begun = station.frames(0.01)["time"][-1]
+    eventually(lambda: station.frames(0.01)["time"][-1] > begun + 1.5)
+    assert station.belt.setpoint.read() > 0.09
+
+
+def test_release_comes_after_whatever_the_slider_has_asked_for(
+    page: Any, station: umo.RemoteStation, served: Served
+) -> None:
+    take_lease(page, served.url)
+    setpoint = control(page, "belt.setpoint")
+    setpoint.get_by_role("button", name="Set").click()
+    eventually(lambda: setpoint.get_by_role("button", name="Release").is_enabled())
+    setpoint.evaluate(
+        """(element) => {
+            const slider = element.querySelector("[type=range]");
+            slider.value = slider.max;
+            slider.dispatchEvent(new Event("input"));
+            [...element.querySelectorAll("button")].find(({ textContent }) => textContent === "Release").click();
+        }"""
+    )
+    eventually(lambda: "release belt.setpoint: done" in answers(page))
+    begun = station.frames(0.01)["time"][-1]
+    eventually(lambda: station.frames(0.01)["time"][-1] > begun + 0.5)
+    assert station.belt.setpoint.read() == 0.0
+    assert setpoint.get_by_role("button", name="Release").is_disabled()
+
+
+def test_a_running_action_can_be_cancelled_also_after_a_change_of_the_view(page: Any, tmp_path: Path) -> None:
+    with started(tmp_path, "ztheta") as station, serving() as served:
+        take_lease(page, served.url)
+        control(page, "home").get_by_role("button", name="home").click()
+        control(page, "home").get_by_role("button", name="Cancel").wait_for()
+        page.locator("[data-view=machine]").click()
+        page.locator("[data-view=hands]").click()
+        control(page, "home").get_by_role("button", name="Cancel").click()
+        eventually(lambda: "home: cancelled" in answers(page))
+        assert station.running
 
 
 def test_a_jog_lasts_while_its_button_is_held(page: Any, station: umo.RemoteStation, served: Served) -> None:

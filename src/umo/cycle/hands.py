@@ -201,7 +201,7 @@ class Hands:
         now = self._machine.clock.now
         if self.lease.take(command.who, command.key, command.seconds, now, over=command.over):
             self._drop(f"{command.who} has taken the lease over")
-        return CommandState.DONE, ""
+        return CommandState.DONE, str(self.lease.number)
 
     def _give_lease(self, command: HandCommand) -> tuple[CommandState, str]:
         self.lease.check(command.key)

@@ -1,7 +1,7 @@
 """The hand of an open page: its commands, its lease, and what it keeps up while it is there.
 
-A page shows that it is there by touching: for each state that it gets it tells what it holds. Without a touch what it
-holds is let go of, and later its lease ends. When the page is closed, both happen at once.
+A page shows that it is there by touching: it answers each state that it gets with what it holds. Without a touch, what
+it holds is let go of, and later its lease ends. When the page is closed, both happen at once.
 """
 
 from __future__ import annotations
@@ -10,7 +10,9 @@ import asyncio
 import secrets
 import time
 from collections.abc import Awaitable, Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 from starlette.websockets import WebSocketDisconnect
@@ -24,12 +26,15 @@ from umo.page.watched import Watched
 from umo.remote import RemoteStation
 from umo.remote.answers import Answers
 from umo.remote.attached import user
+from umo.remote.held_lease import batches
 from umo.text import printable
 
 LEASE = 2.0
 """s for which the machine gives the lease; it is renewed as long as the page touches."""
 TOUCH = 0.4
 """s after the last touch for which a page still holds what it held."""
+OLDEST = 4
+"""States behind the newest one that a touch may answer; there are ten a second."""
 OFTEN = HOLD / 5
 """s from one renewal to the next."""
 MOST_ASKED = 32
@@ -38,6 +43,8 @@ NAME = 40
 """The most characters of the name that a page gives."""
 TAKEN = ("path", "value", "arguments", "over")
 """What is taken from a page's command besides `do`; the rest is this module's."""
+SENDERS = ThreadPoolExecutor(8, "umo hand")
+"""Threads that do nothing else, so that a hand never waits for a slow answer to another page."""
 Tell = Callable[[dict[str, Any]], Awaitable[None]]
 
 
@@ -88,7 +95,8 @@ class PageHand:
 
     async def _send(self, do: str, **more: Any) -> int:
         """In a thread: the queue may be full, or it is another hand's turn."""
-        return await asyncio.to_thread(self._station.send, do, key=self._key, who=self._who, **more)
+        send = partial(self._station.send, do, key=self._key, who=self._who, **more)
+        return await asyncio.get_running_loop().run_in_executor(SENDERS, send)
 
     async def _follow(self, message: dict[str, Any], answers: Answers) -> None:
         state = CommandState.BEGUN
@@ -96,15 +104,16 @@ class PageHand:
             while state is CommandState.BEGUN:
                 for event in answers.new():
                     state = event.state
-                    more = self._take_lease() if (message.get("do"), state) == ("lease", CommandState.DONE) else {}
+                    leased = (message.get("do"), state) == ("lease", CommandState.DONE)
+                    more = self._take_lease(int(event.text)) if leased else {}
                     await self._answer(message, state, event.text, **more)
                 await self._feed.looked()
         except (CommandRefused, FramesError) as error:
             await self._answer(message, CommandState.FAILED, str(error))
 
-    def _take_lease(self) -> dict[str, int]:
-        self._leased, _ = self._reader.lease
-        self.touch([])
+    def _take_lease(self, number: int) -> dict[str, int]:
+        self._leased = number
+        self.touch([], self.watched.number)
         return {"lease": self._leased}
 
     async def _answer(self, message: dict[str, Any], state: CommandState, text: str, **more: Any) -> None:
@@ -114,8 +123,11 @@ class PageHand:
 
     # The lease -----------------------------------------------------------------------------------------
 
-    def touch(self, held: list[str]) -> None:
-        """The page is there, and holds these paths."""
+    def touch(self, held: list[str], number: int) -> None:
+        """The page is there, has the state of this number, and holds these paths. An old state does not count: the
+        page or the network is slow."""
+        if self.watched.number - number > OLDEST:
+            return
         self._touched = time.monotonic()
         self._held = held
 
@@ -130,7 +142,8 @@ class PageHand:
             silent = time.monotonic() - self._touched
             if silent < LEASE and self._has_lease:
                 with suppress(CommandRefused, FramesError, OSError):
-                    await self._send("keep", held=self._held if silent < TOUCH else [])
+                    for paths in batches(self._held if silent < TOUCH else []):
+                        await self._send("keep", held=paths)
             await asyncio.sleep(OFTEN)
 
     async def close(self) -> None:

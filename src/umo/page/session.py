@@ -2,7 +2,7 @@
 
 From the page, JSON: `watch` (name of a run), `live` (id, paths, span, width, trigger), `stop` (id), `window` (id,
 paths, start, stop, width; 0: every sample), `measure` (id, paths, start, stop), `command` (id, do, path, value,
-arguments, over, who), `touch` (held).
+arguments, over, who), `touch` (number of the state that it answers, held).
 To the page, JSON: `server`, `stations`, `description`, `state`, `measured`, `answer`, `error`; binary: points
 (`umo.page.live.packed`).
 """
@@ -25,7 +25,7 @@ from umo.page.watched import Watched
 
 MOST_LIVE = 16
 """Subscriptions of one page."""
-MOST_HELD = 32
+MOST_HELD = 256
 """Paths that a page holds at once."""
 READ_ONLY = "this page is read-only"
 
@@ -130,7 +130,7 @@ class Session:
             await (await self._hand_on(watched)).carry_out(message)
         elif kind == "touch":
             if self._hand is not None:
-                self._hand.touch(_held(message))
+                self._hand.touch(_held(message), int(number(message, "number")))
         elif kind == "stop":
             self._live.pop(_key(message), None)
         elif watched is None:

@@ -8,7 +8,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import numpy as np
@@ -161,10 +161,19 @@ class RemoteStation(RemotePart):
             raise _raised(event)
         return json.loads(event.text) if event.text else None
 
-    def keep_up(self, path: str, lasts: float = HOLD) -> None:
-        """What is written or jogged lasts as long as the lease."""
-        if self.held_lease is not None:
-            self.held_lease.keep_up(path, lasts)
+    @contextmanager
+    def keeping_up(self, path: str, lasts: float = HOLD) -> Iterator[None]:
+        """What the block writes or jogs lasts as long as the lease; if it fails, only what was kept up before."""
+        lease = self.held_lease
+        before = lease is not None and path in lease.held
+        if lease is not None:
+            lease.keep_up(path, lasts)
+        try:
+            yield
+        except BaseException:
+            if not before:
+                self.let_go(path)
+            raise
 
     def let_go(self, path: str) -> None:
         """What is written or jogged is kept up no longer."""
@@ -175,6 +184,7 @@ class RemoteStation(RemotePart):
         """Detach."""
         if self._sender is not None:
             self._sender.close()
+            self._sender = None
         self.reader.close()
 
     def __setattr__(self, name: str, value: Any) -> None:

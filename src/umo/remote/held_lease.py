@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import secrets
 import threading
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from types import TracebackType
 from typing import TYPE_CHECKING
@@ -13,6 +15,8 @@ from umo.errors import UmoError
 if TYPE_CHECKING:
     from umo.remote.attached import RemoteStation
 
+ROOM = 600
+"""Bytes of a command for paths; the rest is for who and key."""
 OFTEN = 5
 """Times that a lease is renewed, and what is held is kept up, while it lasts."""
 
@@ -44,8 +48,7 @@ class HeldLease:
         return number != self._number or not holder
 
     def __enter__(self) -> HeldLease:
-        self._station.ask("lease", key=self.key, who=self.who, seconds=self._seconds, over=self._over)
-        self._number, _ = self._station.reader.lease
+        self._number = self._station.ask("lease", key=self.key, who=self.who, seconds=self._seconds, over=self._over)
         self._station.held_lease = self
         self._thread = threading.Thread(target=self._keep, name="umo lease", daemon=True)
         self._thread.start()
@@ -76,4 +79,16 @@ class HeldLease:
             if self._ended or self.lost:
                 return
             with suppress(UmoError, OSError):
-                self._station.send("keep", key=self.key, held=list(self.held))
+                for paths in batches(list(self.held)):
+                    self._station.send("keep", key=self.key, who=self.who, held=paths)
+
+
+def batches(paths: Sequence[str]) -> Iterator[list[str]]:
+    """What is kept up, in parts that a command can carry; one empty part if it is nothing."""
+    part: list[str] = []
+    for path in paths:
+        if part and len(json.dumps([*part, path])) > ROOM:
+            yield part
+            part = []
+        part.append(path)
+    yield part

@@ -156,12 +156,8 @@ class RemoteObject:
         mode. It lasts until `release`, or until the lease ends."""
         lasts = self._entry.get("expires")
         text = getattr(value, "name", value)  # a state of the declaration
-        self._station.keep_up(self.path, min(HOLD, lasts or HOLD))
-        try:
+        with self._station.keeping_up(self.path, min(HOLD, lasts or HOLD)):
             self._station.ask("write", self.path, value=text)
-        except BaseException:
-            self._station.let_go(self.path)
-            raise
 
     def release(self) -> None:
         """Let go of the actuator: its default is sent, and the program may write it again."""
@@ -187,12 +183,11 @@ def call_action(
     """Call an action, as described in the frames, and wait for its end; its result. One that lasts only as long as it
     is kept up is kept up from now on, unless it is called as for its release."""
     path, release = action["path"], action["release"]
-    (station.let_go if release in (None, given) else station.keep_up)(path)
-    try:
-        return station.ask("call", path, arguments=given, while_running=while_running)
-    except BaseException:
+    if release in (None, given):
         station.let_go(path)
-        raise
+        return station.ask("call", path, arguments=given, while_running=while_running)
+    with station.keeping_up(path):
+        return station.ask("call", path, arguments=given, while_running=while_running)
 
 
 def _caller(station: RemoteStation, action: dict[str, Any]) -> Callable[..., Any]:

@@ -4,6 +4,7 @@ import { el, isBinary, setText, shortNumber, shown, unitOf } from "./dom.js";
 
 const SLIDER = 500;  // steps
 const OFTEN = 100;  // ms between two values of a slider that is moved
+const LET_GO = ["pointerup", "pointercancel", "keyup"];  // end a jog wherever they happen: its button may be gone
 const JOG = 0.1;  // of the range: the first value of a jog
 
 const name = (path) => path.slice(path.lastIndexOf(".") + 1);
@@ -36,24 +37,28 @@ export class ActuatorControl {
     this._entry = entry;
     this.path = entry.path;
     this._value = el("output", {});
-    this._release = el("button", { textContent: "Release", title: "Send the default; the program may write it again", onclick: () => this._letGo() });
+    this._release = el("button", { textContent: "Release", type: "button", title: "Send the default; the program may write it again", onclick: () => this._letGo() });
     this._inputs = isBinary(entry) ? this._states() : this._numbers();
     this._reason = el("small", { className: "reason" });
-    this.element = el("div", { className: "control actuator", "data-control": entry.path },
+    this.element = el("form", { className: "control actuator", "data-control": entry.path, noValidate: true, onsubmit: (event) => this._submitted(event) },
       el("span", { className: "label", textContent: name(entry.path) }), this._value,
       ...this._inputs.filter((input) => input !== this._slider), this._release, between(entry, this._slider), this._reason);
   }
 
   _states() {
     const states = [this._entry.zero, this._entry.one];
-    return states.map((state) => el("button", { textContent: state, "data-state": state, "aria-pressed": "false", onclick: () => this._write(state) }));
+    return states.map((state) => el("button", { textContent: state, type: "button", "data-state": state, "aria-pressed": "false", onclick: () => this._write(state) }));
   }
 
   _numbers() {
     this._field = field(this._entry, this.path);
-    this._field.onchange = () => this._field.value !== "" && this._write(Number(this._field.value));
     this._slider = slider(this._entry, this.path, { oninput: () => this._moved() });
-    return [this._field, this._slider].filter(Boolean);
+    return [this._field, el("button", { textContent: "Set", type: "submit" }), this._slider].filter(Boolean);
+  }
+
+  _submitted(event) {
+    event.preventDefault();
+    if (this._field && this._field.value !== "") this._write(Number(this._field.value));
   }
 
   /** The slider is moved: its newest value every `OFTEN` ms. */
@@ -61,17 +66,20 @@ export class ActuatorControl {
     this._field.value = shortNumber(Number(this._slider.value));
     this._timer ??= setTimeout(() => {
       this._timer = null;
-      this._write(Number(this._slider.value));
+      if (this._hand.leased && this.element.isConnected) this._write(Number(this._slider.value));
     }, OFTEN);
   }
 
   async _write(value) {
+    const before = this._hand.holds(this.path);
     this._hand.hold(this.path);
     const answer = await this._hand.ask({ do: "write", path: this.path, value }, `${this.path} = ${value}`);
-    if (answer.state !== "done") this._hand.letGo(this.path);
+    if (answer.state !== "done" && !before) this._hand.letGo(this.path);
   }
 
   _letGo() {
+    clearTimeout(this._timer);
+    this._timer = null;
     this._hand.letGo(this.path);
     this._hand.ask({ do: "let go", path: this.path }, `release ${this.path}`);
   }
@@ -133,26 +141,22 @@ export class ActionControl {
     this._arguments = new Arguments(action);
     this._call = el("button", { textContent: name(action.path), title: action.help, type: "submit" });
     this._cancel = el("button", { textContent: "Cancel", type: "button", hidden: true, onclick: () => hand.ask({ do: "cancel", path: action.path }) });
-    this._running = 0;
     this.element = el("form", { className: "control action", "data-control": action.path, noValidate: true, onsubmit: (event) => this._submitted(event) },
       this._call, ...this._arguments.elements, this._cancel, el("small", { textContent: sentence(action.help), title: action.help }));
   }
 
-  async _submitted(event) {
+  _submitted(event) {
     event.preventDefault();
     const given = this._arguments.values();
     const words = Object.entries(given).map(([key, value]) => `${key}=${value}`);
-    this._running += 1;
-    await this._hand.ask({ do: "call", path: this._action.path, arguments: given }, [this._action.path, ...words].join(" "));
-    this._running -= 1;
-    this._cancel.hidden = !this._running;
+    this._hand.ask({ do: "call", path: this._action.path, arguments: given }, [this._action.path, ...words].join(" "));
   }
 
   refresh() {
     const enabled = this._hand.leased && (this._hand.manual || this._action.harmless);
     for (const input of [this._call, ...this._arguments.all]) input.disabled = !enabled;
     const begun = this._hand.asked.some(({ path, state }) => path === this._action.path && state === "begun");
-    this._cancel.hidden = !(begun && this._running);
+    this._cancel.hidden = !begun;
     this._cancel.disabled = !this._hand.leased;
   }
 }
@@ -162,6 +166,7 @@ export class JogControl {
   constructor(hand, action) {
     this._hand = hand;
     this._action = action;
+    this._anywhere = () => this._stop();
     this._about = action.arguments.find(({ kind, name: each }) => kind === "number" && each in action.release) ?? null;
     this._others = new Arguments(action, (about) => about !== this._about);
     this._buttons = this._about && this._about.minimum < 0 ? [this._button("−", -1), this._button("+", 1)] : [this._button("Hold", 1)];
@@ -183,14 +188,13 @@ export class JogControl {
       button.setPointerCapture(event.pointerId);
       start();
     };
-    for (const kind of ["pointerup", "pointercancel", "lostpointercapture", "blur"]) button.addEventListener(kind, stop);
+    for (const kind of ["lostpointercapture", "blur"]) button.addEventListener(kind, stop);
     button.addEventListener("contextmenu", (event) => event.preventDefault());  // a long touch
     button.onkeydown = (event) => {
       if (![" ", "Enter"].includes(event.key)) return;
       event.preventDefault();
       if (!event.repeat) start();
     };
-    button.onkeyup = (event) => { if ([" ", "Enter"].includes(event.key)) stop(); };
     return button;
   }
 
@@ -201,6 +205,7 @@ export class JogControl {
     if (this._about && this._speed.value !== "") given[this._about.name] = sign * Number(this._speed.value);
     this._hand.hold(path, { jog: () => this._stop(), lost: () => this._mark(null) });
     this._mark(sign);
+    for (const kind of LET_GO) window.addEventListener(kind, this._anywhere);
     const answer = await this._hand.ask({ do: "call", path, arguments: given }, path);
     if (answer.state !== "done") this._ended();
   }
@@ -213,6 +218,7 @@ export class JogControl {
   }
 
   _ended() {
+    for (const kind of LET_GO) window.removeEventListener(kind, this._anywhere);
     this._hand.letGo(this._action.path);
     this._mark(null);
   }

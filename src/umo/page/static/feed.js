@@ -183,8 +183,8 @@ export class Feed {
    */
   command(message, onBegun = () => {}) { return this._ask({ ...message, type: "command" }, onBegun); }
 
-  /** Tell that this page is there, and what it holds. @param {string[]} held */
-  touch(held) { this._send({ type: "touch", held }); }
+  /** Answer a state with what this page holds: it proves that the page is there. @param {string[]} held */
+  touch(held) { this._send({ type: "touch", number: this.state.number, held }); }
 
   /** A GET from this server as JSON; Error with the status otherwise. */
   async json(path) {

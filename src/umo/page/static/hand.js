@@ -45,7 +45,7 @@ export class Hand {
   /** Send a command and remember its answer, which is never an exception. */
   async ask(message, what = "") {
     const entry = { what: what || [message.do, message.path].filter(Boolean).join(" "), path: message.path ?? "", do: message.do, state: "sent", text: "" };
-    this.asked = [entry, ...this.asked].slice(0, KEPT);
+    this.asked = [entry, ...this.asked].filter(({ state }, i) => i < KEPT || state === "begun");
     this._changed();
     let answer;
     try {

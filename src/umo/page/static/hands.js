@@ -28,7 +28,7 @@ class Hands {
       this._why = el("p", { className: "hint" }), this._answers,
       el("div", { className: "parts" }, ...this._parts.map((part) => part.element)));
     for (const part of this._parts) part.open = this._parts.length <= OPEN;
-    this._closing = [feed.on("state", () => this._refresh()), hand.on(() => this._refresh())];
+    this._off = hand.on(() => this._refresh());  // after each state too
     this._filtered();
     this._refresh();
   }
@@ -91,7 +91,7 @@ class Hands {
 
   close() {
     this.hand.letGoOfJogs();
-    for (const off of this._closing) off();
+    this._off();
   }
 }
 
