@@ -22,6 +22,8 @@ PIECE = 0.003
 """s between the pieces of an answer."""
 LAST = 0.5
 """s in which an answer that is to be late must have come."""
+SETTLE = 5.0
+"""s that the thread of a tap is waited for."""
 KEPT = 64
 """Exchanges that are remembered."""
 SIZE = 65536
@@ -72,7 +74,9 @@ class Tap(ABC):
         self._wake, self._waker = os.pipe()
         self._selector.register(self._wake, selectors.EVENT_READ)
         self._end = False
-        self._settled = threading.Event()
+        self._asked = self._settled = 0
+        """How often it was asked to settle, and up to which of these it has."""
+        self._turn = threading.Condition()
         self._thread = threading.Thread(target=self._work, name="umo tap", daemon=True)
 
     def __enter__(self) -> Self:
@@ -184,9 +188,10 @@ class Tap(ABC):
 
     def settle(self) -> None:
         """Returns when everything has been dealt with that waits now."""
-        self._settled.clear()
-        self._nudge()
-        self._settled.wait(LAST)
+        with self._turn:
+            self._asked = asked = self._asked + 1
+            self._nudge()
+            self._turn.wait_for(lambda: self._settled >= asked, SETTLE)
 
     @property
     def descriptors(self) -> int:
@@ -227,13 +232,16 @@ class Tap(ABC):
 
     def _work(self) -> None:
         while not self._end:
+            asked = self._asked  # before the look: whatever happened before it was asked is seen
             ready = self._selector.select(self._pause())
             with self._lock:
                 for key, _ in ready:
                     if self._selector.get_map().get(key.fd) is key:  # else closed since, and perhaps used again
                         self._serve(key.fd)
                 self._look()
-            self._settled.set()
+            with self._turn:
+                self._settled = asked
+                self._turn.notify_all()
 
     def _pause(self) -> float | None:
         if self._endless:
