@@ -233,7 +233,7 @@ class Tap(ABC):
     def _work(self) -> None:
         while not self._end:
             asked = self._asked  # before the look: whatever happened before it was asked is seen
-            ready = self._selector.select(self._pause())
+            ready = self._selector.select(self._pause() if self._settled == asked else 0)
             with self._lock:
                 for key, _ in ready:
                     if self._selector.get_map().get(key.fd) is key:  # else closed since, and perhaps used again
