@@ -229,6 +229,14 @@ def test_a_touch_without_meaning_is_answered_by_an_error(station: umo.RemoteStat
 # In a browser -------------------------------------------------------------------------------------------
 
 
+@pytest.fixture
+def page(page: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Of a server that is patient: a busy computer may stop the browser for a second."""
+    monkeypatch.setattr("umo.page.page_hand.TOUCH", 3.0)
+    monkeypatch.setattr("umo.page.page_hand.OLDEST", 30)
+    return page
+
+
 def take_lease(page: Any, url: str, name: str = "Ann") -> None:
     page.goto(url + "#view=hands")
     page.get_by_label("Your name").fill(name)
