@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import select
+import socket
 import stat
 from collections.abc import Iterator
+from contextlib import ExitStack
 from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any
@@ -12,9 +15,10 @@ from urllib.parse import quote
 import pytest
 from websockets.exceptions import InvalidStatus
 
+from umo.page import guard, server
 from umo.page.guard import new_token
 
-from .conftest import TOKEN, Served, opened, serving
+from .conftest import PATIENCE, TOKEN, Served, eventually, opened, serving
 
 
 @pytest.fixture(scope="module")
@@ -72,6 +76,43 @@ def test_the_form_gives_the_cookie_for_the_token(served: Served) -> None:
     assert (response.status, response.getheader("location")) == (303, "/")
     assert "HttpOnly" in response.getheader("set-cookie")
     assert ask(served, "/login", "POST", body, Origin="http://evil.example").status == 403
+
+
+def test_many_wrong_tokens_make_nobody_wait_and_no_guess_faster(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guard, "WRONG_TAKES", PATIENCE)
+    with serving() as served, ExitStack() as open_ones:
+        cookie = cookie_of(served).partition(";")[0]
+        asking = [HTTPConnection("127.0.0.1", served.port, timeout=PATIENCE) for _ in range(guard.MOST_WRONG + 1)]
+        for connection in asking:
+            open_ones.callback(connection.close)
+            connection.request("GET", "/?token=wrong")
+        answered, _, _ = select.select([connection.sock for connection in asking], [], [], PATIENCE / 2)
+        assert len(answered) == 1
+        assert ask(served, "/?token=typo").status == 429
+        assert ask(served, "/login", "POST", "token=typo").status == 429
+        assert ask(served, served.url.removeprefix(served.origin)).status == 429
+        assert ask(served, "/", Cookie=cookie).status == 200
+
+
+def test_after_wrong_tokens_the_right_one_is_let_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guard, "WRONG_TAKES", 0.01)
+    with serving() as served:
+        assert {ask(served, "/?token=wrong").status for _ in range(2 * guard.MOST_WRONG)} == {401}
+        assert ask(served, served.url.removeprefix(served.origin)).status == 200
+
+
+def test_a_form_that_does_not_come_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guard, "FORM_TAKES", 0.05)
+    with serving() as served:
+        assert ask(served, "/login", "POST", None, Content_Length="20").status == 408
+
+
+def test_the_number_of_connections_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "MOST_CONNECTIONS", 3)
+    with serving() as served, ExitStack() as idle:
+        for _ in range(3):
+            idle.enter_context(socket.create_connection(("127.0.0.1", served.port), PATIENCE))
+        eventually(lambda: ask(served, served.url.removeprefix(served.origin)).status == 503)
 
 
 @pytest.mark.parametrize("host", ["evil.example", "evil.example:80", "127.0.0.1.evil.example", "", "10.0.0.1", "[::2]"])

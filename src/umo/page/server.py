@@ -30,6 +30,8 @@ from umo.page.session import Session
 STATIC = Path(__file__).parent / "static"
 LONGEST_MESSAGE = 1 << 16
 """Bytes of a message of a page."""
+MOST_CONNECTIONS = 500
+"""Connections, those of open pages included. With as many, a request is answered by 503."""
 GRACE = 1
 """s that open pages are given at the end."""
 
@@ -112,7 +114,8 @@ def server(options: Options, ready: Callable[[], None]) -> uvicorn.Server:
     config = uvicorn.Config(
         application(options, Feed()), log_level="error", access_log=False, lifespan="on", server_header=False,
         ws="websockets-sansio", ws_max_size=LONGEST_MESSAGE, ws_per_message_deflate=False,
-        timeout_graceful_shutdown=GRACE, ssl_certfile=options.certificate, ssl_keyfile=options.key,
+        limit_concurrency=MOST_CONNECTIONS, timeout_graceful_shutdown=GRACE,
+        ssl_certfile=options.certificate, ssl_keyfile=options.key,
     )  # fmt: skip
     return _Server(config, ready)
 
