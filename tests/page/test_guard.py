@@ -13,7 +13,7 @@ from typing import Any
 from urllib.parse import quote
 
 import pytest
-from websockets.exceptions import InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from umo.page import guard, server
 from umo.page.guard import new_token
@@ -134,10 +134,20 @@ def test_another_site_cannot_open_the_websocket(served: Served, origin: str) -> 
 
 
 def test_the_websocket_needs_the_token(served: Served) -> None:
-    with pytest.raises(InvalidStatus), opened(served.socket.partition("?")[0]):
-        pass
+    with pytest.raises(ConnectionClosed) as caught, opened(served.socket.partition("?")[0]) as client:
+        client.get("server")
+    assert caught.value.rcvd is not None
+    assert caught.value.rcvd.code == 4401
     with opened(served.socket, origin=served.origin) as client:
         assert client.get("server")["hands"]
+
+
+def test_a_page_says_that_the_server_refuses_it_and_what_to_do(page: Any) -> None:
+    with serving() as served:
+        page.goto(served.url)
+        page.get_by_text("No station is running").wait_for()
+    with serving(served.port, token="another token"):
+        page.get_by_text("The server refuses this page. Open the address that `umo view` has printed.").wait_for()
 
 
 def test_the_policy_binds_the_browser_to_this_server(served: Served) -> None:

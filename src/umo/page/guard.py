@@ -81,7 +81,7 @@ class Guard:
         if answer is None:
             await self._app(scope, receive, self._with_headers(scope, send))
         elif scope["type"] == "websocket":
-            await send({"type": "websocket.close", "code": 4401 if answer.status_code == 401 else 1008})
+            await _refuse_page(answer.status_code, receive, send)
         else:
             await answer(scope, receive, self._with_headers(scope, send))
 
@@ -182,6 +182,14 @@ class Guard:
             await send(message)
 
         return wrapped
+
+
+async def _refuse_page(status: int, receive: Receive, send: Send) -> None:
+    """Close the websocket of a page. A browser tells it the code only after an accept; another site gets none."""
+    await receive()  # websocket.connect
+    if status == 401:
+        await send({"type": "websocket.accept"})
+    await send({"type": "websocket.close", "code": 4000 + status})
 
 
 async def _body(receive: Receive) -> bytes:
