@@ -49,6 +49,13 @@ def test_nothing_is_served_without_the_token(served: Served, path: str) -> None:
     assert ask(served, path).status == 401
 
 
+@pytest.mark.parametrize(
+    "path", ["/static/../server.py", "/static/%2e%2e/server.py", "/static/..%2fserver.py", "/static/"]
+)
+def test_nothing_but_the_files_of_the_page_is_served(served: Served, path: str) -> None:
+    assert ask(served, path, Cookie=cookie_of(served).partition(";")[0]).status == 404
+
+
 @pytest.mark.parametrize("token", ["", "wrong", TOKEN + "x", TOKEN[:-1], "\u00e4", "%ff"])
 def test_a_wrong_token_is_refused(served: Served, token: str) -> None:
     assert ask(served, f"/?token={quote(token)}").status == 401
@@ -67,6 +74,14 @@ def test_the_token_becomes_a_cookie_that_scripts_and_other_sites_cannot_use(serv
     assert TOKEN not in cookie
     assert ask(served, "/static/app.js", Cookie=cookie.partition(";")[0]).status == 200
     assert ask(served, "/static/app.js", Cookie=cookie.partition(";")[0][:-1]).status == 401
+
+
+@pytest.mark.parametrize("other", ['prefs={"a":1}', "x=a b", "alone", "=", '"'])
+def test_cookies_of_other_servers_of_this_computer_do_not_matter(served: Served, other: str) -> None:
+    cookie = cookie_of(served).partition(";")[0]
+    assert ask(served, "/", Cookie=f"{other}; {cookie}").status == 200
+    assert ask(served, "/", Cookie=f"{cookie}; {other}").status == 200
+    assert ask(served, "/", Cookie=other).status == 401
 
 
 def test_the_form_gives_the_cookie_for_the_token(served: Served) -> None:
