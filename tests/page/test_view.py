@@ -26,9 +26,17 @@ def refused(result: Result) -> str:
     return text
 
 
-@pytest.mark.parametrize("token", [(), ("--token", "short")])
-def test_other_computers_are_let_in_only_with_a_token_that_is_given(umo: Umo, token: tuple[str, ...]) -> None:
-    assert "give a token of at least 8 characters" in refused(umo("view", "--host", "0.0.0.0", *token))
+def test_other_computers_are_let_in_only_with_a_token_that_is_given(umo: Umo) -> None:
+    assert "give a token of at least 8 characters" in refused(umo("view", "--host", "0.0.0.0"))
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0"])
+@pytest.mark.parametrize("token", ["", "a", "1234567"])
+def test_a_short_token_is_refused_at_every_address(
+    umo: Umo, host: str, token: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("umo.page.server.serve", lambda *given: None)
+    assert "give a token of at least 8" in refused(umo("view", "--host", host, "--port", "0", "--token", token))
 
 
 def test_a_certificate_needs_its_key(umo: Umo) -> None:

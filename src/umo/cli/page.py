@@ -26,7 +26,7 @@ LIBRARIES = ("starlette", "uvicorn", "websockets")
 PORT = 8270
 """The default; any free port if it is taken."""
 SHORTEST = 8
-"""Characters of a token with which other computers are let in."""
+"""Characters of a token that is given."""
 
 
 class PageError(FramesError, ValueError):
@@ -79,11 +79,13 @@ def view(choice: ViewOptions) -> int:
 
 def _check(choice: ViewOptions, local: bool) -> None:
     """PageError for options that do not fit one another."""
-    if not local and len(choice.token or "") < SHORTEST:
+    if not local and choice.token is None:
         raise PageError(
             f"listening at {choice.host} lets other computers in: give a token of at least {SHORTEST} characters "
-            "(--token, or the variable UMO_TOKEN)"
+            "(the variable UMO_TOKEN, or --token)"
         )
+    if choice.token is not None and len(choice.token) < SHORTEST:
+        raise PageError(f"the token has {len(choice.token)} characters; give a token of at least {SHORTEST}")
     if (choice.certificate is None) != (choice.key is None):
         raise PageError("TLS needs both --certificate and --key")
     for file in filter(None, (choice.certificate, choice.key)):
