@@ -73,7 +73,11 @@ def view(choice: ViewOptions) -> int:
             _open(f"{address}?token={quote(token)}")
 
     stand_back()
-    serve(options, listening, ready)
+    try:
+        serve(options, listening, ready)
+    finally:
+        if choice.open:
+            _opening().unlink(missing_ok=True)
     return 0
 
 
@@ -140,9 +144,14 @@ def _warn(choice: ViewOptions, hands: bool) -> None:
         err.print("umo: warning: without --certificate and --key the token can be read on the network", soft_wrap=True)
 
 
+def _opening() -> Path:
+    """The file by which the browser is sent to the page; it carries the token."""
+    return folder() / "page.html"
+
+
 def _open(address: str) -> None:
     """In the user's browser, by a file that only the user can read: other users see the arguments of processes."""
-    file = folder() / "page.html"
+    file = _opening()
     file.unlink(missing_ok=True)
     file.touch(0o600, exist_ok=False)
     url = escape(address)
