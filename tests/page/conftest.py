@@ -82,6 +82,7 @@ def serving(port: int = 0, **options: Any) -> Iterator[Served]:
         serving.should_exit = True
         thread.join(PATIENCE)
         listening.close()
+        assert not thread.is_alive(), "the server did not end in time"
 
 
 @contextmanager
@@ -109,14 +110,17 @@ class Client:
         self._socket.send(text)
 
     def get(self, kind: str) -> Any:
-        """The next message of a type; `points`: a binary one, as (head, times, low, high)."""
-        while True:
-            message = self._socket.recv(PATIENCE)
+        """The next message of a type; `points`: a binary one, as (head, times, low, high). TimeoutError after
+        PATIENCE, whatever else comes."""
+        until = time.monotonic() + PATIENCE
+        while (left := until - time.monotonic()) > 0:
+            message = self._socket.recv(left)
             if isinstance(message, bytes):
                 if kind == "points":
                     return unpacked(message)
             elif (found := json.loads(message))["type"] == kind:
                 return found
+        raise TimeoutError(f"no {kind} came in time")
 
 
 @contextmanager

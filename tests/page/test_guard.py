@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import select
+import socket
 import stat
 from collections.abc import Iterator
+from contextlib import ExitStack
 from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 import pytest
-from websockets.exceptions import InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 
+from umo.page import guard, server
 from umo.page.guard import new_token
 
-from .conftest import TOKEN, Served, opened, serving
+from .conftest import PATIENCE, TOKEN, Served, eventually, opened, serving
 
 
 @pytest.fixture(scope="module")
@@ -45,6 +49,13 @@ def test_nothing_is_served_without_the_token(served: Served, path: str) -> None:
     assert ask(served, path).status == 401
 
 
+@pytest.mark.parametrize(
+    "path", ["/static/../server.py", "/static/%2e%2e/server.py", "/static/..%2fserver.py", "/static/"]
+)
+def test_nothing_but_the_files_of_the_page_is_served(served: Served, path: str) -> None:
+    assert ask(served, path, Cookie=cookie_of(served).partition(";")[0]).status == 404
+
+
 @pytest.mark.parametrize("token", ["", "wrong", TOKEN + "x", TOKEN[:-1], "\u00e4", "%ff"])
 def test_a_wrong_token_is_refused(served: Served, token: str) -> None:
     assert ask(served, f"/?token={quote(token)}").status == 401
@@ -65,6 +76,14 @@ def test_the_token_becomes_a_cookie_that_scripts_and_other_sites_cannot_use(serv
     assert ask(served, "/static/app.js", Cookie=cookie.partition(";")[0][:-1]).status == 401
 
 
+@pytest.mark.parametrize("other", ['prefs={"a":1}', "x=a b", "alone", "=", '"'])
+def test_cookies_of_other_servers_of_this_computer_do_not_matter(served: Served, other: str) -> None:
+    cookie = cookie_of(served).partition(";")[0]
+    assert ask(served, "/", Cookie=f"{other}; {cookie}").status == 200
+    assert ask(served, "/", Cookie=f"{cookie}; {other}").status == 200
+    assert ask(served, "/", Cookie=other).status == 401
+
+
 def test_the_form_gives_the_cookie_for_the_token(served: Served) -> None:
     body = f"token={TOKEN.replace(' ', '+')}"
     assert ask(served, "/login", "POST", "token=wrong").status == 401
@@ -72,6 +91,43 @@ def test_the_form_gives_the_cookie_for_the_token(served: Served) -> None:
     assert (response.status, response.getheader("location")) == (303, "/")
     assert "HttpOnly" in response.getheader("set-cookie")
     assert ask(served, "/login", "POST", body, Origin="http://evil.example").status == 403
+
+
+def test_many_wrong_tokens_make_nobody_wait_and_no_guess_faster(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guard, "WRONG_TAKES", PATIENCE)
+    with serving() as served, ExitStack() as open_ones:
+        cookie = cookie_of(served).partition(";")[0]
+        asking = [HTTPConnection("127.0.0.1", served.port, timeout=PATIENCE) for _ in range(guard.MOST_WRONG + 1)]
+        for connection in asking:
+            open_ones.callback(connection.close)
+            connection.request("GET", "/?token=wrong")
+        answered, _, _ = select.select([connection.sock for connection in asking], [], [], PATIENCE / 2)
+        assert len(answered) == 1
+        assert ask(served, "/?token=typo").status == 429
+        assert ask(served, "/login", "POST", "token=typo").status == 429
+        assert ask(served, served.url.removeprefix(served.origin)).status == 429
+        assert ask(served, "/", Cookie=cookie).status == 200
+
+
+def test_after_wrong_tokens_the_right_one_is_let_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guard, "WRONG_TAKES", 0.01)
+    with serving() as served:
+        assert {ask(served, "/?token=wrong").status for _ in range(2 * guard.MOST_WRONG)} == {401}
+        assert ask(served, served.url.removeprefix(served.origin)).status == 200
+
+
+def test_a_form_that_does_not_come_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guard, "FORM_TAKES", 0.05)
+    with serving() as served:
+        assert ask(served, "/login", "POST", None, Content_Length="20").status == 408
+
+
+def test_the_number_of_connections_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "MOST_CONNECTIONS", 3)
+    with serving() as served, ExitStack() as idle:
+        for _ in range(3):
+            idle.enter_context(socket.create_connection(("127.0.0.1", served.port), PATIENCE))
+        eventually(lambda: ask(served, served.url.removeprefix(served.origin)).status == 503)
 
 
 @pytest.mark.parametrize("host", ["evil.example", "evil.example:80", "127.0.0.1.evil.example", "", "10.0.0.1", "[::2]"])
@@ -93,10 +149,20 @@ def test_another_site_cannot_open_the_websocket(served: Served, origin: str) -> 
 
 
 def test_the_websocket_needs_the_token(served: Served) -> None:
-    with pytest.raises(InvalidStatus), opened(served.socket.partition("?")[0]):
-        pass
+    with pytest.raises(ConnectionClosed) as caught, opened(served.socket.partition("?")[0]) as client:
+        client.get("server")
+    assert caught.value.rcvd is not None
+    assert caught.value.rcvd.code == 4401
     with opened(served.socket, origin=served.origin) as client:
         assert client.get("server")["hands"]
+
+
+def test_a_page_says_that_the_server_refuses_it_and_what_to_do(page: Any) -> None:
+    with serving() as served:
+        page.goto(served.url)
+        page.get_by_text("No station is running").wait_for()
+    with serving(served.port, token="another token"):
+        page.get_by_text("The server refuses this page. Open the address that `umo view` has printed.").wait_for()
 
 
 def test_the_policy_binds_the_browser_to_this_server(served: Served) -> None:

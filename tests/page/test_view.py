@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import signal
 import ssl
@@ -13,8 +14,9 @@ from pathlib import Path
 import pytest
 from typer.testing import Result
 
-from .conftest import viewing
+from .conftest import PATIENCE, eventually, viewing
 
+ROOT = Path(__file__).parents[2]
 Umo = Callable[..., Result]
 
 
@@ -26,9 +28,17 @@ def refused(result: Result) -> str:
     return text
 
 
-@pytest.mark.parametrize("token", [(), ("--token", "short")])
-def test_other_computers_are_let_in_only_with_a_token_that_is_given(umo: Umo, token: tuple[str, ...]) -> None:
-    assert "give a token of at least 8 characters" in refused(umo("view", "--host", "0.0.0.0", *token))
+def test_other_computers_are_let_in_only_with_a_token_that_is_given(umo: Umo) -> None:
+    assert "give a token of at least 8 characters" in refused(umo("view", "--host", "0.0.0.0"))
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0"])
+@pytest.mark.parametrize("token", ["", "a", "1234567"])
+def test_a_short_token_is_refused_at_every_address(
+    umo: Umo, host: str, token: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("umo.page.server.serve", lambda *given: None)
+    assert "give a token of at least 8" in refused(umo("view", "--host", host, "--port", "0", "--token", token))
 
 
 def test_a_certificate_needs_its_key(umo: Umo) -> None:
@@ -59,6 +69,33 @@ def test_the_address_that_it_prints_opens_the_page_until_ctrl_c() -> None:
         process.send_signal(signal.SIGINT)
         _, error = process.communicate(timeout=20)
         assert "Traceback" not in error
+
+
+def test_its_help_names_the_hands(umo: Umo) -> None:
+    text = " ".join(umo("view", "--help").stdout.split())
+    assert "scope, machine, twin, hands" in text
+    assert "At another address (--host) the token must be given" in text
+
+
+def test_the_examples_show_no_token_to_those_who_list_the_processes(umo: Umo) -> None:
+    howto = (ROOT / "docs" / "howto-view-a-running-machine.md").read_text()
+    for text in (howto, umo("view", "--help").stdout):
+        assert "UMO_TOKEN" in text
+        assert re.search(r"umo\s+view --[^|`]*--(token|password)\b", text) is None
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_file_that_opens_the_browser_goes_when_the_server_ends(
+    number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("UMO_FRAMES", str(tmp_path))
+    monkeypatch.setenv("BROWSER", "true")  # the command that does nothing
+    file = tmp_path / "page.html"
+    with viewing("--open") as (process, address):
+        eventually(lambda: file.exists() and address.partition("=")[2] in file.read_text())
+        process.send_signal(number)
+        _, error = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, error, file.exists()) == (0, "", False)
 
 
 def test_with_a_certificate_the_page_is_served_by_tls_only(tmp_path: Path) -> None:

@@ -26,18 +26,11 @@ app = typer.Typer(
 )
 command = partial(app.command, rich_help_panel="Stations")
 
-StationName = Annotated[
-    str,
-    typer.Argument(
-        metavar="STATION", help="Directory of a station, or the name of a shipped one (ztheta, conveyor, furnace)."
-    ),
-]
-OptionalStation = Annotated[
-    str | None,
-    typer.Argument(
-        metavar="STATION", help="Directory of a station, or the name of a shipped one (ztheta, conveyor, furnace)."
-    ),
-]
+_STATION = typer.Argument(
+    metavar="STATION", help="Directory of a station, or the name of a shipped one (ztheta, conveyor, furnace)."
+)
+StationName = Annotated[str, _STATION]
+OptionalStation = Annotated[str | None, _STATION]
 """Of commands that show the options of the station in their help."""
 NO_STATION = "give the directory of a station, or the name of a shipped one"
 WiringName = Annotated[
@@ -57,6 +50,23 @@ Faults = Annotated[
 FaultSeed = Annotated[
     int | None, typer.Option("--fault-seed", min=0, help="Seed of the random numbers of injected faults; default: 0.")
 ]
+BoxWiring = Annotated[
+    str | None,
+    typer.Option(
+        "--wiring",
+        "-w",
+        metavar="NAME|FILE",
+        help="Modbus wiring that says which object is in which register; default: modbus, or the only one.",
+    ),
+]
+PlantWiring = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME|FILE", help="Simulated wiring that has the plant; default: the station's first, simulated."
+    ),
+]
+Help = Annotated[bool, typer.Option("--help", "-h", help="Show this message, and the options of the station.")]
+"""Of commands that take the options of a station and name them in their help."""
 OF_THE_MACHINE = {"allow_extra_args": True, "ignore_unknown_options": True}
 """For commands that take the options of the station's machine."""
 Acknowledge = Annotated[
@@ -125,9 +135,7 @@ def run(
     full_traceback: Annotated[
         bool, typer.Option("--traceback", help="Show the full traceback of an exception.")
     ] = False,
-    help_: Annotated[
-        bool, typer.Option("--help", "-h", help="Show this message, and the options of the station.")
-    ] = False,
+    help_: Help = False,
 ) -> None:
     """Run a station. Exit status 0: its application has returned.
 
@@ -137,11 +145,7 @@ def run(
     In real time the loop runs in its own process. A guardian process resets the machine if the loop dies or hangs.
     Trace (CSV) and plot (PNG) go to runs/. Ctrl-C stops safely: every actuator goes to its default.
     """
-    if help_:
-        typer.echo(context.get_help())
-        guarded(lambda: _show_options(station, wiring))
-    if station is None:
-        raise typer.BadParameter(NO_STATION, param_hint="STATION")
+    name = _named(context, help_, station, wiring)
 
     def work() -> int:
         from umo.process.job import Job
@@ -150,9 +154,9 @@ def run(
         from .run import run_station
         from .station_options import parse
 
-        options = parse(find(station), wiring, context.args) | _injected(fault, fault_seed)
+        options = parse(find(name), wiring, context.args) | _injected(fault, fault_seed)
         options |= {"realtime": True} if realtime or manual else {}
-        job = Job(station, wiring=wiring, options=options, acknowledge=acknowledge, manual=manual)
+        job = Job(name, wiring=wiring, options=options, acknowledge=acknowledge, manual=manual)
         return run_station(job, summary=summary, full_traceback=full_traceback)
 
     guarded(work)
@@ -163,7 +167,19 @@ def _injected(faults: list[str] | None, seed: int | None) -> dict[str, Any]:
     return ({"fault": faults} if faults else {}) | ({} if seed is None else {"fault_seed": seed})
 
 
-def _show_options(station: str | None, wiring: str | None, application: bool = True) -> None:
+def _named(
+    context: typer.Context, help_: bool, station: str | None, wiring: str | None, application: bool = True
+) -> str:
+    """The station that is named. With --help: show the help and the options of the station, and exit."""
+    if help_:
+        typer.echo(context.get_help())
+        guarded(lambda: _show_options(station, wiring, application))
+    if station is None:
+        raise typer.BadParameter(NO_STATION, param_hint="STATION")
+    return station
+
+
+def _show_options(station: str | None, wiring: str | None, application: bool) -> None:
     if station is not None:
         from umo.process.station import find
 
@@ -182,21 +198,8 @@ def _show_options(station: str | None, wiring: str | None, application: bool = T
 def plant(
     context: typer.Context,
     station: OptionalStation = None,
-    wiring: Annotated[
-        str | None,
-        typer.Option(
-            "--wiring",
-            "-w",
-            metavar="NAME|FILE",
-            help="Modbus wiring that says which object is in which register; default: modbus, or the only one.",
-        ),
-    ] = None,
-    plant_wiring: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME|FILE", help="Simulated wiring that has the plant; default: the station's first, simulated."
-        ),
-    ] = None,
+    wiring: BoxWiring = None,
+    plant_wiring: PlantWiring = None,
     host: Annotated[str | None, typer.Option(help="Address to serve at; default: the wiring's.")] = None,
     port: Annotated[
         int | None, typer.Option(min=0, max=65535, help="TCP port; 0: any free port; default: the wiring's.")
@@ -209,21 +212,14 @@ def plant(
     ] = None,
     fault: Faults = None,
     fault_seed: FaultSeed = None,
-    help_: Annotated[
-        bool, typer.Option("--help", "-h", help="Show this message, and the options of the plant.")
-    ] = False,
+    help_: Help = False,
 ) -> None:
     """Serve a station's plant over Modbus TCP in real time, like the controller boxes of the machine.
 
     The simulated wiring says which plant channel each object is on, the Modbus wiring in which register of which box.
     The options of the plant's drivers follow the name of the station.
     """
-    if help_:
-        typer.echo(context.get_help())
-        guarded(lambda: _show_options(station, plant_wiring, application=False))
-
-    if station is None:
-        raise typer.BadParameter(NO_STATION, param_hint="STATION")
+    name = _named(context, help_, station, plant_wiring, application=False)
 
     def work() -> None:
         from umo.process.station import find
@@ -232,7 +228,7 @@ def plant(
 
         changes = {"host": host, "port": port, "watchdog": watchdog}
         injected = _injected(fault, fault_seed)
-        serve_plant(find(station), wiring, plant_wiring, context.args, changes, report, injected)
+        serve_plant(find(name), wiring, plant_wiring, context.args, changes, report, injected)
 
     guarded(work)
 

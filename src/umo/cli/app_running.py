@@ -53,7 +53,7 @@ def watch(
 
 @command(
     epilog="Examples: umo view  |  umo view ztheta --open  |  umo view --port 8300  |  "
-    "umo view --host 0.0.0.0 --token 'a long secret' --certificate cell.pem --key cell.key",
+    "umo view --host 0.0.0.0 --certificate cell.pem --key cell.key (with UMO_TOKEN in the environment)",
 )
 def view(
     station: Annotated[
@@ -71,7 +71,11 @@ def view(
     token: Annotated[
         str | None,
         typer.Option(
-            "--token", "--password", envvar="UMO_TOKEN", help="What a browser must give; default: a random token."
+            "--token",
+            "--password",
+            envvar="UMO_TOKEN",
+            help="What a browser must give, at least 8 characters; default: "
+            "a random token. Other users see --token in the list of processes, but not the variable.",
         ),
     ] = None,
     certificate: Annotated[
@@ -79,11 +83,12 @@ def view(
     ] = None,
     key: Annotated[Path | None, typer.Option(metavar="FILE.key", help="Private key of the certificate.")] = None,
 ) -> None:
-    """Show running stations in a browser: scope, machine, twin. Prints the address, which carries a token.
+    """Show running stations in a browser: scope, machine, twin, hands. Prints the address, which carries a token.
 
     The page is served by a process of its own, which reads the frames: it does not disturb the station. It listens
-    on loopback. At another address (--host) it asks for the token, and is read-only unless --hands is given; give a
-    certificate there, or the token can be read on the network. Ctrl-C ends it; the stations go on.
+    on loopback, where pages may command (tab Hands), and needs the token everywhere. At another address (--host) the
+    token must be given, and the page is read-only unless --hands is given; give a certificate there, or the token can
+    be read on the network. Ctrl-C ends it; the stations go on.
     """
     from .page import ViewOptions
     from .page import view as show

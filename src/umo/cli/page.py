@@ -26,7 +26,7 @@ LIBRARIES = ("starlette", "uvicorn", "websockets")
 PORT = 8270
 """The default; any free port if it is taken."""
 SHORTEST = 8
-"""Characters of a token with which other computers are let in."""
+"""Characters of a token that is given."""
 
 
 class PageError(FramesError, ValueError):
@@ -73,17 +73,23 @@ def view(choice: ViewOptions) -> int:
             _open(f"{address}?token={quote(token)}")
 
     stand_back()
-    serve(options, listening, ready)
+    try:
+        serve(options, listening, ready)
+    finally:
+        if choice.open:
+            _opening().unlink(missing_ok=True)
     return 0
 
 
 def _check(choice: ViewOptions, local: bool) -> None:
     """PageError for options that do not fit one another."""
-    if not local and len(choice.token or "") < SHORTEST:
+    if not local and choice.token is None:
         raise PageError(
             f"listening at {choice.host} lets other computers in: give a token of at least {SHORTEST} characters "
-            "(--token, or the variable UMO_TOKEN)"
+            "(the variable UMO_TOKEN, or --token)"
         )
+    if choice.token is not None and len(choice.token) < SHORTEST:
+        raise PageError(f"the token has {len(choice.token)} characters; give a token of at least {SHORTEST}")
     if (choice.certificate is None) != (choice.key is None):
         raise PageError("TLS needs both --certificate and --key")
     for file in filter(None, (choice.certificate, choice.key)):
@@ -138,9 +144,14 @@ def _warn(choice: ViewOptions, hands: bool) -> None:
         err.print("umo: warning: without --certificate and --key the token can be read on the network", soft_wrap=True)
 
 
+def _opening() -> Path:
+    """The file by which the browser is sent to the page; it carries the token."""
+    return folder() / "page.html"
+
+
 def _open(address: str) -> None:
     """In the user's browser, by a file that only the user can read: other users see the arguments of processes."""
-    file = folder() / "page.html"
+    file = _opening()
     file.unlink(missing_ok=True)
     file.touch(0o600, exist_ok=False)
     url = escape(address)

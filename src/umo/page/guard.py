@@ -12,18 +12,22 @@ import hmac
 import ipaddress
 import secrets
 import socket
-from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
 from urllib.parse import parse_qs
 
 from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import cookie_parser
 from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 WRONG_TAKES = 0.5
 """s that the answer to a wrong token takes; the next one waits for it."""
+MOST_WRONG = 10
+"""Answers to wrong tokens that wait at once. With more, every token is refused at once, so that guessing stays slow."""
 LONGEST = 4096
 """Bytes of a form."""
+FORM_TAKES = 5.0
+"""s within which a form must have come."""
 POLICY = (
     "default-src 'self'; script-src 'self' {scripts}; img-src 'self' data: blob:; object-src 'none'; "
     "base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
@@ -65,7 +69,9 @@ class Guard:
         self._everywhere = not is_loopback(host)
         self._names = {*LOCAL, host.lower(), *((socket.gethostname().lower(),) if self._everywhere else ())}
         self._policy = POLICY.format(scripts=scripts)
-        self._wrong = asyncio.Lock()
+        self._turn = asyncio.Lock()
+        self._wrong = 0
+        """Answers to wrong tokens that wait."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "lifespan":
@@ -75,7 +81,7 @@ class Guard:
         if answer is None:
             await self._app(scope, receive, self._with_headers(scope, send))
         elif scope["type"] == "websocket":
-            await send({"type": "websocket.close", "code": 4401 if answer.status_code == 401 else 1008})
+            await _refuse_page(answer.status_code, receive, send)
         else:
             await answer(scope, receive, self._with_headers(scope, send))
 
@@ -92,11 +98,12 @@ class Guard:
         if scope["type"] == "http" and scope["path"] == "/login" and scope["method"] == "POST":
             return await self._login(receive)
         given = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token")
-        if given is None or not await self._is_right(given[0]):
-            return self._ask(headers, again=given is not None)
-        if scope["type"] == "http" and scope["path"] == "/":
+        if given is None:
+            return self._ask(headers, again=False)
+        refusal = await self._judge(given[0], self._ask(headers, again=True))
+        if refusal is None and scope["type"] == "http" and scope["path"] == "/":
             scope["state"] = {**scope.get("state", {}), "set_cookie": True}
-        return None
+        return refusal
 
     def _is_our_host(self, text: str) -> bool:
         """By name, or any address as such, which no other site can have."""
@@ -113,37 +120,45 @@ class Guard:
         return f"http{'s' if self._secure else ''}://{headers.get('host', '')}".lower()
 
     def _has_cookie(self, headers: Headers) -> bool:
-        try:
-            cookie = SimpleCookie(headers.get("cookie", "")).get(self._cookie)
-        except CookieError:
-            return False
-        return cookie is not None and hmac.compare_digest(cookie.value.encode(), self._session.encode())
+        given = cookie_parser(headers.get("cookie", "")).get(self._cookie, "")
+        return hmac.compare_digest(given.encode(), self._session.encode())
 
-    async def _is_right(self, token: str) -> bool:
-        """Wrong ones are answered one after another, each after a while: guessing takes for ever."""
+    async def _judge(self, token: str, refusal: Response) -> Response | None:
+        """None for the right token. Wrong ones are refused one after another, each after a while."""
+        if self._wrong >= MOST_WRONG:
+            return PlainTextResponse("too many wrong tokens; try again in some seconds\n", 429)
         if hmac.compare_digest(token.encode(errors="replace"), self._token):
-            return True
-        async with self._wrong:
-            await asyncio.sleep(WRONG_TAKES)
-        return False
+            return None
+        self._wrong += 1
+        try:
+            async with self._turn:
+                await asyncio.sleep(WRONG_TAKES)
+        finally:
+            self._wrong -= 1
+        return refusal
 
     async def _login(self, receive: Receive) -> Response:
-        body, more = b"", True
-        while more and len(body) < LONGEST:
-            message = await receive()
-            body += message.get("body", b"")
-            more = message.get("more_body", False)
-        given = parse_qs(body.decode("latin-1"), encoding="utf-8").get("token", [""])[0]
-        if not await self._is_right(given):
-            return HTMLResponse(FORM.replace("{again}", "This is not the token."), 401)
+        try:
+            async with asyncio.timeout(FORM_TAKES):
+                form = await _body(receive)
+        except TimeoutError:
+            return PlainTextResponse("the form did not come in time\n", 408)
+        given = parse_qs(form.decode("latin-1"), encoding="utf-8").get("token", [""])[0]
+        refusal = await self._judge(given, self._form(again=True))
+        if refusal is not None:
+            return refusal
         response = RedirectResponse("/", 303)
         response.headers["set-cookie"] = self._set_cookie()
         return response
 
     def _ask(self, headers: Headers, again: bool) -> Response:
         if "text/html" in headers.get("accept", ""):
-            return HTMLResponse(FORM.replace("{again}", "This is not the token." if again else ""), 401)
+            return self._form(again)
         return PlainTextResponse("open the address that `umo view` printed: it carries the token\n", 401)
+
+    @staticmethod
+    def _form(again: bool) -> Response:
+        return HTMLResponse(FORM.replace("{again}", "This is not the token." if again else ""), 401)
 
     def _set_cookie(self) -> str:
         secure = "; Secure" if self._secure else ""
@@ -164,6 +179,24 @@ class Guard:
             await send(message)
 
         return wrapped
+
+
+async def _refuse_page(status: int, receive: Receive, send: Send) -> None:
+    """Close the websocket of a page. A browser tells it the code only after an accept; another site gets none."""
+    await receive()  # websocket.connect
+    if status == 401:
+        await send({"type": "websocket.accept"})
+    await send({"type": "websocket.close", "code": 4000 + status})
+
+
+async def _body(receive: Receive) -> bytes:
+    """The first bytes of a request's body, enough for a form."""
+    body, more = b"", True
+    while more and len(body) < LONGEST:
+        message = await receive()
+        body += message.get("body", b"")
+        more = message.get("more_body", False)
+    return body
 
 
 def is_loopback(host: str) -> bool:

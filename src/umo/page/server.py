@@ -12,6 +12,7 @@ from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from types import FrameType
 
 import uvicorn
 from starlette.applications import Starlette
@@ -30,6 +31,8 @@ from umo.page.session import Session
 STATIC = Path(__file__).parent / "static"
 LONGEST_MESSAGE = 1 << 16
 """Bytes of a message of a page."""
+MOST_CONNECTIONS = 500
+"""Connections, those of open pages included. With as many, a request is answered by 503."""
 GRACE = 1
 """s that open pages are given at the end."""
 
@@ -103,7 +106,7 @@ def listen(host: str, port: int) -> socket.socket:
 
 
 def serve(options: Options, listening: socket.socket, ready: Callable[[], None]) -> None:
-    """Serve until Ctrl-C or SIGTERM. `ready` is called when the server answers."""
+    """Serve until Ctrl-C or SIGTERM, then return. `ready` is called when the server answers."""
     server(options, ready).run(sockets=[listening])
 
 
@@ -112,13 +115,14 @@ def server(options: Options, ready: Callable[[], None]) -> uvicorn.Server:
     config = uvicorn.Config(
         application(options, Feed()), log_level="error", access_log=False, lifespan="on", server_header=False,
         ws="websockets-sansio", ws_max_size=LONGEST_MESSAGE, ws_per_message_deflate=False,
-        timeout_graceful_shutdown=GRACE, ssl_certfile=options.certificate, ssl_keyfile=options.key,
+        limit_concurrency=MOST_CONNECTIONS, timeout_graceful_shutdown=GRACE,
+        ssl_certfile=options.certificate, ssl_keyfile=options.key,
     )  # fmt: skip
     return _Server(config, ready)
 
 
 class _Server(uvicorn.Server):
-    """Says when it answers."""
+    """Says when it answers. Ctrl-C and SIGTERM end the serving, not the process: its caller goes on and tidies up."""
 
     def __init__(self, config: uvicorn.Config, ready: Callable[[], None]) -> None:
         super().__init__(config)
@@ -128,3 +132,6 @@ class _Server(uvicorn.Server):
         await super().startup(sockets)
         if self.started:
             self._ready()
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        self.force_exit, self.should_exit = self.should_exit, True
