@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +12,7 @@ import pytest
 
 from umo.testing import Scripted
 
-from .conftest import eventually, running, serving
+from .conftest import eventually, running, serving, viewing
 
 
 def cell(page: Any, path: str, column: str) -> str:
@@ -137,6 +139,52 @@ def test_the_page_comes_back_when_the_server_does(page: Any) -> None:
         with serving(served.port):
             page.get_by_text("is back").wait_for()
             page.locator("#notice").wait_for(state="hidden")
+
+
+def is_stale(page: Any) -> bool:
+    """Whether the values on the page are marked as old."""
+    return bool(page.evaluate("document.body.classList.contains('stale')"))
+
+
+def test_the_page_says_that_it_hears_nothing_from_the_server(page: Any) -> None:
+    with running(), viewing("press") as (server, address):
+        page.goto(f"{address}#view=machine")
+        page.locator('tr[data-path="encoder"]').wait_for()
+        os.kill(server.pid, signal.SIGSTOP)
+        page.get_by_text("Nothing heard from the server for").wait_for()
+        assert is_stale(page)
+        os.kill(server.pid, signal.SIGCONT)
+        page.get_by_text("Nothing heard from the server for").wait_for(state="hidden")
+
+
+def test_a_station_that_ended_while_the_server_was_away_is_not_shown_any_longer(page: Any) -> None:
+    with running(), serving() as served:
+        page.goto(f"{served.url}#view=machine")
+        page.locator('tr[data-path="encoder"]').wait_for()
+    page.get_by_text("The connection to the server is lost").wait_for()
+    with serving(served.port):
+        page.get_by_text("press is not running").wait_for()
+        assert page.locator("#summary").inner_text() == ""
+        assert not page.locator('tr[data-path="encoder"]').is_visible()
+        assert not page.locator("#stop").is_visible()
+
+
+def test_the_page_stays_with_its_station_when_two_run_after_the_server_came_back(page: Any) -> None:
+    with running() as step:
+        with serving() as served:
+            page.goto(f"{served.url}#view=machine&raw=1")
+            eventually(lambda: cell(page, "encoder", "raw") == "51")
+        page.get_by_text("The connection to the server is lost").wait_for()
+        with running("oven"), serving(served.port):
+            page.get_by_text("is back").wait_for()
+            step(7)
+            eventually(lambda: cell(page, "encoder", "raw") == "58")
+
+
+def test_a_view_that_does_not_exist_is_the_scope(page: Any) -> None:
+    with running(), serving() as served:
+        page.goto(f"{served.url}#view=constructor")
+        page.locator("[data-view=scope][aria-selected=true]").wait_for()
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
