@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+import fcntl
 from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 import pytest
 
+from umo.errors import FramesError
+from umo.frames import Reader
+from umo.frames.folder import folder
+from umo.frames.layout import Layout, arrange
 from umo.objects import Quality
+from umo.page import feed
+from umo.page.feed import Feed
+from umo.page.server import Options, listen, server
 from umo.page.watched import Watched
 from umo.testing import Scripted
 
-from .conftest import Client, opened, running, serving
+from .conftest import TOKEN, Client, eventually, opened, running, serving
 
 
 @pytest.fixture
@@ -124,3 +134,79 @@ def test_a_value_of_bad_quality_is_no_value_in_the_history() -> None:
     assert rows[1][0] == 7.0
     assert np.isnan(rows[1][1])
     assert np.isnan(rows).sum() == 1
+
+
+@contextmanager
+def ring_without_a_station() -> Iterator[None]:
+    """A ring of a living process whose description lacks what every station has."""
+    head, places = arrange(Layout((), (), {}), 16, 16)
+    path = folder() / "nameless-1-ff.frames"
+    path.write_bytes(bytes(head).ljust(places.size, b"\0"))
+    with path.open("r+b") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+    path.unlink(missing_ok=True)
+
+
+def test_a_ring_that_makes_no_sense_is_left_out_and_said_once(capfd: pytest.CaptureFixture[str]) -> None:
+    with running() as step, ring_without_a_station():
+        looking = Feed()
+        looking.search()
+        looking.search()
+        assert list(looking.watched) == ["press"]
+        step(3)
+        looking.look(states=True)
+        assert looking.watched["press"].history.stop == pytest.approx(0.053)
+        looking.close()
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.startswith("umo: nameless-1-ff.frames is not shown")
+
+
+@pytest.mark.parametrize("method", ["read", "take_state"])
+def test_a_ring_that_cannot_be_read_is_dropped_and_the_others_go_on(
+    client: Client, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], method: str
+) -> None:
+    real = getattr(Watched, method)
+
+    def broken(watched: Watched) -> None:
+        if watched.station == "oven":
+            raise IndexError("no such row")
+        real(watched)
+
+    with running("press") as step, running("oven"):
+        eventually(lambda: len(client.get("stations")["stations"]) == 2)
+        client.send(type="watch", name="press")
+        monkeypatch.setattr(Watched, method, broken)
+        while [line["name"] for line in client.get("stations")["stations"]] != ["press"]:
+            pass
+        now = client.get("state")["stop"]
+        step(3)
+        eventually(lambda: client.get("state")["stop"] > now)
+    assert capfd.readouterr().err.count("is not shown: IndexError: no such row") == 1
+
+
+def test_a_ring_that_could_not_be_opened_for_a_moment_is_shown_later(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(path: Any) -> Reader:
+        raise FramesError(f"no frames at {path}: Too many open files")
+
+    monkeypatch.setattr(feed, "AGAIN", 0.0)
+    with running(), monkeypatch.context() as patch:
+        looking = Feed()
+        patch.setattr("umo.page.watched.Reader", full)
+        looking.search()
+        assert looking.watched == {}
+        patch.undo()
+        looking.search()
+        assert list(looking.watched) == ["press"]
+        looking.close()
+
+
+def test_the_server_ends_with_its_feed_and_tells_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def broken(looking: Feed) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(Feed, "run", broken)
+    with listen("127.0.0.1", 0) as listening:
+        serving = server(Options("127.0.0.1", listening.getsockname()[1], TOKEN), lambda: None)
+        serving.run(sockets=[listening])
+    assert isinstance(serving.failure, ZeroDivisionError)

@@ -8,7 +8,7 @@ import hashlib
 import re
 import socket
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -47,8 +47,8 @@ class Options:
     key: Path | None = None
 
 
-def application(options: Options, feed: Feed) -> ASGIApp:
-    """The page of a feed, behind its guard."""
+def application(options: Options, feed: Feed, ended: Callable[[asyncio.Task[None]], None]) -> ASGIApp:
+    """The page of a feed, behind its guard. `ended` is called when the feed has ended."""
     about = {"station": options.station, "hands": options.hands, "version": version("umo")}
 
     async def index(request: Request) -> Response:
@@ -61,10 +61,10 @@ def application(options: Options, feed: Feed) -> ASGIApp:
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
         reading = asyncio.create_task(feed.run())
+        reading.add_done_callback(ended)
         yield
         reading.cancel()
-        with suppress(asyncio.CancelledError):
-            await reading
+        await asyncio.wait([reading])
         feed.close()
 
     routes = [
@@ -103,28 +103,43 @@ def listen(host: str, port: int) -> socket.socket:
 
 
 def serve(options: Options, listening: socket.socket, ready: Callable[[], None]) -> None:
-    """Serve until Ctrl-C or SIGTERM. `ready` is called when the server answers."""
-    server(options, ready).run(sockets=[listening])
+    """Serve until Ctrl-C or SIGTERM. `ready` is called when the server answers. An error of the feed ends it, and is
+    raised."""
+    serving = server(options, ready)
+    serving.run(sockets=[listening])
+    if serving.failure is not None:
+        raise serving.failure
 
 
-def server(options: Options, ready: Callable[[], None]) -> uvicorn.Server:
+def server(options: Options, ready: Callable[[], None]) -> Server:
     """The server, not yet running."""
+    feed = Feed()
+    app = application(options, feed, lambda task: serving.feed_ended(task))
     config = uvicorn.Config(
-        application(options, Feed()), log_level="error", access_log=False, lifespan="on", server_header=False,
+        app, log_level="error", access_log=False, lifespan="on", server_header=False,
         ws="websockets-sansio", ws_max_size=LONGEST_MESSAGE, ws_per_message_deflate=False,
         timeout_graceful_shutdown=GRACE, ssl_certfile=options.certificate, ssl_keyfile=options.key,
     )  # fmt: skip
-    return _Server(config, ready)
+    serving = Server(config, ready, feed)
+    return serving
 
 
-class _Server(uvicorn.Server):
-    """Says when it answers."""
+class Server(uvicorn.Server):
+    """Says when it answers, and ends with its feed."""
 
-    def __init__(self, config: uvicorn.Config, ready: Callable[[], None]) -> None:
+    def __init__(self, config: uvicorn.Config, ready: Callable[[], None], feed: Feed) -> None:
         super().__init__(config)
+        self.feed = feed
+        self.failure: BaseException | None = None
+        """That ended the feed."""
         self._ready = ready
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
         if self.started:
             self._ready()
+
+    def feed_ended(self, task: asyncio.Task[None]) -> None:
+        if not task.cancelled():
+            self.failure = task.exception()
+        self.should_exit = True

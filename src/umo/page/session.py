@@ -85,14 +85,15 @@ class Session:
         if self._name is None and len(lines) == 1:
             self._name = lines[0]["name"]
         watched = self._feed.watched.get(self._name or "")
-        if watched is not None and watched is not self._watched:
+        if watched is not self._watched:
             self._watched, self._state = watched, 0
             self._live.clear()
-            await self._tell(watched.description())
+            if watched is not None:
+                await self._tell(watched.description())
 
     async def _tell_state(self) -> None:
         watched = self._watched
-        if watched is None or watched.number == self._state:
+        if watched is None or watched.reader.closed or watched.number == self._state:
             return
         full = self._state == 0 or watched.number != self._state + 1
         self._state = watched.number

@@ -55,6 +55,16 @@ class Watched:
         """The number of the next event, when the events were told last."""
         self._new_events = False
 
+    @classmethod
+    def at(cls, path: Path) -> Watched:
+        """The ring in a file. FramesError, or whatever a damaged description raises."""
+        reader = Reader(path)
+        try:
+            return cls(reader)
+        except BaseException:
+            reader.close()
+            raise
+
     def read(self) -> None:
         """Take all new frames."""
         self.stage = self.reader.state  # before the frames: the last ones are read in any case
