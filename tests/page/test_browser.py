@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import signal
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import pytest
 
 from umo.testing import Scripted
 
-from .conftest import eventually, running, serving, viewing
+from .conftest import PATIENCE, eventually, running, serving, viewing
 
 
 def cell(page: Any, path: str, column: str) -> str:
@@ -76,6 +77,25 @@ def test_the_scope_measures_pauses_and_saves(page: Any, tmp_path: Path) -> None:
             page.get_by_role("button", name="PNG").click()
         saved.value.save_as(tmp_path / "scope.png")
         assert (tmp_path / "scope.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_scope_asks_for_measured_values_when_it_has_got_the_last_ones(
+    page: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    go_on = threading.Event()
+    sent: list[str] = []
+    states: list[str] = []
+    monkeypatch.setattr("umo.page.live.measured", lambda times, values: {"maximum": 7.0, "w": go_on.wait(PATIENCE)})
+    page.on("websocket", lambda socket: socket.on("framesent", lambda text: sent.append(text)))
+    page.on("websocket", lambda socket: socket.on("framereceived", lambda text: states.append(text)))
+    with running(), serving() as served:
+        page.goto(served.url + "#traces=encoder&span=1")
+        eventually(lambda: page.evaluate("1") and any("measure" in text for text in sent))
+        before = len(states)
+        eventually(lambda: page.evaluate("1") and len(states) > before + 25)  # ten a second
+        assert sum("measure" in text for text in sent) == 1
+        go_on.set()
+        eventually(lambda: page.locator('.legend tr[data-path="encoder"] td').nth(5).inner_text() == "7")
 
 
 def test_the_wheel_changes_the_time_shown_and_a_drag_zooms_in(page: Any) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -18,10 +19,11 @@ from umo.objects import Quality
 from umo.page import feed
 from umo.page.feed import Feed
 from umo.page.server import Options, listen, server
+from umo.page.session import MOST_ASKED
 from umo.page.watched import Watched
 from umo.testing import Scripted
 
-from .conftest import TOKEN, Client, eventually, opened, running, serving
+from .conftest import PATIENCE, TOKEN, Client, eventually, opened, running, serving
 
 
 @pytest.fixture
@@ -74,10 +76,10 @@ def test_live_points_have_every_peak(client: Client) -> None:
         assert head["from"] == times[0] > 1.0
 
 
-def test_a_window_of_no_width_has_every_sample(client: Client) -> None:
+def test_a_window_of_many_pixels_has_every_sample(client: Client) -> None:
     with running(count=200):
         client.get("description")
-        client.send(type="window", id=2, paths=["encoder"], start=0.0, stop=9.0, width=0)
+        client.send(type="window", id=2, paths=["encoder"], start=0.0, stop=9.0, width=8192)
         head, times, low, _ = client.get("points")
         assert head["id"] == 2
         assert len(times) == 200
@@ -90,7 +92,7 @@ def test_a_trigger_shows_the_time_around_it(client: Client) -> None:
         client.get("description")
         now = client.get("state")["stop"]
         entry = {"path": "encoder", "kind": "rising", "level": 0.0, "before": 0.5}
-        client.send(type="window", id=9, paths=["encoder"], start=now, stop=now, width=0)
+        client.send(type="window", id=9, paths=["encoder"], start=now, stop=now, width=1)
         level = float(client.get("points")[2][0, -1]) * 1.5
         client.send(type="live", id=1, paths=["encoder"], span=0.1, width=100, trigger=entry | {"level": level})
         client.send(type="measure", id=3, paths=["encoder"], start=0, stop=1)
@@ -99,6 +101,33 @@ def test_a_trigger_shows_the_time_around_it(client: Client) -> None:
         head, times, low, _ = client.get("points")
         assert head["start"] == pytest.approx(head["trigger"] - 0.05)
         assert low[0][times < head["trigger"]].max() <= level < low[0][times >= head["trigger"]].min()
+
+
+def test_a_page_is_answered_while_something_is_measured(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    go_on = threading.Event()
+    monkeypatch.setattr("umo.page.live.measured", lambda times, values: {"waited": go_on.wait(PATIENCE)})
+    with running() as step:
+        client.get("description")
+        client.send(type="measure", id=1, paths=["encoder"], start=0, stop=1)
+        client.send(type="stop", id="none")
+        assert client.get("error")["id"] == "none"
+        stop = client.get("state")["stop"]
+        step(3)
+        eventually(lambda: client.get("state")["stop"] > stop)
+        go_on.set()
+        assert client.get("measured")["values"] == [{"waited": True}]
+
+
+def test_a_page_may_ask_for_a_bounded_number_of_answers(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    go_on = threading.Event()
+    monkeypatch.setattr("umo.page.live.measured", lambda times, values: {"waited": go_on.wait(PATIENCE)})
+    with running():
+        client.get("description")
+        for number in range(MOST_ASKED + 2):
+            client.send(type="measure", id=number, paths=["encoder"], start=0, stop=1)
+        assert client.get("error")["text"] == f"up to {MOST_ASKED} answers at once"
+        go_on.set()
+        assert [client.get("measured")["id"] for _ in range(MOST_ASKED)] == list(range(MOST_ASKED))
 
 
 @pytest.mark.parametrize(

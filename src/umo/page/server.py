@@ -7,7 +7,7 @@ import base64
 import hashlib
 import re
 import socket
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -16,7 +16,7 @@ from pathlib import Path
 import uvicorn
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
+from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
@@ -25,6 +25,8 @@ from starlette.websockets import WebSocket
 from umo.page import twin
 from umo.page.feed import Feed
 from umo.page.guard import Guard
+from umo.page.live import Stretch, made
+from umo.page.samples import csv_of
 from umo.page.session import Session
 
 STATIC = Path(__file__).parent / "static"
@@ -32,6 +34,9 @@ LONGEST_MESSAGE = 1 << 16
 """Bytes of a message of a page."""
 GRACE = 1
 """s that open pages are given at the end."""
+
+ATTACHMENT = {"content-disposition": "attachment"}
+"""The browser saves it."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +76,7 @@ def application(options: Options, feed: Feed, ended: Callable[[asyncio.Task[None
         Route("/", index),
         WebSocketRoute("/ws", page),
         Route("/twin/{name}", _twin(feed)),
+        Route("/csv/{name}", _csv(feed)),
         Mount("/static", StaticFiles(directory=STATIC)),
     ]
     app = Starlette(routes=routes, lifespan=lifespan)
@@ -88,6 +94,26 @@ def _twin(feed: Feed) -> Callable[[Request], object]:
         return PlainTextResponse("no twin\n", 404)
 
     return answer
+
+
+def _csv(feed: Feed) -> Callable[[Request], object]:
+    async def answer(request: Request) -> Response:
+        watched, query = feed.watched.get(request.path_params["name"]), request.query_params
+        if watched is None:
+            return PlainTextResponse("no such run\n", 404)
+        try:
+            limits = {name: float(query.get(name, "")) for name in ("start", "stop")}
+            stretch = Stretch.of(watched, {"paths": query.getlist("path")} | limits)
+        except ValueError as error:  # BadRequest, and what float raises
+            return PlainTextResponse(f"{error}\n", 400)
+        return StreamingResponse(_pieces(csv_of(stretch)), media_type="text/csv", headers=ATTACHMENT)
+
+    return answer
+
+
+async def _pieces(texts: Iterator[str]) -> AsyncIterator[str]:
+    while text := await made(next, texts, ""):
+        yield text
 
 
 def _hashes(html: str) -> str:

@@ -184,7 +184,7 @@ export class Feed {
     };
   }
 
-  /** The history between two times, reduced to `width` pixels; 0: every sample. @returns {Promise<Points>} */
+  /** The history between two times, reduced to `width` pixels. @returns {Promise<Points>} */
   window(request) { return this._ask({ type: "window", ...request }); }
 
   /** Minimum, maximum, mean, rms and frequency of all samples between two times. */
