@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from websockets.exceptions import ConnectionClosed
 
 from umo.errors import FramesError
 from umo.frames import Reader
@@ -18,8 +19,9 @@ from umo.frames.layout import Layout, arrange
 from umo.objects import Quality
 from umo.page import feed
 from umo.page.feed import Feed
+from umo.page.live import Live
 from umo.page.server import Options, listen, server
-from umo.page.session import MOST_ASKED
+from umo.page.session import MOST_ASKED, Session
 from umo.page.watched import Watched
 from umo.testing import Scripted
 
@@ -118,6 +120,52 @@ def test_a_page_is_answered_while_something_is_measured(client: Client, monkeypa
         assert client.get("measured")["values"] == [{"waited": True}]
 
 
+@pytest.mark.parametrize("span", [10**25, 1e308])
+def test_a_span_beyond_all_time_is_all_there_is(client: Client, span: float) -> None:
+    with running(count=50):
+        client.get("description")
+        client.send(type="live", id=1, paths=["encoder"], span=span, width=10)
+        assert client.get("points")[0]["from"] == -1
+
+
+def test_a_page_that_nothing_can_be_sent_to_any_longer_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(live: Live) -> None:
+        raise ZeroDivisionError
+
+    with running(), serving() as served, opened(served.socket) as client:
+        client.get("description")
+        monkeypatch.setattr(Live, "next", broken)
+        client.send(type="live", id=1, paths=["encoder"], span=1, width=10)
+        with pytest.raises(ConnectionClosed) as closed:
+            while True:
+                client.get("state")
+        assert closed.value.rcvd is not None and closed.value.rcvd.code == 1011
+        monkeypatch.undo()
+        with opened(served.socket) as again:
+            again.get("description")
+
+
+def test_a_page_whose_hand_cannot_be_closed_is_sent_nothing_any_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+    ended: list[bool] = []
+    real = Session._send_all
+
+    async def sending(session: Session) -> None:
+        try:
+            await real(session)
+        finally:
+            ended.append(True)
+
+    async def broken(session: Session) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(Session, "_send_all", sending)
+    monkeypatch.setattr(Session, "_drop_hand", broken)
+    with running(), serving() as served:
+        with opened(served.socket) as client:
+            client.get("description")
+        eventually(lambda: ended)
+
+
 def test_a_page_may_ask_for_a_bounded_number_of_answers(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
     go_on = threading.Event()
     monkeypatch.setattr("umo.page.live.measured", lambda times, values: {"waited": go_on.wait(PATIENCE)})
@@ -136,6 +184,8 @@ def test_a_page_may_ask_for_a_bounded_number_of_answers(client: Client, monkeypa
         {"type": "live", "id": 1, "paths": ["nothing"], "span": 1, "width": 10},
         {"type": "live", "id": 1, "paths": "encoder", "span": 1, "width": 10},
         {"type": "live", "id": 1, "paths": ["encoder"], "span": "long", "width": 10},
+        {"type": "live", "id": 1, "paths": ["encoder"], "span": 10**25 * 10**300, "width": 10},
+        {"type": "live", "id": 1, "paths": ["encoder"], "span": float("inf"), "width": 10},
         {"type": "live", "id": "x", "paths": ["encoder"], "span": 1, "width": 10},
         {"type": "live", "id": 1, "paths": ["encoder"] * 100, "span": 1, "width": 10},
         {"type": "live", "id": 1, "paths": ["encoder"], "span": 1, "width": 10, "trigger": {"kind": "sideways"}},
