@@ -15,6 +15,7 @@ from websockets.exceptions import ConnectionClosed
 from umo.errors import FramesError
 from umo.frames import Reader
 from umo.frames.folder import folder
+from umo.frames.history import History
 from umo.frames.layout import Layout, arrange
 from umo.objects import Quality
 from umo.page import feed
@@ -38,6 +39,7 @@ def test_the_only_station_is_described_with_its_objects(client: Client) -> None:
     with running():
         description = client.get("description")
         assert (description["name"], description["wiring"], description["period"]) == ("press", "rig", 0.001)
+        assert description["qualities"][0] == ["●", "good"]
         assert "encoder" in [entry["path"] for entry in description["objects"]]
 
 
@@ -193,6 +195,7 @@ def test_a_page_may_ask_for_a_bounded_number_of_answers(client: Client, monkeypa
         {"type": "window", "id": 1, "paths": ["encoder"], "start": float("nan"), "stop": 1, "width": 10},
         {"type": "dance", "id": 1},
         {"type": "watch", "name": 3},
+        {"type": "watch", "name": None},
     ],
 )
 def test_a_message_without_meaning_is_answered_and_the_page_goes_on(client: Client, message: dict[str, object]) -> None:
@@ -206,13 +209,18 @@ def test_a_message_without_meaning_is_answered_and_the_page_goes_on(client: Clie
 
 
 def test_a_value_of_bad_quality_is_no_value_in_the_history() -> None:
-    frames = np.zeros(2, [("values", "f8", 2), ("quality", "u1", 2), ("signals", "f8", 1)])
+    frames = np.zeros(2, [("time", "f8"), ("values", "f8", 2), ("quality", "u1", 2), ("signals", "f8", 1)])
     frames["values"] = 7.0
     frames["quality"][1] = (Quality.STALE, Quality.BAD)
-    rows = Watched._rows(frames)
-    assert rows[1][0] == 7.0
-    assert np.isnan(rows[1][1])
-    assert np.isnan(rows).sum() == 1
+    history = History(3, 0.001)
+    history.add_frames(frames)
+    values = history.between(0.0, 1.0, range(3)).values
+    assert values[0].tolist() == [7.0, 7.0]
+    assert np.isnan(values[1]).tolist() == [False, True]
+    assert np.isnan(values).sum() == 1
+    some = History(2, 0.001)
+    some.add_frames(frames, [2, 0])
+    assert some.between(0.0, 1.0, range(2)).values.tolist() == [[0.0, 0.0], [7.0, 7.0]]
 
 
 @contextmanager

@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from umo.frames.reader import Frames
+from umo.objects import Quality
 from umo.objects.scaling import FloatArray
 
 SECONDS = 300.0
@@ -59,6 +61,15 @@ class History:
             self._newest.values[:, filled:end] = rows[:count].T
             self._blocks = [*older, Samples(self._newest.times[:end], self._newest.values[:, :end])]
             times, rows = times[count:], rows[count:]
+
+    def add_frames(self, frames: Frames, columns: Sequence[int] | None = None) -> None:
+        """The objects and then the signals of some frames, or these columns of them. What is of bad quality has no
+        value."""
+        values, quality = frames["values"], frames["quality"]
+        if quality.size and quality.max() >= Quality.BAD:
+            values = np.where(quality >= Quality.BAD, np.nan, values)
+        rows = np.hstack([values, frames["signals"]])
+        self.add(frames["time"], rows if columns is None else rows[:, columns])
 
     @property
     def start(self) -> float:

@@ -1,8 +1,8 @@
 """One open page: its websocket, what it has subscribed to, and what it asks for.
 
-From the page, JSON: `watch` (name of a run), `live` (id, paths, span, width, trigger), `stop` (id), `window` (id,
-paths, start, stop, width), `measure` (id, paths, start, stop), `command` (id, do, path, value,
-arguments, over, who), `touch` (held).
+From the page, JSON: `watch` (name of a run; "": none), `live` (id, paths, span, width, trigger), `stop` (id), `window`
+(id, paths, start, stop, width), `measure` (id, paths, start, stop), `command` (id, do, path, value, arguments, over,
+who), `touch` (held).
 To the page, JSON: `server`, `stations`, `description`, `state`, `measured`, `answer`, `error`; binary: points
 (`umo.page.live.packed`).
 """
@@ -200,7 +200,7 @@ class Session:
         return self._socket.client.host if self._socket.client else "unknown"
 
     async def _watch(self, name: Any) -> None:
-        if name is not None and not isinstance(name, str):
+        if not isinstance(name, str):
             raise BadRequest("a name is a text")
         await self._drop_hand()
         self._name, self._watched, self._state = name, None, 0
