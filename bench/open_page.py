@@ -1,17 +1,21 @@
 """The z-theta loop at 1 ms with the page of `umo view` open and without, in turns in one run.
 
-The page shows 16 traces over 60 s in Chromium; then a hundred pages are open, as websockets that read and draw nothing.
+The page shows 16 traces over 60 s in Chromium; then a hundred pages are open, as websockets that ask for what a scope
+asks for, read it, and draw nothing.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlencode
 
@@ -34,14 +38,30 @@ SETTLE = 1.5
 """s after the page was opened or closed."""
 FLAGS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 CLIENTS = """
-import asyncio, json, sys
+import asyncio, json, sys, time
 from websockets.asyncio.client import connect
-url, count, paths = sys.argv[1], int(sys.argv[2]), json.loads(sys.argv[3])
+url, count, span, paths = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), json.loads(sys.argv[4])
+shown = 0
 async def page():
+    global shown
+    begun, asked = False, float("inf")
     async with connect(url, max_size=None) as socket:
-        async for text in socket:
-            if isinstance(text, str) and json.loads(text)["type"] == "description":
-                await socket.send(json.dumps({"type": "live", "id": 1, "paths": paths, "span": 60, "width": 1200}))
+        async for message in socket:
+            if isinstance(message, bytes):
+                if not begun:
+                    begun, asked, shown = True, 0.0, shown + 1
+                    if shown == count:
+                        print("shown", flush=True)
+                continue
+            message = json.loads(message)
+            if message["type"] == "description":
+                await socket.send(json.dumps({"type": "live", "id": 1, "paths": paths, "span": span, "width": 1200}))
+            elif message["type"] == "measured":
+                asked = sent
+            elif message["type"] == "state" and time.monotonic() > asked + 1:
+                sent, asked = time.monotonic(), float("inf")
+                about = {"paths": paths, "start": max(0, message["stop"] - span), "stop": message["stop"]}
+                await socket.send(json.dumps({"type": "measure", "id": 2} | about))
 async def main():
     await asyncio.gather(*(page() for _ in range(count)))
 asyncio.run(main())
@@ -52,17 +72,16 @@ Open = Callable[[str, list[str]], AbstractContextManager[object]]
 def measure(rounds: int, seconds: float) -> list[Target]:
     """Rounds of so many s with the page and as many without, for each kind of page that can be had here."""
     found = []
-    with _served() as address, _browser() as browser:
+    with _served() as server, _browser() as browser:
         if browser is not None:
-            found += _compared(
-                f"the page in Chromium, {TRACES} traces over {SPAN} s", browser, address, rounds, seconds
-            )
+            found += _compared(f"the page in Chromium, {TRACES} traces over {SPAN} s", browser, server, rounds, seconds)
         what = f"{PAGES} pages, {TRACES} traces each, without a browser"
-        return found + _compared(what, _clients, address, rounds, seconds)
+        return found + _compared(what, _clients, server, rounds, seconds)
 
 
-def _compared(what: str, kind: Open, address: str, rounds: int, seconds: float) -> list[Target]:
+def _compared(what: str, kind: Open, server: Server, rounds: int, seconds: float) -> list[Target]:
     without, beside = Loop(Samples(), None, 0), Loop(Samples(), None, 0)
+    busy, taken = 0.0, rounds * (SETTLE + seconds)
     while rounds:
         with _station() as started:
             frames, left = started.frames, rounds
@@ -70,8 +89,10 @@ def _compared(what: str, kind: Open, address: str, rounds: int, seconds: float) 
             paths = [*frames.paths, *frames.signals][:TRACES]
             while rounds and frames.state is Stage.RUNNING:
                 _sample(frames, without, seconds)
-                with kind(address, paths):
+                with kind(server.address, paths):
+                    before = server.busy()
                     _sample(frames, beside, seconds)
+                    busy += server.busy() - before
                 rounds -= 1
             if rounds == left:
                 raise RuntimeError(f"the station did not run: {started.outcome}")
@@ -82,6 +103,7 @@ def _compared(what: str, kind: Open, address: str, rounds: int, seconds: float) 
         Target(what, f"p50 at most {LIMIT} times without", ratio, verdict),
         Target("  with it", "-", _two(beside.umo), f"missed {beside.umo.missed:,}"),
         Target("  without", "-", _two(without.umo), f"missed {without.umo.missed:,}"),
+        Target("  the server", "-", f"{busy / taken:.0%} of a core", ""),
     ]
 
 
@@ -109,24 +131,40 @@ def _sample(frames: Reader, into: Loop, seconds: float) -> None:
         take(frames, into)
 
 
+@dataclass(frozen=True)
+class Server:
+    """`umo view`."""
+
+    address: str
+    pid: int
+
+    def busy(self) -> float:
+        """s that it has had the processor."""
+        times = Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(times[11]) + int(times[12])) / os.sysconf("SC_CLK_TCK")
+
+
 @contextmanager
-def _served() -> Iterator[str]:
-    """`umo view`, and its address."""
+def _served() -> Iterator[Server]:
     command = [sys.executable, "-c", "from umo.cli import main; main()", "view", "ztheta", "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         assert server.stdout is not None
         try:
-            yield server.stdout.readline().strip()
+            yield Server(server.stdout.readline().strip(), server.pid)
         finally:
             server.terminate()
 
 
 @contextmanager
 def _clients(address: str, paths: list[str]) -> Iterator[None]:
+    """Pages that all show the traces."""
     url = address.replace("http", "ws", 1).replace("/?", "/ws?")
-    command = [sys.executable, "-c", CLIENTS, url, str(PAGES), json.dumps(paths)]
-    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
+    command = [sys.executable, "-c", CLIENTS, url, str(PAGES), str(SPAN), json.dumps(paths)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
         try:
+            if not process.stdout.readline():
+                raise RuntimeError("not all pages were shown: see the error above")
             yield
         finally:
             process.kill()

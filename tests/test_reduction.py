@@ -48,9 +48,11 @@ def test_every_sample_is_a_point_where_pixels_are_as_fine_as_samples() -> None:
 
 @given(st.lists(st.integers(1, 40), min_size=1, max_size=40), st.integers(20, 60))
 def test_the_history_keeps_the_newest_samples_in_order(sizes: list[int], capacity: int) -> None:
-    history = History(1, 1.0, seconds=capacity)
-    history.capacity = capacity
-    history._times, history._values = np.zeros(int(capacity * 1.25)), np.zeros((1, int(capacity * 1.25)))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("umo.frames.history.FEWEST", 1)
+        patch.setattr("umo.frames.history.BLOCKS", 5)
+        history = History(1, 1.0, seconds=capacity)
+    assert history.capacity == capacity
     added = 0
     for size in sizes:
         new = np.arange(added, added + size, dtype=float)
@@ -59,12 +61,33 @@ def test_the_history_keeps_the_newest_samples_in_order(sizes: list[int], capacit
     times, values = history.between(-1.0, np.inf, [0])
     assert times.tolist() == list(range(added - len(times), added))
     assert values[0].tolist() == (10 * times).tolist()
-    assert len(times) >= min(added, capacity)
+    assert min(added, capacity) <= len(times) <= capacity + capacity // 5 + 5
+    assert (history.start, history.stop) == (times[0], times[-1])
+    middle = history.between(times[0] + 3, times[-1] - 3, [0]).times
+    assert middle.tolist() == list(range(int(times[0]) + 3, added - 3))
+
+
+def test_what_was_read_from_the_history_stays_as_it_was() -> None:
+    history = History(1, 1.0, seconds=1024)
+    for start in range(0, 2000, 10):
+        times = np.arange(start, start + 10.0)
+        history.add(times, times[:, np.newaxis])
+    parts = history.parts(1500, 1700)
+    for start in range(2000, 9000, 10):
+        times = np.arange(start, start + 10.0)
+        history.add(times, times[:, np.newaxis])
+    assert history.start > 1700
+    assert [time for part in parts for time in part.times] == list(range(1500, 1701))
 
 
 def test_the_history_of_a_large_station_takes_bounded_memory() -> None:
     history = History(10_000, 0.001)
-    assert history._values.nbytes + history._times.nbytes <= 130 << 20
+    rows = np.zeros((1, 10_000))
+    for number in range(3000):
+        history.add(np.array([number * 0.001]), rows)
+    parts = list(history.parts(0, 3))
+    assert sum(part.values.nbytes + part.times.nbytes for part in parts) <= 128 << 20
+    assert sum(len(part.times) for part in parts) >= 1024
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
+import signal
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +13,7 @@ import pytest
 
 from umo.testing import Scripted
 
-from .conftest import eventually, running, serving
+from .conftest import PATIENCE, eventually, running, serving, viewing
 
 
 def cell(page: Any, path: str, column: str) -> str:
@@ -76,6 +79,25 @@ def test_the_scope_measures_pauses_and_saves(page: Any, tmp_path: Path) -> None:
         assert (tmp_path / "scope.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_the_scope_asks_for_measured_values_when_it_has_got_the_last_ones(
+    page: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    go_on = threading.Event()
+    sent: list[str] = []
+    states: list[str] = []
+    monkeypatch.setattr("umo.page.live.measured", lambda times, values: {"maximum": 7.0, "w": go_on.wait(PATIENCE)})
+    page.on("websocket", lambda socket: socket.on("framesent", lambda text: sent.append(text)))
+    page.on("websocket", lambda socket: socket.on("framereceived", lambda text: states.append(text)))
+    with running(), serving() as served:
+        page.goto(served.url + "#traces=encoder&span=1")
+        eventually(lambda: page.evaluate("1") and any("measure" in text for text in sent))
+        before = len(states)
+        eventually(lambda: page.evaluate("1") and len(states) > before + 25)  # ten a second
+        assert sum("measure" in text for text in sent) == 1
+        go_on.set()
+        eventually(lambda: page.locator('.legend tr[data-path="encoder"] td').nth(5).inner_text() == "7")
+
+
 def test_the_wheel_changes_the_time_shown_and_a_drag_zooms_in(page: Any) -> None:
     with running(count=3000, box=Scripted({"encoder": range(1, 9000)})), serving() as served:
         page.goto(served.url + "#traces=encoder&span=2")
@@ -137,6 +159,52 @@ def test_the_page_comes_back_when_the_server_does(page: Any) -> None:
         with serving(served.port):
             page.get_by_text("is back").wait_for()
             page.locator("#notice").wait_for(state="hidden")
+
+
+def is_stale(page: Any) -> bool:
+    """Whether the values on the page are marked as old."""
+    return bool(page.evaluate("document.body.classList.contains('stale')"))
+
+
+def test_the_page_says_that_it_hears_nothing_from_the_server(page: Any) -> None:
+    with running(), viewing("press") as (server, address):
+        page.goto(f"{address}#view=machine")
+        page.locator('tr[data-path="encoder"]').wait_for()
+        os.kill(server.pid, signal.SIGSTOP)
+        page.get_by_text("Nothing heard from the server for").wait_for()
+        assert is_stale(page)
+        os.kill(server.pid, signal.SIGCONT)
+        page.get_by_text("Nothing heard from the server for").wait_for(state="hidden")
+
+
+def test_a_station_that_ended_while_the_server_was_away_is_not_shown_any_longer(page: Any) -> None:
+    with running(), serving() as served:
+        page.goto(f"{served.url}#view=machine")
+        page.locator('tr[data-path="encoder"]').wait_for()
+    page.get_by_text("The connection to the server is lost").wait_for()
+    with serving(served.port):
+        page.get_by_text("press is not running").wait_for()
+        assert page.locator("#summary").inner_text() == ""
+        assert not page.locator('tr[data-path="encoder"]').is_visible()
+        assert not page.locator("#stop").is_visible()
+
+
+def test_the_page_stays_with_its_station_when_two_run_after_the_server_came_back(page: Any) -> None:
+    with running() as step:
+        with serving() as served:
+            page.goto(f"{served.url}#view=machine&raw=1")
+            eventually(lambda: cell(page, "encoder", "raw") == "51")
+        page.get_by_text("The connection to the server is lost").wait_for()
+        with running("oven"), serving(served.port):
+            page.get_by_text("is back").wait_for()
+            step(7)
+            eventually(lambda: cell(page, "encoder", "raw") == "58")
+
+
+def test_a_view_that_does_not_exist_is_the_scope(page: Any) -> None:
+    with running(), serving() as served:
+        page.goto(f"{served.url}#view=constructor")
+        page.locator("[data-view=scope][aria-selected=true]").wait_for()
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

@@ -18,7 +18,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from umo.page import guard, server
 from umo.page.guard import new_token
 
-from .conftest import PATIENCE, TOKEN, Served, eventually, opened, serving
+from .conftest import PATIENCE, TOKEN, Served, eventually, opened, running, serving
 
 
 @pytest.fixture(scope="module")
@@ -157,12 +157,33 @@ def test_the_websocket_needs_the_token(served: Served) -> None:
         assert client.get("server")["hands"]
 
 
+NOTE_CHANGES = """() => {
+  const noted = window.noted = { refusals: 0, hidden: 0, toasts: 0 };
+  const Socket = window.WebSocket;
+  window.WebSocket = class extends Socket {
+    constructor(url) {
+      super(url);
+      this.addEventListener("close", ({ code }) => { noted.refusals += code === 4401; });
+    }
+  };
+  const notice = document.querySelector("#notice");
+  new MutationObserver(() => { noted.hidden += notice.hidden; }).observe(notice, { attributes: true });
+  new MutationObserver((all) => {
+    for (const { addedNodes } of all) for (const { className } of addedNodes) noted.toasts += className === "toast";
+  }).observe(document.body, { childList: true });
+}"""
+
+
 def test_a_page_says_that_the_server_refuses_it_and_what_to_do(page: Any) -> None:
-    with serving() as served:
-        page.goto(served.url)
-        page.get_by_text("No station is running").wait_for()
-    with serving(served.port, token="another token"):
-        page.get_by_text("The server refuses this page. Open the address that `umo view` has printed.").wait_for()
+    with running():
+        with serving() as served:
+            page.goto(served.url)
+            page.locator(".legend").wait_for()
+        page.evaluate(NOTE_CHANGES)
+        with serving(served.port, token="another token"):
+            page.get_by_text("The server refuses this page. Open the address that `umo view` has printed.").wait_for()
+            eventually(lambda: page.evaluate("noted.refusals") >= 2)  # it has tried again
+            assert page.evaluate("[noted.hidden, noted.toasts]") == [0, 0]
 
 
 def test_the_policy_binds_the_browser_to_this_server(served: Served) -> None:

@@ -2,16 +2,31 @@
 
 from __future__ import annotations
 
+import fcntl
+import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 import pytest
+from websockets.exceptions import ConnectionClosed
 
+from umo.errors import FramesError
+from umo.frames import Reader
+from umo.frames.folder import folder
+from umo.frames.history import History
+from umo.frames.layout import Layout, arrange
 from umo.objects import Quality
+from umo.page import feed
+from umo.page.feed import Feed
+from umo.page.live import Live
+from umo.page.server import Options, listen, server
+from umo.page.session import MOST_ASKED, Session
 from umo.page.watched import Watched
 from umo.testing import Scripted
 
-from .conftest import Client, opened, running, serving
+from .conftest import PATIENCE, TOKEN, Client, eventually, opened, running, serving
 
 
 @pytest.fixture
@@ -24,6 +39,7 @@ def test_the_only_station_is_described_with_its_objects(client: Client) -> None:
     with running():
         description = client.get("description")
         assert (description["name"], description["wiring"], description["period"]) == ("press", "rig", 0.001)
+        assert description["qualities"][0] == ["●", "good"]
         assert "encoder" in [entry["path"] for entry in description["objects"]]
 
 
@@ -64,10 +80,10 @@ def test_live_points_have_every_peak(client: Client) -> None:
         assert head["from"] == times[0] > 1.0
 
 
-def test_a_window_of_no_width_has_every_sample(client: Client) -> None:
+def test_a_window_of_many_pixels_has_every_sample(client: Client) -> None:
     with running(count=200):
         client.get("description")
-        client.send(type="window", id=2, paths=["encoder"], start=0.0, stop=9.0, width=0)
+        client.send(type="window", id=2, paths=["encoder"], start=0.0, stop=9.0, width=8192)
         head, times, low, _ = client.get("points")
         assert head["id"] == 2
         assert len(times) == 200
@@ -80,7 +96,7 @@ def test_a_trigger_shows_the_time_around_it(client: Client) -> None:
         client.get("description")
         now = client.get("state")["stop"]
         entry = {"path": "encoder", "kind": "rising", "level": 0.0, "before": 0.5}
-        client.send(type="window", id=9, paths=["encoder"], start=now, stop=now, width=0)
+        client.send(type="window", id=9, paths=["encoder"], start=now, stop=now, width=1)
         level = float(client.get("points")[2][0, -1]) * 1.5
         client.send(type="live", id=1, paths=["encoder"], span=0.1, width=100, trigger=entry | {"level": level})
         client.send(type="measure", id=3, paths=["encoder"], start=0, stop=1)
@@ -91,12 +107,87 @@ def test_a_trigger_shows_the_time_around_it(client: Client) -> None:
         assert low[0][times < head["trigger"]].max() <= level < low[0][times >= head["trigger"]].min()
 
 
+def test_a_page_is_answered_while_something_is_measured(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    go_on = threading.Event()
+    monkeypatch.setattr("umo.page.live.measured", lambda times, values: {"waited": go_on.wait(PATIENCE)})
+    with running() as step:
+        client.get("description")
+        client.send(type="measure", id=1, paths=["encoder"], start=0, stop=1)
+        client.send(type="stop", id="none")
+        assert client.get("error")["id"] == "none"
+        stop = client.get("state")["stop"]
+        step(3)
+        eventually(lambda: client.get("state")["stop"] > stop)
+        go_on.set()
+        assert client.get("measured")["values"] == [{"waited": True}]
+
+
+@pytest.mark.parametrize("span", [10**25, 1e308])
+def test_a_span_beyond_all_time_is_all_there_is(client: Client, span: float) -> None:
+    with running(count=50):
+        client.get("description")
+        client.send(type="live", id=1, paths=["encoder"], span=span, width=10)
+        assert client.get("points")[0]["from"] == -1
+
+
+def test_a_page_that_nothing_can_be_sent_to_any_longer_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(live: Live) -> None:
+        raise ZeroDivisionError
+
+    with running(), serving() as served, opened(served.socket) as client:
+        client.get("description")
+        monkeypatch.setattr(Live, "next", broken)
+        client.send(type="live", id=1, paths=["encoder"], span=1, width=10)
+        with pytest.raises(ConnectionClosed) as closed:
+            while True:
+                client.get("state")
+        assert closed.value.rcvd is not None and closed.value.rcvd.code == 1011
+        monkeypatch.undo()
+        with opened(served.socket) as again:
+            again.get("description")
+
+
+def test_a_page_whose_hand_cannot_be_closed_is_sent_nothing_any_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+    ended: list[bool] = []
+    real = Session._send_all
+
+    async def sending(session: Session) -> None:
+        try:
+            await real(session)
+        finally:
+            ended.append(True)
+
+    async def broken(session: Session) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(Session, "_send_all", sending)
+    monkeypatch.setattr(Session, "_drop_hand", broken)
+    with running(), serving() as served:
+        with opened(served.socket) as client:
+            client.get("description")
+        eventually(lambda: ended)
+
+
+def test_a_page_may_ask_for_a_bounded_number_of_answers(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    go_on = threading.Event()
+    monkeypatch.setattr("umo.page.live.measured", lambda times, values: {"waited": go_on.wait(PATIENCE)})
+    with running():
+        client.get("description")
+        for number in range(MOST_ASKED + 2):
+            client.send(type="measure", id=number, paths=["encoder"], start=0, stop=1)
+        assert client.get("error")["text"] == f"up to {MOST_ASKED} answers at once"
+        go_on.set()
+        assert [client.get("measured")["id"] for _ in range(MOST_ASKED)] == list(range(MOST_ASKED))
+
+
 @pytest.mark.parametrize(
     "message",
     [
         {"type": "live", "id": 1, "paths": ["nothing"], "span": 1, "width": 10},
         {"type": "live", "id": 1, "paths": "encoder", "span": 1, "width": 10},
         {"type": "live", "id": 1, "paths": ["encoder"], "span": "long", "width": 10},
+        {"type": "live", "id": 1, "paths": ["encoder"], "span": 10**25 * 10**300, "width": 10},
+        {"type": "live", "id": 1, "paths": ["encoder"], "span": float("inf"), "width": 10},
         {"type": "live", "id": "x", "paths": ["encoder"], "span": 1, "width": 10},
         {"type": "live", "id": 1, "paths": ["encoder"] * 100, "span": 1, "width": 10},
         {"type": "live", "id": 1, "paths": ["encoder"], "span": 1, "width": 10, "trigger": {"kind": "sideways"}},
@@ -104,6 +195,7 @@ def test_a_trigger_shows_the_time_around_it(client: Client) -> None:
         {"type": "window", "id": 1, "paths": ["encoder"], "start": float("nan"), "stop": 1, "width": 10},
         {"type": "dance", "id": 1},
         {"type": "watch", "name": 3},
+        {"type": "watch", "name": None},
     ],
 )
 def test_a_message_without_meaning_is_answered_and_the_page_goes_on(client: Client, message: dict[str, object]) -> None:
@@ -117,10 +209,91 @@ def test_a_message_without_meaning_is_answered_and_the_page_goes_on(client: Clie
 
 
 def test_a_value_of_bad_quality_is_no_value_in_the_history() -> None:
-    frames = np.zeros(2, [("values", "f8", 2), ("quality", "u1", 2), ("signals", "f8", 1)])
+    frames = np.zeros(2, [("time", "f8"), ("values", "f8", 2), ("quality", "u1", 2), ("signals", "f8", 1)])
     frames["values"] = 7.0
     frames["quality"][1] = (Quality.STALE, Quality.BAD)
-    rows = Watched._rows(frames)
-    assert rows[1][0] == 7.0
-    assert np.isnan(rows[1][1])
-    assert np.isnan(rows).sum() == 1
+    history = History(3, 0.001)
+    history.add_frames(frames)
+    values = history.between(0.0, 1.0, range(3)).values
+    assert values[0].tolist() == [7.0, 7.0]
+    assert np.isnan(values[1]).tolist() == [False, True]
+    assert np.isnan(values).sum() == 1
+    some = History(2, 0.001)
+    some.add_frames(frames, [2, 0])
+    assert some.between(0.0, 1.0, range(2)).values.tolist() == [[0.0, 0.0], [7.0, 7.0]]
+
+
+@contextmanager
+def ring_without_a_station() -> Iterator[None]:
+    """A ring of a living process whose description lacks what every station has."""
+    head, places = arrange(Layout((), (), {}), 16, 16)
+    path = folder() / "nameless-1-ff.frames"
+    path.write_bytes(bytes(head).ljust(places.size, b"\0"))
+    with path.open("r+b") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+    path.unlink(missing_ok=True)
+
+
+def test_a_ring_that_makes_no_sense_is_left_out_and_said_once(capfd: pytest.CaptureFixture[str]) -> None:
+    with running() as step, ring_without_a_station():
+        looking = Feed()
+        looking.search()
+        looking.search()
+        assert list(looking.watched) == ["press"]
+        step(3)
+        looking.look(states=True)
+        assert looking.watched["press"].history.stop == pytest.approx(0.053)
+        looking.close()
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.startswith("umo: nameless-1-ff.frames is not shown")
+
+
+@pytest.mark.parametrize("method", ["read", "take_state"])
+def test_a_ring_that_cannot_be_read_is_dropped_and_the_others_go_on(
+    client: Client, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], method: str
+) -> None:
+    real = getattr(Watched, method)
+
+    def broken(watched: Watched) -> None:
+        if watched.station == "oven":
+            raise IndexError("no such row")
+        real(watched)
+
+    with running("press") as step, running("oven"):
+        eventually(lambda: len(client.get("stations")["stations"]) == 2)
+        client.send(type="watch", name="press")
+        monkeypatch.setattr(Watched, method, broken)
+        while [line["name"] for line in client.get("stations")["stations"]] != ["press"]:
+            pass
+        now = client.get("state")["stop"]
+        step(3)
+        eventually(lambda: client.get("state")["stop"] > now)
+    assert capfd.readouterr().err.count("is not shown: IndexError: no such row") == 1
+
+
+def test_a_ring_that_could_not_be_opened_for_a_moment_is_shown_later(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(path: Any) -> Reader:
+        raise FramesError(f"no frames at {path}: Too many open files")
+
+    monkeypatch.setattr(feed, "AGAIN", 0.0)
+    with running(), monkeypatch.context() as patch:
+        looking = Feed()
+        patch.setattr("umo.page.watched.Reader", full)
+        looking.search()
+        assert looking.watched == {}
+        patch.undo()
+        looking.search()
+        assert list(looking.watched) == ["press"]
+        looking.close()
+
+
+def test_the_server_ends_with_its_feed_and_tells_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def broken(looking: Feed) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(Feed, "run", broken)
+    with listen("127.0.0.1", 0) as listening:
+        serving = server(Options("127.0.0.1", listening.getsockname()[1], TOKEN), lambda: None)
+        serving.run(sockets=[listening])
+    assert isinstance(serving.failure, ZeroDivisionError)

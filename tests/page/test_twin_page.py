@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import umo.page as umo_page
+from umo.objects import Quality
 from umo.process.station import find
 from umo.twin.declared import declared_by
 
@@ -24,11 +25,11 @@ PAGE = """<!doctype html><html><head><title>twin</title><link rel="stylesheet" h
 "three": "./static/vendor/three/three.module.min.js", "three/addons/": "./static/vendor/three/addons/"}}</script>
 <style>body { margin: 0; font-family: sans-serif; color-scheme: light dark } section { height: 100vh }</style></head>
 <body><section></section></body></html>"""
-FEED = """async (description) => {
+FEED = """async ([description, given]) => {
     const heard = {}, subscribers = new Set(), values = {}, qualities = {};
     const past = { times: [], columns: {} };
     const feed = {
-        station: "test", asked: [],
+        station: "test", asked: [], description: { qualities: given.qualities },
         json: async () => description,
         on: (kind, listener) => ((heard[kind] ??= new Set()).add(listener), () => heard[kind].delete(listener)),
         latest: (path) => path in values ? { value: values[path], quality: qualities[path] ?? 0, time: 0 } : null,
@@ -80,7 +81,8 @@ class Viewer:
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
         self.page.route("**/*", self._answer)
         self.page.goto(f"{HOST}/")
-        self.page.evaluate(FEED, description)
+        told = {"qualities": [(quality.sign, quality.words) for quality in Quality]}
+        self.page.evaluate(FEED, [description, told])
 
     def _answer(self, route: Any) -> None:
         address = urlparse(route.request.url)

@@ -13,6 +13,7 @@ from umo.cycle.progress import Progress
 from umo.cycle.signals import Signal
 from umo.cycle.stopping import SIGNALS
 from umo.frames import Reader
+from umo.frames.frames_table import progress_of
 from umo.objects import Atomic, Compound
 from umo.process import Started
 from umo.process.job import Job
@@ -49,7 +50,7 @@ class Seen:
         self.number, self.missed = int(row["number"]), int(row["missed"])
         self.time, self.execution = float(row["time"]), float(row["execution"]) * 1e-9
         self.values, self.signal_values = row["values"], row["signals"]
-        self.progress = Progress(row["progress"].decode(errors="replace"), int(row["done"]), int(row["total"]))
+        self.progress = progress_of(row)
 
 
 def follow(job: Job, seen: Seen, observers: list[Callable[[Any], None]]) -> tuple[Outcome, float]:

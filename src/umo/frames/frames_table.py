@@ -38,11 +38,18 @@ def title_of(reader: Reader) -> str:
     return f"{about['station']} ({about['wiring']})" if about.get("wiring") else str(about["station"])
 
 
+def progress_of(frame: Any) -> Progress:
+    """What the machine had said last of its work; nothing without a frame."""
+    if frame is None:
+        return Progress()
+    return Progress(frame["progress"].decode(errors="replace"), int(frame["done"]), int(frame["total"]))
+
+
 def facts_of_frames(reader: Reader, frame: Any) -> dict[str, str]:
     """What the run was doing at this frame, in words."""
     if frame is None:
         return {"stage": str(reader.state), "progress": "no period has ended yet"}
-    progress = Progress(frame["progress"].decode(errors="replace"), int(frame["done"]), int(frame["total"]))
+    progress = progress_of(frame)
     stage, reason = reader.state, reader.about.get("reason", "")
     facts = facts_of(stage, reader.mode, reader.holder, progress, float(frame["time"]), reader.missed)
     silent = (time.monotonic_ns() - int(frame["began"])) * 1e-9

@@ -2,65 +2,107 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from bisect import bisect_left
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from umo.frames.reader import Frames
+from umo.objects import Quality
 from umo.objects.scaling import FloatArray
 
 SECONDS = 300.0
 MOST_BYTES = 128 << 20
 FEWEST = 1024
 """Samples that are kept of the largest station."""
-SLACK = 1.25
-"""Room behind the samples that are kept: they are moved to the front when it is used up."""
+BLOCKS = 64
+"""Blocks that the samples are kept in; the oldest is dropped as a whole."""
+
+
+class Samples(NamedTuple):
+    """Consecutive samples."""
+
+    times: FloatArray
+    """s."""
+    values: FloatArray
+    """One row per column."""
 
 
 class History:
-    """Columns of samples, oldest first. It holds at least `capacity` samples, then drops the oldest."""
+    """Columns of samples, oldest first. It holds at least `capacity` samples, then drops the oldest.
+
+    One thread adds; any thread may read: samples do not move, and do not change once they are there.
+    """
 
     def __init__(self, columns: int, period: float, seconds: float = SECONDS, most: int = MOST_BYTES) -> None:
-        fitting = min(seconds / max(period, 1e-6), most / (8 * SLACK * (columns + 1)))
-        self.capacity = max(int(fitting), FEWEST)
-        size = int(self.capacity * SLACK)
-        self._times = np.zeros(size)  # the system gives the memory when it is written to
-        self._values = np.zeros((columns, size))
-        self._count = 0
+        room = most / (8 * (columns + 1)) / (1 + 1 / BLOCKS)
+        self.capacity = max(int(min(seconds / max(period, 1e-6), room)), FEWEST)
+        self._columns = columns
+        self._size = -(-self.capacity // BLOCKS)
+        self._most = -(-self.capacity // self._size) + 1
+        self._blocks: list[Samples] = []
+        """Only what is filled. Replaced, never changed."""
+        self._newest = self._new_block()
+
+    def _new_block(self) -> Samples:
+        return Samples(np.zeros(self._size), np.zeros((self._columns, self._size)))
 
     def add(self, times: FloatArray, rows: FloatArray) -> None:
         """Some samples: a time (s, not before the last one) and a row of values for each."""
-        if len(times) > self.capacity:
-            self._count = 0
-            times, rows = times[-self.capacity :], rows[-self.capacity :]
-        if self._count + len(times) > len(self._times):
-            kept = min(self.capacity - len(times), self._count)
-            self._times[:kept] = self._times[self._count - kept : self._count].copy()
-            for column in self._values:
-                column[:kept] = column[self._count - kept : self._count].copy()
-            self._count = kept
-        end = self._count + len(times)
-        self._times[self._count : end] = times
-        self._values[:, self._count : end] = rows.T
-        self._count = end
+        while len(times):
+            filled = len(self._blocks[-1].times) if self._blocks else self._size
+            older = self._blocks[:-1]
+            if filled == self._size:
+                older, filled, self._newest = self._blocks[-self._most + 1 :], 0, self._new_block()
+            end = min(filled + len(times), self._size)
+            count = end - filled
+            self._newest.times[filled:end] = times[:count]
+            self._newest.values[:, filled:end] = rows[:count].T
+            self._blocks = [*older, Samples(self._newest.times[:end], self._newest.values[:, :end])]
+            times, rows = times[count:], rows[count:]
 
-    @property
-    def times(self) -> FloatArray:
-        return self._times[: self._count]
+    def add_frames(self, frames: Frames, columns: Sequence[int] | None = None) -> None:
+        """The objects and then the signals of some frames, or these columns of them. What is of bad quality has no
+        value."""
+        values, quality = frames["values"], frames["quality"]
+        if quality.size and quality.max() >= Quality.BAD:
+            values = np.where(quality >= Quality.BAD, np.nan, values)
+        rows = np.hstack([values, frames["signals"]])
+        self.add(frames["time"], rows if columns is None else rows[:, columns])
 
     @property
     def start(self) -> float:
         """The time of the oldest sample in s; 0 if there is none."""
-        return float(self._times[0]) if self._count else 0.0
+        return float(self._blocks[0].times[0]) if self._blocks else 0.0
 
     @property
     def stop(self) -> float:
         """The time of the newest sample in s; 0 if there is none."""
-        return float(self._times[self._count - 1]) if self._count else 0.0
+        return float(self._blocks[-1].times[-1]) if self._blocks else 0.0
 
-    def between(self, start: float, stop: float, columns: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-        """The samples from `start` to `stop` (s, both included): times, and one row per column."""
-        begin = int(np.searchsorted(self.times, start, "left"))
-        end = int(np.searchsorted(self.times, stop, "right"))
-        chosen: npt.NDArray[np.intp] = np.array(columns, np.intp)
-        return self._times[begin:end], self._values[chosen, begin:end]
+    def parts(self, start: float, stop: float) -> Iterator[Samples]:
+        """The samples from `start` to `stop` (s, both included) of all columns, in parts that need no copy. What there
+        is at the call stays there until the parts are read."""
+        blocks = self._blocks
+        first = max(bisect_left(blocks, start, key=lambda block: float(block.times[0])) - 1, 0)
+        return _between(blocks[first:], start, stop)
+
+    def between(self, start: float, stop: float, columns: Sequence[int]) -> Samples:
+        """The samples from `start` to `stop` (s, both included): times, and one row for each of these columns."""
+        chosen = list(columns)
+        parts = [Samples(times, values[chosen]) for times, values in self.parts(start, stop)]
+        if len(parts) == 1:
+            return parts[0]
+        if not parts:
+            return Samples(np.zeros(0), np.zeros((len(chosen), 0)))
+        return Samples(*(np.concatenate(each, axis=-1) for each in zip(*parts, strict=True)))
+
+
+def _between(blocks: Sequence[Samples], start: float, stop: float) -> Iterator[Samples]:
+    for times, values in blocks:
+        if times[0] > stop:
+            return
+        begin, end = int(np.searchsorted(times, start, "left")), int(np.searchsorted(times, stop, "right"))
+        if begin < end:
+            yield Samples(times[begin:end], values[:, begin:end])

@@ -215,6 +215,10 @@ class Reader:
         self.next = stop
         return frames
 
+    def skip_older_half(self) -> None:
+        """Read on from the newer half of the ring: the older frames may be written over while they are read."""
+        self.next = max(self.next, self.head - self.slots // 2)
+
     def latest(self) -> Any | None:
         """The last finished frame, None where there is none. Leaves `next` and `lost` alone."""
         for count in (1, 2, self.slots):  # the very last may be being written over already

@@ -17,7 +17,7 @@ def newest_box(name: str) -> Path | None:
     """The newest black box of a station."""
     try:
         found = blackbox.boxes(blackbox.folder())
-    except FramesError:
+    except (FramesError, OSError):
         return None
     return next((path for path in reversed(found) if blackbox.station_of(path) == name), None)
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import sys
 import time
 from contextlib import suppress
 from pathlib import Path
 
 from umo.errors import FramesError
-from umo.frames import Reader, rings
+from umo.frames import rings
 from umo.page.box_words import box_in_words, newest_box
 from umo.page.watched import Watched
+from umo.text import cause_of, printable
 
 RATE = 30.0
 """Looks at the rings a second while a page is open."""
@@ -22,6 +24,8 @@ SEARCH = 1.0
 """s from one search for new rings to the next."""
 BOXES = 5.0
 """s from one search for new black boxes to the next."""
+AGAIN = 10.0
+"""s after which a ring that could not be read is tried again."""
 ENDED = 4
 """Ended runs that are kept in memory, so that the end can be looked at."""
 
@@ -33,7 +37,8 @@ class Feed:
         self.watched: dict[str, Watched] = {}
         self.pages = 0
         """That are open."""
-        self._refused: set[str] = set()
+        self._refused: dict[str, float] = {}
+        """Names of rings that could not be read, and when each is tried again."""
         self._looked = asyncio.Event()
 
     async def run(self) -> None:
@@ -53,12 +58,16 @@ class Feed:
             await asyncio.sleep(max(0.001, now + 1 / (RATE if self.pages else IDLE_RATE) - time.monotonic()))
 
     def look(self, states: bool) -> None:
-        """Read every ring once, and wake the pages."""
-        for watched in self.watched.values():
-            if not watched.over:
-                watched.read()
-            if states:
-                watched.take_state()
+        """Read every ring once, and wake the pages. A ring that cannot be read is dropped; the others go on."""
+        for name, watched in list(self.watched.items()):
+            try:
+                if not watched.over:
+                    watched.read()
+                if states:
+                    watched.take_state()
+            except Exception as error:  # of a damaged ring: whatever struct, json, numpy, mmap raise
+                self._refuse(watched.path, error)
+                self.watched.pop(name).close()
         looked, self._looked = self._looked, asyncio.Event()
         looked.set()
 
@@ -71,7 +80,7 @@ class Feed:
         with suppress(FramesError):  # no folder: nothing runs
             known = {watched.path for watched in self.watched.values()}
             for path in rings():
-                if path not in known and path.name not in self._refused:
+                if path not in known and time.monotonic() >= self._refused.get(path.name, 0.0):
                     self._attach(path)
         ended = [name for name, watched in self.watched.items() if watched.over]
         for name in ended[:-ENDED]:
@@ -79,9 +88,9 @@ class Feed:
 
     def _attach(self, path: Path) -> None:
         try:
-            watched = Watched(Reader(path))
-        except FramesError:  # of another version, or gone
-            self._refused.add(path.name)
+            watched = Watched.at(path)
+        except Exception as error:  # of another version, damaged, or gone
+            self._refuse(path, error)
             return
         before = self.watched.get(watched.name)
         if before is not None and not before.ended:
@@ -90,6 +99,12 @@ class Feed:
             before.close()
         self.watched.pop(watched.name, None)
         self.watched[watched.name] = watched
+
+    def _refuse(self, path: Path, error: Exception) -> None:
+        """Leave a ring alone for a while, and say so the first time."""
+        if path.name not in self._refused and path.exists():
+            print(f"umo: {printable(path.name)} is not shown: {printable(cause_of(error))}", file=sys.stderr)
+        self._refused[path.name] = time.monotonic() + AGAIN
 
     async def _look_for_boxes(self) -> None:
         """The newest black box of each station, read in a thread."""

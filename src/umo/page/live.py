@@ -2,21 +2,32 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
+import math
 import struct
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, ParamSpec, TypeVar
 
-import numpy as np
-
-from umo.frames.reduction import Points, crossing, reduced
+from umo.frames.reduction import Points, crossing, measured, reduced
 from umo.page.watched import Watched
 
 MOST_TRACES = 64
 MOST_WIDTH = 8192
 """Pixels."""
-MOST_SAMPLES = 4_000_000
-"""Values of an answer that is not reduced."""
+AT_WORK = ThreadPoolExecutor(1, "history")
+"""Makes what takes long, for all pages: the loop stays free for touches and commands."""
+Arguments = ParamSpec("Arguments")
+Made = TypeVar("Made")
+
+
+async def made(work: Callable[Arguments, Made], *given: Arguments.args, **named: Arguments.kwargs) -> Made:
+    """What a function returns, called in the thread for work that takes long."""
+    return await asyncio.get_running_loop().run_in_executor(AT_WORK, partial(work, *given, **named))
 
 
 class BadRequest(ValueError):
@@ -36,9 +47,10 @@ def columns_of(watched: Watched, paths: Any) -> list[int]:
 def number(message: dict[str, Any], name: str, default: float = 0.0) -> float:
     """A finite number of a message; BadRequest otherwise."""
     value = message.get(name, default)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-        raise BadRequest(f"{name} must be a number")
-    return float(value)
+    with suppress(OverflowError):  # a whole number beyond all floats
+        if not isinstance(value, bool) and isinstance(value, int | float) and math.isfinite(value):
+            return float(value)
+    raise BadRequest(f"{name} must be a number")
 
 
 def packed(head: dict[str, Any], points: Points) -> bytes:
@@ -52,14 +64,37 @@ def packed(head: dict[str, Any], points: Points) -> bytes:
     return b"".join([struct.pack("<I", len(text)), text, *numbers])
 
 
-def window(watched: Watched, columns: Sequence[int], start: float, stop: float, width: int) -> Points:
-    """The history from `start` to `stop` (s), reduced to `width` pixels; every sample if that is 0."""
-    times, values = watched.history.between(start, stop, columns)
-    if not width:
-        most = max(1, MOST_SAMPLES // max(len(columns), 1))
-        values = values[:, -most:]
-        return Points(times[-most:], values, values)
-    return reduced(times, values, (stop - start) / width, watched.period)
+@dataclass(frozen=True)
+class Stretch:
+    """A part of the history that a page asks for. Its answers may be made in any thread."""
+
+    watched: Watched
+    columns: list[int]
+    start: float
+    stop: float
+    """s."""
+
+    @classmethod
+    def of(cls, watched: Watched, message: dict[str, Any]) -> Stretch:
+        start, stop = number(message, "start"), number(message, "stop")
+        if stop < start:
+            raise BadRequest("stop must not be before start")
+        return cls(watched, columns_of(watched, message.get("paths")), start, stop)
+
+    def window(self, head: dict[str, Any], width: int) -> bytes:
+        """A message of the samples, reduced to `width` pixels."""
+        times, values = self.watched.history.between(self.start, self.stop, self.columns)
+        return packed(head, reduced(times, values, (self.stop - self.start) / width, self.watched.period))
+
+    def measured(self, head: dict[str, Any]) -> str:
+        """A message of what is measured on each trace."""
+        times, values = self.watched.history.between(self.start, self.stop, self.columns)
+        return json.dumps(head | {"values": [measured(times, row) for row in values]})
+
+
+def pixels(message: dict[str, Any]) -> int:
+    """The width that a message asks for."""
+    return int(min(max(1.0, number(message, "width", 1.0)), MOST_WIDTH))
 
 
 class Live:
@@ -69,35 +104,38 @@ class Live:
         self.id = message.get("id")
         self.columns = columns_of(watched, message.get("paths"))
         self.span = max(0.0, number(message, "span"))
-        self.width = int(min(max(1.0, number(message, "width", 1.0)), MOST_WIDTH))
+        self.width = pixels(message)
         self._watched = watched
         self._sent = float("-inf")
         """The time of the last point that was sent."""
         self._newest = float("-inf")
         self._trigger = Trigger(watched, message["trigger"]) if message.get("trigger") else None
 
+    @property
+    def takes_long(self) -> bool:
+        """Whether `next` will take the whole span; it is then called in another thread."""
+        return self._trigger is not None or self._sent < 0.0
+
     def next(self) -> bytes | None:
         """A message of the points since the last one, which is sent again as it may have been half full; None: nothing
         is new."""
-        history = self._watched.history
-        if history.stop <= self._newest or not len(history.times):
+        stop = self._watched.history.stop
+        if stop <= self._newest:
             return None
         if self._trigger is not None:
-            return self._triggered(self._trigger)
-        self._newest = history.stop
-        if not self.span:
-            times, values = history.between(history.stop, history.stop, self.columns)
-            return packed({"id": self.id, "from": -1.0}, Points(times, values, values))
-        start = max(self._sent, history.stop - self.span)
-        first = self._sent < history.stop - self.span
-        times, values = history.between(start, history.stop, self.columns)
+            return self._triggered(self._trigger, stop)
+        self._newest = stop
+        first = self._sent < stop - self.span
+        start = stop - self.span if first else self._sent
+        times, values = self._watched.history.between(start, stop, self.columns)
+        if not len(times):
+            return None
         points = reduced(times, values, self.span / self.width, self._watched.period)
         self._sent = float(points.times[-1])
         return packed({"id": self.id, "from": -1.0 if first else float(points.times[0])}, points)
 
-    def _triggered(self, trigger: Trigger) -> bytes | None:
+    def _triggered(self, trigger: Trigger, stop: float) -> bytes | None:
         """The whole span around the trigger, once it is in the history."""
-        stop = self._watched.history.stop
         moment = trigger.look(self.span)
         if moment is None:
             self._newest = stop
@@ -106,8 +144,8 @@ class Live:
         if start + self.span > stop:
             return None
         trigger.done(start + self.span)
-        points = window(self._watched, self.columns, start, start + self.span, self.width)
-        return packed({"id": self.id, "from": -1.0, "trigger": moment, "start": start}, points)
+        whole = Stretch(self._watched, self.columns, start, start + self.span)
+        return whole.window({"id": self.id, "from": -1.0, "trigger": moment, "start": start}, self.width)
 
 
 class Trigger:

@@ -7,8 +7,8 @@ import base64
 import hashlib
 import re
 import socket
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -17,7 +17,7 @@ from types import FrameType
 import uvicorn
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
+from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
@@ -26,6 +26,8 @@ from starlette.websockets import WebSocket
 from umo.page import twin
 from umo.page.feed import Feed
 from umo.page.guard import Guard
+from umo.page.live import Stretch, made
+from umo.page.samples import csv_of
 from umo.page.session import Session
 
 STATIC = Path(__file__).parent / "static"
@@ -35,6 +37,9 @@ MOST_CONNECTIONS = 500
 """Connections, those of open pages included. With as many, a request is answered by 503."""
 GRACE = 1
 """s that open pages are given at the end."""
+
+ATTACHMENT = {"content-disposition": "attachment"}
+"""The browser saves it."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +55,8 @@ class Options:
     key: Path | None = None
 
 
-def application(options: Options, feed: Feed) -> ASGIApp:
-    """The page of a feed, behind its guard."""
+def application(options: Options, feed: Feed, ended: Callable[[asyncio.Task[None]], None]) -> ASGIApp:
+    """The page of a feed, behind its guard. `ended` is called when the feed has ended."""
     about = {"station": options.station, "hands": options.hands, "version": version("umo")}
 
     async def index(request: Request) -> Response:
@@ -64,16 +69,17 @@ def application(options: Options, feed: Feed) -> ASGIApp:
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
         reading = asyncio.create_task(feed.run())
+        reading.add_done_callback(ended)
         yield
         reading.cancel()
-        with suppress(asyncio.CancelledError):
-            await reading
+        await asyncio.wait([reading])
         feed.close()
 
     routes = [
         Route("/", index),
         WebSocketRoute("/ws", page),
         Route("/twin/{name}", _twin(feed)),
+        Route("/csv/{name}", _csv(feed)),
         Mount("/static", StaticFiles(directory=STATIC)),
     ]
     app = Starlette(routes=routes, lifespan=lifespan)
@@ -93,6 +99,26 @@ def _twin(feed: Feed) -> Callable[[Request], object]:
     return answer
 
 
+def _csv(feed: Feed) -> Callable[[Request], object]:
+    async def answer(request: Request) -> Response:
+        watched, query = feed.watched.get(request.path_params["name"]), request.query_params
+        if watched is None:
+            return PlainTextResponse("no such run\n", 404)
+        try:
+            limits = {name: float(query.get(name, "")) for name in ("start", "stop")}
+            stretch = Stretch.of(watched, {"paths": query.getlist("path")} | limits)
+        except ValueError as error:  # BadRequest, and what float raises
+            return PlainTextResponse(f"{error}\n", 400)
+        return StreamingResponse(_pieces(csv_of(stretch)), media_type="text/csv", headers=ATTACHMENT)
+
+    return answer
+
+
+async def _pieces(texts: Iterator[str]) -> AsyncIterator[str]:
+    while text := await made(next, texts, ""):
+        yield text
+
+
 def _hashes(html: str) -> str:
     """The hashes of the scripts in a page, for its policy."""
     found = re.findall(r"<script[^>]*>([^<]+)</script>", html)
@@ -106,26 +132,37 @@ def listen(host: str, port: int) -> socket.socket:
 
 
 def serve(options: Options, listening: socket.socket, ready: Callable[[], None]) -> None:
-    """Serve until Ctrl-C or SIGTERM, then return. `ready` is called when the server answers."""
-    server(options, ready).run(sockets=[listening])
+    """Serve until Ctrl-C or SIGTERM, then return. `ready` is called when the server answers. An error of the feed ends
+    it, and is raised."""
+    serving = server(options, ready)
+    serving.run(sockets=[listening])
+    if serving.failure is not None:
+        raise serving.failure
 
 
-def server(options: Options, ready: Callable[[], None]) -> uvicorn.Server:
+def server(options: Options, ready: Callable[[], None]) -> Server:
     """The server, not yet running."""
+    feed = Feed()
+    app = application(options, feed, lambda task: serving.feed_ended(task))
     config = uvicorn.Config(
-        application(options, Feed()), log_level="error", access_log=False, lifespan="on", server_header=False,
+        app, log_level="error", access_log=False, lifespan="on", server_header=False,
         ws="websockets-sansio", ws_max_size=LONGEST_MESSAGE, ws_per_message_deflate=False,
         limit_concurrency=MOST_CONNECTIONS, timeout_graceful_shutdown=GRACE,
         ssl_certfile=options.certificate, ssl_keyfile=options.key,
     )  # fmt: skip
-    return _Server(config, ready)
+    serving = Server(config, ready, feed)
+    return serving
 
 
-class _Server(uvicorn.Server):
-    """Says when it answers. Ctrl-C and SIGTERM end the serving, not the process: its caller goes on and tidies up."""
+class Server(uvicorn.Server):
+    """Says when it answers, and ends with its feed. Ctrl-C and SIGTERM end the serving, not the process: its caller
+    goes on and tidies up."""
 
-    def __init__(self, config: uvicorn.Config, ready: Callable[[], None]) -> None:
+    def __init__(self, config: uvicorn.Config, ready: Callable[[], None], feed: Feed) -> None:
         super().__init__(config)
+        self.feed = feed
+        self.failure: BaseException | None = None
+        """That ended the feed."""
         self._ready = ready
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
@@ -135,3 +172,8 @@ class _Server(uvicorn.Server):
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         self.force_exit, self.should_exit = self.should_exit, True
+
+    def feed_ended(self, task: asyncio.Task[None]) -> None:
+        if not task.cancelled():
+            self.failure = task.exception()
+        self.should_exit = True

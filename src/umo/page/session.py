@@ -1,8 +1,8 @@
 """One open page: its websocket, what it has subscribed to, and what it asks for.
 
-From the page, JSON: `watch` (name of a run), `live` (id, paths, span, width, trigger), `stop` (id), `window` (id,
-paths, start, stop, width; 0: every sample), `measure` (id, paths, start, stop), `command` (id, do, path, value,
-arguments, over, who), `touch` (number of the state that it answers, held).
+From the page, JSON: `watch` (name of a run; "": none), `live` (id, paths, span, width, trigger), `stop` (id), `window`
+(id, paths, start, stop, width), `measure` (id, paths, start, stop), `command` (id, do, path, value, arguments, over,
+who), `touch` (number of the state that it answers, held).
 To the page, JSON: `server`, `stations`, `description`, `state`, `measured`, `answer`, `error`; binary: points
 (`umo.page.live.packed`).
 """
@@ -11,22 +11,27 @@ from __future__ import annotations
 
 import asyncio
 import json
+from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from umo.errors import FramesError
-from umo.frames.reduction import measured
 from umo.page.feed import Feed
-from umo.page.live import MOST_WIDTH, BadRequest, Live, columns_of, number, packed, window
+from umo.page.live import BadRequest, Live, Stretch, made, number, pixels
 from umo.page.page_hand import PageHand
 from umo.page.watched import Watched
 
 MOST_LIVE = 16
 """Subscriptions of one page."""
+MOST_ASKED = 64
+"""Parts of the history that a page has asked for and not got yet."""
 MOST_HELD = 256
 """Paths that a page holds at once."""
+CLOSING = 1.0
+"""s that a page is given to take the end of its socket."""
 READ_ONLY = "this page is read-only"
 
 
@@ -44,12 +49,13 @@ class Session:
         """Number of the state that was sent last."""
         self._stations = ""
         self._sending = asyncio.Lock()
+        self._asked: asyncio.Queue[Callable[[], str | bytes]] = asyncio.Queue(MOST_ASKED)
         self._hand: PageHand | None = None
 
     async def run(self) -> None:
         """Until the page is closed."""
         self._feed.pages += 1
-        sending = asyncio.create_task(self._send_all())
+        sending = asyncio.create_task(self._sending_until_closed())
         try:
             while True:
                 await self._take(await self._socket.receive_text())
@@ -57,12 +63,29 @@ class Session:
             pass
         finally:
             self._feed.pages -= 1
-            await self._drop_hand()
             sending.cancel()
-            with suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
+            await self._drop_hand()
+            with suppress(asyncio.CancelledError):
                 await sending
 
     # To the page ---------------------------------------------------------------------------------------
+
+    async def _sending_until_closed(self) -> None:
+        """If it fails the socket is closed, and the page connects again."""
+        try:
+            async with asyncio.TaskGroup() as tasks:
+                tasks.create_task(self._send_all())
+                tasks.create_task(self._send_what_was_asked())
+        except* (WebSocketDisconnect, RuntimeError):  # the page is closed
+            pass
+        finally:
+            with suppress(WebSocketDisconnect, RuntimeError, TimeoutError):
+                await asyncio.wait_for(self._socket.close(1011), CLOSING)
+
+    async def _send_what_was_asked(self) -> None:
+        while True:
+            work = await self._asked.get()
+            await self._send(await made(work))
 
     async def _send_all(self) -> None:
         """After every look at the rings, what is new. A slow page gets fewer messages; none waits for it."""
@@ -71,7 +94,7 @@ class Session:
             await self._tell_stations()
             await self._tell_state()
             for live in list(self._live.values()):
-                message = live.next()
+                message = await made(live.next) if live.takes_long else live.next()
                 if message is not None:
                     await self._send(message)
             await self._feed.looked()
@@ -85,14 +108,15 @@ class Session:
         if self._name is None and len(lines) == 1:
             self._name = lines[0]["name"]
         watched = self._feed.watched.get(self._name or "")
-        if watched is not None and watched is not self._watched:
+        if watched is not self._watched:
             self._watched, self._state = watched, 0
             self._live.clear()
-            await self._tell(watched.description())
+            if watched is not None:
+                await self._tell(watched.description())
 
     async def _tell_state(self) -> None:
         watched = self._watched
-        if watched is None or watched.number == self._state:
+        if watched is None or watched.reader.closed or watched.number == self._state:
             return
         full = self._state == 0 or watched.number != self._state + 1
         self._state = watched.number
@@ -138,16 +162,20 @@ class Session:
         elif kind == "live":
             self._subscribe(Live(watched, message), _key(message))
         elif kind == "window":
-            width = int(min(max(number(message, "width"), 0), MOST_WIDTH))
-            points = window(watched, *_stretch(watched, message), width)
-            await self._send(packed({"id": message.get("id"), "window": True}, points))
+            head = {"id": message.get("id"), "window": True}
+            self._ask(partial(Stretch.of(watched, message).window, head, pixels(message)))
         elif kind == "measure":
-            columns, start, stop = _stretch(watched, message)
-            times, values = watched.history.between(start, stop, columns)
-            found = [measured(times, row) for row in values]
-            await self._tell({"type": "measured", "id": message.get("id"), "values": found})
+            head = {"type": "measured", "id": message.get("id")}
+            self._ask(partial(Stretch.of(watched, message).measured, head))
         else:
             raise BadRequest(f"no message {kind!r}")
+
+    def _ask(self, work: Callable[[], str | bytes]) -> None:
+        """Have an answer made."""
+        try:
+            self._asked.put_nowait(work)
+        except asyncio.QueueFull:
+            raise BadRequest(f"up to {MOST_ASKED} answers at once") from None
 
     async def _hand_on(self, watched: Watched | None) -> PageHand:
         """The hand of this page on the run that it shows; made for its first command."""
@@ -172,7 +200,7 @@ class Session:
         return self._socket.client.host if self._socket.client else "unknown"
 
     async def _watch(self, name: Any) -> None:
-        if name is not None and not isinstance(name, str):
+        if not isinstance(name, str):
             raise BadRequest("a name is a text")
         await self._drop_hand()
         self._name, self._watched, self._state = name, None, 0
@@ -197,11 +225,3 @@ def _held(message: dict[str, Any]) -> list[str]:
     if not isinstance(held, list) or len(held) > MOST_HELD or not all(isinstance(path, str) for path in held):
         raise BadRequest(f"held must be up to {MOST_HELD} paths")
     return held
-
-
-def _stretch(watched: Watched, message: dict[str, Any]) -> tuple[list[int], float, float]:
-    """Columns, start and stop of a part of the history."""
-    start, stop = number(message, "start"), number(message, "stop")
-    if stop < start:
-        raise BadRequest("stop must not be before start")
-    return columns_of(watched, message.get("paths")), start, stop

@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from umo.frames import Reader, Stage
+from umo.frames.frames_table import progress_of
 from umo.frames.history import History
 from umo.objects import Quality
 from umo.text import printable
 
-OF_THE_RING = ("actions", "tunables", "interlocks")
-"""What the description of a ring says of hands."""
+OF_THE_RING = ("objects", "signals", "actions", "tunables")
+"""What a page is told of the description of a ring."""
 MOST_EVENTS = 100
 """The last ones that a page is told of."""
 
@@ -25,9 +26,7 @@ class Watched:
 
     def __init__(self, reader: Reader) -> None:
         self.reader = reader
-        reader.next = max(
-            reader.next, reader.head - reader.slots // 2
-        )  # older ones may be written over while they are read
+        reader.skip_older_half()
         self.about: dict[str, Any] = reader.about
         self.station = str(self.about["station"])
         self.name = self.station
@@ -55,6 +54,16 @@ class Watched:
         """The number of the next event, when the events were told last."""
         self._new_events = False
 
+    @classmethod
+    def at(cls, path: Path) -> Watched:
+        """The ring in a file. FramesError, or whatever a damaged description raises."""
+        reader = Reader(path)
+        try:
+            return cls(reader)
+        except BaseException:
+            reader.close()
+            raise
+
     def read(self) -> None:
         """Take all new frames."""
         self.stage = self.reader.state  # before the frames: the last ones are read in any case
@@ -64,35 +73,19 @@ class Watched:
             return
         self._seen = time.monotonic()
         self._frame = frames[-1]
-        self.history.add(frames["time"], self._rows(frames))
+        self.history.add_frames(frames)
         usable = frames["quality"] < Quality.STALE
         last = len(frames) - 1 - np.argmax(usable[::-1], axis=0)
         self._good = np.where(usable.any(axis=0), frames["time"][last], self._good)
-
-    @staticmethod
-    def _rows(frames: Any) -> Any:
-        """A row for each frame; what is of bad quality has no value."""
-        values, quality = frames["values"], frames["quality"]
-        if quality.size and quality.max() >= Quality.BAD:
-            values = np.where(quality >= Quality.BAD, np.nan, values)
-        return np.hstack([values, frames["signals"]])
 
     # What pages are told -------------------------------------------------------------------------------
 
     def description(self) -> dict[str, Any]:
         """What does not change during the run."""
-        layout = self.reader.layout
-        about = {name: self.about[name] for name in ("station", "wiring", "pid", "started", "period")}
-        told = {
-            "type": "description",
-            "name": self.name,
-            "station": self.station,
-            "run": self.run,
-            "period": self.period,
-        }
-        told |= {"objects": layout.objects, "signals": layout.signals}
-        told |= about | {"qualities": [str(quality) for quality in Quality]}
-        return told | {name: getattr(layout, name) for name in OF_THE_RING}
+        told = {"type": "description", "name": self.name, "run": self.run}
+        told |= {name: self.about[name] for name in ("station", "wiring", "pid", "period")}
+        told |= {name: getattr(self.reader.layout, name) for name in OF_THE_RING}
+        return told | {"qualities": [(quality.sign, quality.words) for quality in Quality]}
 
     def take_state(self) -> None:
         """Make the next state: what has changed since the one before."""
@@ -121,9 +114,9 @@ class Watched:
             "stop": self.history.stop, "silent": round(time.monotonic() - self._seen, 1), "ages": self._ages(),
         }  # fmt: skip
         if frame is not None:
-            text = printable(frame["progress"].decode(errors="replace"))
-            told |= {"time": float(frame["time"]), "progress": [text, int(frame["done"]), int(frame["total"])]}
-            told |= {"execution": int(frame["execution"]) / 1e9, "wake": int(frame["wake"]) / 1e9}
+            text, done, total = progress_of(frame)
+            told |= {"time": float(frame["time"]), "progress": [printable(text), done, total]}
+            told |= {"execution": int(frame["execution"]) / 1e9}
         return told | self._hands()
 
     def _hands(self) -> dict[str, Any]:
@@ -161,8 +154,7 @@ class Watched:
 
     def line(self) -> dict[str, Any]:
         """For the list of stations."""
-        names = ("wiring", "pid", "started", "period")
-        return {"name": self.name, "run": self.run, "stage": str(self.stage)} | {n: self.about[n] for n in names}
+        return {"name": self.name, "stage": str(self.stage), "wiring": self.about["wiring"]}
 
     @property
     def ended(self) -> bool:

@@ -19,7 +19,7 @@ from umo.cycle.stage import Stage
 from umo.cycle.stopping import signal_name
 from umo.errors import DriverError, FramesError, TaskFailed
 from umo.frames import Reader
-from umo.frames.frames_table import html_of_frames
+from umo.frames.frames_table import html_of_frames, progress_of
 from umo.objects import Compound
 from umo.objects.html_table import html_table, never_raises
 from umo.process.job import Job, reference
@@ -127,10 +127,7 @@ class Started:
     def progress(self) -> Progress:
         """What the machine said last of its work (`Compound.progress`)."""
         self.poll()
-        frame = None if self.frames is None else self.frames.latest()
-        if frame is None:
-            return Progress()
-        return Progress(frame["progress"].decode(errors="replace"), int(frame["done"]), int(frame["total"]))
+        return progress_of(None if self.frames is None else self.frames.latest())
 
     @property
     def outcome(self) -> Outcome | None:

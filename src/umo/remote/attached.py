@@ -20,6 +20,7 @@ from umo.cycle.progress import Progress
 from umo.cycle.stage import Stage
 from umo.errors import FramesError, TaskFailed, UmoError
 from umo.frames import Reader
+from umo.frames.frames_table import progress_of
 from umo.remote.answers import Answers
 from umo.remote.held_lease import HeldLease
 from umo.remote.live_view import LiveView, live_scope, live_table
@@ -78,10 +79,7 @@ class RemoteStation(RemotePart):
     @property
     def progress(self) -> Progress:
         """What the machine said last of its work."""
-        frame = self.reader.latest()
-        if frame is None:
-            return Progress()
-        return Progress(frame["progress"].decode(errors="replace"), int(frame["done"]), int(frame["total"]))
+        return progress_of(self.reader.latest())
 
     @property
     def events(self) -> list[Event]:

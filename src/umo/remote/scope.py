@@ -14,7 +14,6 @@ from umo.frames import Reader
 from umo.frames.frames_table import facts_of_frames, title_of
 from umo.frames.history import History
 from umo.frames.reduction import Points, reduced
-from umo.objects import Quality
 from umo.objects.families import in_words
 from umo.objects.html_table import STYLE, heading
 from umo.objects.scaling import FloatArray
@@ -50,15 +49,14 @@ class Scope:
         self._frame: Any = None
         self._now: list[list[float]] = []
         """The last value of each trace; no value before the first frame."""
-        reader.next = max(reader.next, reader.head - reader.slots // 2)  # older ones may be written over while read
+        reader.skip_older_half()
 
     def draw(self, more: Mapping[str, str]) -> str:
         """Take all new frames; the picture with a heading."""
         frames = self._reader.read()
         if len(frames):
             self._frame = frames[-1]
-            values = np.where(frames["quality"] >= Quality.BAD, np.nan, frames["values"])
-            self._history.add(frames["time"], np.hstack([values, frames["signals"]])[:, self._places])
+            self._history.add_frames(frames, self._places)
         lost = {"frames not seen": f"{self._reader.lost:,}" if self._reader.lost else ""}
         facts = facts_of_frames(self._reader, self._frame) | lost | dict(more)
         return f'{STYLE}<div class="umo">{heading(title_of(self._reader), facts)}{self._picture()}</div>'

@@ -8,6 +8,8 @@ const VIEWS = {
   scope: () => import("./scope.js"), machine: () => import("./machine.js"),
   twin: () => import("./twin.js"), hands: () => import("./hands.js"),
 };
+const SILENT = 1;  // s without news, after which the page says so
+
 const feed = new Feed();
 const hand = new Hand(feed);
 const main = document.querySelector("#view");
@@ -20,7 +22,7 @@ let lastRun = null;
 
 function viewName() {
   const name = address.get("view");
-  return name in VIEWS ? name : "scope";
+  return Object.hasOwn(VIEWS, name) ? name : "scope";
 }
 
 /** Show the view of the address, or the list of stations if none is chosen. */
@@ -48,9 +50,10 @@ function mountStations(element) {
     onclick: () => choose(station.name),
   })));
   if (lines.length) element.append(el("h2", { textContent: "Stations" }), el("ul", {}, ...lines));
-  const text = feed.wanted && !lines.length ? `${feed.wanted} is not running. ` : lines.length ? "" : "No station is running. ";
+  const missing = feed.wanted && !feed.stations.some(({ name }) => name === feed.wanted);
+  const text = missing ? `${feed.wanted} is not running. ` : lines.length ? "" : "No station is running. ";
   element.append(el("p", { textContent: `${text}Start one in a terminal:` }));
-  const name = feed.wanted ?? "ztheta";
+  const name = feed.wanted || "ztheta";
   element.append(el("pre", { textContent: `umo run ${name} --realtime` }));
   element.append(el("p", { textContent: "It appears here by itself." }));
 }
@@ -67,7 +70,8 @@ function say() {
     text = "The connection to the server is lost. The page tries again by itself.";
     if (feed.refused) text = "The server refuses this page. Open the address that `umo view` has printed.";
   } else if (stage === "ended") text = `${feed.station} has ended. The page waits for it to start again.`;
-  else if (feed.state?.silent > 1) text = `No new frame for ${feed.state.silent.toFixed(0)} s.`;
+  else if (feed.description && feed.unheard > SILENT) text = `Nothing heard from the server for ${feed.unheard.toFixed(0)} s.`;
+  else if (feed.state?.silent > SILENT) text = `No new frame for ${feed.state.silent.toFixed(0)} s.`;
   setText(notice, text);
   notice.hidden = !text;
   document.body.classList.toggle("stale", Boolean(text));
@@ -97,7 +101,7 @@ feed.on("connection", () => {
   if (feed.connected && lastRun) announce("The connection to the server is back.");
 });
 feed.on("server", () => {
-  if (!address.get("station") && feed.server.station) feed.wanted = feed.server.station;
+  feed.wanted ??= feed.server.station;
 });
 feed.on("stations", () => { if (!feed.description) show(); });
 feed.on("description", () => {
@@ -108,6 +112,7 @@ feed.on("description", () => {
     setText(summary, "");
     stop.hidden = true;
   }
+  say();
   show();
 });
 
@@ -151,4 +156,5 @@ document.addEventListener("keydown", (event) => {
 if (location.search) history.replaceState(null, "", location.pathname + location.hash);
 feed.wanted = address.get("station");
 feed.start();
+setInterval(say, 1000);
 show();

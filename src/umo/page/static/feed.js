@@ -29,6 +29,7 @@ export class Feed {
     this.connected = false;
     this.server = null;
     this.stations = [];
+    /** Name of the run to show; "": the list of stations; null: what the server chooses. */
     this.wanted = null;
     this.description = null;
     this.state = null;
@@ -39,6 +40,7 @@ export class Feed {
     this._waiting = new Map();
     this._id = 0;
     this._attempt = 0;
+    this._heard = 0;
   }
 
   /** Name of the run that is shown. */
@@ -52,10 +54,7 @@ export class Feed {
     socket.binaryType = "arraybuffer";
     this._socket = socket;
     socket.onopen = () => {
-      this._attempt = 0;
-      this.connected = true;
-      if (this.wanted) this._send({ type: "watch", name: this.wanted });
-      this._emit("connection");
+      if (this.wanted !== null) this._send({ type: "watch", name: this.wanted });
     };
     socket.onmessage = ({ data }) => (typeof data === "string" ? this._text(JSON.parse(data)) : this._binary(data));
     socket.onclose = ({ code }) => this._closed(code);
@@ -64,10 +63,12 @@ export class Feed {
   _closed(code) {
     const was = this.connected;
     this.connected = false;
-    this.refused = code === 4401 || code === 1008;
+    const refused = code === 4401;
+    const news = was || this._attempt === 0 || refused !== this.refused;
+    this.refused = refused;
     for (const { reject } of this._waiting.values()) reject(new Error("the connection to the server is lost"));
     this._waiting.clear();
-    if (was || this._attempt === 0) this._emit("connection");
+    if (news) this._emit("connection");
     setTimeout(() => this.start(), RETRY[Math.min(this._attempt++, RETRY.length - 1)]);
   }
 
@@ -77,18 +78,25 @@ export class Feed {
     else this._answer(message);
   }
 
+  /** The first message. Before it the server may still refuse this page: it closes the socket with 4401. */
   _on_server(message) {
     this.server = message;
+    this._attempt = 0;
+    this.connected = true;
     this._emit("server");
+    this._emit("connection");
   }
 
   _on_stations({ stations }) {
     this.stations = stations;
+    if (this.description && !stations.some(({ name }) => name === this.station)) this._forget();  // e.g. ended while the server was away
     this._emit("stations");
   }
 
   _on_description(message) {
     this.description = message;
+    this.wanted = message.name;
+    this._heard = performance.now();
     this.entries = [...message.objects, ...message.signals];
     this._index = new Map(this.entries.map((entry, index) => [entry.path, index]));
     this._values = [];
@@ -102,6 +110,7 @@ export class Feed {
     this.changed = Object.keys(message.values).map(Number);
     for (const index of this.changed) this._values[index] = message.values[index];
     this.state = message;
+    this._heard = performance.now();
     this._emit("state");
   }
 
@@ -128,13 +137,20 @@ export class Feed {
     else this._subscriptions.get(head.id)?.listener(points);
   }
 
-  /** Show another run; null: the only one. */
+  /** Show another run; "": the list of stations. */
   watch(name) {
     this.wanted = name;
-    this.description = this.state = null;
-    this._emit("description");
+    this._forget();
     if (this.connected) this._send({ type: "watch", name });
   }
+
+  _forget() {
+    this.description = this.state = null;
+    this._emit("description");
+  }
+
+  /** s since the last state came. */
+  get unheard() { return (performance.now() - this._heard) / 1000; }
 
   /** The present value of an object or signal; null: it is not known. */
   latest(path) {
@@ -171,7 +187,7 @@ export class Feed {
     };
   }
 
-  /** The history between two times, reduced to `width` pixels; 0: every sample. @returns {Promise<Points>} */
+  /** The history between two times, reduced to `width` pixels. @returns {Promise<Points>} */
   window(request) { return this._ask({ type: "window", ...request }); }
 
   /** Minimum, maximum, mean, rms and frequency of all samples between two times. */

@@ -2,8 +2,6 @@
 
 import { duration, el, isBinary, setText, shortNumber, shown, unitOf } from "./dom.js";
 
-/** Sign and name of a quality: colour is not the only difference. */
-export const QUALITIES = [["●", "good"], ["▲", "out of range"], ["◇", "unreferenced"], ["◔", "stale"], ["✕", "bad"]];
 const STALE = 3;
 
 export class Row {
@@ -71,7 +69,7 @@ export class Row {
   /** The worst one, with how many have it; the age of the oldest value. */
   _quality(worst, found) {
     const signal = !("kind" in this._entry);
-    const [sign, name] = QUALITIES[worst];
+    const [sign, name] = this._feed.description.qualities[worst];  // colour is not the only difference
     setText(this._sign, signal ? "" : sign);
     this._sign.title = signal ? "" : name;
     this._sign.setAttribute("aria-label", signal ? "" : name);

@@ -1,8 +1,7 @@
 /** The scope: objects and signals against time. */
 
-import { lowerBound } from "./buffer.js";
 import { Chart } from "./chart.js";
-import { address, duration, el, isBinary, save, setText, shown, tracesOfAddress, unitOf } from "./dom.js";
+import { address, duration, el, isBinary, save, setText, tracesOfAddress, unitOf } from "./dom.js";
 import { gestures } from "./gestures.js";
 import { Legend } from "./legend.js";
 import { Trigger } from "./trigger.js";
@@ -11,7 +10,7 @@ const SPANS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300];  // s
 const SHORTEST = 0.002;
 const FIRST = { numbers: 4, states: 2 };  // traces where none was chosen
 const MOST = 32;
-const MEASURE = 500;  // ms
+const MEASURE = 1000;  // ms
 const SETTLE = 120;  // ms without a change of the view before its history is asked for
 
 let scope = null;
@@ -236,33 +235,25 @@ class Scope {
 
   async _measure() {
     const chart = this.chart;
-    if (!this.paths.length || !this.feed.connected || document.hidden) return;
+    if (this._measuring || !this.paths.length || !this.feed.connected || document.hidden) return;
     const between = chart.cursors.every((time) => time !== null);
     const [start, stop] = between ? [...chart.cursors].sort((a, b) => a - b) : chart.range;
+    this._measuring = true;
     try {
       const { values } = await this.feed.measure({ paths: this.paths, start, stop });
       if (chart === this.chart) this.legend.measured(values);
-    } catch { /* the connection is being made again */ }
+    } catch { /* the connection is being made again */ } finally { this._measuring = false; }
   }
 
   async _picture() {
     save(`${this.feed.station}.png`, await this.chart.picture(`${this.feed.station}, ${this.chart.range.map((time) => time.toFixed(3)).join(" to ")} s`));
   }
 
-  /** Every sample of the time shown. */
-  async _csv() {
+  /** Every sample of the time shown, from the server straight into a file. */
+  _csv() {
     const [start, stop] = this.chart.range;
-    const { times, low } = await this.feed.window({ paths: this.paths, start, stop, width: 0 });
-    const heads = this.paths.map((path) => {
-      const unit = unitOf(this.feed.entry(path));
-      return unit ? `${path} [${unit}]` : path;
-    });
-    const lines = [["time [s]", ...heads].join(",")];
-    const cell = (value, path) => (Number.isNaN(value) ? "" : isBinary(this.feed.entry(path)) ? shown(this.feed.entry(path), value) : value);
-    for (let i = lowerBound(times, start); i < times.length; i++) {
-      lines.push([times[i], ...low.map((values, trace) => cell(values[i], this.paths[trace]))].join(","));
-    }
-    save(`${this.feed.station}.csv`, new Blob([lines.join("\n"), "\n"], { type: "text/csv" }));
+    const query = new URLSearchParams([...this.paths.map((path) => ["path", path]), ["start", start], ["stop", stop]]);
+    el("a", { href: `csv/${encodeURIComponent(this.feed.station)}?${query}`, download: `${this.feed.station}.csv` }).click();
   }
 
   _key(event) {

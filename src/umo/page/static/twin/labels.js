@@ -2,12 +2,15 @@
 
 import * as THREE from "three";
 
-const QUALITY = ["", "out of range", "unreferenced", "stale", "bad"];
 const MOST = 60;
 
 export class Labels {
-  /** @param {HTMLElement} element the layer above the picture @param {import("./scene.js").TwinScene} scene */
-  constructor(element, scene) {
+  /**
+   * @param {HTMLElement} element the layer above the picture @param {import("./scene.js").TwinScene} scene
+   * @param {string[][]} qualities sign and words of each
+   */
+  constructor(element, scene, qualities) {
+    this.qualities = qualities;
     this.element = element;
     this.scene = scene;
     this.all = false;
@@ -82,15 +85,15 @@ export class Labels {
   }
 
   #text(body, sample) {
-    const lines = pathsOf(body).map((path) => `${path} ${shownValue(this.scene.entries.get(path), sample(path))}`);
+    const lines = pathsOf(body).map((path) => `${path} ${shownValue(this.scene.entries.get(path), sample(path), this.qualities)}`);
     return [body.name, ...lines].join("\n");
   }
 }
 
 /** A value as text: with its unit, or the name of its state; and its quality, if that is not good. */
-export function shownValue(entry, found) {
+export function shownValue(entry, found, qualities) {
   if (!found || !Number.isFinite(found.value)) return "no value";
-  const quality = QUALITY[found.quality] ? ` (${QUALITY[found.quality]})` : "";
+  const quality = found.quality ? ` (${qualities[found.quality][1]})` : "";
   if ("one" in entry) return (found.value > 0.5 ? entry.one : entry.zero) + quality;
   const size = Math.abs(found.value);
   const digits = size >= 1000 ? 0 : size >= 100 ? 1 : size >= 10 ? 2 : 3;

@@ -72,7 +72,7 @@ export class TwinView {
     this.ground = makeGround(this.scene.bounds(), description.floor);
     this.world.add(this.ground);
     this.layer = Object.assign(document.createElement("div"), { className: "twin-labels" });
-    this.labels = new Labels(this.layer, this.scene);
+    this.labels = new Labels(this.layer, this.scene, this.feed.description.qualities);
     this.player = new Player(this.feed, () => this.draw());
     this.picture.append(this.renderer.domElement, this.layer);
     this.element.append(this.#tools(), this.picture, this.player.element);

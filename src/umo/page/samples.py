@@ -1,0 +1,45 @@
+"""Every sample of a part of the history as CSV, in pieces: a browser saves them while they are made."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Iterator
+from itertools import chain
+from typing import Any
+
+from umo.page.live import Stretch
+
+ROWS = 256
+"""Of a piece. Longer ones would keep the loop of the server waiting."""
+
+
+def csv_of(stretch: Stretch) -> Iterator[str]:
+    """A line of names with units, then a line for each sample: time in s, numbers in their units, names of states;
+    nothing where there is no value."""
+    watched, columns = stretch.watched, stretch.columns
+    entries = [watched.entries[column] for column in columns]
+    yield _lines([["time [s]", *map(_head, entries)]])
+    for times, values in watched.history.parts(stretch.start, stretch.stop):
+        for first in range(0, len(times), ROWS):
+            rows = slice(first, first + ROWS)
+            cells = (_cells(entry, values[column, rows]) for entry, column in zip(entries, columns, strict=True))
+            yield _lines(zip(*chain([times[rows].tolist()], cells), strict=True))
+
+
+def _head(entry: dict[str, Any]) -> str:
+    unit = entry.get("unit")
+    return f"{entry['path']} [{unit}]" if unit and unit != "sampling_period" else str(entry["path"])
+
+
+def _cells(entry: dict[str, Any], values: Any) -> list[Any]:
+    known = [None if value != value else value for value in values.tolist()]
+    if "one" not in entry:
+        return known
+    return [None if value is None else entry["one"] if value > 0.5 else entry["zero"] for value in known]
+
+
+def _lines(rows: Iterable[Iterable[Any]]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()

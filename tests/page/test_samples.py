@@ -1,0 +1,95 @@
+"""The CSV of a part of the history."""
+
+from __future__ import annotations
+
+from http.client import HTTPConnection
+from types import SimpleNamespace
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+import pytest
+
+from umo.frames.history import History
+from umo.page.live import Stretch
+from umo.page.samples import csv_of
+
+from .conftest import TOKEN, Served, opened, running, serving
+
+
+def stretch(history: History, entries: list[dict[str, str]], start: float, stop: float) -> Stretch:
+    watched: Any = SimpleNamespace(history=history, entries=entries)
+    return Stretch(watched, list(range(len(entries))), start, stop)
+
+
+def test_numbers_states_and_missing_values_are_told() -> None:
+    entries = [
+        {"path": "motor", "unit": "V"},
+        {"path": "valve", "one": "ON", "zero": "OFF"},
+        {"path": "clock", "unit": "sampling_period"},
+    ]
+    history = History(3, 0.001)
+    history.add(np.array([0.001, 0.002, 0.003]), np.array([[0.1, 1, 5], [np.nan, 0, 6], [2, np.nan, 7]]))
+    lines = "".join(csv_of(stretch(history, entries, 0.001, 0.003))).splitlines()
+    assert lines[0] == "time [s],motor [V],valve,clock"
+    assert lines[1:] == ["0.001,0.1,ON,5.0", "0.002,,OFF,6.0", "0.003,2.0,,7.0"]
+
+
+def test_only_the_samples_between_the_times_are_told() -> None:
+    history = History(1, 0.001)
+    times = np.arange(5000) * 0.001
+    history.add(times, times[:, np.newaxis])
+    lines = "".join(csv_of(stretch(history, [{"path": "motor"}], 0.1, 4.2))).splitlines()[1:]
+    assert [float(line.partition(",")[0]) for line in lines] == times[100:4201].tolist()
+
+
+def test_no_sample_of_many_traces_over_all_of_the_history_is_left_out() -> None:
+    columns, count = 16, 290_000
+    history = History(columns, 0.001)
+    for start in range(0, count, 10_000):
+        times = np.arange(start, start + 10_000) * 0.001
+        history.add(times, np.zeros((10_000, columns)))
+    entries = [{"path": f"trace{column}"} for column in range(columns)]
+    assert sum(text.count("\n") for text in csv_of(stretch(history, entries, 0.0, 300.0))) == 1 + count
+
+
+def ask(served: Served, path: str, token: str = TOKEN) -> tuple[int, str]:
+    connection = HTTPConnection("127.0.0.1", served.port, timeout=20)
+    try:
+        connection.request("GET", f"{path}&token={quote(token)}")
+        response = connection.getresponse()
+        return response.status, response.read().decode()
+    finally:
+        connection.close()
+
+
+def test_the_server_sends_every_sample_of_a_run() -> None:
+    with running(count=700), serving() as served, opened(served.socket) as client:
+        client.get("description")
+        while client.get("state")["stop"] < 0.699:
+            pass
+        status, text = ask(served, "/csv/press?path=encoder&path=valve&start=0&stop=9")
+        assert status == 200
+        assert text.count("\n") == 701
+
+
+@pytest.mark.parametrize(
+    ("path", "status"),
+    [
+        ("/csv/oven?path=encoder&start=0&stop=9", 404),
+        ("/csv/press?path=nothing&start=0&stop=9", 400),
+        ("/csv/press?path=encoder&start=0", 400),
+        ("/csv/press?path=encoder&start=nan&stop=9", 400),
+        ("/csv/press?path=encoder&start=3&stop=2", 400),
+    ],
+)
+def test_a_file_that_cannot_be_made_is_refused(path: str, status: int) -> None:
+    with running(), serving() as served, opened(served.socket) as client:
+        client.get("description")
+        found, text = ask(served, path)
+        assert (found, text.count("\n")) == (status, 1)
+
+
+def test_the_file_is_not_sent_without_the_token() -> None:
+    with serving() as served:
+        assert ask(served, "/csv/press?path=encoder&start=0&stop=9", "wrong")[0] == 401
