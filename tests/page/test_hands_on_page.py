@@ -321,14 +321,15 @@ def test_release_comes_after_whatever_the_slider_has_asked_for(
 
 
 def test_a_running_action_can_be_cancelled_also_after_a_change_of_the_view(page: Any, tmp_path: Path) -> None:
-    with started(tmp_path, "ztheta") as station, serving() as served:
+    with started(tmp_path, "furnace") as station, serving() as served:
         take_lease(page, served.url)
-        control(page, "home").get_by_role("button", name="home").click()
-        control(page, "home").get_by_role("button", name="Cancel").wait_for()
+        control(page, "soak").get_by_label("soak duration").fill("36000")
+        control(page, "soak").get_by_role("button", name="soak").click()
+        control(page, "soak").get_by_role("button", name="Cancel").wait_for()
         page.locator("[data-view=machine]").click()
         page.locator("[data-view=hands]").click()
-        control(page, "home").get_by_role("button", name="Cancel").click()
-        eventually(lambda: "home: cancelled" in answers(page))
+        control(page, "soak").get_by_role("button", name="Cancel").click()
+        eventually(lambda: "soak duration=36000: cancelled" in answers(page))
         assert station.running
 
 

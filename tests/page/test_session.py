@@ -6,6 +6,7 @@ import fcntl
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -295,5 +296,8 @@ def test_the_server_ends_with_its_feed_and_tells_why(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(Feed, "run", broken)
     with listen("127.0.0.1", 0) as listening:
         serving = server(Options("127.0.0.1", listening.getsockname()[1], TOKEN), lambda: None)
-        serving.run(sockets=[listening])
+        thread = Thread(target=serving.run, kwargs={"sockets": [listening]})  # Playwright may be running in this one
+        thread.start()
+        thread.join(PATIENCE)
+        assert not thread.is_alive()
     assert isinstance(serving.failure, ZeroDivisionError)

@@ -23,9 +23,9 @@ from umo.wiring.patterns import chosen
 
 from .console import out
 from .keys import Wait, pressed
-from .lines import Line, View
 from .running import attach_first
 from .traces import SPAN, Traces, span, spark
+from .watch_lines import Line, View
 
 PICTURES = 10
 """A second."""

@@ -20,7 +20,7 @@ BLOCKS = 64
 """Blocks that the samples are kept in; the oldest is dropped as a whole."""
 
 
-class Samples(NamedTuple):
+class KeptSamples(NamedTuple):
     """Consecutive samples."""
 
     times: FloatArray
@@ -41,12 +41,12 @@ class History:
         self._columns = columns
         self._size = -(-self.capacity // BLOCKS)
         self._most = -(-self.capacity // self._size) + 1
-        self._blocks: list[Samples] = []
+        self._blocks: list[KeptSamples] = []
         """Only what is filled. Replaced, never changed."""
         self._newest = self._new_block()
 
-    def _new_block(self) -> Samples:
-        return Samples(np.zeros(self._size), np.zeros((self._columns, self._size)))
+    def _new_block(self) -> KeptSamples:
+        return KeptSamples(np.zeros(self._size), np.zeros((self._columns, self._size)))
 
     def add(self, times: FloatArray, rows: FloatArray) -> None:
         """Some samples: a time (s, not before the last one) and a row of values for each."""
@@ -59,7 +59,7 @@ class History:
             count = end - filled
             self._newest.times[filled:end] = times[:count]
             self._newest.values[:, filled:end] = rows[:count].T
-            self._blocks = [*older, Samples(self._newest.times[:end], self._newest.values[:, :end])]
+            self._blocks = [*older, KeptSamples(self._newest.times[:end], self._newest.values[:, :end])]
             times, rows = times[count:], rows[count:]
 
     def add_frames(self, frames: Frames, columns: Sequence[int] | None = None) -> None:
@@ -81,28 +81,28 @@ class History:
         """The time of the newest sample in s; 0 if there is none."""
         return float(self._blocks[-1].times[-1]) if self._blocks else 0.0
 
-    def parts(self, start: float, stop: float) -> Iterator[Samples]:
+    def parts(self, start: float, stop: float) -> Iterator[KeptSamples]:
         """The samples from `start` to `stop` (s, both included) of all columns, in parts that need no copy. What there
         is at the call stays there until the parts are read."""
         blocks = self._blocks
         first = max(bisect_left(blocks, start, key=lambda block: float(block.times[0])) - 1, 0)
         return _between(blocks[first:], start, stop)
 
-    def between(self, start: float, stop: float, columns: Sequence[int]) -> Samples:
+    def between(self, start: float, stop: float, columns: Sequence[int]) -> KeptSamples:
         """The samples from `start` to `stop` (s, both included): times, and one row for each of these columns."""
         chosen = list(columns)
-        parts = [Samples(times, values[chosen]) for times, values in self.parts(start, stop)]
+        parts = [KeptSamples(times, values[chosen]) for times, values in self.parts(start, stop)]
         if len(parts) == 1:
             return parts[0]
         if not parts:
-            return Samples(np.zeros(0), np.zeros((len(chosen), 0)))
-        return Samples(*(np.concatenate(each, axis=-1) for each in zip(*parts, strict=True)))
+            return KeptSamples(np.zeros(0), np.zeros((len(chosen), 0)))
+        return KeptSamples(*(np.concatenate(each, axis=-1) for each in zip(*parts, strict=True)))
 
 
-def _between(blocks: Sequence[Samples], start: float, stop: float) -> Iterator[Samples]:
+def _between(blocks: Sequence[KeptSamples], start: float, stop: float) -> Iterator[KeptSamples]:
     for times, values in blocks:
         if times[0] > stop:
             return
         begin, end = int(np.searchsorted(times, start, "left")), int(np.searchsorted(times, stop, "right"))
         if begin < end:
-            yield Samples(times[begin:end], values[:, begin:end])
+            yield KeptSamples(times[begin:end], values[:, begin:end])
