@@ -4,7 +4,7 @@ import { ActionControl, ActuatorControl, JogControl, SensorControl, TunableContr
 import { address, el, setText } from "./dom.js";
 import { words } from "./hand.js";
 
-const OPEN = 12;  // parts up to which all are unfolded
+const OPEN = 12;  // parts up to which all are unfolded; else the first one is
 const ANSWERS = 6;  // that are shown
 const MODES = ["automatic", "manual"];
 
@@ -27,7 +27,7 @@ class Hands {
     element.append(el("div", { className: "bar lease" }, ...this._lease(), ...this._modes(), this._filter),
       this._why = el("p", { className: "hint" }), this._answers,
       el("div", { className: "parts" }, ...this._parts.map((part) => part.element)));
-    for (const part of this._parts) part.open = this._parts.length <= OPEN;
+    for (const [number, part] of this._parts.entries()) part.open = number === 0 || this._parts.length <= OPEN;
     this._off = hand.on(() => this._refresh());  // after each state too
     this._filtered();
     this._refresh();
