@@ -225,9 +225,9 @@ def test_a_value_of_bad_quality_is_no_value_in_the_history() -> None:
 
 
 @contextmanager
-def ring_without_a_station() -> Iterator[None]:
-    """A ring of a living process whose description lacks what every station has."""
-    head, places = arrange(Layout((), (), {}), 16, 16)
+def ring_about(**about: Any) -> Iterator[None]:
+    """A ring of a living process whose description lacks what every run has."""
+    head, places = arrange(Layout((), (), about), 16, 16)
     path = folder() / "nameless-1-ff.frames"
     path.write_bytes(bytes(head).ljust(places.size, b"\0"))
     with path.open("r+b") as file:
@@ -236,8 +236,11 @@ def ring_without_a_station() -> Iterator[None]:
     path.unlink(missing_ok=True)
 
 
-def test_a_ring_that_makes_no_sense_is_left_out_and_said_once(capfd: pytest.CaptureFixture[str]) -> None:
-    with running() as step, ring_without_a_station():
+@pytest.mark.parametrize("about", [{}, {"station": "press"}, {"station": "press", "wiring": "", "period": 0.001}])
+def test_a_ring_that_makes_no_sense_is_left_out_and_said_once(
+    capfd: pytest.CaptureFixture[str], about: dict[str, Any]
+) -> None:
+    with running() as step, ring_about(**about):
         looking = Feed()
         looking.search()
         looking.search()
@@ -271,6 +274,22 @@ def test_a_ring_that_cannot_be_read_is_dropped_and_the_others_go_on(
         step(3)
         eventually(lambda: client.get("state")["stop"] > now)
     assert capfd.readouterr().err.count("is not shown: IndexError: no such row") == 1
+
+
+def test_a_run_whose_state_cannot_be_told_is_dropped_and_the_page_goes_on(
+    client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(watched: Watched) -> list[Any]:
+        raise ValueError("7 is not a valid CommandState")
+
+    monkeypatch.setattr(Watched, "_events", broken)
+    with running("press"):
+        client.get("description")
+        assert client.get("stations")["stations"] == []
+        monkeypatch.undo()
+        with running("oven"):
+            client.send(type="watch", name="oven")
+            assert client.get("description")["name"] == "oven"
 
 
 def test_a_ring_that_could_not_be_opened_for_a_moment_is_shown_later(monkeypatch: pytest.MonkeyPatch) -> None:

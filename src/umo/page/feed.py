@@ -59,15 +59,14 @@ class Feed:
 
     def look(self, states: bool) -> None:
         """Read every ring once, and wake the pages. A ring that cannot be read is dropped; the others go on."""
-        for name, watched in list(self.watched.items()):
+        for watched in list(self.watched.values()):
             try:
                 if not watched.over:
                     watched.read()
                 if states:
                     watched.take_state()
             except Exception as error:  # of a damaged ring: whatever struct, json, numpy, mmap raise
-                self._refuse(watched.path, error)
-                self.watched.pop(name).close()
+                self.drop(watched, error)
         looked, self._looked = self._looked, asyncio.Event()
         looked.set()
 
@@ -99,6 +98,12 @@ class Feed:
             before.close()
         self.watched.pop(watched.name, None)
         self.watched[watched.name] = watched
+
+    def drop(self, watched: Watched, error: Exception) -> None:
+        """A run whose ring cannot be read any longer."""
+        self._refuse(watched.path, error)
+        self.watched.pop(watched.name, None)
+        watched.close()
 
     def _refuse(self, path: Path, error: Exception) -> None:
         """Leave a ring alone for a while, and say so the first time."""

@@ -120,7 +120,12 @@ class Session:
             return
         full = self._state == 0 or watched.number != self._state + 1
         self._state = watched.number
-        await self._send(watched.state(full))
+        try:
+            text = watched.state(full)
+        except Exception as error:  # of a damaged ring: the others are shown
+            self._feed.drop(watched, error)
+            return
+        await self._send(text)
 
     async def _tell(self, message: dict[str, Any]) -> None:
         await self._send(json.dumps(message))

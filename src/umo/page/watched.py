@@ -15,6 +15,8 @@ from umo.frames.history import History
 from umo.objects import Quality
 from umo.text import printable
 
+ABOUT = ("station", "wiring", "pid", "period")
+"""What a page is told of the run."""
 OF_THE_RING = ("objects", "signals", "actions", "tunables")
 """What a page is told of the description of a ring."""
 MOST_EVENTS = 100
@@ -27,7 +29,7 @@ class Watched:
     def __init__(self, reader: Reader) -> None:
         self.reader = reader
         reader.skip_older_half()
-        self.about: dict[str, Any] = reader.about
+        self.about: dict[str, Any] = {name: reader.about[name] for name in ABOUT}
         self.station = str(self.about["station"])
         self.name = self.station
         """Of this run on the page; two runs of one station have different names."""
@@ -83,7 +85,7 @@ class Watched:
     def description(self) -> dict[str, Any]:
         """What does not change during the run."""
         told = {"type": "description", "name": self.name, "run": self.run}
-        told |= {name: self.about[name] for name in ("station", "wiring", "pid", "period")}
+        told |= {name: self.about[name] for name in ABOUT}
         told |= {name: getattr(self.reader.layout, name) for name in OF_THE_RING}
         return told | {"qualities": [(quality.sign, quality.words) for quality in Quality]}
 
