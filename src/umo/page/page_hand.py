@@ -106,7 +106,7 @@ class PageHand:
                     state = event.state
                     leased = (message.get("do"), state) == ("lease", CommandState.DONE)
                     more = self._take_lease(int(event.text)) if leased else {}
-                    await self._answer(message, state, event.text, **more)
+                    await self._answer(message, state, "" if leased else event.text, **more)
                 await self._feed.looked()
         except (CommandRefused, FramesError) as error:
             await self._answer(message, CommandState.FAILED, str(error))

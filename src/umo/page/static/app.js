@@ -32,8 +32,8 @@ async function show() {
     tab.setAttribute("aria-selected", String(tab.dataset.view === name));
     tab.disabled = !feed.description;
   }
+  const turn = ++asked;  // another view that is still being loaded is not shown any more
   if (mounted?.name === name && mounted.run === feed.run && name !== "stations") return;
-  const turn = ++asked;
   const module = name === "stations" ? { mount: mountStations, unmount() {} } : await VIEWS[name]().catch(() => null);
   if (turn !== asked || !module) return;  // the server has gone in between: shown again when it is back
   mounted?.module.unmount();
