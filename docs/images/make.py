@@ -114,7 +114,7 @@ def show_views() -> None:
         for position in ("200000", "100000"):
             field.fill(position)
             field.press("Enter")
-        page.get_by_text("z.move_to position=100000 duration=0: done").wait_for(timeout=60_000)
+        page.get_by_text("z.move_to position=100000: done").wait_for(timeout=60_000)
         page.locator('[data-control="z.jog"] [data-sign="-1"]').hover()
         page.mouse.down()
         page.get_by_text("z.jog: done").wait_for()

@@ -394,6 +394,9 @@ def test_a_lease_is_taken_over_by_a_second_click_and_its_holder_sees_it(
     other.get_by_role("button", name="Yes, take it over").click()
     other.get_by_text("You have the lease.").wait_for()
     page.get_by_text("Ben (page, 127.0.0.1) has the lease.").wait_for()
+    assert "your lease: cancelled: Ben (page, 127.0.0.1) has taken it over" in answers(page)
+    page.locator("[data-view=machine]").click()
+    page.locator(".events li").first.wait_for()  # also in a view that is opened later
     assert control(page, "diverter").get_by_role("button", name="ON").is_disabled()
     eventually(lambda: station.diverter.read() == "OFF")
 
@@ -436,7 +439,7 @@ def test_after_a_new_start_of_the_station_the_page_shows_it_and_the_lease_is_to_
     with serving() as served:
         with started(tmp_path):
             take_lease(page, served.url)
-        page.get_by_text("conveyor has ended.").wait_for()
+        page.locator(".holder").get_by_text("conveyor has ended.").wait_for()
         with started(tmp_path):
             page.get_by_text("Nobody has the lease.").wait_for()
             page.get_by_role("button", name="Take the lease").click()

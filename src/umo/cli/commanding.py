@@ -65,7 +65,9 @@ def call(name: str, path: str | None, words: list[str], over: bool, hold: float 
             result = _called(station, actions[path], given)
             if path in lease.held:
                 _hold(hold)
-        if result is not None:
+        if result is None:
+            err.print(f"{path}: done", soft_wrap=True)
+        else:
             out.print_json(data=result)
 
 

@@ -134,7 +134,7 @@ export class Chart {
     ctx.fillStyle = css("--text");
     ctx.font = `${11 * window.devicePixelRatio}px system-ui`;
     this.states.forEach(({ path, entry }, lane) => {
-      ctx.fillText(`${path}: ${entry.one}`, left + 4, (lane + 0.68) * height, width);
+      ctx.fillText(`${path} (bar: ${entry.one})`, left + 4, (lane + 0.68) * height, width);
     });
   }
 

@@ -11,7 +11,7 @@ const name = (path) => path.slice(path.lastIndexOf(".") + 1);
 const bounded = (about) => Number.isFinite(about.minimum) && Number.isFinite(about.maximum);
 const plain = (value) => shortNumber(value).replace(/\.0$/, "");
 const span = (about) => (bounded(about) ? `${plain(about.minimum)} to ${plain(about.maximum)}` : "");
-const sentence = (text) => text.split(/(?<=\.) /)[0];
+const sentence = (text) => text.split(/(?<=\.) /)[0].replaceAll("`", "");
 
 /** A number field; what is outside of the range is refused by the machine, in its words. */
 function field(about, label, value = "", placeholder = span(about).replace(" to ", "…")) {
@@ -124,6 +124,7 @@ class Arguments {
   values() {
     const given = {};
     for (const [about, input] of this._inputs) {
+      if (about.default !== undefined && input.value === String(about.default)) continue;
       if (about.kind === "bool") given[about.name] = input.checked;
       else if (input.value !== "" || (about.kind === "text" && about.required)) {
         given[about.name] = about.kind === "number" || about.kind === "integer" ? Number(input.value) : input.value;

@@ -35,6 +35,8 @@ export class Feed {
     this.state = null;
     this._index = new Map();
     this._values = [];
+    /** The last ones of the run, the newest last. */
+    this.events = [];
     this._listeners = new Map();
     this._subscriptions = new Map();
     this._waiting = new Map();
@@ -101,6 +103,7 @@ export class Feed {
     this._index = new Map(this.entries.map((entry, index) => [entry.path, index]));
     this._values = [];
     this.state = null;
+    this.events = [];
     this._emit("description");
     for (const subscription of this._subscriptions.values()) subscription.begin();
   }
@@ -110,6 +113,7 @@ export class Feed {
     this.changed = Object.keys(message.values).map(Number);
     for (const index of this.changed) this._values[index] = message.values[index];
     this.state = message;
+    this.events = message.events ?? this.events;
     this._heard = performance.now();
     this._emit("state");
   }

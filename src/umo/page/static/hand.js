@@ -26,7 +26,7 @@ export class Hand {
 
   /** Whether this page has the lease. */
   get leased() {
-    return this._number !== null && this.feed.connected && Boolean(this.holder) && this.feed.state.lease.number === this._number;
+    return this._number !== null && this.feed.connected && this.feed.state?.stage !== "ended" && Boolean(this.holder) && this.feed.state.lease.number === this._number;
   }
 
   get manual() { return this.feed.state?.mode === "manual"; }
@@ -74,9 +74,14 @@ export class Hand {
       if (state === "cancelled" && this._held.get(path)?.since < time) this._drop(path);
     }
     if (this.leased) this.feed.touch([...this._held.keys()]);
-    else if (this._number !== null && (number > this._number || (number === this._number && !holder))) this._lost();
+    else if (this._number !== null && (number > this._number || (number === this._number && !holder))) {
+      this._note(holder ? `${holder} has taken it over, and what you held was released` : "it has ended, and what you held was released");
+      this._lost();
+    }
     this._changed();
   }
+
+  _note(text) { this.asked = [{ what: "your lease", path: "", do: "", state: "cancelled", text }, ...this.asked]; }
 
   _drop(path) {
     const { lost } = this._held.get(path);

@@ -66,9 +66,10 @@ class Hands {
   _refresh() {
     if (!this.feed.state) return;
     const { hand } = this;
-    setText(this._holder, hand.leased ? "You have the lease." : hand.holder ? `${hand.holder} has the lease.` : "Nobody has the lease.");
+    const ended = this.feed.state.stage === "ended";
+    setText(this._holder, ended ? `${this.feed.station} has ended.` : hand.leased ? "You have the lease." : hand.holder ? `${hand.holder} has the lease.` : "Nobody has the lease.");
     setText(this._take, !hand.holder ? "Take the lease" : this._sure === hand.holder ? `Yes, take it over from ${hand.holder}` : "Take it over");
-    this._take.hidden = this._name.hidden = hand.leased || !hand.possible;
+    this._take.hidden = this._name.hidden = hand.leased || !hand.possible || ended;
     this._give.hidden = !hand.leased;
     for (const button of this._mode) {
       button.setAttribute("aria-pressed", String(button.dataset.mode === this.feed.state.mode));
@@ -152,7 +153,7 @@ class Part {
     const hold = actions.filter(({ release }) => release);
     const plain = actions.filter(({ release }) => !release);
     const sections = {
-      "": objects.filter((entry) => !isActuator(entry)).map((entry) => new SensorControl(entry)),
+      "": objects.filter((entry) => !isActuator(entry) && entry.unit !== "sampling_period").map((entry) => new SensorControl(entry)),
       Actions: [...hold.map((action) => new JogControl(this._hand, action)), ...plain.map((action) => new ActionControl(this._hand, action))],
       Actuators: objects.filter(isActuator).map((entry) => new ActuatorControl(this._hand, entry)),
       "Tunable numbers": tunables.map((entry) => new TunableControl(this._hand, entry)),

@@ -31,7 +31,7 @@ export class Panel {
     this._fact("not seen by the page", state.lost ? `${state.lost} periods` : "");
     this._fact("pid", String(description.pid));
     setText(this._box, state.box || "none: one is written when a period is missed in real time");
-    if (state.events) this._show(state.events);
+    this._show(this._feed.events);
   }
 
   _fact(name, value) {
