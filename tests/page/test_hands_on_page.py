@@ -395,10 +395,10 @@ def test_a_lease_is_taken_over_by_a_second_click_and_its_holder_sees_it(
     other.get_by_text("You have the lease.").wait_for()
     page.get_by_text("Ben (page, 127.0.0.1) has the lease.").wait_for()
     assert "your lease: cancelled: Ben (page, 127.0.0.1) has taken it over" in answers(page)
-    page.locator("[data-view=machine]").click()
-    page.locator(".events li").first.wait_for()  # also in a view that is opened later
     assert control(page, "diverter").get_by_role("button", name="ON").is_disabled()
     eventually(lambda: station.diverter.read() == "OFF")
+    page.locator("[data-view=machine]").click()
+    page.locator(".events li").first.wait_for()  # also in a view that is opened later
 
 
 def test_in_automatic_mode_numbers_can_be_tuned_and_actuators_cannot_be_written(page: Any, tmp_path: Path) -> None:
