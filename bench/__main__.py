@@ -10,6 +10,7 @@ import argparse
 import json
 import platform
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -35,21 +36,20 @@ def main() -> int:
         return show.run(console, quick=options.quick, only=options.only, seed=options.seed)
     rounds = QUICK_ROUNDS if options.quick else ROUNDS
     if options.forms:
-        console.print(f"about {show.text(rounds / 2 * FORMS_ROUND_TAKES)}")
+        console.print(f"about {report.duration(rounds / 2 * FORMS_ROUND_TAKES)}")
         console.print(forms.grid(forms.measure(rounds // 2)))
         return 0
     if options.drivers:
         return _drivers(console, QUICK_DRIVER_ROUNDS if options.quick else DRIVER_ROUNDS, options.json)
     if options.live:
         size = live.SHORT if options.quick else live.FULL
-        console.print(f"about {show.text(size.takes)}")
-        console.print(report.target_grid(live.measure(size, console), live.TITLE))
+        report.stream(console, live.TITLE, size.takes, partial(live.measure, size))
         return 0
     if options.page:
         rounds, seconds = (3, 2.0) if options.quick else (20, 4.0)
-        console.print(f"about {show.text(4 * rounds * (seconds + open_page.SETTLE))}")
+        takes = 4 * rounds * (seconds + open_page.SETTLE)
         with live.folders():
-            console.print(report.target_grid(open_page.measure(rounds, seconds), open_page.TITLE))
+            report.stream(console, open_page.TITLE, takes, partial(open_page.measure, rounds, seconds))
         return 0
     return _all(console, rounds, options)
 
@@ -88,7 +88,9 @@ def _in_kernel(names: list[str]) -> drivers.Others:
 
 def _all(console: Console, rounds: int, options: argparse.Namespace) -> int:
     seconds = FIGURES_TAKE + rounds * ROUND_TAKES + (0.0 if options.quick else live.SHORT.takes)
-    console.print(f"about {show.text(seconds)} (--live: {show.text(live.FULL.takes)}; --kills says it by itself)")
+    console.print(
+        f"about {report.duration(seconds)} (--live: {report.duration(live.FULL.takes)}; --kills says it by itself)"
+    )
     console.print(f"{platform.machine()}, Python {platform.python_version()}, numpy {np.__version__}, {_compiler()}")
     with console.status("memory, import, connecting, many zones, the stations"):
         others = report.Others(
@@ -105,9 +107,8 @@ def _all(console: Console, rounds: int, options: argparse.Namespace) -> int:
     found = report.targets(table, others)
     for part in (report.main_grid(table), report.NOTES, report.other_grid(others), report.target_grid(found)):
         console.print(part)
-    beside = [] if options.quick else live.measure(live.SHORT, console)
-    if beside:
-        console.print(report.target_grid(beside, live.TITLE))
+    short = partial(live.measure, live.SHORT)
+    beside = [] if options.quick else report.stream(console, live.TITLE, live.SHORT.takes, short)
     rows, reasons = ([], []) if options.quick else drivers.measure(QUICK_DRIVER_ROUNDS, _in_kernel)
     if rows:
         console.print(drivers.grid(rows))

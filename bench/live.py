@@ -10,12 +10,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
-from rich.console import Console
 
-from bench import frames, realtime
+from bench import at_tick, frames, realtime
 from bench.kills import box, campaign
 from bench.kills.kinds import KINDS
-from bench.report import Target, upper
+from bench.report import Doing, Target, upper
 from umo.latency import Samples
 from umo.latency import measure as loops
 
@@ -38,52 +37,51 @@ class Size:
     takes: float
 
 
-FULL = Size(60_000, 10_000_000, 500, 5.0, 0.5, 720.0)
+FULL = Size(60_000, 10_000_000, 500, 5.0, 0.5, 900.0)
 SHORT = Size(3_000, 300_000, 50, 1.0, 0.05, 75.0)
 
 
-def measure(size: Size, console: Console) -> list[Target]:
-    """All of them. Linux only."""
+def measure(size: Size, doing: Doing) -> Iterator[Target]:
+    """All of them, one after the other. Linux only."""
     if not sys.platform.startswith("linux"):
-        return []
+        return
     with folders():
-        found = []
-        with console.status("publishing a frame"):
-            found += _publishing(size.batches)
-        with console.status("looking for commands"):
-            found += _looking(size.batches)
-        with console.status(f"{size.frames:,} frames by a reader at full speed"):
-            found.append(_torn(size.frames))
-        with console.status(f"z-theta at 1 ms over {size.periods:,} periods, a C loop in turns"):
-            found += _realtime(size.periods)
-        with console.status("2 kHz and 5 kHz"):
-            found += [_faster(period, size.seconds) for period in (0.0005, 0.0002)]
-        with console.status("z-theta beside a busy Python thread"):
-            naive = realtime.naive()
-            found.append(Target("one process, a busy thread in it", "-", _two(naive), f"missed {naive.missed:,}"))
-        with console.status("kills"):
-            found += _kills(size.kills)
-        with console.status("memory"):
-            found.append(_memory())
-        return found
+        doing("publishing a frame")
+        yield from _publishing(size.batches)
+        doing("looking for commands")
+        yield from _looking(size.batches)
+        doing(f"{size.frames:,} frames by a reader at full speed")
+        yield _torn(size.frames)
+        doing(f"z-theta at 1 ms over {size.periods:,} periods, C loops in turns")
+        yield from _realtime(size.periods)
+        for period in (0.001, 0.0005, 0.0002, 0.0001):
+            doing(f"13 objects at {1e-3 / period:g} kHz")
+            yield from _faster(period, size.seconds)
+        doing("outputs at the next tick")
+        yield from _outputs(size.seconds)
+        doing("z-theta beside a busy Python thread")
+        naive = realtime.naive()
+        yield Target("one process, a busy thread in it", "-", _two(naive), f"missed {naive.missed:,}")
+        doing("kills")
+        yield from _kills(size.kills)
+        doing("memory")
+        yield _memory()
 
 
-def _publishing(batches: int) -> list[Target]:
-    found = []
+def _publishing(batches: int) -> Iterator[Target]:
     for count, limit in ((13, 3.0), (10_000, 60.0)):
-        least, median, counting = frames.publishing(count, batches)
-        found.append(upper(f"publishing a frame of {count:,} objects", least, limit, "us", median))
-        found.append(Target("  of which counters of the system", "-", f"{counting:.2f} us", ""))
-    return found
+        found = frames.publishing(count, batches)
+        yield upper(f"publishing a frame of {count:,} objects", found.alone[0], limit, "us", found.alone[1])
+        least, median = found.in_period
+        yield Target("  the same between two periods' work", "-", f"{least:.2f} ({median:.2f}) us", "")
+        yield Target("  reading the counters of the system, for one of 32", "-", f"{found.counting:.2f} us", "")
 
 
-def _looking(batches: int) -> list[Target]:
+def _looking(batches: int) -> Iterator[Target]:
     (least, median), (read, read_median) = frames.looking(batches)
     share = f"{least / read:.2f} ({median / read_median:.2f}) times its {read:.2f} ({read_median:.2f}) us"
-    return [
-        upper("the look for commands, none there", least, 1.0, "us", median),
-        Target("  against one os.pread of 8 bytes", "-", share, ""),
-    ]
+    yield upper("the look for commands, none there", least, 1.0, "us", median)
+    yield Target("  against one os.pread of 8 bytes", "-", share, "")
 
 
 def _torn(count: int) -> Target:
@@ -93,36 +91,54 @@ def _torn(count: int) -> Target:
     return Target(what, "none", f"{torn.torn} of {torn.read:,} read, {torn.lost:,} lapped", verdict)
 
 
-def _realtime(periods: int) -> list[Target]:
+def _realtime(periods: int) -> Iterator[Target]:
     found = realtime.measure(periods)
     count = len(found.umo.total) + found.umo.missed
-    what = f"z-theta, 1 ms, {count:,} periods: waking up + execution"
-    targets = [Target(what, "-", _two(found.umo), f"missed {found.umo.missed:,}")]
-    targets.append(Target("  waking up alone", "-", _two(found.umo, "wake"), ""))
-    if found.c is None:
-        return [*targets, Target("  the C loop", "-", "-", "not measured: no compiler")]
-    targets.append(Target("  the C loop in turns with it", "-", _two(found.c), f"missed {found.c.missed:,}"))
-    ours, theirs = (np.percentile(samples.total, [50, 99]) for samples in (found.umo, found.c))
-    alone = np.percentile(found.umo.wake, [50, 99])
-    for name, one, other, wake in zip(("p50", "p99"), ours, theirs, alone, strict=True):
-        ratio, verdict = one / other, "met" if one / other <= 1.3 else f"missed by {one / other / 1.3 - 1:.0%}"
-        measured = f"{ratio:.2f} times (waking up alone {wake / other:.2f})"
-        targets.append(Target(f"  {name} against the C loop", "at most 1.3 times", measured, verdict))
-    return targets
+    yield _row(f"z-theta, 1 ms, {count:,} periods: waking up + execution", found.umo)
+    yield Target("  waking up alone", "-", _two(found.umo, "wake"), "")
+    yield _row("  a process that sleeps until the tick (early = 0)", found.asleep)
+    if found.c is None or found.c_early is None:
+        yield Target("  the C loop", "-", "-", "not measured: no compiler")
+        return
+    yield _row("  the C loop, which sleeps until the tick, in turns", found.c)
+    yield _row("  the C loop, rising as early", found.c_early)
+    c = np.percentile(found.c.total, [50, 99])
+    both, wake = (np.percentile(values, [50, 99]) for values in (found.umo.total, found.umo.wake))
+    against = "against the C loop that sleeps"
+    yield upper(f"  waking up + execution, p50, {against}", both[0] / c[0], 0.9, "times", both[0] / c[0])
+    yield upper(f"  waking up + execution, p99, {against}", both[1] / c[1], 1.0, "times", both[1] / c[1])
+    yield upper(f"  waking up alone, p99, {against}", wake[1] / c[1], 0.1, "times", wake[1] / c[1])
 
 
-def _faster(period: float, seconds: float) -> Target:
-    found = loops(period, seconds)
-    beside = "" if found.c is None else f"; C {_two(found.c)}"
-    what = f"13 objects at {1e-3 / period:g} kHz, umo latency's loops"
-    return Target(what, "-", f"{_two(found.umo)}{beside}", f"missed {found.umo.missed:,}")
+def _row(what: str, samples: Samples) -> Target:
+    return Target(what, "-", _two(samples), f"missed {samples.missed:,}; {samples.busy:.0%} of a processor")
 
 
-def _kills(share: float) -> list[Target]:
+def _faster(period: float, seconds: float) -> Iterator[Target]:
+    """The loops of `umo latency`."""
+    for name, samples in loops(period, seconds).loops.items():
+        count = max(len(samples.total) + samples.missed, 1)
+        missed = f"missed {1e5 * samples.missed / count:,.0f} of 100,000; {samples.busy:.0%} of a processor"
+        yield Target(f"13 objects at {1e-3 / period:g} kHz: {name}", "-", _two(samples), missed)
+
+
+def _outputs(seconds: float) -> Iterator[Target]:
+    handed, c = at_tick.measure(seconds)
+    yield Target("outputs at the next tick: from the tick to the last one handed", "-", _two(handed), "")
+    if c is None:
+        yield Target("  against the C loop", "-", "-", "not measured: no compiler")
+        return
+    ratio = float(np.percentile(handed.total, 99) / np.percentile(c.wake, 99))
+    yield Target("  waking up of the C loop that sleeps, in turns", "-", _two(c, "wake"), "")
+    yield upper("  p99 against its waking up", ratio, 0.5, "times", ratio)
+
+
+def _kills(share: float) -> Iterator[Target]:
     """The first kinds of `python -m bench --kills`, against its box."""
     if (why := box.missing()) is not None:
-        return [Target("kills", "none unsafe", "-", f"not measured: {why}")]
-    return [_killed(row) for row in campaign.measure(KILLS, share)]
+        yield Target("kills", "none unsafe", "-", f"not measured: {why}")
+        return
+    yield from map(_killed, campaign.measure(KILLS, share))
 
 
 def _killed(row: campaign.Row) -> Target:

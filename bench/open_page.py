@@ -23,8 +23,7 @@ import numpy as np
 
 import umo
 from bench.realtime import ENOUGH, take
-from bench.realtime import Loops as Loop
-from bench.report import Target
+from bench.report import Doing, Target
 from umo.cycle.stage import Stage
 from umo.frames import Reader
 from umo.latency import Samples
@@ -69,18 +68,19 @@ asyncio.run(main())
 Open = Callable[[str, list[str]], AbstractContextManager[object]]
 
 
-def measure(rounds: int, seconds: float) -> list[Target]:
+def measure(rounds: int, seconds: float, doing: Doing) -> Iterator[Target]:
     """Rounds of so many s with the page and as many without, for each kind of page that can be had here."""
-    found = []
+    kinds: list[tuple[str, Open]] = [(f"{PAGES} pages, {TRACES} traces each, without a browser", _clients)]
     with _served() as server, _browser() as browser:
         if browser is not None:
-            found += _compared(f"the page in Chromium, {TRACES} traces over {SPAN} s", browser, server, rounds, seconds)
-        what = f"{PAGES} pages, {TRACES} traces each, without a browser"
-        return found + _compared(what, _clients, server, rounds, seconds)
+            kinds.insert(0, (f"the page in Chromium, {TRACES} traces over {SPAN} s", browser))
+        for what, kind in kinds:
+            doing(what)
+            yield from _compared(what, kind, server, rounds, seconds)
 
 
 def _compared(what: str, kind: Open, server: Server, rounds: int, seconds: float) -> list[Target]:
-    without, beside = Loop(Samples(), None, 0), Loop(Samples(), None, 0)
+    without, beside = Samples(), Samples()
     busy, taken = 0.0, rounds * (SETTLE + seconds)
     while rounds:
         with _station() as started:
@@ -96,13 +96,13 @@ def _compared(what: str, kind: Open, server: Server, rounds: int, seconds: float
                 rounds -= 1
             if rounds == left:
                 raise RuntimeError(f"the station did not run: {started.outcome}")
-    ratios = [np.percentile(beside.umo.total, share) / np.percentile(without.umo.total, share) for share in (50, 99)]
+    ratios = [np.percentile(beside.total, share) / np.percentile(without.total, share) for share in (50, 99)]
     verdict = "met" if ratios[0] <= LIMIT else f"missed by {ratios[0] / LIMIT - 1:.0%}"
     ratio = f"p50 {ratios[0]:.3f}, p99 {ratios[1]:.3f} times"
     return [
         Target(what, f"p50 at most {LIMIT} times without", ratio, verdict),
-        Target("  with it", "-", _two(beside.umo), f"missed {beside.umo.missed:,}"),
-        Target("  without", "-", _two(without.umo), f"missed {without.umo.missed:,}"),
+        Target("  with it", "-", _two(beside), f"missed {beside.missed:,}"),
+        Target("  without", "-", _two(without), f"missed {without.missed:,}"),
         Target("  the server", "-", f"{busy / taken:.0%} of a core", ""),
     ]
 
@@ -122,7 +122,7 @@ def _two(samples: Samples) -> str:
     return f"waking up + execution p50 {middle:.1f}, p99 {late:.1f} us of {len(samples.total):,}"
 
 
-def _sample(frames: Reader, into: Loop, seconds: float) -> None:
+def _sample(frames: Reader, into: Samples, seconds: float) -> None:
     time.sleep(SETTLE)
     frames.read()
     until = time.monotonic() + seconds

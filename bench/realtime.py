@@ -7,6 +7,7 @@ import sys
 import tempfile
 import threading
 import time
+import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -17,9 +18,11 @@ import numpy as np
 import umo
 from umo.frames import Reader
 from umo.latency import Samples, native
+from umo.latency.loop import Loop
 from umo.latency.measure import BUSY
 from umo.stations.ztheta.application import main
 from umo.stations.ztheta.objects import machine
+from umo.system.realtime import early_for
 
 PERIOD = 0.001
 NAIVE_PERIODS = 1000
@@ -37,55 +40,76 @@ while True:
 
 @dataclass
 class Loops:
-    """umo's loop and the C loop, us; the naive one alone."""
+    """z-theta as `umo run` runs it, and with a process that sleeps until the tick; the C loop, which sleeps, and one
+    that rises as early as umo's. None without a compiler."""
 
     umo: Samples
+    asleep: Samples
     c: Samples | None
-    lost: int
+    c_early: Samples | None
 
 
 def measure(periods: int) -> Loops:
     """z-theta at 1 ms for at least so many periods, with `umo watch`, three more readers and a busy process beside it;
-    after each run of one part the C loop for as long, with the same busy process."""
-    found = Loops(Samples(), Samples(), 0)
+    after each run of one part the others, with the same busy process."""
+    found = Loops(Samples(), Samples(), None, None)
     with native.compiled() as program, _busy():
-        if program is None:
-            found.c = None
-        while len(found.umo.wake) + found.umo.missed < periods:
-            begun = len(found.umo.wake)
-            _station(found)
-            if program is not None and found.c is not None:
-                count = len(found.umo.wake) - begun
-                found.c.add(native.run(program, PERIOD, count, *_granted()))
+        if program is not None:
+            found.c, found.c_early = Samples(), Samples()
+        while (count := _count(found.umo)) < periods:
+            _station(found.umo, "auto")
+            _station(found.asleep, 0, most=5000)
+            if program is not None and found.c is not None and found.c_early is not None:
+                as_long, loop = _count(found.umo) - count, _granted()
+                early = early_for(PERIOD) if loop.granted else 0.0
+                found.c.add(native.run(program, PERIOD, as_long, loop.priority, loop.cpu))
+                found.c_early.add(native.run(program, PERIOD, as_long, loop.priority, loop.cpu, early))
     return found
 
 
-def _station(found: Loops) -> None:
-    """One part, from homing to placing."""
-    with umo.start("ztheta", parts=1, realtime=True, acknowledge=True) as started:
+def _count(samples: Samples) -> int:
+    return len(samples.wake) + samples.missed
+
+
+def _station(found: Samples, early: str | int, most: int = 10**9) -> None:
+    """One part, from homing to placing, or so many periods."""
+    wiring = tomllib.loads(_wiring().read_text("utf-8")) | {"process": {"early": early}}
+    with umo.start("ztheta", wiring, parts=1, realtime=True, acknowledge=True) as started:
         while started.frames is None and started.outcome is None:
             started.poll(0.1)
         if started.frames is None:
             raise RuntimeError(f"the station did not start: {started.outcome}")
-        company = [*_readers(str(started.pid))]
+        company, begun = [*_readers(str(started.pid))], _count(found)
+        first = last = _processor(started.pid) or (0, 0)
         try:
-            while started.outcome is None:
+            while started.outcome is None and _count(found) - begun < most:
                 started.poll(ENOUGH)
                 take(started.frames, found)
+                last = _processor(started.pid) or last
             take(started.frames, found)
         finally:
+            found.processor += last[0] - first[0]
+            found.elapsed += last[1] - first[1]
             for process in company:
                 process.kill()
                 process.communicate()
-        found.lost += started.frames.lost
 
 
-def take(reader: Reader, found: Loops) -> None:
+def take(reader: Reader, found: Samples) -> None:
+    """The frames that are new."""
     frames = reader.read()
     times = np.stack([frames["wake"], frames["execution"]], 1)
     times[frames["missed"] > 0] = -1
-    found.umo.add(times)
-    found.umo.missed += int(np.maximum(frames["missed"] - 1, 0).sum())
+    found.add(native.Slice(times, 0, 0))
+    found.missed += int(np.maximum(frames["missed"] - 1, 0).sum())
+
+
+def _processor(pid: int | None) -> tuple[int, int] | None:
+    """Processor time of a process so far and the time now, ns; None if it has ended."""
+    try:
+        return int(Path(f"/proc/{pid}/schedstat").read_text().split()[0]), time.monotonic_ns()
+    except (OSError, IndexError):
+        return None
 
 
 def _readers(pid: str) -> Iterator[subprocess.Popen[bytes]]:
@@ -106,13 +130,11 @@ def _busy() -> Iterator[None]:
         process.wait()
 
 
-def _granted() -> tuple[int, int | None]:
-    """Priority and core that the control process gets here: as `umo.latency` finds out."""
-    from umo.latency.loop import Loop
-
+def _granted() -> Loop:
+    """A loop that has ended: it knows the priority and the core that the control process gets here."""
     loop = Loop(PERIOD, 80, None)
     loop.close()
-    return loop.priority, loop.cpu
+    return loop
 
 
 def naive() -> Samples:
@@ -143,7 +165,7 @@ def naive() -> Samples:
     finally:
         stop.set()
     missed = found.missed
-    found.add(np.array(rows, np.int64))
+    found.add(native.Slice(np.array(rows, np.int64).reshape(-1, 2), 0, 0))
     found.missed = missed
     return found
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from rich.console import Console
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table as Grid
 
 from bench import native
@@ -121,6 +124,34 @@ def target_grid(found: list[Target], title: str = "Targets") -> Grid:
     for target in found:
         grid.add_row(target.what, target.target, target.measured, target.verdict)
     return grid
+
+
+Doing = Callable[[str], object]
+"""Told what is being measured now."""
+
+
+def stream(console: Console, title: str, seconds: float, measure: Callable[[Doing], Iterable[Target]]) -> list[Target]:
+    """Measure, and print each row as soon as it is known; meanwhile what is being measured, and since when."""
+    found: list[Target] = []
+    console.print(f"{title}, about {duration(seconds)}", style="bold")
+    head = Target("figure", "target", "measured: minimum (median)", "verdict")
+    console.print(_line(head), style="bold", soft_wrap=True)
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("")
+        for target in measure(lambda what: bar.update(task, description=f"{what};")):
+            found.append(target)
+            console.print(_line(target), markup=False, highlight=False, soft_wrap=True)
+    return found
+
+
+def _line(target: Target) -> str:
+    return f"{target.what:<66} {target.target:<22} {target.measured:<46} {target.verdict}".rstrip()
+
+
+def duration(seconds: float) -> str:
+    """`40 s` or `25 min`."""
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
 
 
 def other_grid(others: Others) -> Grid:

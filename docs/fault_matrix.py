@@ -5,7 +5,8 @@
     python docs/fault_matrix.py ztheta z.encoder    prints that of one object
 
 Each cell is a run in virtual time. What the run claims is compared with what the plant knows, which no control code can
-read. A run that takes ten times as long as one without faults counts as hanging.
+read. A run that takes ten times as long as one without faults counts as hanging. Until a fault begins, a run is the one
+without faults: that one is made once for many cells, and forks when their faults begin.
 """
 
 from __future__ import annotations
@@ -13,13 +14,13 @@ from __future__ import annotations
 import argparse
 import logging
 import os
+import pickle
 import signal
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import date
-from functools import partial
 from itertools import groupby
 from multiprocessing import get_context
 from pathlib import Path
@@ -29,20 +30,23 @@ import numpy as np
 
 from umo import StopError, UmoError
 from umo.cycle import connect, drive
+from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Channel, Direction
 from umo.objects import Binary
 from umo.process.outcome import message_of, plain
 from umo.process.station import find
 from umo.testing.faults import KINDS
 from umo.wiring import Wired, resolve
-from umo.wiring.faults.words import OF_DRIVERS
+from umo.wiring.faults.effects import Effect
+from umo.wiring.faults.words import OF_DRIVERS, InjectedFault
+from umo.wiring.faults.wrapper import Faulty
 from umo.wiring.patterns import generalised
 
 DRIVER = "plant"
 PAGE = Path(__file__).with_name("fault-matrix.md")
 SEED = 1
-LONGEST = 120.0
-"""s of wall-clock time that a cell may take."""
+LONGEST = 600.0
+"""s of wall-clock time that a cell may take; the longest takes 20 s of processor time."""
 SLOWER = 10
 """A run that takes so many times the periods of one without faults hangs."""
 SLOW = "slow drift"
@@ -76,6 +80,7 @@ class Run:
 
     machine: Any
     wired: Wired
+    stop: StopFlag
     result: Any = None
     error: BaseException | None = None
     reports: dict[str, Any] = field(default_factory=dict)
@@ -240,8 +245,10 @@ class Hung(BaseException):
     """The wall-clock time of a cell is over."""
 
 
-def carried_out(trial: Trial, faults: Iterable[str], most: int) -> Run:
-    """Run the station, at most so many periods."""
+def carried_out(
+    trial: Trial, faults: Iterable[str], most: int, then: Callable[[Run, float], None] = lambda run, time: None
+) -> Run:
+    """Run the station, at most so many periods. `then` is called after each period, with its time."""
     station = find(trial.name)
     machine, file = station.machine(**trial.machine), station.wiring(None)
     main = station.main
@@ -251,14 +258,15 @@ def carried_out(trial: Trial, faults: Iterable[str], most: int) -> Run:
     for_plant = {key: value for key, value in trial.options.items() if key in ("parts", "seed")}
     wired = resolve(machine, file, for_plant | {"fault": list(faults), "fault_seed": SEED})
     connection = connect(machine, wired)
-    run = Run(machine, wired)
+    run = Run(machine, wired, connection.stop)
 
     def observe(frame: Any) -> None:
         run.periods += 1
         trial.watch(run)
         if run.periods >= most:
             run.stopped = True
-            connection.stop.request()
+            run.stop.request()
+        then(run, frame.time)
 
     try:
         with connection as m:
@@ -307,24 +315,116 @@ def judged(trial: Trial, run: Run, path: str, kind: str) -> tuple[str, str]:
     return ("degraded" if trial.degraded(run) else "ok"), str(plain(run.result))
 
 
-def tried(cell: Cell, most: int) -> Cell:
-    """Carry out one cell."""
-    trial, begun = TRIALS[cell.station], time.perf_counter()
-    signal.signal(signal.SIGALRM, _hang)
-    signal.setitimer(signal.ITIMER_REAL, LONGEST, 1.0)  # again and again: a reset goes on after any exception
-    try:
-        run = carried_out(trial, [cell.fault], most)
-        verdict, detail = judged(trial, run, cell.path, cell.kind)
-    except Hung:
-        verdict, detail = "HANG", f"after {LONGEST:g} s of wall-clock time"
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-    seconds = time.perf_counter() - begun
-    return replace(cell, verdict=verdict, detail=" ".join(detail.split()), seconds=seconds)
+class Attempt:
+    """One cell that this process carries out, once it has begun."""
+
+    cell: Cell | None = None
+    begun: float
+
+    def begin(self, cell: Cell) -> None:
+        self.cell, self.begun = cell, time.perf_counter()
+        signal.signal(signal.SIGALRM, _hang)
+        signal.setitimer(signal.ITIMER_REAL, LONGEST, 1.0)  # again and again: a reset goes on after any exception
+
+    def end(self, carry_out: Callable[[], Run]) -> Cell | None:
+        """The cell, as its run ended; None if no cell was begun."""
+        try:
+            run = carry_out()
+            if self.cell is None:
+                return None
+            verdict, detail = judged(TRIALS[self.cell.station], run, self.cell.path, self.cell.kind)
+        except Hung:
+            verdict, detail = "HANG", f"after {LONGEST:g} s of wall-clock time"
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0)
+        assert self.cell is not None
+        seconds = time.perf_counter() - self.begun
+        return replace(self.cell, verdict=verdict, detail=" ".join(detail.split()), seconds=seconds)
 
 
 def _hang(number: int, frame: object) -> None:
     raise Hung
+
+
+def tried(cell: Cell, most: int) -> Cell:
+    """Carry out one cell from its start."""
+    attempt = Attempt()
+    attempt.begin(cell)
+    done = attempt.end(lambda: carried_out(TRIALS[cell.station], [cell.fault], most))
+    assert done is not None
+    return done
+
+
+# Many cells in one run ---------------------------------------------------------------------------------
+
+AHEAD = 2.5
+"""Periods before the moment of a fault at which the run forks."""
+
+
+class Forks(Attempt):
+    """Cells of a station in one run, which stays without a fault. At each moment it forks: each copy of the process
+    goes on with the fault of one cell, and tells how that ended."""
+
+    def __init__(self, groups: Sequence[Sequence[Cell]]) -> None:
+        """Each group is one kind of fault on one object, at its moments."""
+        self.groups = groups
+        self.moments = sorted({cell.moment for group in groups for cell in group})
+        self.done: list[list[Cell]] = [[] for _ in groups]
+        self.effects: list[tuple[Faulty, Sequence[Effect]]] = []
+
+    def then(self, run: Run, now: float) -> None:
+        """After each period of the run."""
+        if not self.effects:
+            self._remove_the_faults(run)
+        if self.cell is not None or not self.moments or run.wired.period is None:
+            return
+        if now < self.moments[0] - AHEAD * run.wired.period:
+            return
+        moment = self.moments.pop(0)
+        for group, done in zip(self.groups, self.done, strict=True):
+            for cell in group:
+                wanted = cell.kind in AGAIN or not done or done[-1].verdict not in ENDED
+                if cell.moment == moment and wanted:
+                    ended = self._forked(cell)
+                    if ended is None:
+                        return
+                    done.append(ended)
+        if not self.moments:
+            run.stop.request()
+
+    def _remove_the_faults(self, run: Run) -> None:
+        assert run.wired.injection is not None
+        for driver in run.wired.injection.drivers:
+            self.effects.append((driver, driver.effects))
+            driver.effects = []
+
+    def _forked(self, cell: Cell) -> Cell | None:
+        """The cell, as a copy of this process ended it; None in the copy."""
+        reader, self.writer = os.pipe()
+        if (copy := os.fork()) == 0:
+            os.close(reader)
+            text = str(InjectedFault.parse(cell.fault))
+            for driver, effects in self.effects:
+                driver.effects = [effect for effect in effects if effect.text == text]
+            self.begin(cell)
+            return None
+        os.close(self.writer)
+        with open(reader, "rb") as answer:
+            told = answer.read()
+        os.waitpid(copy, 0)
+        return pickle.loads(told) if told else replace(cell, verdict="TRACEBACK", detail="its process died")
+
+    def tried(self, most: int) -> list[Cell]:
+        """Carry out the cells."""
+        cells = [cell for group in self.groups for cell in group]
+        trial, faults = TRIALS[cells[0].station], [cell.fault for cell in cells]
+        try:
+            if done := self.end(lambda: carried_out(trial, faults, most, self.then)):
+                os.write(self.writer, pickle.dumps(done))
+        finally:
+            if self.cell is not None:
+                os._exit(0)
+        return [cell for group in self.done for cell in group]
 
 
 # All of them -------------------------------------------------------------------------------------------
@@ -352,31 +452,35 @@ def normal(station: str) -> int:
     return run.periods
 
 
-def all_tried(wanted: Iterable[Cell], show: Callable[[str], object] = lambda text: None) -> list[Cell]:
-    """All the cells, carried out on all cores. `show` is told the progress."""
+def all_tried(wanted: Iterable[Cell], processes: int, show: Callable[[str], object] = lambda text: None) -> list[Cell]:
+    """All the cells, carried out by so many processes. `show` is told the progress."""
     wanted = list(wanted)
-    most = {name: SLOWER * normal(name) for name in {cell.station for cell in wanted}}
-    groups = [list(group) for _, group in groupby(wanted, key=lambda cell: (cell.station, cell.path, cell.kind))]
+    place = {(cell.station, cell.path, cell.kind, cell.moment): number for number, cell in enumerate(wanted)}
+    runs = list(_runs(wanted, processes))
     done: list[Cell] = []
-    with get_context("spawn").Pool(os.cpu_count(), _quiet) as pool:
-        for number, found in enumerate(pool.imap(partial(_tried, most), groups), start=1):
+    with get_context("spawn").Pool(processes, _quiet) as pool:
+        for number, found in enumerate(pool.imap_unordered(_tried, runs), start=1):
             done += found
-            show(f"\r{number} of {len(groups)}: {found[-1].station}: {found[-1].fault}: {found[-1].verdict}\x1b[K")
+            show(f"\r{number} of {len(runs)} runs: {len(done)} cells\x1b[K")
     show("\r\x1b[K")
-    return done
+    return sorted(done, key=lambda cell: place[cell.station, cell.path, cell.kind, cell.moment])
+
+
+def _runs(wanted: Iterable[Cell], count: int) -> Iterator[tuple[int, Sequence[Sequence[Cell]]]]:
+    """The most periods, and the cells, of each run: so many for each station."""
+    for station, cells in groupby(wanted, key=lambda cell: cell.station):
+        groups = [list(group) for _, group in groupby(cells, key=lambda cell: (cell.path, cell.kind))]
+        most = SLOWER * normal(station)
+        yield from ((most, part) for part in (groups[first::count] for first in range(count)) if part)
 
 
 def _quiet() -> None:
     logging.getLogger("umo").setLevel(logging.CRITICAL)
 
 
-def _tried(most: dict[str, int], group: Sequence[Cell]) -> list[Cell]:
-    """One kind on one object, at its moments."""
-    done: list[Cell] = []
-    for cell in group:
-        if cell.kind in AGAIN or not done or done[-1].verdict not in ENDED:
-            done.append(tried(cell, most[cell.station]))
-    return done
+def _tried(given: tuple[int, Sequence[Sequence[Cell]]]) -> list[Cell]:
+    most, groups = given
+    return Forks(groups).tried(most)
 
 
 # The page ----------------------------------------------------------------------------------------------
@@ -402,10 +506,10 @@ def page(done: Sequence[Cell]) -> str:
     head = INTRODUCTION.format(
         words=words, loud="`, `".join(LOUD), day=date.today().isoformat(), seed=SEED, count=len(done)
     )
-    return "\n".join([head, *(_section(trial, done) for trial in TRIALS.values())])
+    return "\n".join([head, *(section(trial, done) for trial in TRIALS.values())])
 
 
-def _section(trial: Trial, done: Sequence[Cell]) -> str:
+def section(trial: Trial, done: Sequence[Cell]) -> str:
     mine = [cell for cell in done if cell.station == trial.name]
     moments = ", ".join(f"{what} ({moment:g} s)" for moment, what in trial.moments.items())
     lines = [f"## {trial.name}", "", f"Moments: {moments}.", "", *table(mine)]
@@ -442,7 +546,9 @@ def main() -> int:
     given = parser.parse_args()
     names = [given.station] if given.station else list(TRIALS)
     begun = time.perf_counter()
-    done = all_tried([cell for name in names for cell in cells(name, *given.path)], sys.stderr.write)
+    done = all_tried(
+        [cell for name in names for cell in cells(name, *given.path)], os.cpu_count() or 1, sys.stderr.write
+    )
     if given.station is None:
         PAGE.write_text(page(done), encoding="utf-8")
     for cell in done:

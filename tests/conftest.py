@@ -3,6 +3,7 @@
 import os
 import sys
 from collections.abc import Callable, Iterator
+from itertools import islice
 from pathlib import Path
 
 import pytest
@@ -18,8 +19,17 @@ settings.load_profile("umo")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The slow ones first: they wait most of their time, and the quick ones fill the gaps."""
-    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
+    """The slow ones first, in each process (xdist begins with equal parts of the list): none is left over for the end.
+    Those of a file stay together, as they share fixtures."""
+    workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    slow = [item for item in items if item.get_closest_marker("slow")]
+    quick = iter([item for item in items if not item.get_closest_marker("slow")])
+    files = list(dict.fromkeys(item.path for item in slow))
+    size, ordered = -(-len(items) // workers), []
+    for worker in range(workers):
+        first = [item for item in slow if files.index(item.path) % workers == worker]
+        ordered += [*first, *islice(quick, max(0, size - len(first)))]
+    items[:] = [*ordered, *quick]
 
 
 @pytest.fixture(params=["lists", "arrays"])

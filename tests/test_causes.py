@@ -133,6 +133,7 @@ def frames_with(row: int, **changes: Any) -> Any:
     frames["execution"] = 40_000
     frames["wake"] = 30_000
     frames["missed"][row] = 3
+    frames["counted"] = np.arange(30)
     for name, value in changes.items():
         if name in ("sample", "control", "update"):
             frames["phases"][row - 1][("", "sample", "control", "update").index(name)] = value
@@ -165,6 +166,22 @@ def test_the_largest_excess_and_its_counters_decide(changes: dict[str, int], cau
     verdict = explain(frames_with(20, **changes), LAYOUT, 20)
     assert (verdict.cause, verdict.missed) == (cause, 3)
     assert text in verdict.text
+
+
+@pytest.mark.parametrize("cause", [Cause.PREEMPTED, Cause.CONTROL])
+def test_what_is_usual_between_two_readings_of_the_counters_is_no_cause(cause: Cause) -> None:
+    """They are read every ten periods, in each of which the thread waits for its processor for 0.3 ms, and in the one
+    that took long."""
+    frames = frames_with(20, control=3 * MS)
+    read = [0, 5, 9, 19, 29]
+    frames["counted"] = [max(each for each in read if each <= row) for row in range(30)]
+    frames["run_queue_wait"] = frames["counted"] * 300_000
+    if cause is Cause.PREEMPTED:
+        frames["run_queue_wait"][19:] += 2 * MS
+    verdict = explain(frames, LAYOUT, 20)
+    assert verdict.cause is cause
+    if cause is Cause.PREEMPTED:
+        assert verdict.text.startswith("preempted for 2.3 ms")
 
 
 def test_a_second_miss_from_one_long_period_has_the_cause_of_the_first() -> None:

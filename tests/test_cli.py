@@ -8,6 +8,7 @@ import re
 import socket
 import subprocess
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,11 +17,13 @@ import pytest
 from typer.testing import Result
 
 from umo import connect, published
+from umo.frames import Reader
 from umo.process.station import find
 from umo.stations import ztheta
 from umo.system.hold import Hold
 from umo.system.record import Record
 from umo.testing import Scripted, periods, station
+from umo.twin import twin_of
 
 
 def said(result: Result) -> str:
@@ -279,7 +282,9 @@ def test_check_refuses_an_interlock_that_makes_no_sense(umo, tank: Path) -> None
 
 
 def test_check_says_how_many_actions_and_tunable_numbers_there_are(umo, tank: Path) -> None:
-    assert "actions" not in said(umo("check", "tank"))
+    control = tank / "control.py"
+    control.write_text(re.sub(r" +(@action|tunable).*\n", "", control.read_text()))
+    assert said(umo("check", "tank")).endswith("5 objects on 1 driver, period 50 ms")
     assert said(umo("check", "conveyor")).endswith("period 2 ms, 3 actions, 4 tunable numbers")
 
 
@@ -327,12 +332,55 @@ def test_help_has_examples(umo) -> None:
 
 
 def test_get_reads_by_path_in_any_unit(umo, tank: Path) -> None:
-    assert said(umo("get", "tank", "level", "overflow")) == "level 20 mm GOOD overflow PASS GOOD"
-    assert said(umo("get", "tank", "level", "--unit", "cm")) == "level 2 cm GOOD"
+    assert words(umo("get", "tank", "level", "overflow")) == "level 20 mm GOOD overflow PASS GOOD"
+    assert words(umo("get", "tank", "level", "--unit", "cm")) == "level 2 cm GOOD"
 
 
 def test_set_holds_then_resets(umo, tank: Path) -> None:
-    assert said(umo("set", "tank", "inlet", "open", "--hold", "0.05")) == "inlet OPEN raw 1 GOOD inlet reset to CLOSED"
+    assert words(umo("set", "tank", "inlet", "open", "--hold", "0.05")) == "inlet OPEN raw 1 GOOD inlet reset to CLOSED"
+
+
+def words(result: Result) -> str:
+    """Of stdout."""
+    return " ".join(result.stdout.split())
+
+
+@pytest.mark.parametrize(
+    ("what", "command"),
+    [("write", ["set", "tank", "inlet", "OPEN", "--hold", "0"]), ("reading", ["get", "tank", "level"])],
+)
+def test_of_a_station_that_does_not_run_it_is_said_that_its_devices_are_opened(
+    umo, tank: Path, what: str, command: list[str]
+) -> None:
+    assert umo(*command).stderr == (
+        f"umo: tank (simulated) is not running: this {what} opens driver tank, and brings every actuator to its "
+        "default before and after it\n"
+    )
+
+
+def test_where_a_station_runs_twice_its_pid_is_asked_for(umo, tank: Path) -> None:
+    with ExitStack() as stack:
+        for _ in range(2):
+            connection = connect(station(tank).machine())
+            stack.enter_context(connection)
+            stack.enter_context(published(connection, "tank", "simulated", place=tank))
+        pid = os.getpid()
+        for command in (["set", "tank", "inlet", "OPEN"], ["get", "tank", "level"], ["mode", "tank"]):
+            result = umo(*command)
+            assert result.exit_code == 2
+            text = f"2 runs of tank are going on; give the pid of one instead of the name: {pid}, {pid}"
+            assert said(result) == f"umo: {text}"
+
+
+def test_get_and_set_take_the_pid_of_a_run(umo, tank: Path) -> None:
+    connection = connect(station(tank).machine())
+    with connection, published(connection, "tank", "simulated", place=tank):
+        periods(connection.root)
+        pid = str(os.getpid())
+        assert f"from the frames of tank, which is running (pid {pid})" in said(umo("get", pid, "level"))
+        result = umo("set", pid, "inlet", "OPEN")  # this run takes no commands
+        assert (result.exit_code, said(result)) == (2, "umo: tank: it takes no commands")
+        assert "'1' is not running" in said(umo("set", "1", "inlet", "OPEN"))
 
 
 def test_set_says_that_a_limited_rate_takes_its_time(umo) -> None:
@@ -364,6 +412,25 @@ def test_a_new_station_is_accepted_by_check_and_pytest(umo, tank: Path) -> None:
     ended = subprocess.run(command, cwd=tank, env=environment, capture_output=True, text=True, check=False)
     assert ended.returncode == 0, ended.stdout
     assert "5 passed" in ended.stdout
+
+
+def test_a_new_station_has_actions_a_tunable_number_and_a_twin_that_fits(umo, tank: Path) -> None:
+    assert "5 objects on 1 driver, period 50 ms, 2 actions, 1 tunable number" in said(umo("check", "tank"))
+    connection = connect(station(tank).machine())
+    with connection, published(connection, "tank", "simulated", place=tank) as ring:
+        periods(connection.root)
+        with Reader(ring.path) as reader:
+            described = twin_of(reader.layout)
+    assert described is not None
+    assert {body["name"] for body in described["bodies"]} >= {"tank", "water", "inlet", "drain", "overflow"}
+
+
+def test_a_tuned_band_holds_at_once_in_a_new_station(umo, tank: Path) -> None:
+    with connect(station(tank).machine()) as m:
+        m.aim(300.0)
+        m.band = 5.0
+        periods(m)
+        assert (m.regulator.low, m.regulator.high) == (295.0, 305.0)
 
 
 def test_a_new_station_overwrites_nothing(umo, tank: Path) -> None:

@@ -116,7 +116,8 @@ def test_the_lease_of_another_hand_is_shown_and_taken_over_only_on_demand(convey
     with umo.attach(conveyor.pid) as station, station.lease("somebody else"):
         assert "lease: somebody else" in run("mode", "conveyor").stdout
         result = run("call", "conveyor", "push")
-        assert (result.exit_code, "somebody else has the lease" in said(result)) == (2, True)
+        text = "umo: somebody else has the lease; take it over with --take, or wait until it is given back"
+        assert (result.exit_code, said(result)) == (2, text)
         assert run("call", "conveyor", "push", "--take").exit_code == 0
     events = [event for event in umo.attach(conveyor.pid).events if event.who.endswith("else")]
     assert json.dumps([event.asked for event in events][:1]) == '["lease"]'

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from patient import patient
 from umo.cli.app import app
 
 ROOT = Path(__file__).parents[1]
@@ -57,6 +58,7 @@ def test_the_python_of_a_page_runs_from_top_to_bottom(page: Path, tmp_path: Path
     for rest, text in blocks(page, "python"):
         if rest == "notebook":
             continue
+        text = text.replace('umo.start("ztheta", ', f'umo.start("ztheta", {str(patient("ztheta", tmp_path))!r}, ')
         exec(compile(text, f"{page.name} {rest}", "exec", dont_inherit=True), namespace)
 
 

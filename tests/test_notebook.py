@@ -530,6 +530,7 @@ def test_the_cells_of_the_page_do_in_a_notebook_what_it_says(tmp_path: Path) -> 
     assert Table(table["data"]["text/html"]).rows["diverter"]["value"] == "OFF"
     assert "stage: ended" in Table(table["data"]["text/html"]).heading, "it was kept up to date to the end"
     assert "view: stopped" in Table(scope["data"]["text/html"]).heading
-    completed, run = outputs[3]
+    completed = next(each for each in outputs[3] if each.get("name") == "stdout")
+    (run,) = (each for each in outputs[3] if "data" in each)
     assert "belt.speed" in completed["text"]
     assert "stage: running · mode: manual" in Table(run["data"]["text/html"]).heading

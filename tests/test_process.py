@@ -125,20 +125,32 @@ def test_a_run_that_ends_by_itself_is_reported_with_what_the_application_returne
     assert standing() == []
 
 
-def calls_of_a_run(folder: Path) -> int:
-    Run(process_box.wiring(folder / "box")).outcome()
+def test_a_process_that_rises_early_and_sends_at_the_next_tick_ends_as_well(tmp_path: Path, cells: Cells) -> None:
+    process = {"early": "500 us", "outputs": "at next tick"}
+    outcome = Run(process_box.wiring(tmp_path / "box", process=process)).outcome()
+    assert (outcome.status, outcome.result) == (0, "driven")
+    assert_safe(cells)
+
+
+def calls_of_a_run(folder: Path, process: dict[str, str]) -> int:
+    Run(process_box.wiring(folder / "box", process=process)).outcome()
     return Cells(folder / "box").numbers[CALLS]
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("outputs", ["at once", "at next tick"])
 @pytest.mark.parametrize(("action", "step"), [("raise", 1), ("kill", 1), ("hang", 1), ("spin", 7), ("stop", 7)])
 def test_at_every_call_of_a_driver_the_end_is_safe_and_reported(
-    tmp_path: Path, action: str, step: int, request: pytest.FixtureRequest
+    tmp_path: Path, action: str, step: int, outputs: str, request: pytest.FixtureRequest
 ) -> None:
+    if outputs == "at next tick":
+        step *= 4
     (tmp_path / "first").mkdir()
-    calls = calls_of_a_run(tmp_path / "first")
+    process = {"outputs": outputs}
+    calls = calls_of_a_run(tmp_path / "first", process)
     assert calls > 20
-    process = {} if action in ("raise", "kill") else request.getfixturevalue("impatient")
+    if action not in ("raise", "kill"):
+        process |= request.getfixturevalue("impatient")
     waiting = list(range(1, calls + 1, step))
     while waiting:
         together, waiting = waiting[:AT_ONCE], waiting[AT_ONCE:]
@@ -228,6 +240,53 @@ def test_a_starter_that_is_gone_stops_the_machine(tmp_path: Path, cells: Cells) 
     status = os.waitpid(run.guardian, 0)[1]
     assert os.WEXITSTATUS(status) == 128 + signal.SIGTERM
     assert_safe(cells)
+
+
+@pytest.mark.parametrize(
+    ("killed", "text"),
+    [
+        ("nobody", "the run has ended, every actuator is at its default"),
+        ("control", "the control process was killed (SIGKILL)"),
+        ("guardian", "the guardian has ended; the control process stopped the machine"),
+    ],
+)
+def test_what_survives_its_starter_says_on_stderr_how_the_run_ended(
+    tmp_path: Path, cells: Cells, capfd: pytest.CaptureFixture[str], killed: str, text: str
+) -> None:
+    run = Run(process_box.wiring(tmp_path / "box"), "forever").until_running()
+    control = os.pidfd_open(run.control)
+    if killed != "nobody":
+        os.kill({"control": run.control, "guardian": run.guardian}[killed], signal.SIGKILL)
+    run.channel.close()
+    os.waitpid(run.guardian, 0)
+    assert select.select([control], [], [], 20)[0], "the control process goes on"
+    os.close(control)
+    (line,) = [line for line in capfd.readouterr().err.splitlines() if "umo:" in line]
+    assert line.startswith("umo: Machine: the process that started it is gone; ")
+    assert text in line
+    assert ("; the guardian reset every actuator" in line) is (killed == "control")
+    assert_safe(cells)
+
+
+def test_what_was_not_reached_is_said_on_stderr_where_the_starter_is_gone(
+    tmp_path: Path, away: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    wiring = process_box.wiring(tmp_path / "box", at=25, action="kill", away=str(away), process={"reset_for": "50 ms"})
+    run = Run(wiring, "forever").until_running()
+    run.channel.close()
+    os.waitpid(run.guardian, 0)
+    (line,) = [line for line in capfd.readouterr().err.splitlines() if line.startswith("umo:")]
+    assert "the control process was killed (SIGKILL)" in line
+    assert "; not reached: valve and motor: " in line
+
+
+def test_a_starter_that_lives_is_left_to_say_how_the_run_ended(
+    tmp_path: Path, cells: Cells, capfd: pytest.CaptureFixture[str]
+) -> None:
+    run = Run(process_box.wiring(tmp_path / "box"), "forever").until_running()
+    os.kill(run.control, signal.SIGKILL)
+    assert run.outcome().unsafe
+    assert "umo:" not in capfd.readouterr().err
 
 
 def test_a_machine_that_was_stopped_unsafely_wants_to_be_acknowledged(tmp_path: Path, cells: Cells) -> None:

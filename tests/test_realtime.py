@@ -68,6 +68,23 @@ def test_what_is_granted_is_used() -> None:
     assert found["locked"] > 0
 
 
+@pytest.mark.parametrize(
+    ("granted", "period", "early"),
+    [
+        ((80, 1), 1.0, 200e-6),
+        ((80, 1), 1e-4, 50e-6),
+        ((0, 1), 1e-3, 0.0),
+        ((80, None), 1e-3, 0.0),
+        ((80, 0), 1e-3, 200e-6),
+    ],
+)
+def test_a_process_rises_early_by_itself_where_it_has_priority_and_a_core(
+    monkeypatch: pytest.MonkeyPatch, granted: tuple[int, int | None], period: float, early: float
+) -> None:
+    monkeypatch.setattr(realtime, "granted", lambda: granted)
+    assert realtime.early_by_itself(period) == pytest.approx(early)
+
+
 def test_a_core_that_there_is_not_is_refused_with_those_there_are() -> None:
     refusal = realtime.pin(4095, fifo=False)
     assert refusal is not None

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from umo.frames.history import History
-from umo.frames.reduction import crossing, measured, reduced
+from umo.frames.reduction import crossing, measured, measured_state, reduced
 
 VALUES = st.floats(-1e9, 1e9) | st.just(float("nan"))
 SAMPLES = st.integers(1, 300).flatmap(lambda count: arrays(np.float64, (2, count), elements=VALUES))
@@ -112,6 +112,11 @@ def test_a_sine_is_measured() -> None:
     assert found["mean"] == pytest.approx(3, abs=1e-3)
     assert found["rms"] == pytest.approx(np.sqrt(9 + 2), abs=1e-3)
     assert found["frequency"] == pytest.approx(5, rel=0.01)
+
+
+def test_of_a_state_the_share_of_time_and_the_changes_are_measured() -> None:
+    assert measured_state(np.array([0, 1, np.nan, 1, 0])) == {"on": 0.5, "changes": 2}
+    assert measured_state(np.full(3, np.nan)) is None
 
 
 def test_noise_around_the_middle_does_not_count_as_periods() -> None:

@@ -46,7 +46,7 @@ def test_a_signal_ends_the_loop_after_its_period_and_the_actuators_go_to_their_d
     clock = VirtualTimer(on_period=lambda n: cut(number) if n == 3 else None)
     connection = connect(machine, wired(machine, box, clock=clock))
     with connection as m:
-        while m.running:
+        while m.running and clock.reads < 10:
             m.valve.write(OnOff.ON)
             periods(m, 1)
         assert connection.stop.signal == number

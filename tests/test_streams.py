@@ -174,3 +174,38 @@ def test_a_log_message_begins_on_a_line_of_its_own(monkeypatch: pytest.MonkeyPat
     assert logging.lastResort is not None
     logging.lastResort.handle(logging.makeLogRecord({"msg": "heater inhibited", "levelno": logging.WARNING}))
     assert screen.getvalue() == f"{begun}heater inhibited\n"
+
+
+FULL = """
+import os
+from umo.system.streams import say_without_waiting
+
+os.set_blocking(2, False)
+try:
+    while True:
+        os.write(2, bytes(1000))
+except BlockingIOError:
+    pass
+os.set_blocking(2, True)
+say_without_waiting("lost")
+os.close(2)
+say_without_waiting("lost")
+"""
+
+
+def test_a_stream_that_nobody_reads_or_that_is_closed_holds_up_no_last_words() -> None:
+    with subprocess.Popen([sys.executable, "-c", FULL], stderr=subprocess.PIPE) as process:
+        try:
+            assert process.wait(60) == 0  # its stderr is full all the while
+        finally:
+            process.kill()
+
+
+def test_last_words_are_added_to_what_a_file_holds(tmp_path: Path) -> None:
+    file = tmp_path / "log"
+    with file.open("wb") as log:
+        log.write(b"before\n")
+        log.flush()
+        code = "from umo.system.streams import say_without_waiting as say; say('caf\u00e9'); say('\\udcff')"
+        subprocess.run([sys.executable, "-c", code], stderr=log, check=True)
+    assert file.read_bytes() == "before\ncafé\n\\udcff\n".encode()

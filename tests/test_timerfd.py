@@ -1,8 +1,9 @@
-"""The paper's Timer_Input (section 5.3) on an injected counter: no test waits."""
+"""The paper's Timer_Input (section 5.3) on an injected clock: no test waits."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
 
 import pytest
 from hypothesis import given
@@ -16,82 +17,178 @@ from umo.testing import Scripted
 linux = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="timerfd is Linux")
 
 
-class Counter:
-    """Ticks as the kernel counts them: asked with block=True it lets `late` ticks more pass than the one."""
+US = 1_000
+PERIOD = 1_000 * US
 
-    def __init__(self, late=()):
-        self.count = 0
+
+class Kernel:
+    """A clock in ns, and a timer that expires once per period, `early` before each tick. A look at the clock takes
+    1 us; a wake-up is late by the next number of `late`, in us."""
+
+    def __init__(self, late: Iterable[int] = (), early: int = 0) -> None:
+        self.now = 0
         self.late = iter(late)
-        self.blocked = 0
+        self.slept: list[int] = []
+        """When each sleep began, in us."""
+        self.napped: list[int] = []
+        """us"""
+        self._expired = 0
+        self._offset = early
 
-    def pass_by(self, ticks):
-        self.count += ticks
+    def clock(self) -> int:
+        self.now += US
+        return self.now
 
-    def __call__(self, block):
-        if block:
-            assert self.count == 0, "blocks although a tick has passed"
-            self.blocked += 1
-            self.count = 1 + next(self.late, 0)
-        count, self.count = self.count, 0
-        return count
+    def sleep(self) -> None:
+        expired = (self.now + self._offset) // PERIOD
+        if expired == self._expired:
+            self.slept.append(self.now // US)
+            self.now = (expired + 1) * PERIOD - self._offset + US * next(self.late, 0)
+            expired = (self.now + self._offset) // PERIOD
+        self._expired = expired
+
+    def nap(self, seconds: float) -> None:
+        self.napped.append(round(seconds * 1e6))
+        self.now += round(seconds * 1e9) + US * next(self.late, 0)
+
+    def work(self, us: int) -> None:
+        self.now += us * US
+
+    def ticker(self) -> Ticker:
+        self.now = -US  # the first tick is due at PERIOD
+        ticker = Ticker(PERIOD * 1e-9, self.clock, self.sleep, self.nap)
+        ticker.rise_early(self._offset * 1e-9)
+        return ticker
 
 
-def test_it_blocks_for_the_next_tick_and_returns_0_when_none_has_passed():
-    counter = Counter()
-    ticker = Ticker(0.001, counter)
+def test_it_blocks_for_the_next_tick_and_returns_0_when_none_has_passed() -> None:
+    kernel = Kernel()
+    ticker = kernel.ticker()
     assert [ticker.wait() for _ in range(5)] == [0] * 5
-    assert counter.blocked == 5
+    assert len(kernel.slept) == 5
+    assert ticker.due == 5 * PERIOD
 
 
 @pytest.mark.parametrize("passed", [1, 3])
-def test_it_returns_at_once_with_the_ticks_that_have_passed_then_blocks_again(passed):
-    counter = Counter()
-    ticker = Ticker(0.001, counter)
-    counter.pass_by(passed)
+def test_it_returns_at_once_with_the_ticks_that_have_passed_then_blocks_again(passed: int) -> None:
+    kernel = Kernel()
+    ticker = kernel.ticker()
+    kernel.work(passed * 1000 + 500)
     assert ticker.wait() == passed
-    assert counter.blocked == 0
+    assert kernel.slept == []
     assert ticker.wait() == 0
-    assert counter.blocked == 1
+    assert len(kernel.slept) == 1
 
 
-def test_one_tick_that_has_passed_is_1_and_one_waited_for_is_0():
+def test_one_tick_that_has_passed_is_1_and_one_waited_for_is_0() -> None:
     """A plain blocking read of a timerfd returns 1 in both cases."""
-    counter = Counter()
-    ticker = Ticker(0.001, counter)
+    kernel = Kernel()
+    ticker = kernel.ticker()
     first = ticker.wait()
-    counter.pass_by(1)
+    kernel.work(1000)
     assert (first, ticker.wait()) == (0, 1)
 
 
-def test_ticks_that_pass_between_the_wake_up_and_the_look_at_the_counter_are_not_lost():
-    counter = Counter(late=[2])
-    ticker = Ticker(0.001, counter)
+def test_ticks_that_pass_before_a_late_wake_up_are_not_lost() -> None:
+    kernel = Kernel(late=[2100])
+    ticker = kernel.ticker()
     assert ticker.wait() == 0
-    counter.pass_by(1)
+    assert (ticker.woke - ticker.due) // US in (2101, 2102)
+    kernel.work(1000)
     assert ticker.wait() == 3
     assert ticker.wait() == 0
 
 
-def test_after_a_miss_there_is_no_burst_to_catch_up():
-    counter = Counter()
-    ticker = Ticker(0.001, counter)
-    counter.pass_by(7)
+def test_after_a_miss_there_is_no_burst_to_catch_up() -> None:
+    kernel = Kernel()
+    ticker = kernel.ticker()
+    kernel.work(7500)
     assert [ticker.wait() for _ in range(4)] == [7, 0, 0, 0]
-    assert counter.blocked == 3
+    assert len(kernel.slept) == 3
 
 
-@given(st.lists(st.tuples(st.integers(0, 5), st.integers(0, 3)), max_size=30))
-def test_every_tick_is_counted_once(plan):
-    """The grid stays where it was: what the reads consume is what the kernel counted."""
-    counter, total, consumed = Counter(late=[late for _, late in plan]), 0, 0
-    ticker = Ticker(0.001, counter)
-    for passed, _ in plan:
-        counter.pass_by(passed)
-        total += passed
-        missed = ticker.wait()
-        consumed += max(missed, 1)
-    total += counter.blocked + sum(late for _, late in plan[: counter.blocked])
-    assert consumed + ticker._late == total
+@given(st.lists(st.tuples(st.integers(0, 4000), st.integers(0, 3000)), max_size=30), st.integers(0, 500))
+def test_every_tick_is_counted_once_and_none_is_early(plan: list[tuple[int, int]], early: int) -> None:
+    """The grid stays where it was, whatever works long and wakes late, and however early the thread rises."""
+    kernel, consumed = Kernel((late for _, late in plan), early * US), 0
+    ticker = kernel.ticker()
+    for work, _ in plan:
+        kernel.work(work)
+        consumed += max(ticker.wait(), 1)
+        assert ticker.due == consumed * PERIOD
+        assert ticker.woke >= ticker.due
+
+
+def test_it_rises_early_and_looks_at_the_clock_until_the_tick() -> None:
+    kernel = Kernel(late=[70, 70], early=100 * US)
+    ticker = kernel.ticker()
+    for number in (1, 2):
+        assert ticker.wait() == 0
+        assert 0 <= ticker.woke - number * PERIOD <= US
+    assert len(kernel.slept) == 2
+
+
+def test_a_wait_that_begins_between_the_early_rising_and_the_tick_does_not_sleep() -> None:
+    kernel = Kernel(early=100 * US)
+    ticker = kernel.ticker()
+    kernel.work(950)
+    assert ticker.wait() == 0
+    assert (kernel.slept, kernel.napped, ticker.due) == ([], [], PERIOD)
+    assert ticker.wait() == 0
+    assert (len(kernel.slept), ticker.due) == (1, 2 * PERIOD)
+
+
+@pytest.mark.parametrize("work", [600, 880, 920, 960])
+def test_a_thread_that_rises_early_sleeps_a_sixteenth_of_the_time_or_what_its_work_leaves(work: int) -> None:
+    """The kernel holds up a real-time thread that sleeps less than 5 %."""
+    kernel = Kernel(early=100 * US)
+    ticker = kernel.ticker()
+    slept = 0
+    for number in range(1, 201):
+        kernel.work(work)
+        before = len(kernel.slept)
+        assert ticker.wait() == 0
+        assert ticker.due == number * PERIOD
+        slept += (len(kernel.slept) - before) * (900 - work)
+    slept += sum(kernel.napped)
+    assert slept / 200_000 >= min(1 / 16, 1 - work / 1000) - 0.006
+    assert bool(kernel.napped) == (work > 830)
+
+
+def test_what_is_done_meanwhile_is_done_once_before_each_tick() -> None:
+    kernel, called = Kernel(early=100 * US), []
+    ticker = kernel.ticker()
+    ticker.meanwhile = lambda: (called.append(kernel.now), kernel.work(50))
+    for _ in range(3):
+        assert ticker.wait() == 0
+        assert ticker.woke - ticker.due <= US
+    assert [at // PERIOD for at in called] == [0, 1, 2]
+
+
+def test_what_took_too_long_once_meanwhile_is_left_out_for_eight_periods() -> None:
+    kernel, called = Kernel(early=100 * US), []
+    ticker = kernel.ticker()
+    ticker.meanwhile = lambda: (called.append(kernel.now // PERIOD), kernel.work(400 if len(called) == 3 else 50))
+    late = [ticker.wait() or ticker.woke - ticker.due > US for _ in range(30)]
+    assert [number for number, each in enumerate(late) if each] == [2]
+    assert called == [0, 1, 2, *range(11, 30)]
+
+
+@pytest.mark.parametrize("long", [110, 250, 2500])
+def test_what_always_takes_too_long_meanwhile_makes_fewer_and_fewer_ticks_late(long: int) -> None:
+    kernel, called = Kernel(early=100 * US), []
+    ticker = kernel.ticker()
+    ticker.meanwhile = lambda: (called.append(kernel.now // PERIOD), kernel.work(long))
+    for _ in range(1000):
+        ticker.wait()
+    assert len(called) <= 8
+
+
+def test_nothing_is_done_meanwhile_when_the_tick_has_passed_or_the_thread_does_not_rise_early() -> None:
+    kernel = Kernel(late=[150], early=100 * US)
+    ticker = kernel.ticker()
+    ticker.meanwhile = lambda: pytest.fail("called after the tick")
+    assert ticker.wait() == 0
 
 
 def test_the_channel_is_one_whatever_it_is_called_and_only_an_input():
@@ -106,9 +203,9 @@ def test_a_timer_that_does_not_run_is_a_driver_error():
 
 def test_reset_does_not_move_the_grid():
     driver = TimerFd()
-    counter = Counter()
-    driver.ticker = Ticker(0.001, counter)
-    counter.pass_by(2)
+    kernel = Kernel()
+    driver.ticker = kernel.ticker()
+    kernel.work(2500)
     driver.reset(driver.channel("tick"), None)
     assert driver.read(driver.channel("tick")) == 2
 

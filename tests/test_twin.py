@@ -315,6 +315,7 @@ def test_the_frames_tell_the_place_and_the_options_of_a_station(tmp_path: Path) 
 
 def test_a_machine_without_a_station_and_a_station_without_twin_py_have_none(tank: Path) -> None:
     assert twin_of(layout_of(press(), place="")) is None
+    (tank / "twin.py").unlink()
     assert declared_by(find(tank)) is None
     assert twin_of(layout_of(find(tank).machine(), place=str(tank))) is None
 

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import StringIO
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ from umo import (
     published,
 )
 from umo.cli.app import app
+from umo.cli.follow import _name_other_runs
 from umo.cli.keys import parse, pressed
 from umo.cli.running import attach, lasting
 from umo.cli.traces import Traces, span, spark
@@ -73,8 +75,18 @@ def test_ps_names_the_machines_that_stand_stopped() -> None:
     run.begin(False)
     run.stopped("the control process hung", ["motor"])
     found = said(umo("ps"))
-    assert "stands stopped: press (rig) on bus 1 was stopped at" in found
-    assert "the control process hung; not reached: motor (start it with --acknowledge)" in found
+    assert found.startswith("no station is running stands stopped: press (rig), not reached: motor, bus 1, 2")
+    assert "Inspect it, then start it with --acknowledge; `umo ps --json` has the causes." in found
+    assert '"what": "the control process hung"' in umo("ps", "--json").stdout
+
+
+def test_ps_says_in_one_line_of_a_machine_what_matters() -> None:
+    run = Record([f"bus {'1' * 200}"], "press", "rig")
+    run.begin(False)
+    run.stopped("the control process hung\n" * 20, [f"axis {number}" for number in range(50)])
+    (line,) = [line for line in umo("ps").stdout.splitlines() if "press" in line]
+    assert line.startswith("stands stopped: press (rig), not reached: axis 0, axis 1 and 48 others, bus 1")
+    assert len(line) <= 160
 
 
 def test_watch_once_shows_every_object_with_its_unit() -> None:
@@ -332,3 +344,17 @@ def test_why_now_keeps_a_box_of_what_runs() -> None:
     assert umo("why", "press").exit_code == 0
     assert umo("why", "mill").exit_code == 2
     assert umo("why", "--file", "nothing.box").exit_code == 2
+
+
+def test_another_run_of_the_station_is_named_with_the_pids_that_commands_need(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with running(), running("mill"), attach("press") as reader:
+        started: Any = SimpleNamespace(frames=reader, pid=os.getpid())
+        _name_other_runs(started)
+        assert capsys.readouterr().err == ""  # it is this run itself
+        started.pid = 4711
+        _name_other_runs(started)
+    text = " ".join(capsys.readouterr().err.split())
+    assert text.startswith(f"umo: press runs already (pid {os.getpid()}); each run has its own devices or simulation. ")
+    assert text.endswith("This run has pid 4711: give commands the pid instead of the name, as in umo call 4711")

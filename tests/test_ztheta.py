@@ -122,6 +122,12 @@ def test_the_same_code_runs_at_a_longer_period_with_the_gains_of_that_circuit() 
     assert run.plant.truth().placed == 1
 
 
+def test_the_same_code_runs_with_outputs_at_the_next_tick() -> None:
+    run = Run(wiring() | {"process": {"outputs": "at next tick"}}, parts=1, seed=3)
+    assert run.plant.truth().placed == 1
+    run.assert_safe()
+
+
 def test_a_longer_period_than_the_machine_allows_is_refused() -> None:
     slow = wiring()
     slow["wire"]["timer"]["period"] = "20 ms"

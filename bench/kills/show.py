@@ -12,6 +12,7 @@ from rich.table import Table
 from bench.kills import box, campaign
 from bench.kills.campaign import Row, Try
 from bench.kills.kinds import KINDS, possible
+from bench.report import duration
 
 QUICK = 0.03
 """The share of the full numbers: about one try of each kind."""
@@ -33,7 +34,7 @@ def run(console: Console, *, quick: bool, only: str = "", seed: int = campaign.S
     share = QUICK if quick else 1.0
     numbers = campaign.counts(kinds, share)
     total, seconds = sum(numbers.values()), campaign.expected(kinds, numbers)
-    console.print(f"{total} tries of {len(kinds)} kinds, about {text(seconds)}; {platform.machine()}, seed {seed}")
+    console.print(f"{total} tries of {len(kinds)} kinds, about {duration(seconds)}; {platform.machine()}, seed {seed}")
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("kills", total=total)
@@ -59,11 +60,6 @@ def grid(rows: list[Row]) -> Table:
         table.add_row(row.kind.name, str(len(row.tries)), *_times(row), _bad(row.wrong), _bad(row.unsafe))
     table.caption = "wrong: the exit status, or a good reading that was not the box's"
     return table
-
-
-def text(seconds: float) -> str:
-    """`40 s` or `25 min`."""
-    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
 
 
 def _times(row: Row) -> tuple[str, str, str]:

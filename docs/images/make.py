@@ -94,7 +94,7 @@ def show_twin(connection: umo.connect) -> None:
 
 
 def show_views() -> None:
-    """The other tabs, with z-theta at work in real time; then the hands, in manual mode."""
+    """Machine and scope, with z-theta at work in real time."""
     with umo.start("ztheta", realtime=True, acknowledge=True) as started, open_page(1200, 750) as page:
         page.get_by_role("tab", name="Machine").click()
         page.get_by_text("part 1 of 3: picking").first.wait_for(timeout=60_000)
@@ -106,10 +106,17 @@ def show_views() -> None:
         page.get_by_label("Time shown").select_option("20")
         page.get_by_text("part 2 of 3: placing").first.wait_for(timeout=60_000)
         page.screenshot(path=HERE / "page-scope.png")
+        started.stop()
+
+
+def show_hands() -> None:
+    """In manual mode, after homing: no motion of the application has the axes."""
+    with umo.start("ztheta", realtime=True, manual=True, acknowledge=True) as started, open_page(1200, 750) as page:
         page.get_by_role("tab", name="Hands").click()
         page.get_by_label("Your name").fill("Ann")
         page.get_by_role("button", name="Take the lease").click()
-        page.get_by_role("button", name="manual").click()
+        page.locator('[data-control="home"] button').first.click()
+        page.get_by_text("home: done").first.wait_for(timeout=60_000)
         field = page.get_by_label("z.move_to position")
         for position in ("200000", "100000"):
             field.fill(position)
@@ -136,6 +143,7 @@ if __name__ == "__main__":
     while_turning(show_twin)
     while_turning(show_notebook)
     show_views()
+    show_hands()
     plot("run.png", "ztheta")
     plot("conveyor.png", "conveyor")
     plot("furnace.png", "furnace", "--zones", "8", "--faults", "broken-thermocouple:3")

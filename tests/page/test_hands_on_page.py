@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -66,7 +66,13 @@ def command(client: Client, number: int, do: str, **more: Any) -> Any:
     return answer(client, number)
 
 
-def touching(client: Client, held: list[str], until: Any) -> None:
+def ran_on(station: umo.RemoteStation, seconds: float) -> Callable[[], bool]:
+    """True as soon as the machine has run for so many s from now."""
+    until = station.frames(0.01)["time"][-1] + seconds
+    return lambda: bool(station.frames(0.01)["time"][-1] > until)
+
+
+def touching(client: Client, held: list[str], until: Callable[[], bool]) -> None:
     """Answer each state, as a page does."""
 
     def touch() -> Any:
@@ -104,8 +110,7 @@ def test_what_a_page_holds_lasts_as_long_as_it_touches_and_then_its_lease_ends(
         assert found["state"] == "done"
         assert station.reader.lease == (found["lease"], "Ann (page, 127.0.0.1)")
         assert command(client, 2, "write", path="diverter", value="ON")["state"] == "done"
-        begun = station.frames(0.01)["time"][-1]
-        touching(client, ["diverter"], lambda: station.frames(0.01)["time"][-1] > begun + 2.5)
+        touching(client, ["diverter"], ran_on(station, 2.5))
         assert station.diverter.read() == "ON"
         eventually(lambda: station.diverter.read() == "OFF")
         assert station.reader.holder
@@ -169,8 +174,7 @@ def test_more_paths_are_kept_up_than_one_command_can_carry(station: umo.RemoteSt
         client.get("description")
         command(client, 1, "lease")
         command(client, 2, "write", path="diverter", value="ON")
-        begun = station.frames(0.01)["time"][-1]
-        touching(client, [*others, "diverter"], lambda: station.frames(0.01)["time"][-1] > begun + 2.5)
+        touching(client, [*others, "diverter"], ran_on(station, 2.5))
         assert station.reader.holder
         assert station.diverter.read() == "ON"
 
@@ -248,6 +252,14 @@ def control(page: Any, path: str) -> Any:
     return page.locator(f'[data-control="{path}"]')
 
 
+def jog(page: Any, station: umo.RemoteStation) -> None:
+    """Press the button of the belt with the mouse, until it runs."""
+    control(page, "belt.run_at").get_by_label("belt.run_at speed").fill("0.3")
+    control(page, "belt.run_at").get_by_role("button", name="Hold").hover()
+    page.mouse.down()
+    eventually(lambda: station.belt.setpoint.read() > 0.2)
+
+
 def answers(page: Any) -> str:
     return str(page.get_by_label("Commands and answers").inner_text())
 
@@ -258,8 +270,7 @@ def test_an_actuator_is_written_and_released(page: Any, station: umo.RemoteStati
     diverter.get_by_role("button", name="ON").click()
     eventually(lambda: station.diverter.read() == "ON")
     diverter.locator('[data-state="ON"][aria-pressed="true"]').wait_for()
-    begun = station.frames(0.01)["time"][-1]
-    eventually(lambda: station.frames(0.01)["time"][-1] > begun + 1.5)
+    eventually(ran_on(station, 1.5))
     assert station.diverter.read() == "ON"  # kept up by the page
     diverter.get_by_role("button", name="Release").click()
     eventually(lambda: station.diverter.read() == "OFF")
@@ -294,8 +305,7 @@ def test_a_refused_value_leaves_an_actuator_as_it_is_held(
     setpoint.locator('input[type="number"]').fill("99")
     setpoint.get_by_role("button", name="Set").click()
     eventually(lambda: "refused" in answers(page))
-    begun = station.frames(0.01)["time"][-1]
-    eventually(lambda: station.frames(0.01)["time"][-1] > begun + 1.5)
+    eventually(ran_on(station, 1.5))
     assert station.belt.setpoint.read() > 0.09
 
 
@@ -316,8 +326,7 @@ def test_release_comes_after_whatever_the_slider_has_asked_for(
         }"""
     )
     eventually(lambda: "release belt.setpoint: done" in answers(page))
-    begun = station.frames(0.01)["time"][-1]
-    eventually(lambda: station.frames(0.01)["time"][-1] > begun + 0.5)
+    eventually(ran_on(station, 0.5))
     assert station.belt.setpoint.read() == 0.0
     assert setpoint.get_by_role("button", name="Release").is_disabled()
 
@@ -337,12 +346,8 @@ def test_a_running_action_can_be_cancelled_also_after_a_change_of_the_view(page:
 
 def test_a_jog_lasts_while_its_button_is_held(page: Any, station: umo.RemoteStation, served: Served) -> None:
     take_lease(page, served.url)
-    control(page, "belt.run_at").get_by_label("belt.run_at speed").fill("0.3")
-    control(page, "belt.run_at").get_by_role("button", name="Hold").hover()
-    page.mouse.down()
-    eventually(lambda: station.belt.setpoint.read() > 0.2)
-    begun = station.frames(0.01)["time"][-1]
-    eventually(lambda: station.frames(0.01)["time"][-1] > begun + 1.0)
+    jog(page, station)
+    eventually(ran_on(station, 1.0))
     assert station.belt.setpoint.read() > 0.2
     page.mouse.up()
     eventually(lambda: station.belt.setpoint.read() == 0.0)
@@ -369,10 +374,7 @@ def test_a_jog_by_the_keyboard_ends_with_the_key_the_focus_or_the_view(
 
 def test_closing_the_tab_releases_a_jog(page: Any, station: umo.RemoteStation, served: Served) -> None:
     take_lease(page, served.url)
-    control(page, "belt.run_at").get_by_label("belt.run_at speed").fill("0.3")
-    control(page, "belt.run_at").get_by_role("button", name="Hold").hover()
-    page.mouse.down()
-    eventually(lambda: station.belt.setpoint.read() > 0.2)
+    jog(page, station)
     page.close()
     eventually(lambda: station.belt.setpoint.read() == 0.0)
     eventually(lambda: not station.reader.holder)

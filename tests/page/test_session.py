@@ -66,6 +66,24 @@ def test_a_state_has_the_values_of_the_last_frame_and_then_what_has_changed(clie
         assert state["values"][str(places["encoder"])][1] == 54
 
 
+def test_states_are_made_only_for_the_run_that_a_page_shows(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[str] = []
+    real = Watched._take_state
+
+    def counted(watched: Watched) -> None:
+        made.append(watched.station)
+        real(watched)
+
+    monkeypatch.setattr(Watched, "_take_state", counted)
+    with running("press"), running("oven"):
+        eventually(lambda: len(client.get("stations")["stations"]) == 2)
+        client.send(type="watch", name="press")
+        first = client.get("state")["number"]
+        eventually(lambda: client.get("state")["number"] > first + 3)
+        assert len(made) > 3
+        assert set(made) == {"press"}
+
+
 def test_live_points_have_every_peak(client: Client) -> None:
     raws = [0] * 2000
     raws[777] = 999
@@ -253,11 +271,10 @@ def test_a_ring_that_makes_no_sense_is_left_out_and_said_once(
     assert line.startswith("umo: nameless-1-ff.frames is not shown")
 
 
-@pytest.mark.parametrize("method", ["read", "take_state"])
 def test_a_ring_that_cannot_be_read_is_dropped_and_the_others_go_on(
-    client: Client, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], method: str
+    client: Client, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    real = getattr(Watched, method)
+    real = Watched.read
 
     def broken(watched: Watched) -> None:
         if watched.station == "oven":
@@ -267,7 +284,7 @@ def test_a_ring_that_cannot_be_read_is_dropped_and_the_others_go_on(
     with running("press") as step, running("oven"):
         eventually(lambda: len(client.get("stations")["stations"]) == 2)
         client.send(type="watch", name="press")
-        monkeypatch.setattr(Watched, method, broken)
+        monkeypatch.setattr(Watched, "read", broken)
         while [line["name"] for line in client.get("stations")["stations"]] != ["press"]:
             pass
         now = client.get("state")["stop"]
@@ -276,13 +293,14 @@ def test_a_ring_that_cannot_be_read_is_dropped_and_the_others_go_on(
     assert capfd.readouterr().err.count("is not shown: IndexError: no such row") == 1
 
 
+@pytest.mark.parametrize("method", ["_take_state", "_events"])
 def test_a_run_whose_state_cannot_be_told_is_dropped_and_the_page_goes_on(
-    client: Client, monkeypatch: pytest.MonkeyPatch
+    client: Client, monkeypatch: pytest.MonkeyPatch, method: str
 ) -> None:
     def broken(watched: Watched) -> list[Any]:
         raise ValueError("7 is not a valid CommandState")
 
-    monkeypatch.setattr(Watched, "_events", broken)
+    monkeypatch.setattr(Watched, method, broken)
     with running("press"):
         client.get("description")
         assert client.get("stations")["stations"] == []

@@ -169,6 +169,17 @@ def test_an_axis_that_is_not_referenced_stays_within_its_stops_and_is_drawn_fain
     assert min(viewer.run(opacity)) == 1.0
 
 
+def test_the_view_tells_which_joints_are_not_referenced_until_they_are(shown: Any) -> None:
+    viewer = shown("ztheta")
+    told = viewer.page.locator(".twin-poor")
+    viewer.set({"z.encoder": 0.0, "theta.encoder": 0.0}, {"z.encoder": 2, "theta.encoder": 2})
+    assert told.inner_text() == "Drawn faintly: z.encoder unreferenced, theta.encoder unreferenced"
+    viewer.set({}, {"theta.encoder": 0})
+    assert told.inner_text() == "Drawn faintly: z.encoder unreferenced"
+    viewer.set({}, {"z.encoder": 0})
+    assert told.inner_text() == ""
+
+
 def test_states_show_bodies_and_colour_them(shown: Any) -> None:
     viewer = shown("ztheta")
     part = "test.view().scene.byName.get('part').node.visible"

@@ -65,15 +65,14 @@ def get(
     unit: Annotated[str | None, typer.Option(help="Show digital values in this unit.")] = None,
     acknowledge: Acknowledge = False,
 ) -> None:
-    """Read objects by path: from the frames if the station is running; otherwise connect, read and reset.
+    """Read objects by path: from the frames if the station is running (its pid, where several runs go on).
 
-    Options of the machine follow the station's name.
+    Otherwise its devices are opened for this reading: every actuator goes to its default before and after it. Options
+    of the machine follow the station's name.
     """
-    from umo.process.station import find
-
     from .hand import get_values
 
-    guarded(lambda: get_values(find(station), wiring, paths, unit, acknowledge))
+    guarded(lambda: get_values(station, wiring, paths, unit, acknowledge))
 
 
 @command(
@@ -93,16 +92,15 @@ def set_(
     acknowledge: Acknowledge = False,
     take: Take = False,
 ) -> None:
-    """Connect, write and hold one actuator, show its value, then reset. No control code runs.
+    """Write and hold one actuator, show its value, then reset it.
 
-    Options of the machine follow the value. Of a station that runs, the actuator is taken by hand; that needs its
-    manual mode (`umo mode`).
+    Of a station that runs, the actuator is taken by hand; that needs its manual mode (`umo mode`). Of one that does
+    not run, its devices are opened for this write: every actuator goes to its default before and after it, and no
+    control code runs. Where several runs of it go on, give the pid of one. Options of the machine follow the value.
     """
-    from umo.process.station import find
-
     from .hand import set_value
 
-    guarded(lambda: set_value(find(station), wiring, path, value, hold, acknowledge, take, context.args))
+    guarded(lambda: set_value(station, wiring, path, value, hold, acknowledge, take, context.args))
 
 
 @command(

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from math import inf
 from typing import Any
 
 from rich.table import Table
 
-from umo.errors import PathError, RangeError
+from umo.errors import CommandRefused, PathError, RangeError
 from umo.frames import Reader
-from umo.remote import RemoteStation
+from umo.remote import HeldLease, RemoteStation
 from umo.remote.members import call_action
 from umo.text import did_you_mean, printable
 
@@ -31,11 +31,27 @@ def station_of(name: str) -> Iterator[RemoteStation]:
         yield station
 
 
+@contextmanager
+def leased(station: RemoteStation, over: bool) -> Iterator[HeldLease]:
+    """The lease for a command; while another hand has it, the message names the option that takes it over."""
+    with ExitStack() as stack:
+        try:
+            lease = stack.enter_context(station.lease(over=over))
+        except CommandRefused as error:
+            holder = printable(station.reader.holder)
+            if over or not holder:
+                raise
+            raise CommandRefused(
+                f"{holder} has the lease; take it over with --take, or wait until it is given back"
+            ) from error
+        yield lease
+
+
 def mode(name: str, wanted: str | None, over: bool) -> None:
     """Show the mode and who has the lease; or change the mode."""
     with station_of(name) as station:
         if wanted is not None:
-            with station.lease(over=over):
+            with leased(station, over):
                 station.mode = wanted
         title, holder = station.reader.about["station"], printable(station.reader.holder)
         lease = f"  lease: {holder}" if holder and wanted is None else ""
@@ -61,7 +77,7 @@ def call(name: str, path: str | None, words: list[str], over: bool, hold: float 
         if path not in actions:
             raise PathError(f"no action {path!r}{did_you_mean(path, actions)}; `umo call {name}` lists them")
         given = dict(_argument(actions[path], word) for word in words)
-        with station.lease(over=over) as lease:
+        with leased(station, over) as lease:
             result = _called(station, actions[path], given)
             if path in lease.held:
                 _hold(hold)
@@ -143,7 +159,7 @@ def tune(name: str, path: str | None, text: str | None, over: bool) -> None:
             out.print(f"{path}  {now[path]:g} {unit}")
             return
         value = number(path, text, unit)
-        with station.lease(over=over):
+        with leased(station, over):
             station.ask("tune", path, value=value)
         out.print(f"{path}  {now[path]:g} -> {value:g} {unit}")
         err.print(
@@ -154,7 +170,7 @@ def tune(name: str, path: str | None, text: str | None, over: bool) -> None:
 def set_running(station: RemoteStation, path: str, value: Any, hold: float | None, over: bool) -> None:
     """Take one actuator of a station that runs in manual mode, keep it up, and let go of it."""
     item = station[path]
-    with station.lease(over=over):
+    with leased(station, over):
         item.write(value)
         out.print(f"{path}  {item.read()}  {item.quality}")
         _hold(hold)

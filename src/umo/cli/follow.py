@@ -20,6 +20,7 @@ from umo.process.job import Job
 from umo.process.outcome import Outcome
 
 from .console import err
+from .running import readers
 
 LOOK = 0.05
 """s between two looks at the frames."""
@@ -62,6 +63,7 @@ def follow(job: Job, seen: Seen, observers: list[Callable[[Any], None]]) -> tupl
             if begun is None and started.frames is not None:
                 begun = time.perf_counter()
                 seen.order(started.frames)
+                _name_other_runs(started)
                 for refusal in started.refusals:
                     _say(str(refusal))
             for notice in started.notices[told:]:
@@ -82,6 +84,21 @@ def follow(job: Job, seen: Seen, observers: list[Callable[[Any], None]]) -> tupl
     if lost:
         _say(f"{lost} periods came too fast to be noted in the trace")
     return outcome, elapsed
+
+
+def _name_other_runs(started: Started) -> None:
+    """Another run of the same station is no fault: each has devices of its own. But its name no longer tells which."""
+    assert started.frames is not None
+    name, others = started.frames.about["station"], []
+    for reader in readers():
+        with reader:
+            if reader.about["station"] == name and reader.about["pid"] != started.pid:
+                others.append(str(reader.about["pid"]))
+    if others:
+        _say(
+            f"{name} runs already (pid {', '.join(others)}); each run has its own devices or simulation. "
+            f"This run has pid {started.pid}: give commands the pid instead of the name, as in umo call {started.pid}"
+        )
 
 
 @contextmanager

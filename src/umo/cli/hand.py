@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
-from functools import partial
+from functools import cache, partial
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -26,14 +26,15 @@ from umo.objects import (
 )
 from umo.objects.units import convert
 from umo.process.start import LINUX
-from umo.process.station import Station
+from umo.process.station import Station, find
 from umo.remote import RemoteStation
-from umo.text import did_you_mean
+from umo.remote.search import several_runs
+from umo.text import did_you_mean, printable, some
 from umo.wiring import Wired, resolve
 
 from .commanding import set_running
 from .console import err, out
-from .running import readers
+from .running import attach, readers
 from .station_options import machine_and_words, machine_of
 from .values import number
 
@@ -41,20 +42,21 @@ PAUSE = 0.01
 """Seconds between two looks at a machine that has no timer."""
 
 
-def get_values(
-    station: Station, wiring: str | None, paths: list[str], unit: str | None, acknowledge: bool = False
-) -> None:
+def get_values(name: str, wiring: str | None, paths: list[str], unit: str | None, acknowledge: bool = False) -> None:
     """Print each object's value, unit and quality: of a station that runs from its frames, else connected. Options of
     the machine may be among the paths."""
+    station, pid = _named(name)
     file = station.wiring(wiring)
     machine, paths = machine_and_words(station, paths)
     items = [_atomic(machine, path) for path in paths]
     width = max(map(len, paths))
     wired = resolve(machine, file)
     with ExitStack() as stack:
-        running = _running(station, file if wiring else None, wired)
+        running = _running(station, file if wiring else None, wired, pid)
         if running is None:
-            stack.enter_context(connect(machine, wired, acknowledge=acknowledge))
+            connection = connect(machine, wired, acknowledge=acknowledge)
+            _announce(connection, station, file, "reading")
+            stack.enter_context(connection)
         shown = _now(items) if running is None else _latest(running)
         for item in items:
             value, quality = shown[item.path]
@@ -65,15 +67,42 @@ def get_values(
         )
 
 
-def _running(station: Station, file: Path | None, wired: Wired) -> Reader | None:
-    """The frames of this station, if it runs: on one of these devices, with this wiring, or, where none was named,
-    with any."""
-    for reader in readers():
-        about = reader.about
-        same = file is None or about["wiring"] == file.stem
-        if about["place"] == str(station.path) and (same or set(about["devices"]) & set(wired.devices)):
-            return reader
-    return None
+def _named(name: str) -> tuple[Station, int | None]:
+    """A station by its name or folder, or by the pid of its run."""
+    if not name.isdigit() or Path(name).exists():
+        return find(name), None
+    with attach(name) as reader:
+        return find(reader.about["place"]), int(name)
+
+
+def _running(station: Station, file: Path | None, wired: Wired, pid: int | None) -> Reader | None:
+    """The frames of this station, if it runs: with this pid; else on one of these devices, with this wiring, or, where
+    none was named, with any. FramesError if several fit, or if the run of the pid has ended."""
+    found = [reader for reader in readers() if reader.about["place"] == str(station.path)]
+    if pid is not None:
+        found = [reader for reader in found if reader.about["pid"] == pid]
+        if not found:
+            raise FramesError(f"{station.name} (pid {pid}) has ended")
+    elif file is not None:
+        devices = set(wired.devices)
+        found = [r for r in found if r.about["wiring"] == file.stem or devices & set(r.about["devices"])]
+    if len(found) > 1:
+        raise FramesError(several_runs(station.name, found))
+    return found[0] if found else None
+
+
+def _announce(connection: connect[Any], station: Station, file: Path | None, what: str) -> None:
+    """Before the first driver is opened, say that no run has the machine, and what this command does to it."""
+    name = station.name if file is None else f"{station.name} ({file.stem})"
+
+    @cache
+    def say_once() -> None:
+        wired = connection.wired
+        opened = some(sorted(wired.devices) or [f"driver {each}" for each in wired.drivers])
+        does = f"this {what} opens {opened}, and brings every actuator to its default before and after it"
+        err.print(f"umo: {printable(f'{name} is not running: {does}')}", soft_wrap=True)
+
+    connection.on_step = say_once
 
 
 def _now(items: Iterable[Any]) -> dict[str, tuple[Any, Quality]]:
@@ -89,7 +118,7 @@ def _latest(reader: Reader) -> dict[str, tuple[Any, Quality]]:
 
 
 def set_value(
-    station: Station,
+    name: str,
     wiring: str | None,
     path: str,
     text: str,
@@ -100,25 +129,28 @@ def set_value(
 ) -> int:
     """Write one actuator, keep the loop going for `hold` s or until a signal, show what is read, reset. Of a station
     that runs, take the actuator by hand."""
+    station, pid = _named(name)
     file = station.wiring(wiring)
     machine = machine_of(station, arguments)
     item = _atomic(machine, path)
     if not isinstance(item, BinaryActuator | DigitalActuator):
         raise PathError(f"{path} is a sensor; only actuators can be set")
     value = _parse(item, text)
-    if (running := _running(station, file if wiring else None, resolve(machine, file))) is not None:
+    if (running := _running(station, file if wiring else None, resolve(machine, file), pid)) is not None:
         with RemoteStation(running) as remote:
             set_running(remote, path, getattr(value, "name", value), hold, over)
         return 0
-    return _hold(machine, file, item, value, hold, acknowledge)
-
-
-def _hold(machine: Compound, file: Path | None, item: Any, value: Any, hold: float | None, acknowledge: bool) -> int:
     realtime = LINUX and "timer" in machine.children()
     connection = connect(machine, file, acknowledge=acknowledge, realtime=realtime)
+    _announce(connection, station, file, "write")
+    return _hold(connection, item, value, hold)
+
+
+def _hold(connection: connect[Any], item: Any, value: Any, hold: float | None) -> int:
     with connection as m:
         taken = item.write(value)
-        m.update()
+        if item.synchronous:
+            item.update()  # now, also where the machine's outputs leave at the next tick
         shown = f"{item.path}  {_text(item, item.read(), None)}  raw {item.raw}  {item.quality}"
         out.print(shown + _remark(item, taken), markup=False)
         if hold is None:

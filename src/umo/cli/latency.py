@@ -14,7 +14,7 @@ from rich.table import Table
 from umo.errors import RangeError
 from umo.latency import Samples, judge, measure
 from umo.latency.measure import Measured
-from umo.latency.verdict import advice
+from umo.latency.verdict import advice, recommend
 from umo.objects.units import seconds as duration
 from umo.process.start import LINUX
 
@@ -47,6 +47,8 @@ def latency(period: str, seconds: float, load: bool, file: Path | None) -> None:
     out.print(_table(found, load))
     for line in _histogram(found):
         out.print(line)
+    if advised := recommend(found):
+        out.print(f"\n{advised}", soft_wrap=True)
     lines = advice(found)
     if lines:
         out.print("\nWhat would help:")
@@ -61,16 +63,16 @@ def latency(period: str, seconds: float, load: bool, file: Path | None) -> None:
 def _table(found: Measured, load: bool) -> Table:
     beside = "with load on every core" if load else "without added load"
     table = Table(title=f"{found.period * 1e3:g} ms, {beside}, us", title_justify="left", header_style="bold")
-    for name in ("", *(name for name, _ in QUANTILES), "missed"):
+    for name in ("", *(name for name, _ in QUANTILES), "missed", "processor"):
         table.add_column(name, justify="right" if name else "left")
     for title, pick in (("waking up", "wake"), ("working", "work"), ("together", "total")):
-        rows = [("umo", found.umo)] + ([("C", found.c)] if found.c is not None else [])
-        for name, samples in rows:
-            missed = str(samples.missed) if pick == "total" else ""
-            table.add_row(f"{title}, {name}", *(f"{value:.1f}" for value in _quantiles(getattr(samples, pick))), missed)
-    if found.c is not None and len(found.c.total) and len(found.umo.total):
-        ratios = _quantiles(found.umo.total) / _quantiles(found.c.total)
-        table.add_row("umo / C", *(f"{ratio:.2f}" for ratio in ratios), "", style="bold")
+        for name, samples in found.loops.items():
+            last = [str(samples.missed), f"{samples.busy:.0%}"] if pick == "total" else ["", ""]
+            table.add_row(f"{title}, {name}", *(f"{value:.1f}" for value in _quantiles(getattr(samples, pick))), *last)
+    for name, umo, c in (("", found.umo, found.c), (", early", found.umo_early, found.c)):
+        if c is not None and len(c.total) and len(umo.total):
+            ratios = _quantiles(umo.total) / _quantiles(c.total)
+            table.add_row(f"umo{name} / C", *(f"{ratio:.2f}" for ratio in ratios), "", "", style="bold")
     return table
 
 
@@ -80,7 +82,7 @@ def _quantiles(values: Any) -> Any:
 
 def _histogram(found: Measured) -> list[str]:
     """Waking up plus working, in steps of a third of a decade, both loops side by side."""
-    loops = [("umo", found.umo)] + ([("C", found.c)] if found.c is not None else [])
+    loops = [("umo", found.by_itself)] + ([("C", found.c)] if found.c is not None else [])
     totals = [samples.total for _, samples in loops if len(samples.total)]
     if not totals:
         return []
@@ -104,13 +106,16 @@ def _bar(count: int, total: int) -> str:
 
 def _as_json(found: Measured, load: bool) -> dict[str, Any]:
     answer = judge(found)
-    loops: dict[str, Samples | None] = {"umo": found.umo, "c": found.c}
+    loops = {"umo": found.umo, "umo_early": found.umo_early, "c": found.c, "c_early": found.c_early}
     return {
         "period_us": found.period * 1e6,
         "load": load,
+        "early_us": found.early * 1e6,
+        "early_by_itself": found.granted,
         **{name: None if samples is None else _figures(samples) for name, samples in loops.items()},
         "verdict": answer.word,
         "why": answer.text,
+        "recommendation": recommend(found),
         "advice": advice(found),
     }
 
@@ -121,4 +126,4 @@ def _figures(samples: Samples) -> dict[str, Any]:
         key: {name: round(float(v), 2) for (name, _), v in zip(QUANTILES, _quantiles(values), strict=True)}
         for key, values in parts.items()
     }
-    return {**figures, "periods": len(samples.total), "missed": samples.missed}
+    return {**figures, "periods": len(samples.total), "missed": samples.missed, "processor": round(samples.busy, 3)}

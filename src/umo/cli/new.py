@@ -34,7 +34,14 @@ def make_station(directory: Path) -> None:
             shutil.copytree(template, directory, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
     except OSError as error:
         raise StationError(f"{directory} cannot be written: {error}") from error
-    out.print(f"{directory} is a station. Try:  umo run {directory}   umo tree {directory}   pytest {directory}")
+    out.print(
+        f"{directory} is a station. Try:  umo run {directory}   umo tree {directory}   pytest {directory}",
+        soft_wrap=True,
+    )
+    out.print(
+        f"By hand:  umo run {directory} --manual   and in another terminal  umo call {directory} fill target=200mm",
+        soft_wrap=True,
+    )
 
 
 def make_driver(name: str, folder: Path) -> None:

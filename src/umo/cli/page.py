@@ -14,10 +14,10 @@ from urllib.parse import quote
 
 from umo.errors import FramesError
 from umo.frames.folder import folder
-from umo.process.station import StationError, find
+from umo.process.station import StationError, find, shipped
 from umo.remote.search import station_name
 from umo.system.realtime import stand_back
-from umo.text import did_you_mean
+from umo.text import did_you_mean, printable
 
 from .console import err, out
 from .running import readers
@@ -78,6 +78,7 @@ def view(choice: ViewOptions) -> int:
     finally:
         if choice.open:
             _opening().unlink(missing_ok=True)
+    err.print("umo: the page has ended; stations that run go on", soft_wrap=True)
     return 0
 
 
@@ -113,8 +114,11 @@ def _station(choice: ViewOptions) -> str | None:
     try:
         find(choice.station)
     except StationError as error:
-        near = did_you_mean(name, running)
-        raise PageError(f"{choice.station!r} is not running{near}, and {error}") from None
+        if Path(choice.station).is_dir():
+            raise
+        near = did_you_mean(name, [*running, *shipped()])
+        known = f"running: {', '.join(running) or 'none'}; others: {', '.join(shipped())}, or a directory"
+        raise PageError(f"no station {printable(choice.station)!r}{near}; {known}") from error
     err.print(f"umo: {name} is not running yet; the page waits for it", soft_wrap=True)
     return name
 

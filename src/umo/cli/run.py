@@ -11,7 +11,7 @@ from umo.cycle import connect, drive
 from umo.cycle.stopping import signal_name
 from umo.cycle.trace import Statistics, Trace
 from umo.process.job import Job, Plan
-from umo.process.outcome import Failed, plain, plain_reports
+from umo.process.outcome import Failed, Outcome, plain, plain_reports
 from umo.process.start import LINUX
 from umo.process.station import StationError
 from umo.text import cause_of
@@ -47,15 +47,19 @@ def run_station(job: Job, *, summary: Path | None, full_traceback: bool = False)
     outcome = result.outcome
     if outcome.failure is not None and not result.statistics.periods:
         return _fail(outcome.failure, full_traceback)  # nothing ran: there is nothing to show
+    _say_how_it_ended(outcome, full_traceback)  # at once: the plot takes seconds
     written = summary is None or _write_summary(result, summary)
     _leave_behind(plan.name, result, trace)
     name = f"{plan.name}, {plan.wiring_name}" if plan.wiring_name else plan.name
     out.print(result.table(f"umo run {name}"))
+    return outcome.status if written else max(outcome.status, 1)
+
+
+def _say_how_it_ended(outcome: Outcome, full_traceback: bool) -> None:
     if outcome.failure is not None:
         _fail(outcome.failure, full_traceback)
     elif outcome.stopped_by is not None:
         err.print(f"umo: stopped by {signal_name(outcome.stopped_by)}; every actuator is at its default")
-    return outcome.status if written else max(outcome.status, 1)
 
 
 def _fail(failure: Failed, full_traceback: bool) -> int:

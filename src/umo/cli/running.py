@@ -33,7 +33,9 @@ def ps(as_json: bool) -> None:
     else:
         out.print("no station is running")
     for ended in stopped:
-        out.print(f"stands stopped: {ended} (start it with --acknowledge)")
+        out.print(f"stands stopped: {ended.brief}", no_wrap=True, overflow="ellipsis")
+    if stopped:
+        out.print("Inspect it, then start it with --acknowledge; `umo ps --json` has the causes.", soft_wrap=True)
 
 
 def attach_first(words: list[str]) -> tuple[Reader, list[str]]:

@@ -13,7 +13,7 @@ from umo.errors import FramesError
 from umo.frames import Reader, rings
 from umo.frames.layout import USAGE
 from umo.latency import blackbox
-from umo.latency.causes import AFTER, WAKE, explain, missed_rows, sentence, split, tally
+from umo.latency.causes import AFTER, WAKE, counts, explain, missed_rows, sentence, split, tally
 from umo.remote.search import frames_at, reading, station_name
 from umo.text import did_you_mean
 
@@ -105,11 +105,12 @@ def _around(reader: Reader, frames: Any, row: int) -> Table:
     table.add_row("missed", "", *(str(frames["missed"][i] or "") for i in rows))
     for name, values in zip(names, times, strict=True):
         table.add_row(f"{_title(name)}, us", f"{np.median(values):.1f}", *(f"{values[i]:.1f}" for i in rows))
-    for name, _, _, unit in USAGE:
-        counted = np.diff(frames[name], prepend=frames[name][:1]) * (1e-3 if unit else 1)
+    units = {name: unit for name, _, _, unit in USAGE}
+    for name, counted in counts(frames).items():
+        scale = 1e-3 if units[name] else 1.0
         if counted[rows].any():
-            title = name.replace("_", " ") + (", us" if unit else "")
-            table.add_row(title, f"{np.median(counted):.0f}", *(f"{counted[i]:.0f}" for i in rows), style="dim")
+            title = name.replace("_", " ") + (", us" if units[name] else "")
+            table.add_row(title, "", *(f"{counted[i] * scale:.0f}" for i in rows), style="dim")
     return table
 
 

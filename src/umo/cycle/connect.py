@@ -116,7 +116,8 @@ class connect(Generic[C]):
             clock = WallClock() if self.wired.period is None else Clock(self.wired.period)
             if self.wired.injection is not None:
                 self.wired.injection.clock = clock
-            self.machine = ConnectedMachine(self.root, make_image(self.wired, clock), self.stop, self.wired.injection)
+            image, outputs = make_image(self.wired, clock), self.wired.process.outputs
+            self.machine = ConnectedMachine(self.root, image, self.stop, self.wired.injection, outputs)
         except BaseException:
             self._give_back()
             if custody is not self.custody:

@@ -24,9 +24,7 @@ class Lease:
         """Whether it was taken over from another hand. CommandRefused while another hand has it, unless `over`."""
         others = bool(self.holder) and key != self._key
         if others and not over:
-            raise CommandRefused(
-                f"{self.holder} has the lease; take it over deliberately, or wait until it is given back"
-            )
+            raise CommandRefused(f"{self.holder} has the lease; take it over, or wait until it is given back")
         self.number += 1
         self.holder, self._key, self._seconds = who, key, min(max(seconds, SHORTEST), LONGEST)
         self.renew(key, now)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Coroutine
 from functools import cached_property, partial
 from time import monotonic_ns
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, NoReturn, cast
 
 from umo.cycle.clock import Clock, WallClock
 from umo.cycle.commands import Commands
@@ -23,6 +23,7 @@ from umo.drivers.contract import Direction
 from umo.errors import DriverError
 from umo.objects import Action, Compound, Node, Tunable, actions_of, tunables_of
 from umo.wiring.faults.wrapper import Injection
+from umo.wiring.resolved import AT_NEXT_TICK, AT_ONCE
 
 INJECTED = "injected_faults"
 """The signal of a run with faults: how many are in effect."""
@@ -31,7 +32,14 @@ INJECTED = "injected_faults"
 class ConnectedMachine:
     """Behind the compounds of one machine from `connect` to its end (`umo.objects.link.Machine`)."""
 
-    def __init__(self, root: Compound, image: Image, stop: StopFlag, injection: Injection | None = None) -> None:
+    def __init__(
+        self,
+        root: Compound,
+        image: Image,
+        stop: StopFlag,
+        injection: Injection | None = None,
+        outputs: str = AT_ONCE,
+    ) -> None:
         self.root = root
         self.image = image
         self.clock: Clock = image.clock
@@ -48,6 +56,8 @@ class ConnectedMachine:
         self._slots: dict[int, _PartSlots] = {}
         self._acts: dict[int, list[Callable[[], None]]] = {}
         self._started = 0
+        self._unsent = False
+        """An `update` waits for the next tick."""
         self._open = False
         """A period has begun and its frame was not shown yet."""
         self.clock.on_tick = self._tick
@@ -56,7 +66,11 @@ class ConnectedMachine:
         asynchronous = (item for item in image.items if not item.synchronous)
         commanded = self.commands.by_slot or any(item.direction is Direction.OUTPUT for item in asynchronous)
         self.sample_all = self._guarded_sample if commanded else image.sample
-        root._connect(self, self._way_to_sample(), self._update)
+        sample = self._way_to_sample()
+        if outputs == AT_NEXT_TICK:
+            root._connect(self, partial(self._send_and_sample, sample), self._update_later)
+        else:
+            root._connect(self, sample, self._update)
         for compound in self._compounds[1:]:
             compound._connect(self, partial(self.sample, compound), partial(self.update, compound))
         self._root_acts = self._overrides(root)
@@ -110,11 +124,7 @@ class ConnectedMachine:
         try:
             good = self.image.sample()
         except DriverError as unread:
-            try:
-                self.commands.evaluate()
-            except DriverError as unreset:
-                raise DriverError("could not be read or reset", [*unread.failures, *unreset.failures]) from unread
-            raise
+            _go_on(unread, self.commands.evaluate, "could not be read or reset")
         self.commands.evaluate()
         return good
 
@@ -142,9 +152,33 @@ class ConnectedMachine:
         try:
             return self.image.update()
         finally:
-            self._open = False
-            if self.observers:
-                self._show()
+            self._finish()
+
+    def _finish(self) -> None:
+        """The period is over."""
+        self._open = False
+        if self.observers:
+            self._show()
+
+    def _update_later(self) -> bool:
+        """The next `sample` sends what this period has computed. If there was none since the last `update`, it is sent
+        now."""
+        waiting, self._unsent = self._unsent, True
+        try:
+            return not waiting or self.image.update()
+        finally:
+            self._finish()
+
+    def _send_and_sample(self, sample: Callable[[], bool]) -> bool:
+        """What the period before has computed, then the sensors; one DriverError lists the failures of both."""
+        if not self._unsent:
+            return sample()
+        self._unsent = False
+        try:
+            self.image.update()
+        except DriverError as unsent:
+            _go_on(unsent, sample, "could not be written or read")
+        return sample()
 
     def reset(self, part: Compound) -> None:
         self.image.reset_some(self._slots_of(part).all)
@@ -168,9 +202,7 @@ class ConnectedMachine:
     def finish_period(self) -> None:
         """Show the frame of a period whose `sample` or `control` failed, so that no `update` did."""
         if self._open:
-            self._open = False
-            if self.observers:
-                self._show()
+            self._finish()
 
     def _tick(self) -> None:
         self.finish_period()
@@ -215,6 +247,15 @@ class _PartSlots(NamedTuple):
     """To update."""
     all: list[int]
     """To reset: the actuators in stop order, then the sensors."""
+
+
+def _go_on(failed: DriverError, then: Callable[[], object], what: str) -> NoReturn:
+    """One step of a period has failed: take the next one all the same, and raise what failed of both."""
+    try:
+        then()
+    except DriverError as error:
+        raise DriverError(what, [*failed.failures, *error.failures]) from failed
+    raise failed
 
 
 def _bound(node: Node) -> Callable[[], None]:

@@ -11,9 +11,10 @@ from umo.drivers.timerfd import TimerFd
 class PacedTimer(TimerFd):
     """The timer channel of a driver that runs in virtual time, in real time (the option `realtime` of a run).
 
-    `read` waits for the wall clock like `TimerFd`. Then it reads the timer channel of the driver once for every period
-    that has passed, so that this time passes in the plant. It returns the periods missed by the wall clock. The wiring
-    puts it in the place of the driver on the timer's wire; it does not open or close the driver.
+    `read` reads the timer channel of the driver, so that one period passes in the plant, and waits for the wall clock
+    like `TimerFd`: what the plant has to compute does not delay the period. If the wall clock has missed periods, they
+    pass in the plant too. It returns the periods missed by the wall clock. The wiring puts it in the place of the
+    driver on the timer's wire; it does not open or close the driver.
     """
 
     def __init__(self, timer: Driver[Any]) -> None:
@@ -38,7 +39,8 @@ class PacedTimer(TimerFd):
         self.timer.reset(channel, default)
 
     def read(self, channel: Channel) -> int:
+        self.timer.read(channel)
         missed = super().read(channel)
-        for _ in range(max(missed, 1)):
+        for _ in range(missed - 1):
             self.timer.read(channel)
         return missed

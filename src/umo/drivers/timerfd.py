@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import ctypes
 import os
-import select
 import sys
 import time
 from collections.abc import Callable
+from typing import NoReturn
 
 from umo.drivers.contract import Channel, Direction, Driver
 from umo.errors import DriverError
 
 CLOCK_MONOTONIC = 1
 TFD_TIMER_ABSTIME = 1
+REST = 1 / 16
+"""Of the time: how much a thread that rises early sleeps at least. The kernel holds up a real-time thread that sleeps
+less than 5 % (sched(7), sched_rt_runtime_us)."""
+TRY_AGAIN = 8
+"""Periods until what took too long is tried again; twice as many after each time that it did so again."""
+MOST_TIMES = 12
+"""That the number of periods is doubled."""
 TFD_CLOEXEC = getattr(os, "O_CLOEXEC", 0)
 
 
@@ -30,20 +37,38 @@ def _timespec(nanoseconds: int) -> _Timespec:
 
 
 class Ticker:
-    """A grid of periods on the monotonic clock. `expired` is injected by tests.
+    """A grid of periods on the monotonic clock. `clock` (ns), `sleep` and `nap` are injected by tests.
 
-    `expired(block)` returns how many ticks have passed since it was last asked; with block=False possibly 0,
-    with block=True at least 1.
+    `sleep()` returns after the next expiry of the kernel's timer, or at once if it has expired since the last call;
+    the clock says which ticks have passed. `nap(s)` is time.sleep.
     """
 
-    def __init__(self, period: float, expired: Callable[[bool], int] | None = None) -> None:
+    def __init__(
+        self,
+        period: float,
+        clock: Callable[[], int] = time.monotonic_ns,
+        sleep: Callable[[], object] | None = None,
+        nap: Callable[[float], object] = time.sleep,
+    ) -> None:
         self.period = period
-        self._expired = expired or self._read
-        self._late = 0  # ticks that passed between the wake-up and the look at the counter
+        self._clock = clock
+        self._sleep = sleep or self._read
+        self._nap = nap
         self._fd = -1
-        self._passed: Callable[[int], object] = lambda timeout: ()
         self._nanoseconds = round(period * 1e9)
-        self._next = 0
+        self._next = clock() + self._nanoseconds
+        self._rest = round(self._nanoseconds * REST)
+        self._owed = 0
+        """ns that the thread should have slept by now and has not."""
+        self._early = 0
+        self.meanwhile: Callable[[], object] | None = None
+        """Called once between the early rising and its tick, if it is likely to end before it."""
+        self._took = 0
+        """ns, the last time that it ended before its tick."""
+        self._overran = 0
+        """Times in a row that it did not."""
+        self._left_out = 0
+        """Periods until it is called again after that."""
         self.due = 0
         """When the tick that ended the last `wait` was due, in ns of CLOCK_MONOTONIC."""
         self.woke = 0
@@ -57,43 +82,80 @@ class Ticker:
         self._fd = libc.timerfd_create(CLOCK_MONOTONIC, TFD_CLOEXEC)
         if not self._nanoseconds:  # which timerfd takes for "never"
             raise DriverError(f"timerfd: the period is {self.period:g} s; give the timer a period in its wiring")
-        self._next = time.monotonic_ns() + self._nanoseconds
-        spec = _Itimerspec(_timespec(self._nanoseconds), _timespec(self._next))
-        if self._fd < 0 or libc.timerfd_settime(self._fd, TFD_TIMER_ABSTIME, ctypes.byref(spec), None) < 0:
-            number = ctypes.get_errno()
-            raise DriverError(f"timerfd: {os.strerror(number)} (period {self.period:g} s)")
-        waiting = select.poll()  # select.select takes no descriptor above 1023
-        waiting.register(self._fd, select.POLLIN)
-        self._passed = waiting.poll
+        self._next = self._clock() + self._nanoseconds
+        if self._fd < 0:
+            self._refused()
+        self._arm()
+
+    def rise_early(self, seconds: float) -> None:
+        """Sleep until so many seconds before each tick, and look at the clock from then on until it comes: the thread
+        is awake, and its processor too. Costs this share of a processor. Where the periods leave less than `REST` of
+        the time to sleep before, some are waited for asleep."""
+        self._early = round(seconds * 1e9)
+        if self._fd >= 0:
+            self._arm()
 
     def wait(self) -> int:
         """As in the paper: return at once the ticks that have passed since the last call; if there were none, block
         until the next tick and return 0. A missed tick does not shift the following ticks."""
-        before, self._late = self._late, 0
-        passed = before + self._pass(self._expired(False))
-        if passed:
-            self.woke = time.monotonic_ns()
+        clock, due = self._clock, self._next
+        now = clock()
+        if now >= due:
+            passed = (now - due) // self._nanoseconds + 1
+            self._next = due + passed * self._nanoseconds
+            self.due, self.woke = self._next - self._nanoseconds, now
             return passed
-        first = self._next
-        self._late = self._pass(self._expired(True)) - 1
-        self.woke = time.monotonic_ns()
-        self.due = first
+        early = due - self._early
+        self._owed += self._rest
+        if self._early and self._owed > self._nanoseconds:
+            self._owed -= due - now
+            self._nap((due - now) * 1e-9)
+            now = clock()
+        elif now < early:
+            self._owed = max(self._owed - (early - now), 0)
+        while now < early:
+            self._sleep()
+            now = clock()
+        if self.meanwhile is not None and now < due:
+            now = self._use(self.meanwhile, now, due)
+        while now < due:
+            now = clock()
+        self._next = due + self._nanoseconds
+        self.due, self.woke = due, now
         return 0
+
+    def _use(self, meanwhile: Callable[[], object], now: int, due: int) -> int:
+        """Call `meanwhile` if it fits; returns the time then."""
+        if self._left_out:
+            self._left_out -= 1
+            return now
+        if due - now <= self._took:
+            return now
+        meanwhile()
+        after = self._clock()
+        if after <= due:
+            self._took, self._overran = after - now, 0
+        else:
+            self._left_out = TRY_AGAIN << self._overran
+            self._overran = min(self._overran + 1, MOST_TIMES)
+        return after
 
     def close(self) -> None:
         if self._fd >= 0:
             os.close(self._fd)
             self._fd = -1
 
-    def _pass(self, ticks: int) -> int:
-        self._next += ticks * self._nanoseconds
-        self.due = self._next - self._nanoseconds
-        return ticks
+    def _arm(self) -> None:
+        spec = _Itimerspec(_timespec(self._nanoseconds), _timespec(self._next - self._early))
+        libc = ctypes.CDLL(None, use_errno=True)
+        if libc.timerfd_settime(self._fd, TFD_TIMER_ABSTIME, ctypes.byref(spec), None) < 0:
+            self._refused()
 
-    def _read(self, block: bool) -> int:
-        if not block and not self._passed(0):
-            return 0
-        return int.from_bytes(os.read(self._fd, 8), sys.byteorder)
+    def _refused(self) -> NoReturn:
+        raise DriverError(f"timerfd: {os.strerror(ctypes.get_errno())} (period {self.period:g} s)")
+
+    def _read(self) -> None:
+        os.read(self._fd, 8)
 
 
 class TimerFd(Driver):

@@ -31,7 +31,7 @@ from umo.objects import Atomic, Quality
 from umo.objects.description import described
 
 MAGIC = b"umoframe"
-VERSION = 4
+VERSION = 5
 HEADER = struct.Struct("<8sIIQQQQQQ")
 """Magic, version, flags, offset of the first slot, bytes of a slot, slots, offset of the journal, its entries, bytes of
 the description."""
@@ -86,8 +86,8 @@ USAGE: list[Column] = [
     ("collections", "<i8", 1, ""),
     ("collecting", "<i8", 1, "ns"),
 ]
-"""What the operating system and the interpreter have counted for the loop's thread: differences between two frames
-are what happened from one to the next."""
+"""What the operating system and the interpreter have counted for the loop's thread, when they were last read:
+differences between two frames are what happened between these readings."""
 
 FIXED: list[Column] = [
     ("sequence", "<u8", 1, ""),
@@ -99,6 +99,7 @@ FIXED: list[Column] = [
     ("wake", "<i8", 1, "ns from the tick to waking up; -1 unknown"),
     ("execution", "<i8", 1, "ns from the timer's return to the end of update"),
     *USAGE,
+    ("counted", "<i8", 1, "number of the frame, from 0, for which these were read"),
     ("journal", "<i8", 1, "number of its first entry in the journal"),
     ("entries", "<i8", 1, "in the journal"),
     ("entries_lost", "<i8", 1, "that found no room in the journal"),

@@ -174,6 +174,11 @@ class Reader:
         """Who has the lease; empty: nobody."""
         return self.lease[1]
 
+    def lease_held(self, number: int) -> bool:
+        """Whether the lease of this number still lasts: it has not ended, and no other hand has taken it over."""
+        last, holder = self.lease
+        return last == number and bool(holder)
+
     @property
     def taken(self) -> int:
         """Commands from outside that the machine has taken from its queue."""

@@ -80,6 +80,14 @@ def measured(times: FloatArray, values: FloatArray) -> dict[str, Any] | None:
     return asdict(TraceValues(low, high, float(values.mean()), rms, frequency(times, values, low, high)))
 
 
+def measured_state(values: FloatArray) -> dict[str, Any] | None:
+    """Of a state: the share of samples that are the electrical 1, and how often it changed; None without a value."""
+    on = values[np.isfinite(values)] > 0.5
+    if not len(on):
+        return None
+    return {"on": float(on.mean()), "changes": int(np.count_nonzero(on[1:] != on[:-1]))}
+
+
 def frequency(times: FloatArray, values: FloatArray, low: float, high: float) -> float | None:
     """Of the rising crossings of the middle, in Hz, counted with a hysteresis; None for less than one whole period."""
     middle, band = (low + high) / 2, (high - low) * HYSTERESIS

@@ -52,6 +52,11 @@ ENTRIES = 8192
 """Of the journal, at least two of the longest periods."""
 ENTRY_BYTES = ENTRY.itemsize
 MOST = (1 << 63) - 1
+COUNTED_EVERY = 32
+"""Periods after which the counters of the system are read in any case; reading them takes as long as all else."""
+COLLECTIONS = [name for name, *_ in USAGE].index("collections")
+LATE = 0.5
+"""Share of the period that waking up and execution take, above which they are read."""
 _EVENT = struct.Struct("<dQQ" + "".join(f"{EVENT_ROW[i].itemsize}s" for i in range(4, 8)))
 ORDERED = platform.machine().lower() in ("x86_64", "amd64", "i686")
 """Stores become visible in program order: a sequence counter is enough."""
@@ -87,7 +92,6 @@ class Ring:
         self.checksum = checksum
         self.index = 0
         self.missed = 0
-        self._progress: tuple[Any, tuple[bytes, int, int]] = (None, (b"", 0, 0))
         self._shown_lease = (0, "")
         self._entries = 0
         self.slot_bytes = layout.dtype.itemsize
@@ -107,6 +111,7 @@ class Ring:
         for number, tunable in enumerate(tunables):
             self._numbers[(self._tunables_at >> 3) + number] = tunable.read()
         self.usage = Usage()
+        self._counts = *self.usage.read(), 0
         image.transfer.journal = self.journal = Journal()
 
     def _place(self, layout: Layout) -> None:
@@ -115,13 +120,19 @@ class Ring:
         self._count = len(layout.objects)
         self._arrays = isinstance(self.image, ArrayImage)
         floats = len(layout.signals) + (0 if self._arrays else self._count)  # a list of values goes in with these
-        self._front = struct.Struct(f"<qdqqqq{len(USAGE)}q8q{NOTE}s{len(layout.phases)}q{floats}d")
+        self._seldom = struct.Struct(f"<{len(USAGE)}q9q{NOTE}s")
+        self._seldom_packed, self._seldom_stands, self._told_progress = b"", False, Progress()
+        raws, tail = (0, 0) if self._arrays else (8 * self._count, 2 * self._count)
+        self._front = struct.Struct(f"<qdqqqq{self._seldom.size}s{len(layout.phases)}q{floats}d{raws}s{tail}s")
+        self._quality: Sequence[int] = ()
+        self._states, self._tail = b"", b""
+        self._late = round(self._machine.clock.period * LATE * 1e9)
 
     def state(self, state: Stage) -> None:
         self._live[STATE // 8] = state
 
     def __call__(self, frame: Frame) -> None:
-        """Write one frame, about 3 us for 13 objects."""
+        """Write one frame."""
         index = self.index
         at = self._first + (index % self.slots) * self.slot_bytes
         words = self._words
@@ -168,34 +179,67 @@ class Ring:
             live[LEASE // 8] = lease.number
 
     def _fill(self, frame: Frame, at: int) -> None:
-        image, phases, journal, places = self.image, self.phases, self.journal, self._at
-        execution = round(frame.execution * 1e9)
+        image, phases = self.image, self.phases
+        execution = int(frame.execution * 1e9)
         phases.finish(execution)
-        text, done, total = self._packed(frame.progress)
-        first = self._entries
-        checksum = self._keep(journal) if journal.count else 0
+        wake = UNKNOWN if frame.missed else phases.wake
+        seldom = self._seldom_part(frame, execution + wake)
+        values: Sequence[float] = ()
+        raws = tail = b""
+        if not self._arrays:
+            values, raws, tail = image.values, image.raws.tobytes(), self._tail_of(image.quality)
         self._front.pack_into(
             self._map, at + 16,
-            frame.number, frame.time, frame.missed, frame.began,
-            UNKNOWN if frame.missed else phases.wake, execution,
-            *self.usage.read(),
-            first, journal.count, journal.lost, journal.sampled, journal.updated, checksum,
-            done, total, text,
-            *phases.ns, *frame.signal_values, *(() if self._arrays else image.values),
+            frame.number, frame.time, frame.missed, frame.began, wake, execution,
+            seldom, *phases.ns, *frame.signal_values, *values, raws, tail,
         )  # fmt: skip
         phases.clear()
-        journal.clear()
-        count = self._count
-        raws = at + places["raws"] >> 3
-        self._words[raws : raws + count] = image.raws
-        quality, commands = at + places["quality"], at + places["commands"]
-        self._bytes[commands : commands + count] = self._commands.states
+        self.journal.clear()
         if self._arrays:
-            values = at + places["values"] >> 3
-            self._numbers[values : values + count] = image.values
-            self._bytes[quality : quality + count] = image.quality
-        else:
-            self._bytes[quality : quality + count] = bytes(image.quality)
+            self._copy_arrays(at)
+
+    def _copy_arrays(self, at: int) -> None:
+        image, places, count = self.image, self._at, self._count
+        raws, values = at + places["raws"] >> 3, at + places["values"] >> 3
+        quality, commands = at + places["quality"], at + places["commands"]
+        self._words[raws : raws + count] = image.raws
+        self._numbers[values : values + count] = image.values
+        self._bytes[quality : quality + count] = image.quality
+        self._bytes[commands : commands + count] = self._commands.states
+
+    def _tail_of(self, quality: list[int]) -> bytes:
+        """Qualities and commands of all objects, made when they have changed."""
+        states = self._commands.states
+        if quality != self._quality or states is not self._states:
+            self._quality, self._states = quality.copy(), states
+            self._tail = bytes(quality) + states
+        return self._tail
+
+    def _seldom_part(self, frame: Frame, took: int) -> bytes:
+        """Counters, journal and progress: packed when they may have changed. The counters are read after a period that
+        took long, that missed others, or in which the collector ran, and in one of `COUNTED_EVERY`."""
+        journal, progress = self.journal, frame.progress
+        counted = (
+            took > self._late
+            or frame.missed > 0
+            or self.usage.collections != self._counts[COLLECTIONS]
+            or not self.index % COUNTED_EVERY
+        )
+        stands = not (counted or journal.count or journal.sampled or journal.updated)
+        if stands and self._seldom_stands and progress is self._told_progress:
+            return self._seldom_packed
+        if counted:
+            self._counts = *self.usage.read(), self.index
+        first, checksum = self._entries, self._keep(journal) if journal.count else 0
+        text = _cut(progress.text, NOTE)
+        self._seldom_packed = self._seldom.pack(
+            *self._counts,
+            first, journal.count, journal.lost, journal.sampled, journal.updated, checksum,
+            min(progress.done, MOST), min(progress.total, MOST), text,
+        )  # fmt: skip
+        self._seldom_stands = not (journal.count or journal.sampled or journal.updated)
+        self._told_progress = progress
+        return self._seldom_packed
 
     def _keep(self, journal: Journal) -> int:
         """The entries of this period; their checksum, if there is to be one. Readers are told first that these places
@@ -208,13 +252,6 @@ class Ring:
         self._bytes[start : start + here] = entries[:here]
         self._bytes[self._journal_at : self._journal_at + len(entries) - here] = entries[here:]
         return zlib.crc32(entries) if self.checksum else 0
-
-    def _packed(self, progress: Progress) -> tuple[bytes, int, int]:
-        """Its text cut to its place; once for each progress."""
-        if progress is not self._progress[0]:
-            packed = _cut(progress.text, NOTE), min(progress.done, MOST), min(progress.total, MOST)
-            self._progress = progress, packed
-        return self._progress[1]
 
     def close(self) -> None:
         """End the ring: readers see the end, the last frames and events. The file is not removed."""

@@ -73,8 +73,10 @@ def explain(frames: Frames, layout: Layout, row: int) -> Verdict:
     cause, text = Cause.UNKNOWN, "the periods before it are not in this file"
     if first >= 2:
         end = first if part == AFTER else first - 1  # the counters are read when a frame is being written
-        counted = {name: int(frames[name][end] - frames[name][end - 1]) for name, *_ in USAGE}
-        cause, text = _judge(part, excess, float(parts[part][first - 1]), counted)
+        while end + 1 < len(frames) and frames["counted"][end] == frames["counted"][end - 1]:
+            end += 1  # they were not read for this one
+        happened = {name: int(values[end]) for name, values in counts(frames).items()}
+        cause, text = _judge(part, excess, float(parts[part][first - 1]), happened)
     still = "still late: " if first < row else ""
     return Verdict(row, int(frames["missed"][row]), cause, still + text, excess * 1e-9 if first >= 2 else 0.0)
 
@@ -97,6 +99,21 @@ def split(frames: Frames, layout: Layout) -> PhaseTimes:
     after = called - (frames["began"][:-1] + frames["execution"][:-1])
     parts[AFTER] = np.append(after, 0.0)
     return parts
+
+
+def counts(frames: Frames) -> dict[str, npt.NDArray[np.float64]]:
+    """What each counter counted in the period of each row. The counters are not read in every period: what is usual is
+    taken off for those between two readings, and a row that has none of its own gets 0."""
+    read = np.flatnonzero(np.diff(frames["counted"])) + 1  # those with a reading of their own
+    periods = np.diff(frames["counted"])[read - 1]
+    found = {}
+    for name, *_ in USAGE:
+        values = np.zeros(len(frames))
+        counted = np.diff(frames[name])[read - 1].astype(float)
+        usual = float(np.median(counted / periods)) if len(read) else 0.0
+        values[read] = counted - usual * (periods - 1)
+        found[name] = values
+    return found
 
 
 def _judge(part: str, excess: float, took: float, counted: dict[str, int]) -> tuple[Cause, str]:

@@ -7,17 +7,20 @@ import signal
 import struct
 import subprocess
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection, Pipe
-from time import monotonic_ns
+from time import monotonic_ns, thread_time_ns
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from umo.cycle import connect
+from umo.cycle.rehearsal import rise_early
 from umo.drivers.timerfd import Ticker
 from umo.errors import DriverError
+from umo.latency.native import Slice
 from umo.objects import BinaryActuator, Compound, DigitalActuator, DigitalSensor, OnOff
 from umo.system import realtime
 
@@ -56,6 +59,8 @@ def example() -> Example:
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """As a control process has; numpy's own threads would be started with it."""
+REQUEST = struct.Struct("<qd")
+"""Periods, and s of rising early."""
 START = "import sys; from umo.latency.loop import serve; serve(*sys.argv[1:])"
 
 
@@ -88,10 +93,15 @@ class Loop:
                 "the measuring process ended before it started measuring; see the message above"
             ) from None
 
-    def run(self, periods: int) -> npt.NDArray[np.int64]:
+    @property
+    def granted(self) -> bool:
+        """SCHED_FIFO and a core of its own."""
+        return self.priority > 0 and self.cpu is not None
+
+    def run(self, periods: int, early: float = 0.0) -> Slice:
         """As `native.run`."""
-        self._here.send_bytes(struct.pack("<q", periods))
-        return np.frombuffer(self._here.recv_bytes(), np.int64).reshape(-1, 2)
+        self._here.send_bytes(REQUEST.pack(periods, early))
+        return Slice.of(self._here.recv_bytes())
 
     def close(self) -> None:
         self._here.close()
@@ -109,23 +119,19 @@ def serve(file: str, period: str, priority: str, cpu: str) -> None:
     connection = connect(machine, {"wire": wire})
     with suppress(EOFError, ConnectionError), connection as m:
         ticker = connection.wired.drivers["timerfd"].ticker  # type: ignore[attr-defined]
-        there.send((realtime.prepare(wanted, None if int(cpu) < 0 else int(cpu)), *_granted(wanted)))
+        there.send((realtime.prepare(wanted, None if int(cpu) < 0 else int(cpu)), *realtime.granted()))
         while True:
-            (periods,) = struct.unpack("<q", there.recv_bytes())
-            there.send_bytes(_slice(m, ticker, periods).tobytes())
+            periods, early = REQUEST.unpack(there.recv_bytes())
+            rise_early(connection.wired, early)
+            there.send_bytes(slice_of(m, ticker, periods).tobytes())
 
 
-def _granted(priority: int) -> tuple[int, int | None]:
-    """Priority and core of this process."""
-    cores = os.sched_getaffinity(0)
-    fifo = os.sched_getscheduler(0) == os.SCHED_FIFO
-    return priority if fifo else 0, next(iter(cores)) if len(cores) == 1 else None
-
-
-def _slice(m: Example, ticker: Ticker, periods: int) -> npt.NDArray[np.int64]:
-    times = np.full((periods, 2), -1, np.int64)
+def slice_of(m: Example, ticker: Ticker, periods: int, end: Callable[[], int] = monotonic_ns) -> npt.NDArray[np.int64]:
+    """Run so many periods; the rows that `Slice.of` takes. `end` tells when the work of a period had ended."""
+    times = np.full((periods + 1, 2), -1, np.int64)
     m.timer.read()  # the ticks between the slices
     m.timer.read()
+    began = thread_time_ns(), monotonic_ns()
     i = 0
     while i < periods:
         missed = int(m.timer.read())
@@ -135,6 +141,7 @@ def _slice(m: Example, ticker: Ticker, periods: int) -> npt.NDArray[np.int64]:
         m.sample()
         m.control()
         m.update()
-        times[i] = -1 if missed else ticker.woke - ticker.due, monotonic_ns() - ticker.woke
+        times[i] = -1 if missed else ticker.woke - ticker.due, end() - ticker.woke
         i += 1
+    times[periods] = thread_time_ns() - began[0], monotonic_ns() - began[1]
     return times

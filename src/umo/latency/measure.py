@@ -8,12 +8,14 @@ import sys
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from umo.latency import native
 from umo.latency.loop import Loop
+from umo.system import realtime
 from umo.system.realtime import Refusal
 
 SLICE = 0.5
@@ -29,14 +31,24 @@ class Samples:
     wake: npt.NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     work: npt.NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     missed: int = 0
+    processor: float = 0.0
+    """ns of processor time"""
+    elapsed: float = 0.0
+    """ns"""
+
+    @property
+    def busy(self) -> float:
+        """The share of a processor that it used."""
+        return self.processor / self.elapsed if self.elapsed else 0.0
 
     @property
     def total(self) -> npt.NDArray[np.float64]:
         """Waking up and working, of each period that began in time."""
         return self.wake + self.work
 
-    def add(self, times: npt.NDArray[np.int64]) -> None:
-        """One slice in ns, -1 where a tick had passed already."""
+    def add(self, found: native.Slice) -> None:
+        times = found.times
+        self.processor, self.elapsed = self.processor + found.processor, self.elapsed + found.elapsed
         began = times[:, 0] >= 0
         self.missed += int((~began).sum())
         self.wake = np.append(self.wake, times[began, 0] * 1e-3)
@@ -45,12 +57,30 @@ class Samples:
 
 @dataclass
 class Measured:
-    """The results. `c` is None without a compiler."""
+    """The results: of umo's loop and of the C loop, each as it sleeps until the tick and as it rises early."""
 
     period: float
-    umo: Samples
-    c: Samples | None
+    early: float
+    """s before the tick."""
     refusals: list[Refusal]
+    granted: bool = False
+    """SCHED_FIFO and a core."""
+    umo: Samples = field(default_factory=Samples)
+    umo_early: Samples = field(default_factory=Samples)
+    c: Samples | None = None
+    """None without a compiler."""
+    c_early: Samples | None = None
+
+    @property
+    def loops(self) -> dict[str, Samples]:
+        """Those that were measured, by name."""
+        found = {"umo": self.umo, "umo, early": self.umo_early, "C": self.c, "C, early": self.c_early}
+        return {name: samples for name, samples in found.items() if samples is not None}
+
+    @property
+    def by_itself(self) -> Samples:
+        """Of umo's two, what `umo run` does on this computer unless the wiring says otherwise."""
+        return self.umo_early if self.granted else self.umo
 
 
 def measure(
@@ -62,18 +92,18 @@ def measure(
     cpu: int | None = None,
     progress: Callable[[float], object] = lambda share: None,
 ) -> Measured:
-    """Run both loops for `seconds` s each, in turns; `load` keeps every core busy beside them. Ctrl-C ends it early."""
+    """Run all loops for `seconds` s each, in turns; `load` keeps every core busy beside them. Ctrl-C ends it early."""
     periods = max(20, round(SLICE / period))
     slices = max(1, round(seconds / (periods * period)))
     busy = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in range(os.cpu_count() or 1)] if load else []
     try:
         with closing(Loop(period, priority, cpu)) as loop, native.compiled() as program:
-            found = Measured(period, Samples(), None if program is None else Samples(), loop.refusals)
+            found = Measured(period, realtime.early_for(period), loop.refusals, loop.granted)
+            if program is not None:
+                found.c, found.c_early = Samples(), Samples()
             try:
                 for number in range(slices):
-                    found.umo.add(loop.run(periods))
-                    if program is not None and found.c is not None:
-                        found.c.add(native.run(program, period, periods, loop.priority, loop.cpu))
+                    _slice(found, loop, program, periods)
                     progress((number + 1) / slices)
             except KeyboardInterrupt:
                 pass
@@ -82,3 +112,11 @@ def measure(
         for process in busy:
             process.kill()
             process.wait()
+
+
+def _slice(found: Measured, loop: Loop, program: Path | None, periods: int) -> None:
+    found.umo.add(loop.run(periods))
+    found.umo_early.add(loop.run(periods, found.early))
+    if program is not None and found.c is not None and found.c_early is not None:
+        found.c.add(native.run(program, found.period, periods, loop.priority, loop.cpu))
+        found.c_early.add(native.run(program, found.period, periods, loop.priority, loop.cpu, found.early))

@@ -9,6 +9,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -35,8 +36,23 @@ def compiled() -> Iterator[Path | None]:
         yield program if made.returncode == 0 else None
 
 
-def run(program: Path, period: float, periods: int, priority: int, cpu: int | None) -> npt.NDArray[np.int64]:
-    """Of shape (periods, 2): late in waking up, working, in ns; -1 for ticks that passed meanwhile."""
-    words = [round(period * 1e9), periods, priority, -1 if cpu is None else cpu]
-    done = subprocess.run([str(program), *map(str, words)], capture_output=True, check=True)
-    return np.frombuffer(done.stdout, np.int64).reshape(-1, 2)
+class Slice(NamedTuple):
+    """The times of some periods of a loop, in ns."""
+
+    times: npt.NDArray[np.int64]
+    """Of shape (periods, 2): late in waking up, working; -1 for ticks that passed meanwhile."""
+    processor: int
+    """Processor time."""
+    elapsed: int
+
+    @classmethod
+    def of(cls, data: bytes) -> Slice:
+        """As the loops send it: processor time and time are the last row."""
+        rows = np.frombuffer(data, np.int64).reshape(-1, 2)
+        return cls(rows[:-1], int(rows[-1, 0]), int(rows[-1, 1]))
+
+
+def run(program: Path, period: float, periods: int, priority: int, cpu: int | None, early: float = 0.0) -> Slice:
+    """Once, with so many periods; `early` in s before the tick it stops to sleep."""
+    words = [round(period * 1e9), periods, priority, -1 if cpu is None else cpu, round(early * 1e9)]
+    return Slice.of(subprocess.run([str(program), *map(str, words)], capture_output=True, check=True).stdout)

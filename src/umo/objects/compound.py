@@ -150,11 +150,14 @@ class Compound(Node):
     # One period ------------------------------------------------------------------------------------
 
     def sample(self) -> bool:
-        """Read every synchronous sensor below; True if all are GOOD. DriverError lists what failed."""
+        """Read every synchronous sensor below; True if all are GOOD. DriverError lists what failed. With `outputs = "at
+        next tick"` that of the whole machine first sends what `update` left, and lists what was not accepted."""
         return self._sample()
 
     def update(self) -> bool:
-        """Send every synchronous actuator below; True when all were accepted, else DriverError."""
+        """Send every synchronous actuator below; True when all were accepted, else DriverError. With
+        `outputs = "at next tick"` in the wiring's `[process]` that of the whole machine leaves them to the next
+        `sample`."""
         return self._update()
 
     def reset(self) -> None:

@@ -58,13 +58,13 @@ class Feed:
             await asyncio.sleep(max(0.001, now + 1 / (RATE if self.pages else IDLE_RATE) - time.monotonic()))
 
     def look(self, states: bool) -> None:
-        """Read every ring once, and wake the pages. A ring that cannot be read is dropped; the others go on."""
+        """Read every ring once, and wake the pages, with `states` to a new state. A ring that cannot be read is
+        dropped; the others go on."""
         for watched in list(self.watched.values()):
             try:
                 if not watched.over:
                     watched.read()
-                if states:
-                    watched.take_state()
+                watched.number += states
             except Exception as error:  # of a damaged ring: whatever struct, json, numpy, mmap raise
                 self.drop(watched, error)
         looked, self._looked = self._looked, asyncio.Event()

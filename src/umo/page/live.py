@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, ParamSpec, TypeVar
 
-from umo.frames.reduction import Points, crossing, measured, reduced
+from umo.frames.reduction import Points, crossing, measured, measured_state, reduced
 from umo.page.watched import Watched
 
 MOST_TRACES = 64
@@ -89,7 +89,11 @@ class Stretch:
     def measured(self, head: dict[str, Any]) -> str:
         """A message of what is measured on each trace."""
         times, values = self.watched.history.between(self.start, self.stop, self.columns)
-        return json.dumps(head | {"values": [measured(times, row) for row in values]})
+        states = ["one" in self.watched.entries[column] for column in self.columns]
+        found = [
+            measured_state(row) if state else measured(times, row) for row, state in zip(values, states, strict=True)
+        ]
+        return json.dumps(head | {"values": found})
 
 
 def pixels(message: dict[str, Any]) -> int:

@@ -131,16 +131,11 @@ class PageHand:
         self._touched = time.monotonic()
         self._held = held
 
-    @property
-    def _has_lease(self) -> bool:
-        number, holder = self._reader.lease
-        return bool(self._leased and holder) and number == self._leased
-
     async def _keep(self) -> None:
         """Renew the lease, and keep up what the page holds, as long as it touches."""
         while not self._ended:
             silent = time.monotonic() - self._touched
-            if silent < LEASE and self._has_lease:
+            if silent < LEASE and self._reader.lease_held(self._leased):
                 with suppress(CommandRefused, FramesError, OSError):
                     for paths in batches(self._held if silent < TOUCH else []):
                         await self._send("keep", held=paths)
@@ -151,7 +146,7 @@ class PageHand:
         self._ended = True
         for task in list(self._following):
             task.cancel()
-        if self._has_lease:
+        if self._reader.lease_held(self._leased):
             with suppress(CommandRefused, FramesError, OSError):
                 await self._send("give back")
         await self._keeping  # it may be sending in a thread

@@ -150,7 +150,7 @@ def server(options: Options, ready: Callable[[], None]) -> Server:
         limit_concurrency=MOST_CONNECTIONS, timeout_graceful_shutdown=GRACE,
         ssl_certfile=options.certificate, ssl_keyfile=options.key,
     )  # fmt: skip
-    serving = Server(config, ready, feed)
+    serving = Server(config, ready)
     return serving
 
 
@@ -158,9 +158,8 @@ class Server(uvicorn.Server):
     """Says when it answers, and ends with its feed. Ctrl-C and SIGTERM end the serving, not the process: its caller
     goes on and tidies up."""
 
-    def __init__(self, config: uvicorn.Config, ready: Callable[[], None], feed: Feed) -> None:
+    def __init__(self, config: uvicorn.Config, ready: Callable[[], None]) -> None:
         super().__init__(config)
-        self.feed = feed
         self.failure: BaseException | None = None
         """That ended the feed."""
         self._ready = ready

@@ -148,8 +148,8 @@ class Session:
                 raise BadRequest("a message is a JSON object")
             await self._carry_out(message)
         except (ValueError, RecursionError) as error:  # BadRequest and what json raises
-            number = message.get("id") if isinstance(message, dict) else None
-            await self._tell({"type": "error", "id": number, "text": str(error)[:200]})
+            asked = message.get("id") if isinstance(message, dict) else None
+            await self._tell({"type": "error", "id": asked, "text": str(error)[:200]})
 
     async def _carry_out(self, message: dict[str, Any]) -> None:
         kind, watched = message.get("type"), self._watched

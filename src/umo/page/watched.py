@@ -40,7 +40,9 @@ class Watched:
         self.history = History(len(self.entries), self.period)
         self.stage = reader.state
         self.number = 0
-        """Of the state."""
+        """Of the state: the next one is made when a page asks for it."""
+        self._taken = 0
+        """The number of the state that was made last."""
         self.box = ""
         """The newest black box in words."""
         self.box_name = ""
@@ -89,9 +91,9 @@ class Watched:
         told |= {name: getattr(self.reader.layout, name) for name in OF_THE_RING}
         return told | {"qualities": [(quality.sign, quality.words) for quality in Quality]}
 
-    def take_state(self) -> None:
-        """Make the next state: what has changed since the one before."""
-        self.number += 1
+    def _take_state(self) -> None:
+        """Make the state of this number: what has changed since the one that was made before."""
+        self._taken = self.number
         shown = self._values()
         before = self._shown if len(self._shown) == len(shown) else [None] * len(shown)
         self._changed = {i: new for i, (new, old) in enumerate(zip(shown, before, strict=True)) if new != old}
@@ -101,7 +103,10 @@ class Watched:
         self._new_events = self._event != before_event
 
     def state(self, full: bool) -> str:
-        """The state as JSON: all values, or only those that have changed. Made once for all pages."""
+        """The state as JSON: all values, or only those that have changed since the last number. Made once for all
+        pages."""
+        if self._taken != self.number:
+            self._take_state()
         if full not in self._texts:
             values = dict(enumerate(self._shown)) if full else self._changed
             events = {"events": self._events()} if full or self._new_events else {}

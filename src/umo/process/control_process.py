@@ -14,6 +14,7 @@ from typing import Any
 
 from umo.cycle import Frame, connect, drive
 from umo.cycle.hands import Hands, Mode
+from umo.cycle.rehearsal import rise_early
 from umo.cycle.stage import Stage
 from umo.cycle.stop_order import stop_sequence
 from umo.cycle.stopping import request_stop
@@ -175,6 +176,8 @@ class Control:
 
     def _ready(self, machine: Compound, ring: Ring | None, refusals: list[realtime.Refusal]) -> None:
         gc.freeze()
+        early, period = self._plan.wired.process.early, self._plan.wired.period or 0.0
+        rise_early(self._plan.wired, realtime.early_by_itself(period) if early is None else early)
         if isinstance(timer := machine.children().get("timer"), DigitalSensor):
             timer.read()  # the ticks that passed until here
         if threading.active_count() > 1:

@@ -23,6 +23,7 @@ from umo.cycle.stage import Stage
 from umo.cycle.stopping import SIGNALS, signal_name
 from umo.process.control_process import Control, end
 from umo.process.job import Job, Plan
+from umo.process.last_words import say_last
 from umo.process.life import Life
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome
@@ -53,10 +54,12 @@ def main(file: int, job_file: int) -> int:
     log_on_lines()
     channel = MessageSocket(socket.socket(fileno=file))
     custody = guardian = None
+    name = "the run"
     try:
         with open(job_file, "rb") as opened:
             job = Job.load(opened.read())
         plan = Plan(job)
+        name = plan.name
         custody = Custody(plan.wired.devices, plan.name, plan.wiring_name, acknowledge=job.acknowledge)
         guardian = Guardian(plan, channel, custody)
         outcome = guardian.run()
@@ -65,6 +68,7 @@ def main(file: int, job_file: int) -> int:
         if custody is not None and (guardian is None or not guardian.forked):  # so nothing was driven
             custody.abandon()
     channel.send("ended", outcome=outcome.dump())
+    say_last(channel, name, outcome)
     return outcome.status
 
 
@@ -152,6 +156,7 @@ class Guardian:
                 self._custody.stopped(outcome.failure.message, outcome.unreached)
                 if not control.orphaned:
                     os.kill(guardian, signal.SIGKILL)
+                say_last(self._channel, self._plan.name, outcome)
             end(outcome.status)
         except BaseException:
             with suppress(BaseException):

@@ -64,6 +64,12 @@ class MessageSocket:
                 break
         return b"", []
 
+    def peer_is_gone(self, within: float) -> bool:
+        """Whether, now or `within` s, nobody holds the other end any more. Messages of its may still be unread."""
+        end = select.poll()
+        end.register(self._socket, 0)  # POLLHUP and POLLERR come unasked
+        return any(event & (select.POLLHUP | select.POLLERR) for _, event in end.poll(within * 1e3))
+
     def fileno(self) -> int:
         return self._socket.fileno()
 

@@ -10,7 +10,7 @@ from contextlib import suppress
 from types import TracebackType
 from typing import TYPE_CHECKING
 
-from umo.errors import UmoError
+from umo.errors import CommandRefused, UmoError
 
 if TYPE_CHECKING:
     from umo.remote.attached import RemoteStation
@@ -44,11 +44,10 @@ class HeldLease:
     @property
     def lost(self) -> bool:
         """Whether it has ended, or another hand has taken it over."""
-        number, holder = self._station.reader.lease
-        return number != self._number or not holder
+        return not self._station.reader.lease_held(self._number)
 
     def __enter__(self) -> HeldLease:
-        self._number = self._station.ask("lease", key=self.key, who=self.who, seconds=self._seconds, over=self._over)
+        self._number = self._ask()
         self._station.held_lease = self
         self._thread = threading.Thread(target=self._keep, name="umo lease", daemon=True)
         self._thread.start()
@@ -65,6 +64,16 @@ class HeldLease:
             if not self.lost:
                 self._station.ask("give back")
         self._station.held_lease = None
+
+    def _ask(self) -> int:
+        """Its number. CommandRefused names the argument that takes it over."""
+        try:
+            number: int = self._station.ask("lease", key=self.key, who=self.who, seconds=self._seconds, over=self._over)
+        except CommandRefused as error:
+            if self._over or not self._station.reader.holder:
+                raise
+            raise CommandRefused(f"{error} (station.lease(over=True) takes it over)") from error
+        return number
 
     def keep_up(self, path: str, lasts: float) -> None:
         """From now on this is kept up: the thread may be waiting longer than it lasts."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -49,8 +49,15 @@ def find_running(name: str | None, said: Callable[[str], object] = lambda text: 
         raise FramesError(f"no station is running{_others()}; start one in real time with `umo run STATION`")
     if not fitting:
         raise FramesError(f"{name!r} is not running{did_you_mean(str(name), names)}; running: {', '.join(names)}")
+    if name is not None:
+        raise FramesError(several_runs(name, fitting))
     pids = ", ".join(f"{reader.about['station']} (pid {reader.about['pid']})" for reader in fitting)
     raise FramesError(f"several stations are running; give a name or a pid: {pids}")
+
+
+def several_runs(name: str, fitting: Sequence[Reader]) -> str:
+    pids = ", ".join(str(reader.about["pid"]) for reader in fitting)
+    return f"{len(fitting)} runs of {name} are going on; give the pid of one instead of the name: {pids}"
 
 
 def station_name(text: str) -> str:

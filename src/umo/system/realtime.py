@@ -8,6 +8,7 @@ import os
 import sys
 from contextlib import suppress
 from dataclasses import dataclass
+from math import floor
 from pathlib import Path
 
 try:
@@ -21,6 +22,8 @@ IDLE = 16 << 20
 """Bytes from which on an anonymous mapping counts as a library's buffer."""
 UNUSED = ("blas", "gfortran", "pydantic", "libcrypto", "libssl")
 """In the names of libraries that no loop calls."""
+EARLY = 200e-6
+"""s, for waking up and a rehearsal (docs/decisions/0018)."""
 PR_SET_PDEATHSIG = 1
 PR_SET_TIMERSLACK = 29
 CAP_IPC_LOCK = 14
@@ -56,6 +59,29 @@ def prepare(priority: int = 80, cpu: int | None = None) -> list[Refusal]:
     scheduled = use_fifo(priority)
     refusals = [lock_memory(), scheduled, pin(cpu, scheduled is None)]
     return [refusal for refusal in refusals if refusal is not None]
+
+
+def granted() -> tuple[int, int | None]:
+    """What this process has now: its priority under SCHED_FIFO, 0 without; the only core that it may use, None if there
+    are several, or if it is the only one of its parent, too."""
+    if not sys.platform.startswith("linux"):
+        return 0, None
+    fifo = os.sched_getscheduler(0) == getattr(os, "SCHED_FIFO", None)
+    cores = os.sched_getaffinity(0)
+    alone = len(cores) == 1 and cores != os.sched_getaffinity(os.getppid())
+    return os.sched_getparam(0).sched_priority if fifo else 0, next(iter(cores)) if alone else None
+
+
+def early_for(period: float) -> float:
+    """How long before each tick a loop of this period may rise, in s: `EARLY`, at most half of the period; whole us."""
+    return min(EARLY, floor(period / 2 * 1e6 + 1e-6) * 1e-6)
+
+
+def early_by_itself(period: float) -> float:
+    """The same for a process that was told nothing: 0 without SCHED_FIFO and a core, where it would take the time from
+    others, and they from it."""
+    priority, core = granted()
+    return early_for(period) if priority and core is not None else 0.0
 
 
 def guard(priority: int, cpu: int | None = None) -> None:

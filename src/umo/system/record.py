@@ -23,7 +23,7 @@ from typing import Any
 
 from umo.errors import StandsStopped, UmoError
 from umo.system import folders
-from umo.text import printable
+from umo.text import printable, some
 
 FOLDER = "devices"
 SUFFIX = ".json"
@@ -61,6 +61,17 @@ class Ended:
 
     def __str__(self) -> str:
         return printable(self._text())
+
+    @property
+    def brief(self) -> str:
+        """In one short line, what matters first: which machine, what was not reached, on which device, when."""
+        name = f"{self.station} ({self.wiring})" if self.wiring else self.station
+        if self.state not in ("running", "stopped"):
+            return printable(f"{self.device}, how its last run ended is unknown")
+        reached = f"not reached: {some(self.unreached)}" if self.unreached else "every actuator was reset"
+        state = "ended without a report" if self.state == "running" else reached
+        when = time.strftime("%Y-%m-%d %H:%M", time.localtime(self.when))
+        return printable(", ".join(filter(None, [name, state, self.device, when, self.user])))
 
     def _text(self) -> str:
         when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(self.when))

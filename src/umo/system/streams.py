@@ -37,6 +37,19 @@ def keep_open() -> None:
     sys.stderr = _steady(2, sys.stderr)
 
 
+def say_without_waiting(text: str) -> None:
+    """A line on stderr if it takes it at once, else not at all: nothing waits for a terminal that was stopped or a pipe
+    that nobody reads."""
+    with suppress(OSError):
+        flags = os.O_WRONLY | os.O_APPEND | os.O_NONBLOCK | os.O_NOCTTY
+        file = os.open("/proc/self/fd/2", flags)  # opened again: O_NONBLOCK must not change the stream of others
+        try:
+            begin = "\n" if os.isatty(file) else ""  # the line of a run's progress, or a prompt, may stand there
+            os.write(file, f"{begin}{text}\n".encode(errors="backslashreplace"))
+        finally:
+            os.close(file)
+
+
 def log_on_lines() -> None:
     """Log messages that no handler takes begin on a line of their own: the line of a run's progress may stand there."""
     handler = logging.StreamHandler(sys.stderr)

@@ -24,7 +24,8 @@ class Usage:
             self._file = os.open(SCHEDSTAT, os.O_RDONLY)
         except OSError:
             self._file = -1
-        self._collections = 0
+        self.collections = 0
+        """Of the garbage collector, so far."""
         self._collecting = 0
         self._began = 0
         gc.callbacks.append(self._collected)
@@ -44,11 +45,11 @@ class Usage:
         if self._file >= 0:
             ran, waited, _ = os.pread(self._file, 64, 0).split()
             running, waiting = int(ran), int(waited)
-        return minor, major, voluntary, involuntary, kernel, running, waiting, self._collections, self._collecting
+        return minor, major, voluntary, involuntary, kernel, running, waiting, self.collections, self._collecting
 
     def _collected(self, phase: str, info: dict[str, int]) -> None:
         if phase == "start":
             self._began = monotonic_ns()
         else:
-            self._collections += 1
+            self.collections += 1
             self._collecting += monotonic_ns() - self._began

@@ -145,7 +145,7 @@ class Colour:
     it colours, from 0; all of them by default."""
 
     path: str
-    colours: Mapping[str | float, str]
+    colours: Mapping[str, str] | Mapping[int, str] | Mapping[float, str]
     shape: int | None = None
 
     def __post_init__(self) -> None:

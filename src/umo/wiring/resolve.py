@@ -31,7 +31,8 @@ from umo.wiring.faults.words import InjectedFault
 from umo.wiring.faults.wrapper import Injection
 from umo.wiring.options import FAULT, FAULT_SEED, OF_WIRINGS, REALTIME, RESERVED
 from umo.wiring.patterns import collapsed, expand, expand_parameters
-from umo.wiring.resolved import Parameter, Process, Wire, Wired
+from umo.wiring.process_table import process_of
+from umo.wiring.resolved import Parameter, Wire, Wired
 from umo.wiring.source import SECTIONS, WiringSource, read
 
 if TYPE_CHECKING:
@@ -99,7 +100,7 @@ class _Resolver:
         wired = Wired(drivers, wires, period, timer, parameters, watchdogs, self.hardware)
         self._check_time(wired)
         self._check_plants()
-        wired = dataclasses.replace(wired, process=self._process(wired), paced=paced, injection=injection)
+        wired = dataclasses.replace(wired, process=process_of(self.source, wired), paced=paced, injection=injection)
         return wired, collapsed(self.source.faults, origin)
 
     # Drivers -------------------------------------------------------------------------------------------
@@ -113,9 +114,9 @@ class _Resolver:
             if driver is None:
                 continue
             driver.period = period or 0.0
-            timeout = self._duration(f"drivers.{name}.timeout", table.get("timeout"))
+            timeout = self.source.duration(f"drivers.{name}.timeout", table.get("timeout"))
             driver.timeout = timeout or 10 * (period or 0.1)
-            watchdog = self._duration(f"drivers.{name}.watchdog", table.get("watchdog"))
+            watchdog = self.source.duration(f"drivers.{name}.watchdog", table.get("watchdog"))
             if watchdog is not None and type(driver).watchdog is Driver.watchdog:
                 self.source.fault(f"drivers.{name}.watchdog", f"{table['type']} has no watchdog of its own")
             elif watchdog is not None and watchdog <= (period or 0.0):
@@ -349,14 +350,14 @@ class _Resolver:
             return None
         if wired.period is None:
             self.source.fault(f"{key}.period", 'is missing; give for example "1 ms"')
-        return self._duration(f"{key}.period", wired.period)
+        return self.source.duration(f"{key}.period", wired.period)
 
     def _inject(self, wires: list[Wire], drivers: dict[str, Driver[Any]], timer: Atomic | None) -> Injection | None:
         """Put the faults that are asked for in front of their drivers."""
         given, seed = self.given.get(FAULT, ()), self.given.get(FAULT_SEED, self.source.seed)
         given = [given] if isinstance(given, str | InjectedFault) else list(given)
         faults = [*self.source.injected, *given]
-        seed = self._whole("fault_seed", seed, 0, int(INT64.max))
+        seed = self.source.whole("fault_seed", seed, 0, int(INT64.max))
         if not faults:
             return None
         waits = bool(self.realtime) or any(wire.item is timer and wire.driver.realtime for wire in wires)
@@ -388,21 +389,6 @@ class _Resolver:
                 wires[i] = dataclasses.replace(wire, driver=PacedTimer(wire.driver))
                 return True
         return False
-
-    def _duration(self, key: str, value: Any) -> float | None:
-        if value is None:
-            return None
-        try:
-            if isinstance(value, bool) or not isinstance(value, str | int | float):
-                raise DeclarationError(f'{value!r} is not a duration; write for example "20 ms"')
-            duration = seconds(value)
-        except DeclarationError as error:
-            self.source.fault(key, str(error))
-            return None
-        if duration == 0:
-            self.source.fault(key, "is 0")
-            return None
-        return duration
 
     def _check_periods(self, period: float | None) -> None:
         if period is None:
@@ -437,34 +423,6 @@ class _Resolver:
                     f'{{ driver = "{name}", channel = "tick", period = ... }}, and run with --realtime for real time',
                 )
 
-    def _process(self, wired: Wired) -> Process:
-        table, names = self.source.process, [field.name for field in dataclasses.fields(Process)]
-        for name in table.keys() - set(names):
-            self.source.fault(
-                f"process.{name}", f"unknown key{self.source.near(name, names)}; known: {', '.join(names)}"
-            )
-        period, waits = wired.period or 0.0, longest_period(wired)
-        hang = self._duration("process.hang_timeout", table.get("hang_timeout"))
-        if hang is None:
-            hang = max(20 * period, Process().hang_timeout, 1.2 * waits)
-        elif hang < 2 * period:
-            self.source.fault("process.hang_timeout", f"{hang * 1e3:g} ms is less than two periods")
-        elif hang <= waits and wired.realtime:
-            self.source.fault(
-                "process.hang_timeout",
-                f"{hang * 1e3:g} ms must be above {waits * 1e3:g} ms, the sum of the timeouts of one period",
-            )
-        reset_for = self._duration("process.reset_for", table.get("reset_for")) or Process().reset_for
-        priority = self._whole("process.priority", table.get("priority", Process().priority), 1, 98)
-        cpu = table.get("cpu")
-        return Process(hang, reset_for, priority, None if cpu is None else self._whole("process.cpu", cpu, 0, 4095))
-
-    def _whole(self, key: str, value: Any, lowest: int, highest: int) -> int:
-        if isinstance(value, bool) or not isinstance(value, int) or not lowest <= value <= highest:
-            self.source.fault(key, f"must be a whole number from {lowest} to {highest}, not {value!r}")
-            return lowest
-        return value
-
     def _check_parameters(self) -> None:
         """The values, before patterns are replaced by names; those that are faulty are left out."""
         for key, value in list(self.source.parameters.items()):
@@ -481,17 +439,6 @@ class _Resolver:
         owner, law, name, now = known[key]
         whole = isinstance(value, int) and isinstance(now, int)
         return Parameter(owner, law, name, value if whole else float(value))
-
-
-def longest_period(wired: Wired) -> float:
-    """The longest duration of a period in s, if every call of a driver times out: a block transfer for each driver and
-    direction, and a call for each asynchronous object."""
-    calls = {
-        (id(wire.driver), wire.item.path if not wire.item.synchronous else wire.item.direction): wire.driver.timeout
-        for wire in wired.wires
-        if wire.item is not wired.timer
-    }
-    return (wired.period or 0.0) + sum(calls.values())
 
 
 def _unfit(period: float, node: Node) -> str:

@@ -142,6 +142,9 @@ class Parameter:
         return before
 
 
+AT_ONCE, AT_NEXT_TICK = "at once", "at next tick"
+
+
 @dataclass(frozen=True, slots=True)
 class Process:
     """Real-time settings of the control process: the wiring's `[process]`, times in s."""
@@ -156,6 +159,13 @@ class Process:
     """Priority of the control process under SCHED_FIFO, 1 to 98. The guardian runs at one above."""
     cpu: int | None = None
     """The core of the control process. None: an isolated core or the last one, if SCHED_FIFO is permitted."""
+    early: float | None = None
+    """Time in s before each tick of a timer in real time (timerfd, `--realtime`) from which the control process is
+    awake and waits actively; 0: it sleeps until the tick. None: 200 us, at most half of the period, if SCHED_FIFO and a
+    core were granted; otherwise 0."""
+    outputs: str = AT_ONCE
+    """When `update` of the whole machine sends: "at once", or "at next tick": right after the next tick, before
+    sampling."""
 
 
 @dataclass(frozen=True, slots=True)

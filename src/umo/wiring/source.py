@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from umo.drivers.contract import Driver
-from umo.errors import Fault
+from umo.errors import DeclarationError, Fault
+from umo.objects.units import seconds
 from umo.system.packages import package_of, station_of
 from umo.text import did_you_mean, located
 
@@ -42,6 +43,29 @@ class WiringSource:
 
     def fault(self, key: str, message: str) -> None:
         self.faults.append(Fault(self.file, key, message))
+
+    def duration(self, key: str, value: Any) -> float | None:
+        """In s; None for None, and for what is not a duration above 0, which is a fault."""
+        if value is None:
+            return None
+        try:
+            if isinstance(value, bool) or not isinstance(value, str | int | float):
+                raise DeclarationError(f'{value!r} is not a duration; write for example "20 ms"')
+            duration = seconds(value)
+        except DeclarationError as error:
+            self.fault(key, str(error))
+            return None
+        if duration == 0:
+            self.fault(key, "is 0")
+            return None
+        return duration
+
+    def whole(self, key: str, value: Any, lowest: int, highest: int) -> int:
+        """A whole number within these limits; anything else is a fault."""
+        if isinstance(value, bool) or not isinstance(value, int) or not lowest <= value <= highest:
+            self.fault(key, f"must be a whole number from {lowest} to {highest}, not {value!r}")
+            return lowest
+        return value
 
     def near(self, name: str, known: Iterable[str]) -> str:
         """As `did_you_mean`, for the first `SUGGESTIONS` wrong names."""

@@ -1,6 +1,6 @@
 /** The page: which station and which view is shown, the header, the connection. */
 
-import { address, el, setText } from "./dom.js";
+import { address, el, setText, store } from "./dom.js";
 import { Feed } from "./feed.js";
 import { Hand, words } from "./hand.js";
 
@@ -135,7 +135,7 @@ document.querySelector("#theme").onclick = () => {
   const dark = getComputedStyle(document.documentElement).colorScheme.includes("dark");
   const theme = dark ? "light" : "dark";
   document.documentElement.dataset.theme = theme;
-  try { localStorage.setItem("umo-theme", theme); } catch { /* no storage */ }
+  store.set("theme", theme);
   window.dispatchEvent(new Event("theme"));
 };
 window.addEventListener("hashchange", () => {

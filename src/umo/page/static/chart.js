@@ -5,6 +5,7 @@ import { el, isBinary, unitOf } from "./dom.js";
 
 const uPlot = window.uPlot;
 const LANE = 22;  // CSS pixels
+const CONSTANT = 1e-9;  // of the value: a smaller change is none
 const NARROW = 600;  // CSS pixels below which only two units have an axis
 export const COLOURS = 8;
 
@@ -41,14 +42,14 @@ export class Chart {
     const narrow = this._element.clientWidth < NARROW;
     const axis = (unit, place) => ({
       scale: `u:${unit}`, side: place < (narrow ? 1 : 2) ? 3 : 1, label: unit || " ", stroke: text, gap: 3,
-      size: narrow ? 46 : 58, labelSize: 16, show: !narrow || place < 2,
+      size: growing(), labelSize: 18, labelGap: 3, show: !narrow || place < 2,
       grid: place === 0 ? grid : { show: false }, ticks: grid, font: "11px system-ui", labelFont: "12px system-ui",
       values: (_, splits) => splits.map((value) => (Math.abs(value) >= 1e7 ? value.toExponential(2) : String(Number(value.toPrecision(8))))),
     });
     const options = {
       width: 300, height: 200, legend: { show: false }, padding: [10, null, 0, null], pxAlign: false,
       cursor: { drag: { x: true, y: false, setScale: false }, points: { show: false }, y: false },
-      scales: { x: { time: false, range: () => this.range }, ...Object.fromEntries(units.map((unit) => [`u:${unit}`, {}])) },
+      scales: { x: { time: false, range: () => this.range }, ...Object.fromEntries(units.map((unit) => [`u:${unit}`, { range }])) },
       axes: [
         { stroke: text, grid, ticks: grid, font: "11px system-ui", size: 30, values: (_, splits) => splits.map((value) => `${Number(value.toFixed(6))} s`) },
         ...units.map(axis),
@@ -186,6 +187,27 @@ export class Chart {
     this.plot.destroy();
     this._lanes.remove();
   }
+}
+
+/** An axis is as wide as its widest number so far: the plot does not jump to and fro. */
+function growing() {
+  let most = 0;
+  return (plot, values, number) => {
+    const { font, ticks, gap } = plot.axes[number];
+    plot.ctx.font = font[0];
+    const widths = (values ?? []).map((text) => plot.ctx.measureText(text).width / window.devicePixelRatio);
+    return (most = Math.max(most, Math.ceil(ticks.size + gap + Math.max(0, ...widths))));
+  };
+}
+
+/** The range of an axis: all values with some space; about a constant a band between round numbers. */
+function range(_, least, most) {
+  if (!Number.isFinite(least)) return [null, null];
+  const size = Math.max(Math.abs(least), Math.abs(most));
+  if (most - least > size * CONSTANT) return uPlot.rangeNum(least, most, 0.1, true);
+  if (!size) return [-1, 1];
+  const step = 10 ** Math.floor(Math.log10(size)) / 10;
+  return [(Math.floor(least / step) - 2) * step, (Math.ceil(most / step) + 2) * step];
 }
 
 function line(ctx, x, top, bottom, stroke) {

@@ -18,6 +18,9 @@ function field(about, label, value = "", placeholder = span(about).replace(" to 
   return el("input", { type: "number", step: "any", value, placeholder, title: [span(about), about.unit].filter(Boolean).join(" "), "aria-label": label });
 }
 
+/** An input with the name and the unit of what it gives. */
+const labelled = (about, input) => el("label", {}, `${about.name} `, input, about.unit && el("span", { className: "unit", textContent: about.unit }));
+
 /** A slider over the range of a number; null if it has no range. */
 function slider(about, label, listeners) {
   if (!bounded(about)) return null;
@@ -106,8 +109,7 @@ export class ActuatorControl {
 class Arguments {
   constructor(action, only = () => true) {
     this._inputs = new Map(action.arguments.filter(only).map((about) => [about, this._input(action, about)]));
-    this.elements = [...this._inputs].map(([about, input]) => el("label", {}, `${about.name} `, input,
-      about.unit ? el("span", { className: "unit", textContent: about.unit }) : ""));
+    this.elements = [...this._inputs].map(([about, input]) => labelled(about, input));
     this.all = [...this._inputs.values()];
   }
 
@@ -154,7 +156,7 @@ export class ActionControl {
   }
 
   refresh() {
-    const enabled = this._hand.leased && (this._hand.manual || this._action.harmless);
+    const enabled = this._hand.allows(this._action);
     for (const input of [this._call, ...this._arguments.all]) input.disabled = !enabled;
     const begun = this._hand.asked.some(({ path, state }) => path === this._action.path && state === "begun");
     this._cancel.hidden = !begun;
@@ -167,14 +169,13 @@ export class JogControl {
   constructor(hand, action) {
     this._hand = hand;
     this._action = action;
-    this._anywhere = () => this._stop();
     this._about = action.arguments.find(({ kind, name: each }) => kind === "number" && each in action.release) ?? null;
     this._others = new Arguments(action, (about) => about !== this._about);
     this._buttons = this._about && this._about.minimum < 0 ? [this._button("−", -1), this._button("+", 1)] : [this._button("Hold", 1)];
     this._speed = this._about && field(this._about, `${action.path} ${this._about.name}`, this._first());
     this.element = el("div", { className: "control jog", "data-control": action.path },
       el("span", { className: "label", textContent: name(action.path) }), ...this._buttons,
-      this._speed && el("label", {}, `${this._about.name} `, this._speed, el("span", { className: "unit", textContent: this._about.unit ?? "" })),
+      this._speed && labelled(this._about, this._speed),
       ...this._others.elements, el("small", { textContent: "Hold the button.", title: action.help }));
   }
 
@@ -182,14 +183,13 @@ export class JogControl {
 
   _button(textContent, sign) {
     const start = () => this._start(sign);
-    const stop = () => this._stop();
     const button = el("button", { textContent, "aria-label": `${this._action.path} ${textContent}`, "data-sign": sign });
     button.onpointerdown = (event) => {
       if (event.button !== 0) return;
       button.setPointerCapture(event.pointerId);
       start();
     };
-    for (const kind of ["lostpointercapture", "blur"]) button.addEventListener(kind, stop);
+    for (const kind of ["lostpointercapture", "blur"]) button.addEventListener(kind, this._stop);
     button.addEventListener("contextmenu", (event) => event.preventDefault());  // a long touch
     button.onkeydown = (event) => {
       if (![" ", "Enter"].includes(event.key)) return;
@@ -204,22 +204,22 @@ export class JogControl {
     if (this._hand.holds(path)) return;
     const given = this._others.values();
     if (this._about && this._speed.value !== "") given[this._about.name] = sign * Number(this._speed.value);
-    this._hand.hold(path, { jog: () => this._stop(), lost: () => this._mark(null) });
+    this._hand.hold(path, { jog: this._stop, lost: () => this._mark(null) });
     this._mark(sign);
-    for (const kind of LET_GO) window.addEventListener(kind, this._anywhere);
+    for (const kind of LET_GO) window.addEventListener(kind, this._stop);
     const answer = await this._hand.ask({ do: "call", path, arguments: given }, path);
     if (answer.state !== "done") this._ended();
   }
 
-  _stop() {
+  _stop = () => {
     const { path, release } = this._action;
     if (!this._hand.holds(path)) return;
     this._ended();
     this._hand.ask({ do: "call", path, arguments: release }, `release ${path}`);
-  }
+  };
 
   _ended() {
-    for (const kind of LET_GO) window.removeEventListener(kind, this._anywhere);
+    for (const kind of LET_GO) window.removeEventListener(kind, this._stop);
     this._hand.letGo(this._action.path);
     this._mark(null);
   }
@@ -227,7 +227,7 @@ export class JogControl {
   _mark(sign) { for (const button of this._buttons) button.classList.toggle("held", Number(button.dataset.sign) === sign); }
 
   refresh() {
-    const enabled = this._hand.leased && (this._hand.manual || this._action.harmless);
+    const enabled = this._hand.allows(this._action);
     for (const button of this._buttons) button.disabled = !enabled;
     if (this._speed) this._speed.disabled = !enabled;
     for (const input of this._others.all) input.disabled = !enabled;

@@ -57,6 +57,16 @@ export const address = {
   },
 };
 
+/** What is kept on this computer; nothing in a browser without storage. */
+export const store = {
+  get(name) {
+    try { return localStorage.getItem(`umo-${name}`) ?? ""; } catch { return ""; }
+  },
+  set(name, value) {
+    try { localStorage.setItem(`umo-${name}`, value); } catch { /* no storage */ }
+  },
+};
+
 /** The paths on the scope, as the address has them; null: nothing was chosen yet. */
 export function tracesOfAddress() {
   const text = address.get("traces");

@@ -194,7 +194,7 @@ export class Feed {
   /** The history between two times, reduced to `width` pixels. @returns {Promise<Points>} */
   window(request) { return this._ask({ type: "window", ...request }); }
 
-  /** Minimum, maximum, mean, rms and frequency of all samples between two times. */
+  /** Minimum, maximum, mean, rms and frequency of all samples between two times; of a state the share of time and the changes. */
   measure(request) { return this._ask({ type: "measure", ...request }); }
 
   /**

@@ -7,7 +7,7 @@ export class Hand {
   /** @param {import("./feed.js").Feed} feed */
   constructor(feed) {
     this.feed = feed;
-    /** @type {{what: string, path: string, do: string, state: string, text: string}[]} The newest first. */
+    /** @type {{what: string, path: string, state: string, text: string}[]} The newest first. */
     this.asked = [];
     this._held = new Map();  // path -> what to do when it is lost
     this._number = null;
@@ -31,6 +31,9 @@ export class Hand {
 
   get manual() { return this.feed.state?.mode === "manual"; }
 
+  /** Whether this page may call an action now. */
+  allows(action) { return this.leased && (this.manual || action.harmless); }
+
   async take(who, over) {
     const answer = await this.ask({ do: "lease", who, over }, over ? "take the lease over" : "take the lease");
     if (answer.state === "done") this._number = answer.lease;
@@ -44,8 +47,8 @@ export class Hand {
 
   /** Send a command and remember its answer, which is never an exception. */
   async ask(message, what = "") {
-    const entry = { what: what || [message.do, message.path].filter(Boolean).join(" "), path: message.path ?? "", do: message.do, state: "sent", text: "" };
-    this.asked = [entry, ...this.asked].filter(({ state }, i) => i < KEPT || state === "begun");
+    const entry = { what: what || [message.do, message.path].filter(Boolean).join(" "), path: message.path ?? "", state: "sent", text: "" };
+    this._remember(entry);
     this._changed();
     let answer;
     try {
@@ -75,13 +78,14 @@ export class Hand {
     }
     if (this.leased) this.feed.touch([...this._held.keys()]);
     else if (this._number !== null && (number > this._number || (number === this._number && !holder))) {
-      this._note(holder ? `${holder} has taken it over, and what you held was released` : "it has ended, and what you held was released");
+      const text = `${holder ? `${holder} has taken it over` : "it has ended"}, and what you held was released`;
+      this._remember({ what: "your lease", path: "", state: "cancelled", text });
       this._lost();
     }
     this._changed();
   }
 
-  _note(text) { this.asked = [{ what: "your lease", path: "", do: "", state: "cancelled", text }, ...this.asked]; }
+  _remember(entry) { this.asked = [entry, ...this.asked].filter(({ state }, i) => i < KEPT || state === "begun"); }
 
   _drop(path) {
     const { lost } = this._held.get(path);

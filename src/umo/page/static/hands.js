@@ -1,7 +1,7 @@
 /** Hands: the lease, the mode, and the controls of every part of the machine. */
 
 import { ActionControl, ActuatorControl, JogControl, SensorControl, TunableControl } from "./controls.js";
-import { address, el, setText } from "./dom.js";
+import { address, el, setText, store } from "./dom.js";
 import { words } from "./hand.js";
 
 const OPEN = 12;  // parts up to which all are unfolded; else the first one is
@@ -35,7 +35,7 @@ class Hands {
 
   _lease() {
     this._holder = el("span", { className: "holder" });
-    this._name = el("input", { type: "text", placeholder: "Your name", maxLength: 40, "aria-label": "Your name", value: remembered(), onchange: () => remember(this._name.value) });
+    this._name = el("input", { type: "text", placeholder: "Your name", maxLength: 40, "aria-label": "Your name", value: store.get("name"), onchange: () => store.set("name", this._name.value) });
     this._take = el("button", { onclick: () => this._taken() });
     this._give = el("button", { textContent: "Give the lease back", onclick: () => this.hand.giveBack() });
     return [this._holder, this._name, this._take, this._give];
@@ -170,12 +170,4 @@ class Part {
     if (!this._controls) this._fill();
     for (const control of this._controls) control.refresh(this._feed);
   }
-}
-
-function remembered() {
-  try { return localStorage.getItem("umo-name") ?? ""; } catch { return ""; }
-}
-
-function remember(name) {
-  try { localStorage.setItem("umo-name", name); } catch { /* no storage */ }
 }

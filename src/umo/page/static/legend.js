@@ -11,12 +11,10 @@ export class Legend {
     this._feed = feed;
     this._remove = remove;
     this._body = el("tbody");
-    this._over = el("th", { colSpan: MEASURED.length });
     const heads = ["trace", "value", "A", "B", "B - A", ...MEASURED.map(([, title]) => title), ""];
-    this._heads = heads.map((title) => el("th", { textContent: title, scope: "col" }));
     this._time = el("caption");
     this.element = el("div", { className: "legend" },
-      el("table", {}, this._time, el("thead", {}, el("tr", {}, ...this._heads)), this._body));
+      el("table", {}, this._time, el("thead", {}, el("tr", {}, ...heads.map((title) => el("th", { textContent: title, scope: "col" })))), this._body));
   }
 
   show(chart) {
@@ -26,10 +24,11 @@ export class Legend {
     this.refresh();
   }
 
-  _row({ path, index }) {
+  _row({ path, entry, index }) {
     const swatch = el("i", { className: "swatch" });
     swatch.style.background = colour(index);
-    const cells = Array.from({ length: 4 + MEASURED.length }, () => el("td"));
+    const cells = Array.from({ length: isBinary(entry) ? 4 : 4 + MEASURED.length }, () => el("td"));
+    if (isBinary(entry)) cells.push(el("td", { colSpan: MEASURED.length }));
     const close = el("button", { textContent: "×", title: `Remove ${path}`, "aria-label": `Remove ${path}`, onclick: () => this._remove(path) });
     const row = el("tr", { "data-path": path }, el("th", { scope: "row" }, swatch, path), ...cells, el("td", {}, close));
     return { row, cells };
@@ -53,12 +52,15 @@ export class Legend {
 
   /** @param {(object | null)[]} values  Per trace. */
   measured(values) {
-    values.forEach((found, i) => {
-      const cells = this._rows[i]?.cells.slice(4) ?? [];
-      MEASURED.forEach(([name], k) => {
-        const value = found?.[name] ?? null;
-        setText(cells[k], value === null ? "" : `${shortNumber(value)}${name === "frequency" ? " Hz" : ""}`);
-      });
+    this._chart.traces.forEach(({ entry }, i) => {
+      const cells = this._rows[i].cells.slice(4);
+      words(entry, values[i]).forEach((text, k) => setText(cells[k], text));
     });
   }
+}
+
+/** What was measured, cell by cell; of a state: the share of time and the changes. */
+function words(entry, found) {
+  if (!isBinary(entry)) return MEASURED.map(([name]) => (found?.[name] == null ? "" : `${shortNumber(found[name])}${name === "frequency" ? " Hz" : ""}`));
+  return [found ? `${entry.one} ${(100 * found.on).toFixed(1)} % of the time, changes: ${found.changes}` : ""];
 }

@@ -1,20 +1,23 @@
 /** The controls of the trigger. */
 
-import { el } from "./dom.js";
+import { el, isBinary, setText, unitOf } from "./dom.js";
 
-const KINDS = { "": "no trigger", rising: "rising edge", falling: "falling edge", above: "above", below: "below" };
+const KINDS = { "": "none", rising: "rising edge", falling: "falling edge", above: "above", below: "below" };
 
 export class Trigger {
   /** @param {() => void} changed */
   constructor(feed, changed) {
     this._feed = feed;
     const option = ([value, textContent]) => el("option", { value, textContent });
-    this._kind = el("select", { "aria-label": "Trigger", title: "Trigger" }, ...Object.entries(KINDS).map(option));
+    this._kind = el("select", { "aria-label": "Trigger" }, ...Object.entries(KINDS).map(option));
     this._path = el("select", { "aria-label": "Trigger on" });
-    this._level = el("input", { type: "number", step: "any", value: "0.5", "aria-label": "Trigger level", title: "Level" });
-    this._before = el("input", { type: "number", min: "0", max: "100", value: "50", "aria-label": "Shown before the trigger, %", title: "Shown before the trigger, %" });
+    this._level = el("input", { type: "number", step: "any", value: "0.5", "aria-label": "Trigger level" });
+    this._unit = el("span", { className: "unit" });
+    this._leveled = el("label", {}, "level", this._level, this._unit);
+    this._before = el("input", { type: "number", min: "0", max: "100", value: "50", "aria-label": "Shown before the trigger, %" });
     this._single = el("input", { type: "checkbox" });
-    this._more = el("span", { className: "bar", hidden: true }, this._path, this._level, this._before,
+    this._more = el("span", { className: "bar", hidden: true }, el("label", {}, "on", this._path), this._leveled,
+      el("label", { title: "Share of the time shown that is before the trigger" }, "before", this._before, el("span", { className: "unit", textContent: "%" })),
       el("label", { title: "Stop after the first" }, this._single, "once"));
     for (const control of [this._kind, this._path, this._level, this._before, this._single]) {
       control.addEventListener("change", () => {
@@ -22,7 +25,7 @@ export class Trigger {
         changed();
       });
     }
-    this.element = el("span", { className: "bar trigger" }, this._kind, this._more);
+    this.element = el("span", { className: "bar trigger" }, el("label", {}, "trigger", this._kind), this._more);
   }
 
   /** The traces that it may wait for. */
@@ -37,7 +40,10 @@ export class Trigger {
     this._more.hidden = !this._kind.value;
     const entry = this._feed.entry(this._path.value);
     const value = this._feed.latest(this._path.value)?.value;
-    if (entry) this._level.value = "one" in entry ? "0.5" : String(Number((value ?? 0).toPrecision(4)));
+    if (!entry) return;
+    this._leveled.hidden = isBinary(entry);
+    setText(this._unit, unitOf(entry));
+    this._level.value = isBinary(entry) ? "0.5" : String(Number((value ?? 0).toPrecision(4)));
   }
 
   /** For the subscription; null: none. */

@@ -6,7 +6,7 @@ from umo.twin import Body, Colour, Cuboid, Cylinder, Twin
 
 from .control import Furnace
 
-GLOW: Mapping[str | float, str] = {
+GLOW: Mapping[float, str] = {
     20: "#4a5568", 200: "#5b3a6e", 400: "#8f2d56", 600: "#d1402f", 800: "#f2802a", 1000: "#ffd34d", 1300: "#fff6d8"
 }  # fmt: skip
 """degC."""

@@ -88,8 +88,8 @@ def _open_often(trial: Trial, count: int) -> None:
 def _counts(trial: Trial, goal: dict[str, int] | None) -> dict[str, int]:
     """Descriptors and threads, without those of the line. What is closing is waited for, as far as the goal."""
     end = monotonic() + FADE
-    gc.collect()
     while True:
+        gc.collect()  # each time: a call that still runs may leave a cycle behind when it ends
         found = {"descriptors": _descriptors(trial), "threads": threading.active_count()}
         if goal is None or monotonic() >= end or all(found[key] <= goal[key] for key in found):
             return found

@@ -47,7 +47,7 @@ class Faulty(Driver[Any]):
         self.driver = driver
         self.levels: dict[str, int] = {}
         """The raw integers that were last written to the circuit, by channel."""
-        self._effects, self._injection = effects, injection
+        self.effects, self._injection = effects, injection
         self._acting: list[Effect] = []
         self._now = -1.0
         injection.drivers.append(self)
@@ -107,7 +107,7 @@ class Faulty(Driver[Any]):
         if clock is None or clock.now == self._now:
             return self._acting
         self._now = now = clock.now
-        acting = [each for each in self._effects if each.begin - EARLY <= now < each.end - EARLY]
+        acting = [each for each in self.effects if each.begin - EARLY <= now < each.end - EARLY]
         for effect in acting:
             if effect not in self._acting:
                 effect.set_in(self.levels.get(_text(effect)) if effect.output else None)
@@ -157,7 +157,7 @@ class Faulty(Driver[Any]):
 
     def open(self) -> None:
         self.levels, self._acting, self._now = {}, [], -1.0
-        for effect in self._effects:
+        for effect in self.effects:
             effect.start(self._injection.seed)
         self._begin([each for each in self.active() if each.channel is None])
         self.driver.open()

@@ -1,6 +1,6 @@
 """How the machine acts, period by period (the controls developer's file). This file does not depend on the circuits."""
 
-from umo import BinaryActuator, BinarySensor, Compound, DigitalSensor, OpenClosed, PassFail, TaskFailed
+from umo import BinaryActuator, BinarySensor, Compound, DigitalSensor, OpenClosed, PassFail, Range, TaskFailed, action
 from umo.control import Hysteresis, state_of, until, value_of
 
 
@@ -11,30 +11,35 @@ class Tank(Compound):
     overflow: BinarySensor[PassFail]
     timer: DigitalSensor
     band: float = 10.0
-    """How far the level may stray from its target, mm; `[parameters]` of a wiring may set it."""
+    """How far the level may stray from its target, mm; `[parameters]` of a wiring or `umo tune` may set it."""
 
+    tunable = {"band": Range("mm", 1.0, 50.0)}
     stop_order = ("inlet", "drain")
     max_period = "200 ms"
 
     def setup(self) -> None:
+        self.target = 0.0
         self.regulator = Hysteresis(self.level, self.inlet, OpenClosed.OPEN, low=0.0, high=0.0)
 
     def control(self) -> None:
         if state_of(self.overflow) is PassFail.FAIL:
             raise TaskFailed("the tank overflows")
+        self.regulator.low, self.regulator.high = self.target - self.band, self.target + self.band
         self.regulator.control()
 
     def aim(self, target: float) -> None:
         """Keep the level at `target` mm from now on."""
-        self.regulator.low, self.regulator.high = target - self.band, target + self.band
+        self.target = target
 
+    @action(target=Range("mm", 0.0, 450.0))
     async def fill(self, target: float) -> None:
-        """Until the level has reached `target` mm, within 60 s."""
+        """Fill up to a level within 60 s, and keep it."""
         self.aim(target)
         await until(lambda: value_of(self.level) >= target, timeout="60 s")
 
+    @action(target=Range("mm", 10.0, 450.0))
     async def empty(self, target: float) -> None:
-        """Drain down to `target` mm, within 60 s."""
+        """Drain down to a level within 60 s."""
         self.aim(target - 2 * self.band)
         self.drain.write(OpenClosed.OPEN)
         try:

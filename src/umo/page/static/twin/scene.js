@@ -48,6 +48,13 @@ export class TwinScene {
     this.root.updateMatrixWorld(true);
   }
 
+  /** The values that joints are moved by and that are not good, with the quality of each; no value: 4.
+   * @param {(path: string) => Sample | null} sample @returns {Map<string, number>} */
+  poor(sample) {
+    const joints = this.bodies.flatMap((body) => body.joints.map(({ path }) => [path, sample(path)?.quality ?? 4]));
+    return new Map(joints.filter(([, quality]) => quality > 0));
+  }
+
   /** Where a body's origin is in the world, m, and its rotation (w, x, y, z). For tests. */
   pose(name) {
     const { node } = this.byName.get(name);

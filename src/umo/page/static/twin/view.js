@@ -1,6 +1,7 @@
 /** The view "Twin": the picture, drawn only when something has changed, its buttons and its time. */
 
 import * as THREE from "three";
+import { setText } from "../dom.js";
 import { Belts } from "./belts.js";
 import { Eye } from "./camera.js";
 import { History } from "./history.js";
@@ -84,10 +85,12 @@ export class TwinView {
     const tools = Object.assign(document.createElement("div"), { className: "twin-tools" });
     this.labelling = button("Labels", "Names and values of the bodies (L); or click on a body", () => this.#label());
     this.labelling.setAttribute("aria-pressed", "false");
+    this.poor = Object.assign(document.createElement("span"), { className: "twin-poor", role: "status" });
     tools.append(
       button("Reset view", "First view (R)", () => this.eye.reset()),
       button("Fit", "Fit everything into the window (F)", () => this.eye.fit()),
       this.labelling,
+      this.poor,
     );
     return tools;
   }
@@ -205,7 +208,14 @@ export class TwinView {
     this.scene.update(this.sample, this.belts.before(this.player.time));
     this.renderer.render(this.world, this.eye.camera);
     this.labels.place(this.eye.camera, this.picture.clientWidth, this.picture.clientHeight, this.sample);
+    this.#tellPoor();
     this.drawn += 1;
+  }
+
+  /** Why bodies are drawn faintly. */
+  #tellPoor() {
+    const words = [...this.scene.poor(this.sample)].map(([path, quality]) => `${path} ${this.feed.description.qualities[quality][1]}`);
+    setText(this.poor, words.length ? `Drawn faintly: ${words.join(", ")}` : "");
   }
 
   #resize() {

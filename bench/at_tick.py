@@ -1,0 +1,84 @@
+"""Outputs at the next tick: how long after its tick the last output has been handed to its driver, beside a C loop."""
+
+from __future__ import annotations
+
+import signal
+import struct
+import subprocess
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from time import monotonic_ns
+from typing import Any
+
+from umo.cycle import connect
+from umo.cycle.rehearsal import rise_early
+from umo.drivers.contract import Channel, IntArray
+from umo.drivers.simulated import Simulated
+from umo.latency import Samples, native
+from umo.latency.loop import example, slice_of
+from umo.system import realtime
+
+PERIOD = 0.001
+SLICE = 500
+"""Periods."""
+GRANTED = struct.Struct("<qq")
+
+
+class Stamped(Simulated):
+    """Notes when it has been handed its outputs."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.handed = 0
+        """ns of CLOCK_MONOTONIC"""
+
+    def write_many(self, channels: Sequence[Channel], raws: IntArray) -> None:
+        super().write_many(channels, raws)
+        self.handed = monotonic_ns()
+
+
+def measure(seconds: float) -> tuple[Samples, Samples | None]:
+    """From the tick to the last output, as `total`; and the C loop, which sleeps until the tick, in turns with it."""
+    handed = Samples()
+    command = [sys.executable, "-m", "bench.at_tick"]
+    with (
+        native.compiled() as program,
+        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process,
+    ):
+        assert process.stdin is not None
+        assert process.stdout is not None
+        c = None if program is None else Samples()
+        priority, core = GRANTED.unpack(process.stdout.read(GRANTED.size))
+        for _ in range(max(1, round(seconds / PERIOD / SLICE))):
+            process.stdin.write(b"x")
+            process.stdin.flush()
+            handed.add(native.Slice.of(process.stdout.read(16 * (SLICE + 1))))
+            if program is not None and c is not None:
+                c.add(native.run(program, PERIOD, SLICE, priority, core if core >= 0 else None))
+        process.stdin.close()
+    return handed, c
+
+
+def serve() -> None:
+    """The process: a slice for each byte."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    machine, box = example(), Stamped()
+    wire: dict[str, Any] = {item.path: {"driver": "box"} for item in machine.atoms()}
+    wire["timer"] = {"driver": "timerfd", "period": PERIOD}
+    wiring = {"drivers": {"box": box}, "wire": wire, "process": {"outputs": "at next tick"}}
+    connection = connect(machine, wiring)
+    with suppress(BrokenPipeError), connection as m:
+        realtime.prepare()
+        priority, core = realtime.granted()
+        ticker = connection.wired.drivers["timerfd"].ticker  # type: ignore[attr-defined]
+        rise_early(connection.wired, realtime.early_by_itself(PERIOD))
+        sys.stdout.buffer.write(GRANTED.pack(priority, -1 if core is None else core))
+        sys.stdout.buffer.flush()
+        while sys.stdin.buffer.read(1):
+            sys.stdout.buffer.write(slice_of(m, ticker, SLICE, lambda: box.handed).tobytes())
+            sys.stdout.buffer.flush()
+
+
+if __name__ == "__main__":
+    serve()

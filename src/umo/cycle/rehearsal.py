@@ -1,0 +1,113 @@
+"""Rising early: the thread is awake before its tick, and uses the time to rehearse the period.
+
+A period of 1 ms finds the processor's caches cold and takes several times as long as one that follows at once. So umo's
+own part of the period is carried out on a copy of the machine's objects, whose driver does nothing: sampled, read,
+written, updated. No driver and none of the user's code is called. (docs/decisions/0018 says what else was tried.)
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import count
+from typing import Any
+
+from umo.cycle.clock import Clock
+from umo.cycle.forms import form_for
+from umo.cycle.machine import ConnectedMachine
+from umo.cycle.stopping import StopFlag
+from umo.drivers.contract import Direction
+from umo.drivers.simulated import Simulated
+from umo.objects import Atomic, Compound
+from umo.wiring.faults.wrapper import bare
+from umo.wiring.resolved import Wire, Wired
+
+log = logging.getLogger("umo")
+MOST = 50
+"""Objects that are rehearsed: a machine of thousands would not be through before its tick."""
+
+
+def rise_early(wired: Wired, seconds: float) -> None:
+    """From now on the timer of this connected machine, if it runs in real time, wakes its thread so many s before each
+    tick, and the period is rehearsed; 0: at the tick."""
+    ticker = None if wired.timer_wire is None else getattr(bare(wired.timer_wire.driver), "ticker", None)
+    if ticker is None:
+        return
+    ticker.rise_early(seconds)
+    if seconds and ticker.meanwhile is None:
+        try:
+            ticker.meanwhile = Rehearsal(wired)
+        except Exception as error:
+            _give_up(error)
+
+
+class Rehearsal:
+    """Each call is one period of a copy of the machine's objects, at most `MOST` of them."""
+
+    def __init__(self, wired: Wired) -> None:
+        """Of a machine with a timer."""
+        nowhere = Simulated(history=1)
+        timer_first = sorted(wired.wires, key=lambda wire: wire.item is not wired.timer)
+        wires = [
+            replace(wire, item=_copy(wire.item), driver=nowhere, channel=nowhere.channel(str(number)))
+            for number, wire in enumerate(timer_first[:MOST])
+        ]
+        for wire in wires[1:]:  # the timer reads 0: no tick has been missed
+            nowhere.set(wire.channel.text, _good_raw(wire))
+        items = [wire.item for wire in wires]
+        copied = Wired({"nowhere": nowhere}, wires, wired.period, items[0])
+        form = form_for(len(wired.wires))
+        self._root = _Copy(objects=items)
+        self._machine = ConnectedMachine(self._root, form(copied, Clock(wired.period or 0.0)), StopFlag())
+        self._timer: Any = items[0]
+        self._sound = True
+        synchronous = [item for item in items if item.synchronous]
+        self._sensors: list[Any] = [item for item in synchronous if item.direction is Direction.INPUT]
+        self._actuators: list[Any] = [item for item in synchronous if item.direction is Direction.OUTPUT]
+
+    def __call__(self) -> None:
+        """Whatever goes wrong does not disturb the machine: from then on nothing is rehearsed."""
+        if self._sound:
+            try:
+                self._period()
+            except Exception as error:
+                self._sound = False
+                _give_up(error)
+
+    def _period(self) -> None:
+        self._timer.read()
+        self._root.sample()
+        for sensor in self._sensors:
+            sensor.read()
+        for actuator in self._actuators:
+            actuator.write(actuator.default)
+        self._root.update()
+
+
+def _give_up(error: Exception) -> None:
+    log.warning("periods are not rehearsed: %s", type(error).__name__)
+
+
+def _good_raw(wire: Wire) -> int:
+    """In the middle of the range, and no mark of an invalid reading."""
+    return next(raw for raw in count(sum(wire.raw_bounds) // 2) if raw not in wire.invalid_raws)
+
+
+class _Copy(Compound):
+    objects: Sequence[Atomic]
+
+
+def _copy(item: Atomic) -> Any:
+    """The same object, with its calibration and its guards, of umo's own class, referenced, and without a parent."""
+    kind = next(each for each in type(item).__mro__ if each.__module__.startswith("umo.objects"))
+    copy: Any = object.__new__(kind)
+    for each in kind.__mro__:
+        for name in getattr(each, "__slots__", ()):
+            if name != "__weakref__":
+                setattr(copy, name, getattr(item, name))
+    copy._parent, copy._name = None, ""
+    if hasattr(copy, "_incremental"):
+        copy._incremental = False
+    copy._disconnect()
+    return copy

@@ -1,0 +1,83 @@
+"""The table `[process]` of a wiring."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from umo.errors import DeclarationError
+from umo.objects.units import seconds
+from umo.wiring.resolved import AT_NEXT_TICK, AT_ONCE, Process, Wired
+from umo.wiring.source import WiringSource
+
+LEAST_PERIODS = 20
+"""Without a finished one a process counts as hanging."""
+AUTO = "auto"
+
+
+def process_of(source: WiringSource, wired: Wired) -> Process:
+    """The settings of the control process; what makes no sense is a fault."""
+    table, names = source.process, [field.name for field in dataclasses.fields(Process)]
+    for name in table.keys() - set(names):
+        source.fault(f"process.{name}", f"unknown key{source.near(name, names)}; known: {', '.join(names)}")
+    cpu = table.get("cpu")
+    return Process(
+        _hang_timeout(source, table.get("hang_timeout"), wired),
+        source.duration("process.reset_for", table.get("reset_for")) or Process().reset_for,
+        source.whole("process.priority", table.get("priority", Process().priority), 1, 98),
+        None if cpu is None else source.whole("process.cpu", cpu, 0, 4095),
+        _early(source, table.get("early", AUTO), wired),
+        _outputs(source, table.get("outputs", AT_ONCE), wired),
+    )
+
+
+def _hang_timeout(source: WiringSource, given: Any, wired: Wired) -> float:
+    period, waits = wired.period or 0.0, longest_period(wired)
+    hang = source.duration("process.hang_timeout", given)
+    if hang is None:
+        return max(LEAST_PERIODS * period, Process().hang_timeout, 1.2 * waits)
+    if hang < 2 * period:
+        source.fault("process.hang_timeout", f"{hang * 1e3:g} ms is less than two periods")
+    elif hang <= waits and wired.realtime:
+        source.fault(
+            "process.hang_timeout",
+            f"{hang * 1e3:g} ms must be above {waits * 1e3:g} ms, the sum of the timeouts of one period",
+        )
+    return hang
+
+
+def _early(source: WiringSource, given: Any, wired: Wired) -> float | None:
+    """A process that never sleeps keeps others from its core, and is throttled (sched(7))."""
+    if given == AUTO:
+        return None
+    try:
+        early = seconds(given)
+    except DeclarationError:
+        source.fault("process.early", f'{given!r} is neither "{AUTO}", nor a duration such as "120 us", nor 0')
+        return None
+    if early and wired.period is None:
+        source.fault("process.early", "the machine has no timer")
+    elif early > (wired.period or 0.0) / 2:
+        period = f"{(wired.period or 0.0) * 1e6:g} us"
+        source.fault("process.early", f"{early * 1e6:g} us is more than half of the period, {period}")
+    return early
+
+
+def _outputs(source: WiringSource, given: Any, wired: Wired) -> str:
+    if given not in (AT_ONCE, AT_NEXT_TICK):
+        source.fault("process.outputs", f'{given!r} is neither "{AT_ONCE}" nor "{AT_NEXT_TICK}"')
+        return AT_ONCE
+    if given == AT_NEXT_TICK and wired.timer is None:
+        source.fault("process.outputs", f'"{AT_NEXT_TICK}": the machine has no timer')
+    return str(given)
+
+
+def longest_period(wired: Wired) -> float:
+    """The longest duration of a period in s, if every call of a driver times out: a block transfer for each driver and
+    direction, and a call for each asynchronous object."""
+    calls = {
+        (id(wire.driver), wire.item.path if not wire.item.synchronous else wire.item.direction): wire.driver.timeout
+        for wire in wired.wires
+        if wire.item is not wired.timer
+    }
+    return (wired.period or 0.0) + sum(calls.values())

@@ -1,0 +1,128 @@
+"""The rehearsal before a tick: umo's own part of a period on copies, without the driver and the user's code."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from machines import Bench, actuator, bench, relay, sensor, switch, timer, wired
+from umo import Compound, DigitalActuator, DigitalSensor, Interlock, PassFail, connect
+from umo.cycle.rehearsal import MOST, Rehearsal, rise_early
+from umo.testing import Scripted
+
+pytestmark = pytest.mark.usefixtures("both_forms")
+
+
+class Own(DigitalActuator):
+    """With a method of the user's."""
+
+    def write(self, value: float) -> bool:
+        pytest.fail("the user's code was called")
+
+
+class Watched(Bench):
+    """Everything that could be called is the user's."""
+
+    def control(self) -> None:
+        pytest.fail("the user's control was called")
+
+    def interlocks(self) -> Iterator[Interlock]:
+        yield Interlock(lambda: self.limit.read() is PassFail.FAIL, [self.motor], "the limit switch")
+
+
+def full(motor: DigitalActuator) -> Watched:
+    return Watched(
+        timer=timer(),
+        motor=motor,
+        encoder=sensor(incremental=True),
+        valve=relay(synchronous=False),
+        limit=switch(),
+    )
+
+
+def state(image: Any) -> list[str]:
+    return [str(list(each)) for each in (image.values, image.raws, image.pending, image.quality, image.times)]
+
+
+def test_neither_driver_nor_user_code_is_called_and_nothing_of_the_machine_changes() -> None:
+    own = Own("V", default=0.0, minimum=-10.0, maximum=10.0, resolution=0.5, slew_rate=10.0, expires="5 ms")
+    machine, box = full(own), Scripted({"encoder": 40})
+    connection = connect(machine, wired(machine, box))
+    with connection as m:
+        rehearsal, image = Rehearsal(connection.wired), connection.image
+        calls, events = len(box.calls), connection.machine.events.number
+        before = state(image)
+        for _ in range(20):
+            rehearsal()
+        assert state(image) == before
+        assert (len(box.calls), connection.machine.events.number, m.now) == (calls, events, 0.0)
+        assert own.path == "motor"
+
+
+def test_the_copies_are_read_and_written_as_the_objects_are(caplog: pytest.LogCaptureFixture) -> None:
+    """All are GOOD, so that the usual way is rehearsed; and nothing is logged."""
+    machine = bench(
+        encoder=sensor(incremental=True, invalid_raws=[100, 101]),
+        limit=switch(),
+        motor=actuator(expires="2 ms", slew_rate=1.0),
+    )
+    connection = connect(machine, wired(machine, Scripted()))
+    with connection:
+        rehearsal = Rehearsal(connection.wired)
+        for _ in range(10):
+            rehearsal()
+        copied = rehearsal._machine
+        assert copied.image.sampled_good
+        assert copied.clock.number == 10
+    assert caplog.text == ""
+
+
+def test_a_machine_of_thousands_is_rehearsed_in_part() -> None:
+    class Rack(Compound):
+        motors: list[DigitalActuator]
+        timer: DigitalSensor
+
+    machine = Rack(motors=[actuator(expires="5 ms") for _ in range(3 * MOST)], timer=timer())
+    connection = connect(machine, wired(machine, Scripted()))
+    with connection:
+        rehearsal = Rehearsal(connection.wired)
+        rehearsal()
+        assert len(rehearsal._machine.image.items) == MOST
+        assert rehearsal._machine.clock.number == 1, "the timer is one of them"
+        assert type(rehearsal._machine.image) is type(connection.image)
+
+
+def test_a_rehearsal_that_fails_is_told_once_and_left_out(caplog: pytest.LogCaptureFixture) -> None:
+    machine = bench()
+    connection = connect(machine, wired(machine, Scripted()))
+    with connection:
+        rehearsal = Rehearsal(connection.wired)
+        rehearsal._actuators.append(None)
+        for _ in range(3):
+            rehearsal()
+    assert caplog.text.count("periods are not rehearsed") == 1
+
+
+def test_a_machine_that_cannot_be_copied_runs_without_a_rehearsal(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    machine = bench()
+    connection = connect(machine, wired(machine, Scripted()))
+    with connection:
+        ticker = SimpleNamespace(rise_early=lambda seconds: None, meanwhile=None)
+        connection.wired.timer_wire.driver.ticker = ticker
+        monkeypatch.setattr("umo.cycle.rehearsal._copy", lambda item: None)
+        rise_early(connection.wired, 1e-4)
+        assert ticker.meanwhile is None
+    assert "periods are not rehearsed" in caplog.text
+
+
+def test_only_a_timer_in_real_time_rises_early() -> None:
+    machine: Any = bench()
+    connection = connect(machine, wired(machine, Scripted()))
+    with connection as m:
+        rise_early(connection.wired, 1e-4)
+        assert m.timer.read() == 0.0
