@@ -282,6 +282,15 @@ def test_a_drive_that_does_not_slow_down_is_found_as_well(monkeypatch: pytest.Mo
         periods(m, 900)
 
 
+def test_a_setpoint_of_a_drive_that_is_off_is_not_a_fault() -> None:
+    with connect(machine(), wiring()) as m:
+        m.belt.setpoint.write(0.3)
+        periods(m, 1000)
+        m.belt.run.write(OnOff.ON)
+        periods(m, 1000)
+        assert m.belt.speed.read() == pytest.approx(0.3, abs=0.01)
+
+
 @pytest.mark.parametrize("speed", [0.01, 0.05])
 def test_a_dead_drive_is_found_at_a_low_speed(speed: float) -> None:
     run = Run(at(speed), faults=["drive-dead"], fault_at=0.0)

@@ -294,7 +294,6 @@ def test_a_refused_value_leaves_an_actuator_as_it_is_held(
     page: Any, station: umo.RemoteStation, served: Served
 ) -> None:
     take_lease(page, served.url)
-    control(page, "belt.run").get_by_role("button", name="ON").click()  # else the drive is taken for broken
     setpoint = control(page, "belt.setpoint")
     setpoint.locator('input[type="number"]').fill("0.1")
     page.get_by_label("Filter").focus()  # a field that is left writes nothing
@@ -313,7 +312,6 @@ def test_release_comes_after_whatever_the_slider_has_asked_for(
     page: Any, station: umo.RemoteStation, served: Served
 ) -> None:
     take_lease(page, served.url)
-    control(page, "belt.run").get_by_role("button", name="ON").click()  # else the drive is taken for broken
     setpoint = control(page, "belt.setpoint")
     setpoint.get_by_role("button", name="Set").click()
     eventually(lambda: setpoint.get_by_role("button", name="Release").is_enabled())

@@ -71,7 +71,7 @@ class Belt(Compound):
     def control(self) -> None:
         before, self._speed = self._speed, value_of(self.speed)
         self.position += 1000.0 * (before + self._speed) / 2 * self.dt
-        commanded = self.setpoint.read()
+        commanded = self.setpoint.read() if self.run.read() is OnOff.ON else 0.0
         largest = min(self.deviation, commanded / 2) if commanded else self.deviation
         self._deviating = self._deviating + self.dt if abs(self._speed - commanded) > largest else 0.0
         if self._deviating > self.settling_time:
