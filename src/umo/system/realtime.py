@@ -17,11 +17,13 @@ except ImportError:  # not on this platform
     resource = None  # type: ignore[assignment]
 
 MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
-MADV_POPULATE_READ, MADV_POPULATE_WRITE = 22, 23
+MADV_WILLNEED, MADV_POPULATE_READ, MADV_POPULATE_WRITE = 3, 22, 23
 IDLE = 16 << 20
 """Bytes from which on an anonymous mapping counts as a library's buffer."""
-UNUSED = ("blas", "gfortran", "pydantic", "libcrypto", "libssl")
+IDLE_LIBRARIES = ("blas", "gfortran", "quadmath", "pydantic", "libcrypto", "libssl", "unicodedata", "_decimal")
 """In the names of libraries that no loop calls."""
+LARGE_LIBRARIES = ("_multiarray_umath", "libstdc++")
+"""Of libraries of which a loop calls a small part."""
 EARLY = 200e-6
 """s, for waking up and a rehearsal (docs/decisions/0018)."""
 PR_SET_PDEATHSIG = 1
@@ -128,18 +130,25 @@ def lock_memory() -> Refusal | None:
 
 def touch_memory(libc: ctypes.CDLL) -> bool:
     """Touch all memory of this process but what stands idle: the buffers and code of numpy's linear algebra and of what
-    only reads wirings, 70 MB that no loop needs. False where the kernel cannot (madvise(2), Linux 5.14); then
-    everything is to be locked."""
+    only reads wirings, 70 MB that no loop needs; and code of numpy and the C++ library that has not run yet, 10 MB: it
+    is read from the disk, and its first use in the loop is a page fault, 4 us for 16 pages. False where the kernel
+    cannot (madvise(2), Linux 5.14); then everything is to be locked."""
     touched = False
     for line in Path("/proc/self/maps").read_text().splitlines():
         words = line.split()
         first, last = (int(word, 16) for word in words[0].split("-"))
         if "r" not in words[1] or words[-1].startswith("[v") or (last - first >= IDLE and len(words) == 5):
             continue
-        if any(name in words[-1] for name in UNUSED):
+        if any(name in words[-1] for name in IDLE_LIBRARIES):
             continue
-        how = MADV_POPULATE_WRITE if "w" in words[1] else MADV_POPULATE_READ
-        touched = libc.madvise(ctypes.c_void_p(first), ctypes.c_size_t(last - first), how) == 0 or touched
+        if "w" in words[1]:
+            how = MADV_POPULATE_WRITE
+        elif any(name in words[-1] for name in LARGE_LIBRARIES):
+            how = MADV_WILLNEED
+        else:
+            how = MADV_POPULATE_READ
+        done = libc.madvise(ctypes.c_void_p(first), ctypes.c_size_t(last - first), how) == 0
+        touched |= done and how != MADV_WILLNEED
     return touched
 
 
