@@ -174,6 +174,16 @@ def test_what_took_too_long_once_meanwhile_is_left_out_for_eight_periods() -> No
     assert called == [0, 1, 2, *range(11, 30)]
 
 
+def test_what_took_long_a_few_calls_ago_is_not_begun_when_less_time_is_left() -> None:
+    kernel, called = Kernel(late=[0, 0, 0, 30, *[0] * 20, 30], early=100 * US), []
+    ticker = kernel.ticker()
+    ticker.meanwhile = lambda: (called.append(kernel.now // PERIOD), kernel.work(80 if len(called) == 1 else 50))
+    for _ in range(25):
+        assert ticker.wait() == 0
+        assert ticker.woke - ticker.due <= US
+    assert called == [0, 1, 2, *range(4, 25)]
+
+
 @pytest.mark.parametrize("long", [110, 250, 2500])
 def test_what_always_takes_too_long_meanwhile_makes_fewer_and_fewer_ticks_late(long: int) -> None:
     kernel, called = Kernel(early=100 * US), []

@@ -210,7 +210,9 @@ class Axis(Compound):
         driven = idle = 0.0
         last = best = self.reading
         while until is None or not until():
-            await self._next_period()
+            await next_period()
+            if not self.enabled:
+                raise self._was_disabled()
             reading = self.reading
             if self._interrupted:
                 last, best, idle = reading, reading, 0.0
@@ -242,7 +244,9 @@ class Axis(Compound):
             late, corrections = 0.0, 0
             steady = -inf  # how long it has been in the window; -inf: it is not
             while steady < self.window_time:
-                await self._next_period()
+                await next_period()
+                if not self.enabled:
+                    raise self._was_disabled()
                 if self._arrived(position):
                     steady = max(steady + self.dt, 0.0)
                     continue
@@ -326,10 +330,8 @@ class Axis(Compound):
         plan()
         self._replan = plan
 
-    async def _next_period(self) -> None:
-        await next_period()
-        if not self.enabled:
-            raise AxisError(f"{self.path} was disabled during its motion")
+    def _was_disabled(self) -> AxisError:
+        return AxisError(f"{self.path} was disabled during its motion")
 
     def _set_searching(self, searching: bool) -> None:
         self.searching, self._accept = searching, HOMING if searching else ACCEPTED

@@ -74,12 +74,12 @@ class Servo(PID):
     def _reach(self, dt: float) -> tuple[float, float]:
         """The lowest and highest output of this period."""
         actuator = self.actuator
-        low, high = actuator.minimum, actuator.maximum
+        low, high, rate = actuator._minimum, actuator._maximum, actuator._slew_rate  # the properties are calls
         if self.limit < high or -self.limit > low:
             low, high = max(low, -self.limit), min(high, self.limit)
-        if actuator.slew_rate is None or not dt:
+        if rate is None or not dt:
             return low, high
-        now, step = actuator.read(), actuator.slew_rate * dt
+        now, step = actuator.read(), rate * dt
         return max(low, now - step), min(high, now + step)
 
 

@@ -150,7 +150,8 @@ class Image(ABC):
             if outside or block.unsettled:
                 self._settle(block, outside, now, failures)
         if failures or self.sampled_good is None:
-            self._tell_marked()
+            if self._marked:
+                self._tell_marked()
             if failures:
                 raise DriverError("could not be read", failures)
             self.sampled_good = not any(self.quality[self.sampled])
@@ -215,10 +216,12 @@ class Image(ABC):
                 self._accept(slot, raw, failures)
             else:  # the clock must not jump: every law and every timeout counts on it
                 self._fail_input(slot, f"read {raw} missed periods, which is outside its range", failures)
-        self._tell_marked()
+        if self._marked:
+            self._tell_marked()
         if failures:
             raise DriverError("could not be read", failures)
-        return cast(float, self.values[slot])
+        value: float = self.values[slot]
+        return value
 
     def sample_some(self, slots: Sequence[int]) -> bool:
         failures: list[Failure] = []
@@ -227,7 +230,8 @@ class Image(ABC):
                 self._fail_input(slot, found, failures)
             else:
                 self._accept(slot, found, failures)
-        self._tell_marked()
+        if self._marked:
+            self._tell_marked()
         if failures:
             raise DriverError("could not be read", failures)
         return all(self.quality[slot] == Quality.GOOD for slot in slots)
@@ -377,17 +381,19 @@ class Image(ABC):
         """One sensor was read."""
         value = self.value_of(slot, raw)
         _, _, low, high = self.scales[slot]
-        if (slot in self.invalid_raws or not low <= value <= high) and (cause := self._refused(slot)):
+        inside = low <= value <= high
+        if (slot in self.invalid_raws or not inside) and (cause := self._refused(slot)):
             self._fail_input(slot, cause, failures)
             return
         self.values[slot] = value
         self.times[slot] = self.clock.now
-        self._set_quality(slot, self._judge(slot, value))
+        if not inside or self.quality[slot] != self.base[slot]:
+            self._set_quality(slot, self._judge(slot, value))
 
     def value_of(self, slot: int, raw: int) -> float:
         """The value that a raw integer stands for."""
         resolution, zero_offset, _, _ = self.scales[slot]
-        value = to_value(raw, resolution, zero_offset)
+        value = resolution * raw + zero_offset  # scaling.to_value in line
         linearization = self.linearizations[slot]
         return value if linearization is None else linearization.to_value(value)
 
@@ -422,9 +428,8 @@ class Image(ABC):
 
     def _tell_marked(self) -> None:
         """Log together what was marked BAD together: a thousand lines would take longer than a period."""
-        if self._marked:
-            log.warning("%s", DriverError("marked BAD", self._marked))
-            self._marked = []
+        log.warning("%s", DriverError("marked BAD", self._marked))
+        self._marked = []
 
     def _fail_output(self, slot: int, cause: str, failures: list[Failure]) -> None:
         self._set_quality(slot, Quality.BAD)

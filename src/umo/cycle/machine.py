@@ -205,7 +205,8 @@ class ConnectedMachine:
             self._finish()
 
     def _tick(self) -> None:
-        self.finish_period()
+        if self._open:
+            self._finish()
         self._open = True
         self._started = monotonic_ns()
 

@@ -12,7 +12,7 @@ from typing import Any
 from umo.cycle.block import Block
 from umo.cycle.image import Image
 from umo.cycle.journal import Journal, Kind
-from umo.drivers.contract import Driver
+from umo.drivers.contract import Channel, Driver
 from umo.errors import ChannelsFailed
 
 UNKNOWN = -1
@@ -39,7 +39,7 @@ class Phases:
         for number, block in enumerate(image.outputs, self._control + 1):
             block.transfer = self._watched(block, number, Kind.WRITE)
         if image.timer >= 0:
-            image.transfer.tick = self._timed(image.transfer.tick, 0)
+            image.transfer.tick = self._timed(image.transfer.tick)
 
     def remove(self) -> None:
         """The drivers are called without being watched again."""
@@ -63,19 +63,18 @@ class Phases:
 
     def _watched(self, block: Block, number: int, kind: Kind) -> Callable[..., None]:
         """A block's transfer, timed; the journal says where it stood, or, if it is moved again, what it moved."""
-        timed, transfer, moved = self._timed(block.transfer, number), self._image.transfer, self._moved
+        ns, transfer, whole, moved = self.ns, block.transfer, self._image.transfer, self._moved
 
         def watched(channels: Any, raws: Any) -> None:
-            journal = transfer.journal
-            if journal is None:
-                timed(channels, raws)
-                return
+            journal = whole.journal
             again = number in moved
-            moved.add(number)
-            journal.mark(kind)
+            if journal is not None:
+                moved.add(number)
+                journal.mark(kind)
             failed: Collection[str] = ()
+            began = monotonic_ns()
             try:
-                timed(channels, raws)
+                transfer(channels, raws)
             except ChannelsFailed as error:
                 failed = error.causes
                 raise
@@ -83,20 +82,22 @@ class Phases:
                 again = False
                 raise
             finally:
-                if again:
-                    _note_block(journal, block, kind, transfer.raws, failed)
+                ns[number] = monotonic_ns() - began
+                if again and journal is not None:
+                    _note_block(journal, block, kind, whole.raws, failed)
 
         return watched
 
-    def _timed(self, call: Callable[..., Any], number: int) -> Callable[..., Any]:
+    def _timed(self, tick: Callable[[Channel], int]) -> Callable[[Channel], int]:
+        """The timer's reading, timed."""
         ns = self.ns
 
-        def timed(*arguments: Any) -> Any:
+        def timed(channel: Channel) -> int:
             began = monotonic_ns()
             try:
-                return call(*arguments)
+                return tick(channel)
             finally:
-                ns[number] = monotonic_ns() - began
+                ns[0] = monotonic_ns() - began
 
         return timed
 

@@ -210,26 +210,26 @@ class Task:
         if self.done:
             return True
         try:
-            self._advance(tick)
+            if not self._begun:
+                self._begin()
+                tick = None
+            if tick is None or not self.limits:
+                self._step(self._sequence.send, tick)
+            else:
+                self._step_within_limits(tick)
+            if self._cancelling:
+                self.cancel()
         except BaseException as error:
             self.error = error
             raise
         return self.done
 
-    def _advance(self, tick: Tick | None) -> None:
-        if not self._begun:
-            self._begin()
-            tick = None
-        if tick is None or not self.limits:
-            self._step(self._sequence.send, tick)
-        else:
-            for each in self.limits:
-                each.pass_(tick)
-            self._step(self._sequence.send, tick)
-            while expiry := next(filter(None, (each.expires(tick) for each in self.limits)), None):
-                self._step(self._sequence.throw, expiry)
-        if self._cancelling:
-            self.cancel()
+    def _step_within_limits(self, tick: Tick) -> None:
+        for each in self.limits:
+            each.pass_(tick)
+        self._step(self._sequence.send, tick)
+        while expiry := next(filter(None, (each.expires(tick) for each in self.limits)), None):
+            self._step(self._sequence.throw, expiry)
 
     def _step(self, resume: Callable[[Any], object], what: object) -> None:
         _ADVANCING.append(self)

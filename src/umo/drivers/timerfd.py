@@ -21,6 +21,8 @@ TRY_AGAIN = 8
 """Periods until what took too long is tried again; twice as many after each time that it did so again."""
 MOST_TIMES = 12
 """That the number of periods is doubled."""
+FORGET = 64
+"""Calls in which a long one is forgotten: about this many until a third of it is left."""
 TFD_CLOEXEC = getattr(os, "O_CLOEXEC", 0)
 
 
@@ -64,7 +66,7 @@ class Ticker:
         self.meanwhile: Callable[[], object] | None = None
         """Called once between the early rising and its tick, if it is likely to end before it."""
         self._took = 0
-        """ns, the last time that it ended before its tick."""
+        """ns that it is expected to take: what it took at most, of late; the last times count more."""
         self._overran = 0
         """Times in a row that it did not."""
         self._left_out = 0
@@ -134,7 +136,7 @@ class Ticker:
         meanwhile()
         after = self._clock()
         if after <= due:
-            self._took, self._overran = after - now, 0
+            self._took, self._overran = max(after - now, self._took - self._took // FORGET), 0
         else:
             self._left_out = TRY_AGAIN << self._overran
             self._overran = min(self._overran + 1, MOST_TIMES)
