@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import sys
 import threading
 from typing import Any
 
@@ -83,6 +86,28 @@ def test_outputs_that_cannot_be_brought_to_their_defaults_are_named_when_it_is_i
 
     with pytest.raises(StopError, match="not brought to their defaults: stuck: not reset; valve"):
         conform(Subject("stuck", make=Stuck, outputs=(Output("valve"),)), progress=interrupt)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="signals of Linux")
+def test_a_signal_waits_for_the_call_under_way_before_the_outputs_are_brought_to_their_defaults() -> None:
+    asked, meanwhile, reset = threading.Event(), [], threading.Event()
+
+    class Slow(Simulated):
+        def initialize(self, channel: Channel, default: int | None) -> None:
+            if not asked.is_set():
+                asked.set()
+                os.kill(os.getpid(), signal.SIGINT)  # the thread that waits for this one
+                meanwhile.append(reset.wait(0.2))
+            super().initialize(channel, default)
+
+        def reset(self, channel: Channel, default: int | None) -> None:
+            reset.set()
+            super().reset(channel, default)
+
+    with pytest.raises(KeyboardInterrupt):
+        conform(Subject("slow", make=Slow, outputs=(Output("valve"),)))
+    assert meanwhile == [False]
+    assert reset.is_set()
 
 
 def test_a_driver_that_hangs_without_a_line_is_found(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,7 +6,7 @@ import platform
 from collections.abc import Callable, Iterable
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
-from threading import Thread
+from threading import Event, Thread
 from time import monotonic
 from typing import Any
 
@@ -107,19 +107,26 @@ def _tried(trial: Trial, rule: Rule) -> Finding:
 def _in_thread(trial: Trial, work: Callable[[], None], look: Callable[[], object]) -> None:
     """Carry out the work. Hangs if a call of the driver does not return. An exception here, such as KeyboardInterrupt,
     ends the work at its next call of the driver."""
-    thread = Thread(target=work, name="umo conformance", daemon=True)
-    thread.start()
+    ended = Event()  # Thread.join that Ctrl-C interrupts takes a running thread for ended (CPython 3.11, 3.12)
+
+    def run() -> None:
+        try:
+            work()
+        finally:
+            ended.set()
+
     try:
-        while thread.is_alive():
+        Thread(target=run, name="umo conformance", daemon=True).start()
+        while not ended.is_set():
             look()
-            thread.join(INTERVAL)
+            ended.wait(INTERVAL)
             _check_hang(trial)
     except Hangs:
         raise
     except BaseException:
         trial.watch.stopped = True
-        thread.join(4 * trial.patience + HANG)
-        trial.watch.stopped, trial.watch.over = False, thread.is_alive()
+        over = not ended.wait(4 * trial.patience + HANG)
+        trial.watch.stopped, trial.watch.over = False, over
         raise
 
 
