@@ -75,6 +75,7 @@ def serve() -> None:
         rise_early(connection.wired, realtime.early_by_itself(PERIOD))
         sys.stdout.buffer.write(GRANTED.pack(priority, -1 if core is None else core))
         sys.stdout.buffer.flush()
+        slice_of(m, ticker, 1, lambda: box.handed)  # in the first period nothing is sent
         while sys.stdin.buffer.read(1):
             sys.stdout.buffer.write(slice_of(m, ticker, SLICE, lambda: box.handed).tobytes())
             sys.stdout.buffer.flush()

@@ -182,7 +182,7 @@ def test_only_the_holder_of_the_lease_commands() -> None:
             "CommandRefused: nobody has the lease; take it first",
         )
         assert rig.do("lease").state is CommandState.DONE
-        assert rig.do("tune", "speed", 3.0, key="b").text == "CommandRefused: hand a has the lease"
+        assert rig.do("tune", "speed", 3.0, key="b").text == "LeaseHeld: hand a has the lease"
         assert rig.m.speed == 2.0
         assert rig.do("tune", "speed", 3.0).text == '"2 -> 3"'
         assert rig.m.speed == 3.0

@@ -68,7 +68,21 @@ def test_a_rate_limit_makes_one_step_per_period_and_an_expired_command_goes_with
         m.update()
         before = len(sent(box, "motor"))
         begin(m, periods=6)
-        assert sent(box, "motor")[before:] == [2, 4, 5, 3, 1, 0, 0]  # half volts: it was commanded for three periods
+        assert sent(box, "motor")[before:] == [2, 4, 2, 0, 0, 0, 0]  # half volts: it expires with the third tick
+
+
+def test_a_command_that_expired_in_missed_periods_is_not_sent_any_more() -> None:
+    machine, box, clock = bench(motor=actuator(expires="3 ms")), Scripted(), Scripted()
+    wiring = wired(machine, box, clock=clock) | {"process": {"outputs": "at next tick"}}
+    with connect(machine, wiring) as m:
+        begin(m)
+        m.motor.write(2.5)
+        m.update()
+        before = len(sent(box, "motor"))
+        clock.set("timer", 100)
+        m.timer.read()
+        m.sample()
+        assert sent(box, "motor")[before:] == [0]
 
 
 class Guarded(Bench):

@@ -38,6 +38,7 @@ ERRORS = {
     "ChannelError",
     "ChannelsFailed",
     "CommandRefused",
+    "LeaseHeld",
     "DeclarationError",
     "DeviceTimeout",
     "DriverError",

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from machines import Bench, actuator, bench, relay, sensor, switch, timer, wired
-from umo import Compound, DigitalActuator, DigitalSensor, Interlock, PassFail, connect
+from umo import Compound, DigitalActuator, DigitalSensor, Interlock, LookupTable, PassFail, connect
 from umo.cycle.rehearsal import MOST, Rehearsal, rise_early
 from umo.testing import Scripted
 
@@ -93,6 +93,30 @@ def test_a_machine_of_thousands_is_rehearsed_in_part() -> None:
         assert len(rehearsal._machine.image.items) == MOST
         assert rehearsal._machine.clock.number == 1, "the timer is one of them"
         assert type(rehearsal._machine.image) is type(connection.image)
+
+
+def test_a_linearization_of_the_user_s_own_is_not_rehearsed() -> None:
+    called = []
+
+    class Table(LookupTable):
+        def to_input(self, value: float) -> float:
+            called.append(value)
+            return super().to_input(value)
+
+    class Valve(Compound):
+        timer: DigitalSensor
+        flow: DigitalActuator
+
+    table = Table((0.0, 1.0, 5.0), (0.0, 2.0, 5.0))
+    flow = DigitalActuator("V", default=0.0, minimum=0.0, maximum=5.0, resolution=0.5, linearization=table)
+    machine = Valve(timer=timer(), flow=flow)
+    connection = connect(machine, wired(machine, Scripted()))
+    with connection:
+        called.clear()
+        rehearsal = Rehearsal(connection.wired)
+        rehearsal()
+        assert called == []
+        assert rehearsal._machine.clock.number == 1
 
 
 def test_a_rehearsal_that_fails_is_told_once_and_left_out(caplog: pytest.LogCaptureFixture) -> None:

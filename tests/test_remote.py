@@ -337,7 +337,9 @@ def test_a_program_commands_a_running_station(tmp_path: Path) -> None:
             with station.lease("a test") as lease:
                 assert station.reader.holder == "a test"
                 with (
-                    pytest.raises(CommandRefused, match=r"a test has the lease; .*lease\(over=True\) takes it over"),
+                    pytest.raises(
+                        CommandRefused, match=r"a test has the lease; take it over with station\.lease\(over=True\)"
+                    ),
                     umo.attach(started.pid) as other,
                 ):
                     other.lease("another").__enter__()

@@ -15,6 +15,7 @@ UmoError
 |-- BadInput (RuntimeError)          a control law read a sensor whose quality it does not accept
 |-- Interlocked (RuntimeError)       an interlock with effect="stop" forbids the write
 |-- CommandRefused (RuntimeError)    a command from outside: without the lease, or not in this mode
+|   `-- LeaseHeld                    another hand has the lease
 |-- Busy (RuntimeError)              a motion was started on an axis in motion
 |-- TimeExpired (TimeoutError)       a condition was not true within its timeout
 |-- TaskFailed (RuntimeError)        the machine could not do its work: base of a station's own errors
@@ -188,6 +189,10 @@ class Interlocked(UmoError, RuntimeError):
 class CommandRefused(UmoError, RuntimeError):
     """A command from outside was refused: nobody or another hand has the lease, or the mode does not allow it; nothing
     was changed."""
+
+
+class LeaseHeld(CommandRefused):
+    """Another hand has the lease."""
 
 
 class Busy(UmoError, RuntimeError):

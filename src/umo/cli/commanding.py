@@ -10,7 +10,8 @@ from typing import Any
 
 from rich.table import Table
 
-from umo.errors import CommandRefused, PathError, RangeError
+from umo.cycle.stage import Stage
+from umo.errors import LeaseHeld, PathError, RangeError
 from umo.frames import Reader
 from umo.remote import HeldLease, RemoteStation
 from umo.remote.members import call_action
@@ -23,6 +24,8 @@ from .values import argument, number
 
 LOOK = 0.05
 """s between two pictures of the progress."""
+MOMENT = 0.001
+"""s"""
 
 
 @contextmanager
@@ -37,13 +40,9 @@ def leased(station: RemoteStation, over: bool) -> Iterator[HeldLease]:
     with ExitStack() as stack:
         try:
             lease = stack.enter_context(station.lease(over=over))
-        except CommandRefused as error:
-            holder = printable(station.reader.holder)
-            if over or not holder:
-                raise
-            raise CommandRefused(
-                f"{holder} has the lease; take it over with --take, or wait until it is given back"
-            ) from error
+        except LeaseHeld as error:
+            held = printable(str(error.__cause__))  # as the machine says it
+            raise LeaseHeld(f"{held}; take it over with --take, or wait until it is given back") from error
         yield lease
 
 
@@ -172,7 +171,15 @@ def set_running(station: RemoteStation, path: str, value: Any, hold: float | Non
     item = station[path]
     with leased(station, over):
         item.write(value)
+        _let_pass(station.reader)
         out.print(f"{path}  {item.read()}  {item.quality}")
         _hold(hold)
         item.release()
     out.print(f"{path}  reset to its default")
+
+
+def _let_pass(reader: Reader) -> None:
+    """Two periods: where outputs wait for the next tick, the frame of the command does not show it yet."""
+    until, end = reader.head + 2, time.monotonic() + 1.0
+    while reader.head < until and reader.state is Stage.RUNNING and time.monotonic() < end:
+        time.sleep(max(reader.about["period"], MOMENT))

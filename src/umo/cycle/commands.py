@@ -307,6 +307,10 @@ class Commands:
                     found.add(command.slot)
         return found
 
+    def expire(self) -> None:
+        """Before outputs are sent that have waited for the tick: the default in the place of an expired command."""
+        self._expired({command.slot for command in self._expiring if not command.synchronous})
+
     def slew(self, slots: Iterable[int] | None = None) -> None:
         """Before a transfer: pending becomes what the rate allows in this period, from what the hardware last accepted.
         One step per period, even if called several times. A reset that failed is retried without the limit."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from umo.errors import CommandRefused
+from umo.errors import CommandRefused, LeaseHeld
 
 SHORTEST, LONGEST = 0.2, 60.0
 """s for which a lease may be taken."""
@@ -21,10 +21,10 @@ class Lease:
         self._until = 0.0
 
     def take(self, who: str, key: str, seconds: float, now: float, *, over: bool = False) -> bool:
-        """Whether it was taken over from another hand. CommandRefused while another hand has it, unless `over`."""
+        """Whether it was taken over from another hand. LeaseHeld while another hand has it, unless `over`."""
         others = bool(self.holder) and key != self._key
         if others and not over:
-            raise CommandRefused(f"{self.holder} has the lease; take it over, or wait until it is given back")
+            raise LeaseHeld(f"{self.holder} has the lease")
         self.number += 1
         self.holder, self._key, self._seconds = who, key, min(max(seconds, SHORTEST), LONGEST)
         self.renew(key, now)
@@ -35,7 +35,7 @@ class Lease:
         if not self.holder:
             raise CommandRefused("nobody has the lease; take it first")
         if key != self._key:
-            raise CommandRefused(f"{self.holder} has the lease")
+            raise LeaseHeld(f"{self.holder} has the lease")
 
     def renew(self, key: str, now: float) -> None:
         self.check(key)

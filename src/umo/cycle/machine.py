@@ -170,10 +170,12 @@ class ConnectedMachine:
             self._finish()
 
     def _send_and_sample(self, sample: Callable[[], bool]) -> bool:
-        """What the period before has computed, then the sensors; one DriverError lists the failures of both."""
+        """What the period before has computed and has not expired since, then the sensors; one DriverError lists the
+        failures of both."""
         if not self._unsent:
             return sample()
         self._unsent = False
+        self.commands.expire()
         try:
             self.image.update()
         except DriverError as unsent:

@@ -20,6 +20,8 @@ from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
 from umo.drivers.simulated import Simulated
 from umo.objects import Atomic, Compound
+from umo.objects.atomic import Calibration
+from umo.text import located
 from umo.wiring.faults.wrapper import bare
 from umo.wiring.resolved import Wire, Wired
 
@@ -50,7 +52,13 @@ class Rehearsal:
         nowhere = Simulated(history=1)
         timer_first = sorted(wired.wires, key=lambda wire: wire.item is not wired.timer)
         wires = [
-            replace(wire, item=_copy(wire.item), driver=nowhere, channel=nowhere.channel(str(number)))
+            replace(
+                wire,
+                item=_copy(wire.item),
+                driver=nowhere,
+                channel=nowhere.channel(str(number)),
+                calibration=_calibration(wire),
+            )
             for number, wire in enumerate(timer_first[:MOST])
         ]
         for wire in wires[1:]:  # the timer reads 0: no tick has been missed
@@ -86,12 +94,18 @@ class Rehearsal:
 
 
 def _give_up(error: Exception) -> None:
-    log.warning("periods are not rehearsed: %s", type(error).__name__)
+    log.warning("periods are not rehearsed: %s", located(error))
 
 
 def _good_raw(wire: Wire) -> int:
     """In the middle of the range, and no mark of an invalid reading."""
     return next(raw for raw in count(sum(wire.raw_bounds) // 2) if raw not in wire.invalid_raws)
+
+
+def _calibration(wire: Wire) -> Calibration | None:
+    """Without a linearization that is the user's own."""
+    calibration, own = wire.calibration, type(wire.linearization).__module__.startswith("umo.objects")
+    return calibration if calibration is None or own else calibration._replace(linearization=None)
 
 
 class _Copy(Compound):

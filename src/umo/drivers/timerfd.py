@@ -106,6 +106,7 @@ class Ticker:
             passed = (now - due) // self._nanoseconds + 1
             self._next = due + passed * self._nanoseconds
             self.due, self.woke = self._next - self._nanoseconds, now
+            self._owed += passed * self._rest
             return passed
         early = due - self._early
         self._owed += self._rest
@@ -132,6 +133,7 @@ class Ticker:
             self._left_out -= 1
             return now
         if due - now <= self._took:
+            self._took -= self._took // FORGET
             return now
         meanwhile()
         after = self._clock()

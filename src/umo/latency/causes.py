@@ -103,7 +103,7 @@ def split(frames: Frames, layout: Layout) -> PhaseTimes:
 
 def counts(frames: Frames) -> dict[str, npt.NDArray[np.float64]]:
     """What each counter counted in the period of each row. The counters are not read in every period: what is usual is
-    taken off for those between two readings, and a row that has none of its own gets 0."""
+    taken off for those between two readings. A row that has no reading of its own gets 0."""
     read = np.flatnonzero(np.diff(frames["counted"])) + 1  # those with a reading of their own
     periods = np.diff(frames["counted"])[read - 1]
     found = {}
@@ -111,7 +111,7 @@ def counts(frames: Frames) -> dict[str, npt.NDArray[np.float64]]:
         values = np.zeros(len(frames))
         counted = np.diff(frames[name])[read - 1].astype(float)
         usual = float(np.median(counted / periods)) if len(read) else 0.0
-        values[read] = counted - usual * (periods - 1)
+        values[read] = np.maximum(counted - usual * (periods - 1), 0.0)
         found[name] = values
     return found
 

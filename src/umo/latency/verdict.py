@@ -52,7 +52,10 @@ def recommend(found: Measured) -> str:
         return ""
     late = [float(np.percentile(samples.total, 99)) for samples in (asleep, early)]
     us, cost = f"{found.early * 1e6:.0f} us", f"{max(early.busy - asleep.busy, 0.0):.0%} more of a processor"
-    compared = f"99 % of the periods end within {late[1]:.0f} us instead of {late[0]:.0f} us"
+    compared = (
+        f"99 % of the periods that begin in time end within {late[1]:.0f} us instead of {late[0]:.0f} us, "
+        f"{early.missed:,} instead of {asleep.missed:,} are missed"
+    )
     better = late[1] < late[0] and early.missed <= asleep.missed + len(early.total) / 1000
     if better and found.granted:
         return f"umo run rises {us} early here: {compared}, for {cost}; `early = 0` in [process] turns it off"

@@ -10,7 +10,7 @@ from contextlib import suppress
 from types import TracebackType
 from typing import TYPE_CHECKING
 
-from umo.errors import CommandRefused, UmoError
+from umo.errors import LeaseHeld, UmoError
 
 if TYPE_CHECKING:
     from umo.remote.attached import RemoteStation
@@ -66,13 +66,13 @@ class HeldLease:
         self._station.held_lease = None
 
     def _ask(self) -> int:
-        """Its number. CommandRefused names the argument that takes it over."""
+        """Its number. LeaseHeld names the argument that takes it over."""
         try:
             number: int = self._station.ask("lease", key=self.key, who=self.who, seconds=self._seconds, over=self._over)
-        except CommandRefused as error:
-            if self._over or not self._station.reader.holder:
-                raise
-            raise CommandRefused(f"{error} (station.lease(over=True) takes it over)") from error
+        except LeaseHeld as error:
+            raise LeaseHeld(
+                f"{error}; take it over with station.lease(over=True), or wait until it is given back"
+            ) from error
         return number
 
     def keep_up(self, path: str, lasts: float) -> None:

@@ -64,8 +64,8 @@ def prepare(priority: int = 80, cpu: int | None = None) -> list[Refusal]:
 
 
 def granted() -> tuple[int, int | None]:
-    """What this process has now: its priority under SCHED_FIFO, 0 without; the only core that it may use, None if there
-    are several, or if it is the only one of its parent, too."""
+    """What this process has now: its priority under SCHED_FIFO, 0 without; its core if it is pinned to one and its
+    parent is not pinned to the same one, else None."""
     if not sys.platform.startswith("linux"):
         return 0, None
     fifo = os.sched_getscheduler(0) == getattr(os, "SCHED_FIFO", None)
