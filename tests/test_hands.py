@@ -30,7 +30,7 @@ from umo import (
 from umo.control import next_period, state_of, wait
 from umo.cycle.commands import FREE, IN_HAND
 from umo.cycle.events import CommandState, Event
-from umo.cycle.hands import AT_ONCE, HOLD, HandCommand, Hands, Mode
+from umo.cycle.hands import HOLD, TAKEN_PER_PERIOD, HandCommand, Hands, Mode
 from umo.objects import actions_of
 from umo.testing import Scripted, VirtualTimer, put
 
@@ -439,10 +439,10 @@ def test_anybody_may_stop_the_machine() -> None:
 
 
 def test_no_more_than_a_few_commands_are_carried_out_in_one_period(rig: Rig) -> None:
-    for _ in range(3 * AT_ONCE):
+    for _ in range(3 * TAKEN_PER_PERIOD):
         rig.send("tune", "speed", 1.0)
     rig.periods()
-    assert len(rig.letters.waiting) == 2 * AT_ONCE
+    assert len(rig.letters.waiting) == 2 * TAKEN_PER_PERIOD
 
 
 @pytest.mark.parametrize("do", ["", "leese", "look", "__init__"])

@@ -21,7 +21,7 @@ import umo
 from machines import bench, wired
 from patient import conveyor
 from umo import CommandRefused, FramesError, RangeError, connect, published
-from umo.cycle.hands import AT_ONCE, HOLD, Hands, Mode
+from umo.cycle.hands import HOLD, TAKEN_PER_PERIOD, Hands, Mode
 from umo.frames import Reader, rings
 from umo.frames.folder import QUEUE
 from umo.frames.layout import BELL, DESCRIPTION
@@ -118,7 +118,7 @@ def test_garbage_is_counted_and_dropped_and_commands_come_through_again(queue: t
             os.pwrite(file, random.randbytes(random.randint(1, 40)), at)
             if random.random() < 0.1:
                 os.ftruncate(file, random.randrange(size + 1))
-            for _ in range(AT_ONCE):
+            for _ in range(TAKEN_PER_PERIOD):
                 receiver.take()
         assert receiver.dropped > 100
         os.ftruncate(file, size)
@@ -265,7 +265,7 @@ def test_hands_that_die_at_any_moment_lose_no_command_of_the_others(belled: tupl
         elif sent - receiver.taken < SLOTS:
             with without_bell(sender) if dies else nullcontext():
                 sent = sender.send({"do": "keep"})
-        looks = random.choice([0, 1, AT_ONCE, 2 * round(ANYWAY / PERIOD)])
+        looks = random.choice([0, 1, TAKEN_PER_PERIOD, 2 * round(ANYWAY / PERIOD)])
         found += [command.number for _ in range(looks) if (command := receiver.take()) is not None]
     found += [command.number for _ in range(3 * SLOTS) if (command := receiver.take()) is not None]
     assert (found, receiver.dropped) == ([*range(1, sent + 1)], 0)
@@ -289,7 +289,7 @@ def test_a_flood_of_a_client_costs_a_few_commands_in_each_period(tmp_path: Path)
             for _ in range(3):
                 periods(m)
                 taken.append(reader.taken)
-            assert taken == [AT_ONCE, 2 * AT_ONCE, 3 * AT_ONCE]
+            assert taken == [TAKEN_PER_PERIOD, 2 * TAKEN_PER_PERIOD, 3 * TAKEN_PER_PERIOD]
             assert {each.event.text for each in reader.events()} == {
                 "CommandRefused: nobody has the lease; take it first"
             }

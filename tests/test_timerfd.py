@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import pytest
 from hypothesis import given
@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from machines import bench, wired
 from umo import Channel, Direction, DriverError, connect
-from umo.drivers.timerfd import Ticker, TimerFd
+from umo.drivers.timerfd import Ticker, TimerFd, WhileWaiting
 from umo.testing import Scripted
 
 linux = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="timerfd is Linux")
@@ -32,6 +32,8 @@ class Kernel:
         """When each sleep began, in us."""
         self.napped: list[int] = []
         """us"""
+        self.asleep = 0
+        """ns, in sleeps and naps"""
         self._expired = 0
         self._offset = early
 
@@ -43,16 +45,27 @@ class Kernel:
         expired = (self.now + self._offset) // PERIOD
         if expired == self._expired:
             self.slept.append(self.now // US)
-            self.now = (expired + 1) * PERIOD - self._offset + US * next(self.late, 0)
+            begun, self.now = self.now, (expired + 1) * PERIOD - self._offset + US * next(self.late, 0)
+            self.asleep += self.now - begun
             expired = (self.now + self._offset) // PERIOD
         self._expired = expired
 
     def nap(self, seconds: float) -> None:
         self.napped.append(round(seconds * 1e6))
         self.now += round(seconds * 1e9) + US * next(self.late, 0)
+        self.asleep += round(seconds * 1e9)
 
     def work(self, us: int) -> None:
         self.now += us * US
+
+    def noting(self, called: list[int], takes: Callable[[], int]) -> WhileWaiting:
+        """Work of so many us that notes its periods."""
+
+        def work() -> None:
+            called.append(self.now // PERIOD)
+            self.work(takes())
+
+        return WhileWaiting(work, self.clock)
 
     def ticker(self) -> Ticker:
         self.now = -US  # the first tick is due at PERIOD
@@ -155,10 +168,20 @@ def test_a_thread_that_rises_early_sleeps_a_sixteenth_of_the_time_or_what_its_wo
     assert bool(kernel.napped) == (work > 830)
 
 
+@pytest.mark.parametrize("works", [(600, 1100), (600, 600, 1050)])
+def test_a_thread_that_misses_ticks_sleeps_no_less(works: tuple[int, ...]) -> None:
+    kernel = Kernel(early=500 * US)
+    ticker = kernel.ticker()
+    for work in works * 700:
+        kernel.work(work)
+        ticker.wait()
+    assert kernel.asleep / kernel.now > 0.05
+
+
 def test_what_is_done_meanwhile_is_done_once_before_each_tick() -> None:
     kernel, called = Kernel(early=100 * US), []
     ticker = kernel.ticker()
-    ticker.meanwhile = lambda: (called.append(kernel.now), kernel.work(50))
+    ticker.meanwhile = WhileWaiting(lambda: (called.append(kernel.now), kernel.work(50)), kernel.clock)
     for _ in range(3):
         assert ticker.wait() == 0
         assert ticker.woke - ticker.due <= US
@@ -168,7 +191,9 @@ def test_what_is_done_meanwhile_is_done_once_before_each_tick() -> None:
 def test_what_took_too_long_once_meanwhile_is_left_out_for_eight_periods() -> None:
     kernel, called = Kernel(early=100 * US), []
     ticker = kernel.ticker()
-    ticker.meanwhile = lambda: (called.append(kernel.now // PERIOD), kernel.work(400 if len(called) == 3 else 50))
+    ticker.meanwhile = WhileWaiting(
+        lambda: (called.append(kernel.now // PERIOD), kernel.work(400 if len(called) == 3 else 50)), kernel.clock
+    )
     late = [ticker.wait() or ticker.woke - ticker.due > US for _ in range(30)]
     assert [number for number, each in enumerate(late) if each] == [2]
     assert called == [0, 1, 2, *range(11, 30)]
@@ -177,18 +202,30 @@ def test_what_took_too_long_once_meanwhile_is_left_out_for_eight_periods() -> No
 def test_what_took_long_a_few_calls_ago_is_not_begun_when_less_time_is_left() -> None:
     kernel, called = Kernel(late=[0, 0, 0, 30, *[0] * 20, 30], early=100 * US), []
     ticker = kernel.ticker()
-    ticker.meanwhile = lambda: (called.append(kernel.now // PERIOD), kernel.work(80 if len(called) == 1 else 50))
+    ticker.meanwhile = WhileWaiting(
+        lambda: (called.append(kernel.now // PERIOD), kernel.work(80 if len(called) == 1 else 50)), kernel.clock
+    )
     for _ in range(25):
         assert ticker.wait() == 0
         assert ticker.woke - ticker.due <= US
     assert called == [0, 1, 2, *range(4, 25)]
 
 
+def test_one_long_time_does_not_keep_it_from_being_done_for_good() -> None:
+    kernel, called = Kernel(late=[0, *[40] * 400], early=100 * US), []
+    ticker = kernel.ticker()
+    ticker.meanwhile = kernel.noting(called, lambda: 95 if len(called) == 1 else 40)
+    for _ in range(400):
+        ticker.wait()
+    assert called[1] < 60
+    assert len(called) > 300
+
+
 @pytest.mark.parametrize("long", [110, 250, 2500])
 def test_what_always_takes_too_long_meanwhile_makes_fewer_and_fewer_ticks_late(long: int) -> None:
     kernel, called = Kernel(early=100 * US), []
     ticker = kernel.ticker()
-    ticker.meanwhile = lambda: (called.append(kernel.now // PERIOD), kernel.work(long))
+    ticker.meanwhile = kernel.noting(called, lambda: long)
     for _ in range(1000):
         ticker.wait()
     assert len(called) <= 8
@@ -197,7 +234,7 @@ def test_what_always_takes_too_long_meanwhile_makes_fewer_and_fewer_ticks_late(l
 def test_nothing_is_done_meanwhile_when_the_tick_has_passed_or_the_thread_does_not_rise_early() -> None:
     kernel = Kernel(late=[150], early=100 * US)
     ticker = kernel.ticker()
-    ticker.meanwhile = lambda: pytest.fail("called after the tick")
+    ticker.meanwhile = WhileWaiting(lambda: pytest.fail("called after the tick"), kernel.clock)
     assert ticker.wait() == 0
 
 

@@ -211,8 +211,7 @@ class Axis(Compound):
         last = best = self.reading
         while until is None or not until():
             await next_period()
-            if not self.enabled:
-                raise self._was_disabled()
+            self._check_enabled()
             reading = self.reading
             if self._interrupted:
                 last, best, idle = reading, reading, 0.0
@@ -245,8 +244,7 @@ class Axis(Compound):
             steady = -inf  # how long it has been in the window; -inf: it is not
             while steady < self.window_time:
                 await next_period()
-                if not self.enabled:
-                    raise self._was_disabled()
+                self._check_enabled()
                 if self._arrived(position):
                     steady = max(steady + self.dt, 0.0)
                     continue
@@ -330,8 +328,9 @@ class Axis(Compound):
         plan()
         self._replan = plan
 
-    def _was_disabled(self) -> AxisError:
-        return AxisError(f"{self.path} was disabled during its motion")
+    def _check_enabled(self) -> None:
+        if not self.enabled:
+            raise AxisError(f"{self.path} was disabled during its motion")
 
     def _set_searching(self, searching: bool) -> None:
         self.searching, self._accept = searching, HOMING if searching else ACCEPTED

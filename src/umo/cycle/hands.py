@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 HOLD = 0.5
 """s for which a written actuator and a jog last unless they are kept up; shorter where the actuator expires sooner."""
-AT_ONCE = 4
+TAKEN_PER_PERIOD = 4
 """The most commands that are carried out in one period."""
 RUNNING = 32
 """The most actions of hands that run at once."""
@@ -136,7 +136,7 @@ class Hands:
 
     def look(self) -> None:
         """Take what has come in; go on with what runs."""
-        for _ in range(AT_ONCE):
+        for _ in range(TAKEN_PER_PERIOD):
             command = self.inbox.take()
             if command is None:
                 break

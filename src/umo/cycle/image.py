@@ -150,8 +150,7 @@ class Image(ABC):
             if outside or block.unsettled:
                 self._settle(block, outside, now, failures)
         if failures or self.sampled_good is None:
-            if self._marked:
-                self._tell_marked()
+            self._tell_marked()
             if failures:
                 raise DriverError("could not be read", failures)
             self.sampled_good = not any(self.quality[self.sampled])
@@ -216,8 +215,7 @@ class Image(ABC):
                 self._accept(slot, raw, failures)
             else:  # the clock must not jump: every law and every timeout counts on it
                 self._fail_input(slot, f"read {raw} missed periods, which is outside its range", failures)
-        if self._marked:
-            self._tell_marked()
+        self._tell_marked()
         if failures:
             raise DriverError("could not be read", failures)
         value: float = self.values[slot]
@@ -230,8 +228,7 @@ class Image(ABC):
                 self._fail_input(slot, found, failures)
             else:
                 self._accept(slot, found, failures)
-        if self._marked:
-            self._tell_marked()
+        self._tell_marked()
         if failures:
             raise DriverError("could not be read", failures)
         return all(self.quality[slot] == Quality.GOOD for slot in slots)
@@ -393,7 +390,7 @@ class Image(ABC):
     def value_of(self, slot: int, raw: int) -> float:
         """The value that a raw integer stands for."""
         resolution, zero_offset, _, _ = self.scales[slot]
-        value = resolution * raw + zero_offset  # scaling.to_value in line
+        value = to_value(raw, resolution, zero_offset)
         linearization = self.linearizations[slot]
         return value if linearization is None else linearization.to_value(value)
 
@@ -428,8 +425,9 @@ class Image(ABC):
 
     def _tell_marked(self) -> None:
         """Log together what was marked BAD together: a thousand lines would take longer than a period."""
-        log.warning("%s", DriverError("marked BAD", self._marked))
-        self._marked = []
+        if self._marked:
+            log.warning("%s", DriverError("marked BAD", self._marked))
+            self._marked = []
 
     def _fail_output(self, slot: int, cause: str, failures: list[Failure]) -> None:
         self._set_quality(slot, Quality.BAD)

@@ -19,6 +19,7 @@ from umo.cycle.machine import ConnectedMachine
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
 from umo.drivers.simulated import Simulated
+from umo.drivers.timerfd import WhileWaiting
 from umo.objects import Atomic, Compound
 from umo.objects.atomic import Calibration
 from umo.text import located
@@ -39,7 +40,7 @@ def rise_early(wired: Wired, seconds: float) -> None:
     ticker.rise_early(seconds)
     if seconds and ticker.meanwhile is None:
         try:
-            ticker.meanwhile = Rehearsal(wired)
+            ticker.meanwhile = WhileWaiting(Rehearsal(wired))
         except Exception as error:
             _give_up(error)
 

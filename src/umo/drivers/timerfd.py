@@ -14,15 +14,14 @@ from umo.errors import DriverError
 
 CLOCK_MONOTONIC = 1
 TFD_TIMER_ABSTIME = 1
-REST = 1 / 16
+LEAST_SLEEP = 1 / 16
 """Of the time: how much a thread that rises early sleeps at least. The kernel holds up a real-time thread that sleeps
 less than 5 % (sched(7), sched_rt_runtime_us)."""
-TRY_AGAIN = 8
-"""Periods until what took too long is tried again; twice as many after each time that it did so again."""
-MOST_TIMES = 12
-"""That the number of periods is doubled."""
-FORGET = 64
-"""Calls in which a long one is forgotten: about this many until a third of it is left."""
+LEFT_OUT = 8
+"""Periods for which work is left out that did not end before its tick; doubled after each time in a row."""
+MOST_DOUBLINGS = 12
+FADE = 64
+"""A long time that the work took fades by this part in each period."""
 TFD_CLOEXEC = getattr(os, "O_CLOEXEC", 0)
 
 
@@ -36,6 +35,37 @@ class _Itimerspec(ctypes.Structure):
 
 def _timespec(nanoseconds: int) -> _Timespec:
     return _Timespec(*divmod(nanoseconds, 1_000_000_000))
+
+
+class WhileWaiting:
+    """Work that is done while a tick is waited for, if it is likely to end before the tick."""
+
+    def __init__(self, work: Callable[[], object], clock: Callable[[], int] = time.monotonic_ns) -> None:
+        self._work = work
+        self._clock = clock
+        self._took = 0
+        """ns that it is expected to take: its longest time of late."""
+        self._overran = 0
+        """Times in a row that it did not end before its tick."""
+        self._left_out = 0
+        """Periods until it is done again after that."""
+
+    def __call__(self, now: int, due: int) -> int:
+        """Do it if it fits between now and the tick; the time then, in ns."""
+        if self._left_out:
+            self._left_out -= 1
+            return now
+        if due - now <= self._took:
+            self._took -= self._took // FADE
+            return now
+        self._work()
+        after = self._clock()
+        if after <= due:
+            self._took, self._overran = max(after - now, self._took - self._took // FADE), 0
+        else:
+            self._left_out = LEFT_OUT << self._overran
+            self._overran = min(self._overran + 1, MOST_DOUBLINGS)
+        return after
 
 
 class Ticker:
@@ -59,18 +89,12 @@ class Ticker:
         self._fd = -1
         self._nanoseconds = round(period * 1e9)
         self._next = clock() + self._nanoseconds
-        self._rest = round(self._nanoseconds * REST)
+        self._rest = round(self._nanoseconds * LEAST_SLEEP)
         self._owed = 0
         """ns that the thread should have slept by now and has not."""
         self._early = 0
-        self.meanwhile: Callable[[], object] | None = None
-        """Called once between the early rising and its tick, if it is likely to end before it."""
-        self._took = 0
-        """ns that it is expected to take: what it took at most, of late; the last times count more."""
-        self._overran = 0
-        """Times in a row that it did not."""
-        self._left_out = 0
-        """Periods until it is called again after that."""
+        self.meanwhile: WhileWaiting | None = None
+        """Between the early rising and its tick."""
         self.due = 0
         """When the tick that ended the last `wait` was due, in ns of CLOCK_MONOTONIC."""
         self.woke = 0
@@ -91,8 +115,8 @@ class Ticker:
 
     def rise_early(self, seconds: float) -> None:
         """Sleep until so many seconds before each tick, and look at the clock from then on until it comes: the thread
-        is awake, and its processor too. Costs this share of a processor. Where the periods leave less than `REST` of
-        the time to sleep before, some are waited for asleep."""
+        is awake, and its processor too. Costs this share of a processor. Where the periods leave less than
+        `LEAST_SLEEP` of the time to sleep before, some are waited for asleep."""
         self._early = round(seconds * 1e9)
         if self._fd >= 0:
             self._arm()
@@ -120,29 +144,12 @@ class Ticker:
             self._sleep()
             now = clock()
         if self.meanwhile is not None and now < due:
-            now = self._use(self.meanwhile, now, due)
+            now = self.meanwhile(now, due)
         while now < due:
             now = clock()
         self._next = due + self._nanoseconds
         self.due, self.woke = due, now
         return 0
-
-    def _use(self, meanwhile: Callable[[], object], now: int, due: int) -> int:
-        """Call `meanwhile` if it fits; returns the time then."""
-        if self._left_out:
-            self._left_out -= 1
-            return now
-        if due - now <= self._took:
-            self._took -= self._took // FORGET
-            return now
-        meanwhile()
-        after = self._clock()
-        if after <= due:
-            self._took, self._overran = max(after - now, self._took - self._took // FORGET), 0
-        else:
-            self._left_out = TRY_AGAIN << self._overran
-            self._overran = min(self._overran + 1, MOST_TIMES)
-        return after
 
     def close(self) -> None:
         if self._fd >= 0:

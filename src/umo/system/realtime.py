@@ -24,7 +24,7 @@ IDLE_LIBRARIES = ("blas", "gfortran", "quadmath", "pydantic", "libcrypto", "libs
 """In the names of libraries that no loop calls."""
 LARGE_LIBRARIES = ("_multiarray_umath", "libstdc++")
 """Of libraries of which a loop calls a small part."""
-EARLY = 200e-6
+RISE_EARLY = 200e-6
 """s, for waking up and a rehearsal (docs/decisions/0018)."""
 PR_SET_PDEATHSIG = 1
 PR_SET_TIMERSLACK = 29
@@ -75,8 +75,9 @@ def granted() -> tuple[int, int | None]:
 
 
 def early_for(period: float) -> float:
-    """How long before each tick a loop of this period may rise, in s: `EARLY`, at most half of the period; whole us."""
-    return min(EARLY, floor(period / 2 * 1e6 + 1e-6) * 1e-6)
+    """How long before each tick a loop of this period may rise, in s, in whole us: `RISE_EARLY`, at most half of the
+    period."""
+    return min(RISE_EARLY, floor(period / 2 * 1e6 + 1e-6) * 1e-6)
 
 
 def early_by_itself(period: float) -> float:
