@@ -271,8 +271,11 @@ def test_what_survives_its_starter_says_on_stderr_how_the_run_ended(
 def test_what_was_not_reached_is_said_on_stderr_where_the_starter_is_gone(
     tmp_path: Path, away: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    wiring = process_box.wiring(tmp_path / "box", at=25, action="kill", away=str(away), process={"reset_for": "50 ms"})
+    wiring = process_box.wiring(tmp_path / "box", at=25, action="kill", away=str(away), process={"reset_for": "500 ms"})
     run = Run(wiring, "forever").until_running()
+    control = os.pidfd_open(run.control)
+    assert select.select([control], [], [], 20)[0], "the control process was not killed"
+    os.close(control)
     run.channel.close()
     os.waitpid(run.guardian, 0)
     (line,) = [line for line in capfd.readouterr().err.splitlines() if line.startswith("umo:")]

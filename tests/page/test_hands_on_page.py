@@ -134,7 +134,7 @@ def test_a_page_cannot_command_with_the_lease_of_another(station: umo.RemoteStat
             client.get("description")
         command(first, 1, "lease", who="Ann")
         found = command(second, 1, "write", path="diverter", value="ON")
-        assert (found["state"], found["text"]) == ("refused", "CommandRefused: Ann (page, 127.0.0.1) has the lease")
+        assert (found["state"], found["text"]) == ("refused", "LeaseHeld: Ann (page, 127.0.0.1) has the lease")
         assert command(second, 2, "lease", who="Ben", over=True)["state"] == "done"
         assert command(first, 2, "write", path="diverter", value="ON")["state"] == "refused"
 
