@@ -51,19 +51,21 @@ class Loops:
 
 def measure(periods: int) -> Loops:
     """z-theta at 1 ms for at least so many periods, with `umo watch`, three more readers and a busy process beside it;
-    after each run of one part the others, with the same busy process."""
+    after each run of one part the C loops, as long each, with the same company, as far as it goes on when the station
+    has ended, and then the loop that sleeps."""
     found = Loops(Samples(), Samples(), None, None)
     with native.compiled() as program, _busy():
         if program is not None:
             found.c, found.c_early = Samples(), Samples()
         while (count := _count(found.umo)) < periods:
-            _station(found.umo, "auto")
-            _station(found.asleep, 0, most=5000)
-            if program is not None and found.c is not None and found.c_early is not None:
-                as_long, loop = _count(found.umo) - count, _granted()
-                early = early_for(PERIOD) if loop.granted else 0.0
-                found.c.add(native.run(program, PERIOD, as_long, loop.priority, loop.cpu))
-                found.c_early.add(native.run(program, PERIOD, as_long, loop.priority, loop.cpu, early))
+            with _station(found.umo, "auto"):
+                if program is not None and found.c is not None and found.c_early is not None:
+                    as_long, loop = _count(found.umo) - count, _granted()
+                    early = early_for(PERIOD) if loop.granted else 0.0
+                    found.c.add(native.run(program, PERIOD, as_long, loop.priority, loop.cpu))
+                    found.c_early.add(native.run(program, PERIOD, as_long, loop.priority, loop.cpu, early))
+            with _station(found.asleep, 0, most=5000):
+                pass
     return found
 
 
@@ -71,8 +73,9 @@ def _count(samples: Samples) -> int:
     return len(samples.wake) + samples.missed
 
 
-def _station(found: Samples, early: str | int, most: int = 10**9) -> None:
-    """One part, from homing to placing, or so many periods."""
+@contextmanager
+def _station(found: Samples, early: str | int, most: int = 10**9) -> Iterator[None]:
+    """One part, from homing to placing, or so many periods; then the block, in which its readers are still there."""
     wiring = tomllib.loads(_wiring().read_text("utf-8")) | {"process": {"early": early}}
     with umo.start("ztheta", wiring, parts=1, realtime=True, acknowledge=True) as started:
         while started.frames is None and started.outcome is None:
@@ -87,9 +90,10 @@ def _station(found: Samples, early: str | int, most: int = 10**9) -> None:
                 take(started.frames, found)
                 last = _processor(started.pid) or last
             take(started.frames, found)
-        finally:
             found.processor += last[0] - first[0]
             found.elapsed += last[1] - first[1]
+            yield
+        finally:
             for process in company:
                 process.kill()
                 process.communicate()

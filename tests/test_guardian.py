@@ -526,7 +526,6 @@ class Rack(umo.Compound):
     outs: list[umo.BinaryActuator[umo.OnOff]]
 
 
-@pytest.mark.usefixtures("impatient")
 def test_what_stands_behind_many_that_do_not_answer_is_tried_as_well(tmp_path: Path) -> None:
     machine = Rack(outs=[relay() for _ in range(4)])
     box = {"type": "process_box:Silent", "file": str(tmp_path / "box"), "timeout": "10 ms"}
