@@ -11,6 +11,7 @@ from contextlib import suppress
 from time import monotonic_ns
 from typing import Any
 
+from umo import Compound
 from umo.cycle import connect
 from umo.cycle.rehearsal import rise_early
 from umo.drivers.contract import Channel, IntArray
@@ -60,14 +61,18 @@ def measure(seconds: float) -> tuple[Samples, Samples | None]:
     return handed, c
 
 
+def wiring(machine: Compound, box: Simulated) -> dict[str, Any]:
+    """Everything on `box`, the timer in real time."""
+    wire: dict[str, Any] = {item.path: {"driver": "box"} for item in machine.atoms()}
+    wire["timer"] = {"driver": "timerfd", "period": PERIOD}
+    return {"drivers": {"box": box}, "wire": wire}
+
+
 def serve() -> None:
     """The process: a slice for each byte."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     machine, box = example(), Stamped()
-    wire: dict[str, Any] = {item.path: {"driver": "box"} for item in machine.atoms()}
-    wire["timer"] = {"driver": "timerfd", "period": PERIOD}
-    wiring = {"drivers": {"box": box}, "wire": wire, "process": {"outputs": "at next tick"}}
-    connection = connect(machine, wiring)
+    connection = connect(machine, wiring(machine, box) | {"process": {"outputs": "at next tick"}})
     with suppress(BrokenPipeError), connection as m:
         realtime.prepare()
         priority, core = realtime.granted()

@@ -59,9 +59,11 @@ def measure(size: Size, doing: Doing) -> Iterator[Target]:
             yield from _faster(period, size.seconds)
         doing("outputs at the next tick")
         yield from _outputs(size.seconds)
-        doing("z-theta beside a busy Python thread")
+        doing("13 objects beside a busy Python thread")
         naive = realtime.naive()
-        yield Target("one process, a busy thread in it", "-", _two(naive), f"missed {naive.missed:,}")
+        yield Target(
+            "13 objects, one process, a busy thread in it", "-", _two(naive), f"missed {naive.missed:,} of 5,000"
+        )
         doing("kills")
         yield from _kills(size.kills)
         doing("memory")

@@ -20,7 +20,7 @@ less than 5 % (sched(7), sched_rt_runtime_us)."""
 LEFT_OUT = 8
 """Periods for which work is left out that did not end before its tick; doubled after each time in a row."""
 MOST_DOUBLINGS = 12
-FADE = 64
+FADE = 8
 """A long time that the work took fades by this part in each period."""
 TFD_CLOEXEC = getattr(os, "O_CLOEXEC", 0)
 
