@@ -25,7 +25,7 @@ from .values import argument, number
 LOOK = 0.05
 """s between two pictures of the progress."""
 MOMENT = 0.001
-"""s"""
+"""s, at least, between two looks for a new frame."""
 
 
 @contextmanager

@@ -69,9 +69,9 @@ def _table(found: Measured, load: bool) -> Table:
         for name, samples in found.loops.items():
             last = [str(samples.missed), f"{samples.busy:.0%}"] if pick == "total" else ["", ""]
             table.add_row(f"{title}, {name}", *(f"{value:.1f}" for value in _quantiles(getattr(samples, pick))), *last)
-    for name, umo, c in (("", found.umo, found.c), (", early", found.umo_early, found.c)):
-        if c is not None and len(c.total) and len(umo.total):
-            ratios = _quantiles(umo.total) / _quantiles(c.total)
+    for name, umo in (("", found.umo), (", early", found.umo_early)):
+        if found.c is not None and len(found.c.total) and len(umo.total):
+            ratios = _quantiles(umo.total) / _quantiles(found.c.total)
             table.add_row(f"umo{name} / C", *(f"{ratio:.2f}" for ratio in ratios), "", "", style="bold")
     return table
 

@@ -207,8 +207,7 @@ class ConnectedMachine:
             self._finish()
 
     def _tick(self) -> None:
-        if self._open:
-            self._finish()
+        self.finish_period()
         self._open = True
         self._started = monotonic_ns()
 

@@ -56,6 +56,7 @@ def find_running(name: str | None, said: Callable[[str], object] = lambda text: 
 
 
 def several_runs(name: str, fitting: Sequence[Reader]) -> str:
+    """Why a name does not tell which run is meant, and what does."""
     pids = ", ".join(str(reader.about["pid"]) for reader in fitting)
     return f"{len(fitting)} runs of {name} are going on; give the pid of one instead of the name: {pids}"
 
