@@ -65,7 +65,7 @@ def _options() -> argparse.Namespace:
         "--kills", action="store_true", help="kills and faults by the hundred against a box on libmodbus"
     )
     alone.add_argument("--drivers", action="store_true", help="the drivers alone, beside their libraries by hand")
-    alone.add_argument("--forms", action="store_true", help="compare the two forms of the process image, no more")
+    alone.add_argument("--forms", action="store_true", help="compare the forms of the process image, no more")
     parser.add_argument("--only", default="", metavar="TEXT", help="of --kills: the kinds with this in their name")
     parser.add_argument("--seed", type=int, default=campaign.SEED, help="of --kills: other random moments")
     return parser.parse_args()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from array import array
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -151,7 +152,7 @@ def _write(connection: connect[Any], ring: Ring) -> None:
         while True:
             number += 1
             frame.number, frame.time = number, float(number)
-            image.values[:] = [float(number)] * count
+            image.values[:] = array("d", [float(number)] * count)
             image.transfer.raws_array.fill(number)
             ring(frame)
     finally:

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 from typer.testing import CliRunner, Result
 
+from image_forms import FORMS, choose
 from umo.cli.app import app
 from umo.system import packages
 
@@ -32,10 +33,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items[:] = [*ordered, *quick]
 
 
-@pytest.fixture(params=["lists", "arrays"])
-def both_forms(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The test runs twice, once with each form of the process image."""
-    monkeypatch.setattr("umo.cycle.forms.ARRAYS_FROM", 0 if request.param == "arrays" else 10**9)
+@pytest.fixture(params=FORMS)
+def each_form(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The test runs with each form of the process image."""
+    choose(monkeypatch, request.param)
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import umo
+from image_forms import FORMS, choose
 from machines import actuator, bench, failed, relay, sensor, switch, timer, wired
 from umo import (
     BinaryActuator,
@@ -30,7 +31,7 @@ from umo import (
     connect,
 )
 from umo.control import Servo, state_of
-from umo.cycle import forms
+from umo.cycle.image import Image
 from umo.cycle.journal import ENTRY, Journal, Kind
 from umo.testing import Scripted, VirtualTimer, periods, put
 
@@ -92,7 +93,7 @@ def wiring(box: Scripted | None = None, missed: list[int] | None = None) -> dict
 # Commands that expire -----------------------------------------------------------------------------------
 
 
-@pytest.mark.usefixtures("both_forms")
+@pytest.mark.usefixtures("each_form")
 @pytest.mark.parametrize("synchronous", [True, False])
 def test_what_is_not_written_any_more_goes_to_its_default_once(synchronous: bool) -> None:
     m = press(heater=actuator(expires="5 ms", synchronous=synchronous))
@@ -212,7 +213,7 @@ def test_a_command_that_is_written_every_period_never_expires() -> None:
 # Rates --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.usefixtures("both_forms")
+@pytest.mark.usefixtures("each_form")
 def test_what_is_sent_moves_no_faster_than_the_rate() -> None:
     m = press(ram=actuator(slew_rate=1000.0, resolution=0.001))
     with connect(m, wiring()):
@@ -341,7 +342,7 @@ def test_after_a_failed_transfer_the_slew_goes_on_from_what_was_confirmed() -> N
 # Interlocks ---------------------------------------------------------------------------------------------
 
 
-@pytest.mark.usefixtures("both_forms")
+@pytest.mark.usefixtures("each_form")
 def test_an_inhibited_write_is_refused_without_an_exception_and_changes_nothing() -> None:
     m = press()
     with connect(m, wiring()):
@@ -357,7 +358,7 @@ def test_an_inhibited_write_is_refused_without_an_exception_and_changes_nothing(
         assert (m.ram.read(), m.heater.read()) == (0.0, 3.0)
 
 
-@pytest.mark.usefixtures("both_forms")
+@pytest.mark.usefixtures("each_form")
 @pytest.mark.parametrize("synchronous", [True, False])
 def test_the_default_itself_may_be_written_while_inhibited(synchronous: bool) -> None:
     m = press(ram=actuator(default=2.0, synchronous=synchronous), lamp=relay(default=OnOff.ON))
@@ -368,7 +369,7 @@ def test_the_default_itself_may_be_written_while_inhibited(synchronous: bool) ->
         assert (m.ram.read(), m.lamp.read()) == (2.0, OnOff.ON)
 
 
-@pytest.mark.usefixtures("both_forms")
+@pytest.mark.usefixtures("each_form")
 @pytest.mark.parametrize("synchronous", [True, False])
 def test_when_the_condition_has_gone_a_new_write_takes_effect_and_no_old_one(synchronous: bool) -> None:
     box, m = Scripted(), press(ram=actuator(synchronous=synchronous))
@@ -648,7 +649,7 @@ def test_one_interlock_that_stops_is_enough_among_those_that_inhibit() -> None:
 # Many at once -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.usefixtures("both_forms")
+@pytest.mark.usefixtures("each_form")
 @pytest.mark.parametrize("synchronous", [True, False])
 def test_of_a_vector_the_free_members_are_taken_and_the_inhibited_stay_at_their_defaults(synchronous: bool) -> None:
     box = Scripted()
@@ -667,7 +668,7 @@ def test_of_a_vector_the_free_members_are_taken_and_the_inhibited_stay_at_their_
         assert (box.get("ram"), box.get("heater")) == (0, 10)
 
 
-@pytest.mark.usefixtures("both_forms")
+@pytest.mark.usefixtures("each_form")
 def test_a_vector_of_which_all_are_inhibited_takes_nothing() -> None:
     m = own(lambda m: [Interlock(is_open(m), [m.ram, m.heater], "open")])
     with connect(m, wiring(Scripted({"door": 1}))):
@@ -675,7 +676,7 @@ def test_a_vector_of_which_all_are_inhibited_takes_nothing() -> None:
         assert (m.ram.pending, m.heater.pending) == (0.0, 0.0)
 
 
-@pytest.mark.usefixtures("both_forms")
+@pytest.mark.usefixtures("each_form")
 def test_a_vector_with_a_member_whose_interlock_stops_changes_none() -> None:
     m = own(stopping, heater=actuator(expires="3 ms", slew_rate=1000.0))
     motors = Vector([m.heater, m.ram])
@@ -707,7 +708,7 @@ def test_a_reset_that_fails_comes_out_and_the_others_are_still_reset() -> None:
         assert (m.ram.read(), box.get("ram")) == (0.0, 0)
 
 
-@pytest.mark.usefixtures("both_forms")
+@pytest.mark.usefixtures("each_form")
 @pytest.mark.parametrize(
     ("cause", "events"), [("interlocked", ["ram", "lamp"]), ("expired", ["lamp"]), ("reset", []), ("written", [])]
 )
@@ -744,7 +745,7 @@ def test_a_default_that_an_asynchronous_actuator_did_not_take_is_tried_every_per
         assert [event.path for event in connection.machine.events] == events
 
 
-@pytest.mark.usefixtures("both_forms")
+@pytest.mark.usefixtures("each_form")
 @pytest.mark.parametrize("written", [False, True])
 def test_a_default_that_an_actuator_without_a_guard_did_not_take_is_tried_every_period_too(written: bool) -> None:
     valve, m = Scripted(), bench(valve=relay(synchronous=False))
@@ -835,7 +836,7 @@ def sent(box: Scripted, channel: str) -> set[int]:
     return {raw for name, raw in given if name == channel and raw is not None}
 
 
-@pytest.mark.usefixtures("both_forms")
+@pytest.mark.usefixtures("each_form")
 @pytest.mark.parametrize("resolution", [4.0, -4.0])
 @pytest.mark.parametrize("changes", [{}, {"synchronous": False}, {"slew_rate": 50_000.0}, {"expires": "5 ms"}])
 def test_nothing_beyond_the_range_is_ever_sent(changes: dict[str, Any], resolution: float) -> None:
@@ -854,7 +855,7 @@ def test_nothing_beyond_the_range_is_ever_sent(changes: dict[str, Any], resoluti
     assert {raw * resolution for raw in sent(box, "heater")} == {8.0, -4.0, 4.0}
 
 
-@pytest.mark.usefixtures("both_forms")
+@pytest.mark.usefixtures("each_form")
 def test_a_clamped_value_is_within_the_range_at_the_hardware_too() -> None:
     box = Scripted()
     m = press(heater=actuator(**COARSE | {"limits": "clamp"}), ram=actuator(limits="clamp"))
@@ -1038,14 +1039,15 @@ STEPS = st.lists(
 )
 
 
-@given(STEPS, st.sampled_from([2, 3, 8]), st.sampled_from([100.0, 1000.0, 4000.0]), st.booleans())
+@pytest.mark.parametrize("form", FORMS)
+@given(STEPS, st.sampled_from([2, 3, 8]), st.sampled_from([100.0, 1000.0, 4000.0]))
 def test_all_guards_together_do_what_a_small_model_does(
-    steps: list[tuple[int, bool, float | None, str]], expires: int, rate: float, arrays: bool
+    form: type[Image], steps: list[tuple[int, bool, float | None, str]], expires: int, rate: float
 ) -> None:
-    before, forms.ARRAYS_FROM = forms.ARRAYS_FROM, 0 if arrays else 10**9
     m = press(ram=actuator(slew_rate=rate, expires=expires * PERIOD, resolution=1e-4))
     model = Model(rate, expires)
-    try:
+    with pytest.MonkeyPatch.context() as patch:
+        choose(patch, form)
         with connect(m, wiring(missed=[step[0] for step in steps])):
             vector = Vector([m.ram])
             for missed, opened, value, how in steps:
@@ -1066,8 +1068,6 @@ def test_all_guards_together_do_what_a_small_model_does(
                 model.update(ticks, fresh)
                 assert m.ram.read() == pytest.approx(model.value, abs=1e-9)
                 assert m.ram.pending == model.target
-    finally:
-        forms.ARRAYS_FROM = before
 
 
 @pytest.mark.parametrize(("synchronous", "guarded"), [(True, False), (False, True)])

@@ -15,6 +15,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from image_forms import FORMS, choose
 from machines import actuator, failed, relay, sensor, switch, timer
 from umo import (
     BinaryActuator,
@@ -30,6 +31,7 @@ from umo import (
     Vector,
     connect,
 )
+from umo.cycle.image import Image
 from umo.testing import Scripted, VirtualTimer, put
 
 PERIOD = Fraction(1, 1024)
@@ -308,11 +310,11 @@ PERIODS = st.lists(
 )
 
 
-@pytest.mark.parametrize("arrays_from", [0, 10**9], ids=["arrays", "lists"])
+@pytest.mark.parametrize("form", FORMS)
 @given(steps=PERIODS)
-def test_the_command_stage_does_what_a_model_does(arrays_from: int, steps: list[Any]) -> None:
+def test_the_command_stage_does_what_a_model_does(form: type[Image], steps: list[Any]) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("umo.cycle.forms.ARRAYS_FROM", arrays_from)
+        choose(patch, form)
         pair = Pair([missed for missed, *_ in steps])
         with pair.connection:
             for missed, door, blind, broken, actions in steps:

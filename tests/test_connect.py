@@ -508,9 +508,8 @@ class Quick(Compound):
         lambda: Quick(motor=actuator(synchronous=False), encoder=sensor(synchronous=False)),
     ],
 )  # fmt: skip
-@pytest.mark.parametrize("arrays_from", [0, 50])
-def test_machines_without_sensors_actuators_synchronous_objects_or_anything_run(make, arrays_from, monkeypatch):
-    monkeypatch.setattr("umo.cycle.forms.ARRAYS_FROM", arrays_from)
+@pytest.mark.usefixtures("each_form")
+def test_machines_without_sensors_actuators_synchronous_objects_or_anything_run(make):
     with connect(make()) as m:
         for _ in range(3):
             assert m.sample() is True

@@ -267,7 +267,7 @@ def _refused(mode: Mode, do: str, path: str = "", **more: Any) -> str:
 # Actuators ----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.usefixtures("both_forms")
+@pytest.mark.usefixtures("each_form")
 @pytest.mark.parametrize("synchronous", [True, False])
 def test_an_actuator_in_a_hand_refuses_the_program_and_is_given_back_at_its_default(synchronous: bool) -> None:
     with Rig(ram=actuator(synchronous=synchronous)) as rig:

@@ -1,7 +1,8 @@
-"""The list form and the array form of the process image are equal in everything, whatever the drivers do."""
+"""The forms of the process image are equal in everything, whatever the drivers do."""
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from image_forms import BUILT, FORMS, choose
 from machines import timer
 from umo import (
     BinaryActuator,
@@ -24,7 +26,9 @@ from umo import (
     Vector,
     connect,
 )
-from umo.cycle.forms import ARRAYS_FROM, ArrayImage, ListImage
+from umo.cycle import forms
+from umo.cycle.forms import ARRAYS_FROM, ArrayImage, CompiledImage, ListImage
+from umo.cycle.image import Image
 from umo.objects import Atomic
 from umo.testing import Scripted, VirtualTimer
 
@@ -97,7 +101,7 @@ class Heap(Compound):
     parts: list[Atomic]
 
 
-def play(specs: list[Spec], steps: list[Any], arrays: bool) -> list[Any]:
+def play(specs: list[Spec], steps: list[Any], form: type[Image]) -> list[Any]:
     """Everything that can be seen of a run, step by step."""
     boxes = [Scripted(), Scripted(), Scripted()]
     machine = Heap(timer=timer(), parts=[spec.make() for spec in specs])
@@ -112,11 +116,11 @@ def play(specs: list[Spec], steps: list[Any], arrays: bool) -> list[Any]:
     drivers: dict[str, Any] = {"clock": clock} | patient
     trace: list[Any] = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("umo.cycle.forms.ARRAYS_FROM", 0 if arrays else 10**9)
+        choose(patch, form)
         connection = connect(machine, {"drivers": drivers, "wire": wire})
         with connection as m:
             image = connection.image
-            assert isinstance(image, ArrayImage if arrays else ListImage)
+            assert type(image) is form
             for step in steps:
                 try:
                     result = act(m, boxes, step)
@@ -169,41 +173,48 @@ def vectors(m: Heap) -> Any:
     return seen
 
 
+@pytest.mark.parametrize("form", FORMS[1:])
 @settings(max_examples=200)
 @given(specs=st.lists(SPEC, min_size=3, max_size=8), steps=st.lists(STEP, min_size=10, max_size=40))
-def test_both_forms_are_equal_in_everything(specs, steps):
-    lists, arrays = play(specs, steps, False), play(specs, steps, True)
-    for one, other in zip(lists, arrays, strict=True):
+def test_the_forms_are_equal_in_everything(form, specs, steps):
+    for one, other in zip(play(specs, steps, ListImage), play(specs, steps, form), strict=True):
         assert one == other
 
 
-def test_the_form_is_chosen_by_size():
+def form_of(count):
     class Row(Compound):
         sensors: list[DigitalSensor]
 
-    def row(count):
-        return Row(sensors=[DigitalSensor("V", minimum=0, maximum=1, resolution=0.1) for _ in range(count)])
-
-    for count, form in ((ARRAYS_FROM - 1, ListImage), (ARRAYS_FROM, ArrayImage)):
-        connection = connect(row(count))
-        with connection:
-            assert type(connection.image) is form
+    connection = connect(Row(sensors=[DigitalSensor("V", minimum=0, maximum=1, resolution=0.1) for _ in range(count)]))
+    with connection:
+        return type(connection.image)
 
 
-@pytest.mark.parametrize("arrays", [False, True])
-def test_a_machine_of_nothing_runs(arrays):
-    assert play([], [("sample",), ("update",), ("reset",), ("timer",)], arrays)
+@BUILT
+def test_with_the_extension_machines_of_every_size_have_the_compiled_form():
+    assert form_of(1) is form_of(ARRAYS_FROM) is CompiledImage
 
 
-@pytest.mark.parametrize("arrays", [False, True])
+def test_without_the_extension_the_form_is_chosen_by_size(monkeypatch):
+    monkeypatch.setattr(forms, "extension", None)
+    assert form_of(ARRAYS_FROM - 1) is ListImage
+    assert form_of(ARRAYS_FROM) is ArrayImage
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_machine_of_nothing_runs(form):
+    assert play([], [("sample",), ("update",), ("reset",), ("timer",)], form)
+
+
+@pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize(("kind", "synchronous"), [("da", True), ("ds", True), ("ba", False), ("bs", False)])
-def test_a_machine_of_one_kind_alone_runs(arrays, kind, synchronous):
+def test_a_machine_of_one_kind_alone_runs(form, kind, synchronous):
     specs = [Spec(kind, i % 3, synchronous, 0.1, 0.0, False, False, False, False) for i in range(5)]
-    assert play(specs, [("sample",), ("update",), ("read one", 2), ("reset",), ("write", 1, 3.0)], arrays)
+    assert play(specs, [("sample",), ("update",), ("read one", 2), ("reset",), ("write", 1, 3.0)], form)
 
 
-def test_sixty_objects_on_three_drivers_move_in_one_transfer_a_driver_and_direction(monkeypatch):
-    monkeypatch.setattr("umo.cycle.forms.ARRAYS_FROM", 60)
+@pytest.mark.usefixtures("each_form")
+def test_sixty_objects_on_three_drivers_move_in_one_transfer_a_driver_and_direction():
     specs = [
         Spec(("da", "ds", "ba", "bs")[i % 4], i // 4 % 3, True, 0.1, 0.0, False, False, False, False) for i in range(60)
     ]
@@ -214,7 +225,6 @@ def test_sixty_objects_on_three_drivers_move_in_one_transfer_a_driver_and_direct
     drivers: dict[str, Any] = {"clock": VirtualTimer()} | {f"box{i}": box for i, box in enumerate(boxes)}
     connection = connect(machine, {"drivers": drivers, "wire": wire})
     with connection as m:
-        assert isinstance(connection.image, ArrayImage)
         counts = [len(box.calls) for box in boxes]
         m.sample()
         m.update()
@@ -227,3 +237,37 @@ def test_sixty_objects_on_three_drivers_move_in_one_transfer_a_driver_and_direct
             assert list(written.channels) == [
                 f"parts.{i}" for i, s in enumerate(specs) if s.kind[1] == "a" and boxes[s.driver] is box
             ]
+
+
+@BUILT
+def test_the_extension_takes_only_views_of_one_length_and_converts_with_a_number_for_the_time():
+    def views(*lengths):
+        return [np.zeros(length) for length in lengths]
+
+    for wrong in ((2, 8, 2, 2, 1), (2, 2, 2, 2, 2), (2, 9, 2, 2, 2), (3, 8, 2, 2, 2)):
+        with pytest.raises(ValueError, match="differ in length"):
+            forms.extension.Inputs(*views(*wrong), 0)
+    with pytest.raises(ValueError, match="differ in length"):
+        forms.extension.Outputs(*views(2, 8, 2, 2, 2))
+    constant = np.zeros(2)
+    constant.flags.writeable = False
+    for place in range(2, 5):
+        held = views(2, 2, 2, 2, 2)
+        held[place] = constant
+        with pytest.raises(ValueError, match="read-only"):
+            forms.extension.Outputs(*held)
+    with pytest.raises(TypeError):
+        forms.extension.Inputs(*views(2, 8, 2, 2, 2), 0).convert("now")
+    with pytest.raises(TypeError):
+        forms.extension.Outputs(*views(2, 2, 2, 2, 2)).commit(None)
+
+
+@BUILT
+def test_the_extension_lets_go_of_its_views():
+    held = [np.zeros(2) for _ in range(5)]
+    before = [sys.getrefcount(each) for each in held]
+    for _ in range(100):
+        block = forms.extension.Outputs(*held)
+        block.commit(1.0)
+    del block
+    assert [sys.getrefcount(each) for each in held] == before

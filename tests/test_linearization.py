@@ -170,7 +170,7 @@ def test_the_declaration_says_what_it_is() -> None:
     assert DigitalSensor("degree_Celsius", minimum=0, maximum=1, resolution=1, linearization=K).linearization == K
 
 
-pytestmark = pytest.mark.usefixtures("both_forms")
+pytestmark = pytest.mark.usefixtures("each_form")
 
 
 @pytest.mark.parametrize("synchronous", [True, False])

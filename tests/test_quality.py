@@ -32,7 +32,7 @@ UNREF = Quality.UNREFERENCED
 HOLD = {"on_error": "hold", "max_age": "3 ms"}
 
 
-pytestmark = pytest.mark.usefixtures("both_forms")
+pytestmark = pytest.mark.usefixtures("each_form")
 
 
 class Inputs(Compound):

@@ -23,7 +23,7 @@ from umo import (
 )
 from umo.testing import Scripted, periods, put
 
-pytestmark = pytest.mark.usefixtures("both_forms")
+pytestmark = pytest.mark.usefixtures("each_form")
 
 
 class Inputs(Compound):

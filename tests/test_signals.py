@@ -18,7 +18,7 @@ from umo.cycle.trace import Trace
 from umo.frames import Reader
 from umo.testing import Scripted, periods, put
 
-pytestmark = pytest.mark.usefixtures("both_forms")
+pytestmark = pytest.mark.usefixtures("each_form")
 
 
 class Axis(Compound):

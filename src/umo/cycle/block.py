@@ -29,9 +29,10 @@ class Block:
         """Inputs: what the buffer has before a transfer."""
         self.transfer: Callable[[Any, IntArray], None]
         """The driver's block transfer, as the transfer stage calls it."""
-        self.convert: Callable[[Block, float], list[tuple[int, float]]]
-        """Inputs: how the form of the image turns the buffer into values."""
-        self.scales: Any = None
-        """Inputs: resolution, zero offset and bounds of its objects, prepared by the form of the image."""
+        self.convert: Callable[[float], list[tuple[int, float]]]
+        """Inputs: takes the buffer to raws, values and, with the time given in s, times of the image. If any values are
+        out of bounds, their (slot, value) pairs are returned and not kept, and the times are left to the caller."""
+        self.commit: Callable[[float], None]
+        """Outputs: what was pending is at the hardware since the time given in s."""
         self.unsettled: set[int] = set()
         """Slots whose quality differs from the normal one."""

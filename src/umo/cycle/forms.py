@@ -1,14 +1,15 @@
-"""The two forms of the process image, proved equal by tests.
+"""The forms of the process image, proved equal by tests.
 
-Python specialises list subscripts, so plain lists are fastest for small machines; numpy wins above
-(`python -m bench --forms` measures where; docs/decisions/0001-two-forms-of-the-image.md records it).
+The compiled one is the quickest. It needs an extension in C (`scan.c`), which is built where umo is installed and a C
+compiler is there. Without it, plain lists are fastest for small machines, as Python specialises list subscripts; numpy
+wins above (`python -m bench --forms` measures where; docs/decisions/0001-forms-of-the-image.md records it).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from math import nan
-from typing import cast
 
 import numpy as np
 
@@ -19,8 +20,12 @@ from umo.objects.linearization import Linearizations
 from umo.objects.scaling import FloatArray, IntArray, to_values
 from umo.wiring.resolved import Wired
 
+try:
+    from umo.cycle import _scan as extension
+except ImportError:  # it was not built
+    extension = None  # type: ignore[assignment]
 ARRAYS_FROM = 85
-"""Objects from which on the array form is the faster one."""
+"""Objects from which on the array form is faster than the list form."""
 
 
 def make_image(wired: Wired, clock: Clock) -> Image:
@@ -28,12 +33,14 @@ def make_image(wired: Wired, clock: Clock) -> Image:
 
 
 def form_for(count: int) -> type[Image]:
-    """The quicker one for so many objects."""
+    """The quickest one at hand for so many objects."""
+    if extension is not None:
+        return CompiledImage
     return ArrayImage if count >= ARRAYS_FROM else ListImage
 
 
 class ListImage(Image):
-    """Values in lists, for small machines."""
+    """Values in lists, for small machines without the extension."""
 
     def _make(self, count: int) -> None:
         self.values = [0.0] * count
@@ -41,16 +48,20 @@ class ListImage(Image):
         self.quality = [0] * count
         self.times = [nan] * count
 
-    def _prepare(self, block: Block) -> None:
-        block.scales = [(slot, *self.scales[slot]) for slot in range(block.start, block.stop)]
-        block.convert = self._convert
-        if (special := _columns(self, block)).special:
-            block.scales, block.convert = special, self._convert_special
+    def _prepare_input(self, block: Block) -> None:
+        columns = _columns(self, block)
+        if columns.special:
+            block.convert = partial(self._convert_special, block, columns)
+        else:
+            scales = [(slot, *self.scales[slot]) for slot in range(block.start, block.stop)]
+            block.convert = partial(self._convert, block, scales)
 
-    def _convert_special(self, block: Block, now: float) -> list[tuple[int, float]]:
+    def _prepare_output(self, block: Block) -> None:
+        block.commit = partial(self._commit, block)
+
+    def _convert_special(self, block: Block, columns: _Columns, now: float) -> list[tuple[int, float]]:
         """A block with a linearization, or with invalid raws within a range."""
         self.raws[block.slots] = block.view
-        columns = cast(_Columns, block.scales)
         values = columns.fill(block.buffer).tolist()
         inside = ((columns.low <= columns.values) & (columns.values <= columns.high)).tolist()
         outside = []
@@ -63,11 +74,13 @@ class ListImage(Image):
             self._stamp(block, now)
         return outside
 
-    def _convert(self, block: Block, now: float) -> list[tuple[int, float]]:
+    def _convert(
+        self, block: Block, scales: list[tuple[int, float, float, float, float]], now: float
+    ) -> list[tuple[int, float]]:
         raws, values = self.raws, self.values
         raws[block.slots] = block.view
         outside = []
-        for slot, resolution, zero_offset, low, high in block.scales:
+        for slot, resolution, zero_offset, low, high in scales:
             value = resolution * raws[slot] + zero_offset  # scaling.to_value in line; float first is quicker
             if low <= value <= high:
                 values[slot] = value
@@ -145,7 +158,8 @@ def _columns(image: Image, block: Block) -> _Columns:
 
 
 class ArrayImage(Image):
-    """Values in arrays; single objects reach them through memoryviews, which are quicker than numpy's items."""
+    """Values in arrays, for large machines without the extension. Single objects reach them through memoryviews, which
+    are quicker than numpy's items."""
 
     def _make(self, count: int) -> None:
         self.values_array = np.zeros(count)
@@ -157,12 +171,14 @@ class ArrayImage(Image):
         self.quality = self.quality_array.data
         self.times = self.times_array.data
 
-    def _prepare(self, block: Block) -> None:
-        block.scales, block.convert = _columns(self, block), self._convert
+    def _prepare_input(self, block: Block) -> None:
+        block.convert = partial(self._convert, block, _columns(self, block))
 
-    def _convert(self, block: Block, now: float) -> list[tuple[int, float]]:
+    def _prepare_output(self, block: Block) -> None:
+        block.commit = partial(self._commit, block)
+
+    def _convert(self, block: Block, columns: _Columns, now: float) -> list[tuple[int, float]]:
         self.raws[block.slots] = block.view
-        columns = cast(_Columns, block.scales)
         values = columns.fill(block.buffer)
         inside = np.greater_equal(values, columns.low, out=columns.inside)
         inside &= np.less_equal(values, columns.high, out=columns.below)
@@ -188,6 +204,24 @@ class ArrayImage(Image):
 
     def get_values(self, slots: slice | IntArray) -> FloatArray:
         return self.values_array[slots].copy()
+
+
+class CompiledImage(ArrayImage):
+    """Values in arrays, and blocks of plain scales converted in C."""
+
+    def _prepare_input(self, block: Block) -> None:
+        columns, slots = _columns(self, block), block.slots
+        if columns.special:
+            block.convert = partial(self._convert, block, columns)
+        else:
+            scales = np.array(self.scales[slots], float).data
+            views = self.raws[slots], self.values[slots], self.times[slots]
+            block.convert = extension.Inputs(block.view, scales, *views, block.start).convert
+
+    def _prepare_output(self, block: Block) -> None:
+        slots = block.slots
+        views = self.pending[slots], self.raws[slots], self.values[slots], self.times[slots]
+        block.commit = extension.Outputs(block.view, *views).commit
 
 
 def _indices(slots: slice | IntArray) -> Sequence[int]:

@@ -1,6 +1,6 @@
 """The process image: flat sequences of raw integers and of values; an object holds its index, its slot.
 
-Slots stand in blocks, one for each driver and direction, so that a period is one transfer a block. The two
+Slots stand in blocks, one for each driver and direction, so that a period is one transfer a block. The
 forms (`forms.py`) store the same numbers in lists or in arrays; all decisions are taken here. What moves goes through
 the transfer stage, what is commanded of a guarded actuator through the command stage.
 """
@@ -34,7 +34,7 @@ Sensor = BinarySensor[Any] | DigitalSensor
 
 
 class Image(ABC):
-    """Both forms' common part. Slot order: sampled inputs, updated outputs, then the asynchronous objects."""
+    """What the forms have in common. Slot order: sampled inputs, updated outputs, then the asynchronous objects."""
 
     values: Any
     pending: Any
@@ -78,7 +78,9 @@ class Image(ABC):
         """Whether all of `sampled` are GOOD; None: a quality has changed since the last check."""
         self.sampled = slice(0, self.inputs[-1].stop if self.inputs else 0)
         for block in self.inputs:
-            self._prepare(block)
+            self._prepare_input(block)
+        for block in self.outputs:
+            self._prepare_output(block)
         for slot, item in enumerate(self.items):
             if item.direction is Direction.OUTPUT:
                 self._set_quality(slot, Quality.GOOD)
@@ -106,21 +108,20 @@ class Image(ABC):
         for item in self.items:
             item._disconnect()
 
-    # What the two forms do differently -----------------------------------------------------------------
+    # What the forms do differently ---------------------------------------------------------------------
 
     @abstractmethod
     def _make(self, count: int) -> None:
         """Make the sequences `values`, `pending`, `quality` and `times`."""
 
     @abstractmethod
-    def _prepare(self, block: Block) -> None:
-        """Set `scales` and `convert` of an input block. `convert(block, now)` takes the buffer to raws, values and
-        times. If any values are out of bounds, their (slot, value) pairs are returned and not kept, and the times are
-        left to the caller. A raw that the circuit reports as invalid gives a value that is out of bounds."""
+    def _prepare_input(self, block: Block) -> None:
+        """Set `convert` of an input block, also when a scale has changed. A raw that the circuit reports as invalid
+        gives a value that is out of bounds."""
 
     @abstractmethod
-    def _commit(self, block: Block, now: float) -> None:
-        """What was pending is now at the hardware."""
+    def _prepare_output(self, block: Block) -> None:
+        """Set `commit` of an output block."""
 
     @abstractmethod
     def _stamp(self, block: Block, now: float) -> None: ...
@@ -146,7 +147,7 @@ class Image(ABC):
             except Exception as error:
                 self._sample_rest(block, error, now, failures)
                 continue
-            outside = block.convert(block, now)
+            outside = block.convert(now)
             if outside or block.unsettled:
                 self._settle(block, outside, now, failures)
         if failures or self.sampled_good is None:
@@ -168,7 +169,7 @@ class Image(ABC):
             except Exception as error:
                 self._update_rest(block, error, failures)
                 continue
-            self._commit(block, now)
+            block.commit(now)
             if block.unsettled:
                 for slot in block.unsettled:
                     self._set_quality(slot, Quality.GOOD)
@@ -330,7 +331,7 @@ class Image(ABC):
         self.values[slot] = to_value(raw, resolution, zero_offset)
         for block in self.inputs:
             if block.start <= slot < block.stop:
-                self._prepare(block)
+                self._prepare_input(block)
 
     def set_referenced(self, slot: int, referenced: bool) -> None:
         self.base[slot] = Quality.GOOD if referenced else Quality.UNREFERENCED

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from inspect import getattr_static
+from math import nan
 from typing import Any, NamedTuple
 
 from umo.errors import DeclarationError
 from umo.objects import Compound
-from umo.objects.tunable import number_of
 from umo.objects.units import check_unit
 
 _MISSING = object()
@@ -24,9 +24,16 @@ class Signal(NamedTuple):
     owner: Any
     name: str
 
-    def read(self) -> float:
-        """Its value now; NaN if it has none, or if reading it fails."""
-        return number_of(self.owner, self.name)
+
+def read_signals(signals: Iterable[Signal]) -> list[float]:
+    """Their values now; NaN for one that has none, or of which reading fails."""
+    values = []
+    for _, _, owner, name in signals:
+        try:
+            values.append(float(getattr(owner, name)))
+        except Exception:  # of a property of the user's: what is shown must not disturb what is controlled
+            values.append(nan)
+    return values
 
 
 def signals_of(root: Compound) -> tuple[Signal, ...]:

@@ -110,6 +110,8 @@ FIXED: list[Column] = [
     ("total", "<i8", 1, "0: not known"),
     ("progress", f"S{NOTE}", 1, "UTF-8: what the machine is doing"),
 ]
+SELDOM = struct.Struct(f"<{len(USAGE)}q9q{NOTE}s")
+"""Those from `USAGE` on, which change seldom."""
 
 
 @dataclass(frozen=True)

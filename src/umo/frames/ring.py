@@ -8,9 +8,7 @@ import struct
 import zlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-from umo.cycle.forms import ArrayImage
 from umo.cycle.frame import Frame
 from umo.cycle.hands import Hands
 from umo.cycle.journal import Journal
@@ -18,6 +16,7 @@ from umo.cycle.machine import ConnectedMachine
 from umo.cycle.phases import UNKNOWN, Phases
 from umo.cycle.progress import Progress
 from umo.cycle.stage import Stage
+from umo.frames.body import BODY, writer
 from umo.frames.file import make
 from umo.frames.layout import (
     BELL,
@@ -36,6 +35,7 @@ from umo.frames.layout import (
     MODE,
     NAME,
     NOTE,
+    SELDOM,
     STATE,
     TAKEN,
     USAGE,
@@ -99,7 +99,8 @@ class Ring:
         head, places = arrange(layout, self.slots, ENTRIES, CHECKSUM if checksum else 0)
         self._first, self._journal_at, self._content = places.first, places.journal, layout.content
         self._events_at, self._tunables_at = places.events, places.tunables
-        self._place(layout)
+        self._seldom_packed, self._seldom_stands, self._told_progress = b"", False, Progress()
+        self._late = round(machine.clock.period * LATE * 1e9)
         self.file, self._map = make(path, head, places.size)
         # from here on nothing fails: whoever makes a ring has all of it to close, or nothing
         self._bytes = memoryview(self._map)
@@ -112,21 +113,8 @@ class Ring:
             self._numbers[(self._tunables_at >> 3) + number] = tunable.read()
         self.usage = Usage()
         self._counts = *self.usage.read(), 0
+        self._write = writer(image, layout, self._map)
         image.transfer.journal = self.journal = Journal()
-
-    def _place(self, layout: Layout) -> None:
-        fields: Any = layout.dtype.fields
-        self._at = {name: fields[name][1] for name in fields}
-        self._count = len(layout.objects)
-        self._arrays = isinstance(self.image, ArrayImage)
-        floats = len(layout.signals) + (0 if self._arrays else self._count)  # a list of values goes in with these
-        self._seldom = struct.Struct(f"<{len(USAGE)}q9q{NOTE}s")
-        self._seldom_packed, self._seldom_stands, self._told_progress = b"", False, Progress()
-        raws, tail = (0, 0) if self._arrays else (8 * self._count, 2 * self._count)
-        self._front = struct.Struct(f"<qdqqqq{self._seldom.size}s{len(layout.phases)}q{floats}d{raws}s{tail}s")
-        self._quality: Sequence[int] = ()
-        self._states, self._tail = b"", b""
-        self._late = round(self._machine.clock.period * LATE * 1e9)
 
     def state(self, state: Stage) -> None:
         self._live[STATE // 8] = state
@@ -139,7 +127,7 @@ class Ring:
         words[at >> 3] = 2 * index + 1
         self._fill(frame, at)
         if self.checksum:
-            words[(at >> 3) + 1] = zlib.crc32(self._bytes[at + 16 : at + self._content], _crc(2 * index + 2))
+            words[(at >> 3) + 1] = zlib.crc32(self._bytes[at + BODY : at + self._content], _crc(2 * index + 2))
         words[at >> 3] = 2 * index + 2
         self.index = index = index + 1
         live = self._live
@@ -179,41 +167,18 @@ class Ring:
             live[LEASE // 8] = lease.number
 
     def _fill(self, frame: Frame, at: int) -> None:
-        image, phases = self.image, self.phases
+        phases = self.phases
         execution = int(frame.execution * 1e9)
-        phases.finish(execution)
-        wake = UNKNOWN if frame.missed else phases.wake
+        wake = phases.finish(execution)
+        if frame.missed:
+            wake = UNKNOWN
         seldom = self._seldom_part(frame, execution + wake)
-        values: Sequence[float] = ()
-        raws = tail = b""
-        if not self._arrays:
-            values, raws, tail = image.values, image.raws.tobytes(), self._tail_of(image.quality)
-        self._front.pack_into(
-            self._map, at + 16,
-            frame.number, frame.time, frame.missed, frame.began, wake, execution,
-            seldom, *phases.ns, *frame.signal_values, *values, raws, tail,
+        self._write(
+            at + BODY, frame.number, frame.time, frame.missed, frame.began, wake, execution,
+            seldom, phases.ns, frame.signal_values, self._commands.states,
         )  # fmt: skip
         phases.clear()
         self.journal.clear()
-        if self._arrays:
-            self._copy_arrays(at)
-
-    def _copy_arrays(self, at: int) -> None:
-        image, places, count = self.image, self._at, self._count
-        raws, values = at + places["raws"] >> 3, at + places["values"] >> 3
-        quality, commands = at + places["quality"], at + places["commands"]
-        self._words[raws : raws + count] = image.raws
-        self._numbers[values : values + count] = image.values
-        self._bytes[quality : quality + count] = image.quality
-        self._bytes[commands : commands + count] = self._commands.states
-
-    def _tail_of(self, quality: list[int]) -> bytes:
-        """Qualities and commands of all objects, made when they have changed."""
-        states = self._commands.states
-        if quality != self._quality or states is not self._states:
-            self._quality, self._states = quality.copy(), states
-            self._tail = bytes(quality) + states
-        return self._tail
 
     def _seldom_part(self, frame: Frame, took: int) -> bytes:
         """Counters, journal and progress: packed when they may have changed. The counters are read after a period that
@@ -232,7 +197,7 @@ class Ring:
             self._counts = *self.usage.read(), self.index
         first, checksum = self._entries, self._keep(journal) if journal.count else 0
         text = _cut(progress.text, NOTE)
-        self._seldom_packed = self._seldom.pack(
+        self._seldom_packed = SELDOM.pack(
             *self._counts,
             first, journal.count, journal.lost, journal.sampled, journal.updated, checksum,
             min(progress.done, MOST), min(progress.total, MOST), text,
@@ -260,6 +225,7 @@ class Ring:
         self.state(Stage.ENDED)
         self.usage.close()
         self.image.transfer.journal = None
+        del self._write  # it may hold the file's memory
         for view in (self.bell, self._live, self._words, self._numbers, self._bytes):
             view.release()
         self._map.close()

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
+from umo.cycle import forms
+from umo.frames import body
 from umo.latency.measure import Measured
 
 YES, CARE, NO = "yes", "with care", "no"
@@ -83,6 +85,11 @@ def advice(found: Measured, read: Callable[[str], str] = _read, cores: int | Non
     if read("/sys/kernel/realtime").strip() != "1" and "PREEMPT_RT" not in read("/proc/version"):
         lines.append(
             f"kernel {platform.release()} is not a real-time kernel: install one with PREEMPT_RT (linux-image-rt)"
+        )
+    if forms.extension is None or body.extension is None:
+        lines.append(
+            "umo was installed without a C compiler, so that its periods take longer: "
+            "apt-get install gcc python3-dev, then install umo again"
         )
     governor = read("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor").strip()
     if governor and governor != "performance":

@@ -23,7 +23,10 @@ class Tunable(NamedTuple):
 
     def read(self) -> float:
         """Its value now; NaN if reading it fails."""
-        return number_of(self.owner, self.name)
+        try:
+            return float(getattr(self.owner, self.name))
+        except Exception:  # of a property of the user's: what is shown must not disturb what is controlled
+            return nan
 
     def set(self, value: object) -> None:
         """RangeError if the value is not a number within the range."""
@@ -32,14 +35,6 @@ class Tunable(NamedTuple):
     def describe(self) -> dict[str, Any]:
         """As plain data."""
         return {"path": self.path, **self.range.describe()}
-
-
-def number_of(owner: Any, name: str) -> float:
-    """An attribute as a number; NaN if it has none, or if reading it fails."""
-    try:
-        return float(getattr(owner, name))
-    except Exception:  # of a property of the user's: what is shown must not disturb what is controlled
-        return nan
 
 
 def tunables_of(root: Compound) -> dict[str, Tunable]:

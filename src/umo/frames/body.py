@@ -1,0 +1,82 @@
+"""The body of a frame: all that follows `sequence` and `checksum`, written by a writer for each form of the image.
+
+Tests prove that the writers write the same bytes. The one in C is used where the image has the compiled form.
+"""
+
+from __future__ import annotations
+
+import struct
+from mmap import mmap
+from typing import Protocol
+
+from umo.cycle.forms import ArrayImage, CompiledImage
+from umo.cycle.image import Image
+from umo.frames.layout import SELDOM, Layout
+
+try:
+    from umo.frames import _body as extension
+except ImportError:  # it was not built
+    extension = None  # type: ignore[assignment]
+BODY = 16
+"""Where it begins in a frame."""
+
+
+class Write(Protocol):
+    """Writes one body to `at` in the file, with the values, raw integers and qualities of the image."""
+
+    def __call__(
+        self,
+        at: int,
+        number: int,
+        time: float,
+        missed: int,
+        began: int,
+        wake: int,
+        execution: int,
+        seldom: bytes,
+        phases: list[int],
+        signals: list[float],
+        commands: bytes,
+        /,
+    ) -> None:
+        """Times but `time` are ns; `seldom` is what changes seldom, packed; `commands` has a byte for each object."""
+
+
+def writer(image: Image, layout: Layout, file: mmap) -> Write:
+    """The quickest one for this image. It may hold the file's memory as long as it exists."""
+    if extension is not None and isinstance(image, CompiledImage):
+        return extension.Body(file, image.values, image.raws, image.quality, layout.content - BODY).write
+    return _Packed(image, layout, file).write
+
+
+class _Packed:
+    """The writer in Python."""
+
+    def __init__(self, image: Image, layout: Layout, file: mmap) -> None:
+        self._image, self._file = image, file
+        self._arrays = isinstance(image, ArrayImage)
+        count, signals = len(layout.objects), f"{len(layout.signals)}d"
+        values = f"{8 * count}s" if self._arrays else f"{count}d"
+        self._struct = struct.Struct(
+            f"<qdqqqq{SELDOM.size}s{len(layout.phases)}q{signals}{values}{8 * count}s{2 * count}s"
+        )
+
+    def write(
+        self,
+        at: int,
+        number: int,
+        time: float,
+        missed: int,
+        began: int,
+        wake: int,
+        execution: int,
+        seldom: bytes,
+        phases: list[int],
+        signals: list[float],
+        commands: bytes,
+    ) -> None:
+        image = self._image
+        values = (image.values.tobytes(),) if self._arrays else image.values
+        rest = *values, image.raws.tobytes(), bytes(image.quality) + commands
+        numbers = number, time, missed, began, wake, execution
+        self._struct.pack_into(self._file, at, *numbers, seldom, *phases, *signals, *rest)

@@ -1,0 +1,122 @@
+"""The body of a frame: the writers in Python and in C write the same bytes."""
+
+from __future__ import annotations
+
+import mmap
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from image_forms import BUILT, FORMS, choose
+from machines import bench, wired
+from umo import connect, published
+from umo.cycle.forms import ListImage
+from umo.frames import body
+from umo.frames.body import BODY, writer
+from umo.frames.layout import SELDOM, Layout
+from umo.testing import Scripted
+
+WHOLE = st.integers(-(2**63), 2**63 - 1)
+REAL = st.floats()
+"""Infinity and NaN too."""
+
+
+def image_of(form: type[Any], count: int, numbers: list[Any]) -> Any:
+    """Not connected to anything: the values, raw integers and qualities of so many objects."""
+    image = form.__new__(form)
+    form._make(image, count)
+    image.raws = memoryview(bytearray(8 * count)).cast("q")
+    for slot, (value, raw, quality) in enumerate(numbers):
+        image.values[slot], image.raws[slot], image.quality[slot] = value, raw, quality
+    return image
+
+
+def layout_of(count: int, phases: int, signals: int) -> Layout:
+    return Layout(({},) * count, ("",) * phases, {}, ({},) * signals)
+
+
+@pytest.mark.parametrize("form", FORMS[1:])
+@given(
+    objects=st.lists(st.tuples(REAL, WHOLE, st.integers(0, 255)), max_size=5),
+    fixed=st.tuples(WHOLE, REAL, WHOLE, WHOLE, WHOLE, WHOLE),
+    seldom=st.binary(min_size=SELDOM.size, max_size=SELDOM.size),
+    phases=st.lists(WHOLE, max_size=4),
+    signals=st.lists(REAL, max_size=4),
+    data=st.data(),
+)
+def test_every_writer_writes_the_same_bytes(form, objects, fixed, seldom, phases, signals, data):
+    count = len(objects)
+    commands = data.draw(st.binary(min_size=count, max_size=count))
+    layout = layout_of(count, len(phases), len(signals))
+    written = []
+    for each in (ListImage, form):
+        with mmap.mmap(-1, layout.dtype.itemsize * 3) as file:
+            write = writer(image_of(each, count, objects), layout, file)
+            write(layout.dtype.itemsize + BODY, *fixed, seldom, phases, signals, commands)
+            written.append(file[:])
+            del write
+    assert written[0] == written[1]
+
+
+GOOD: dict[str, Any] = {
+    "at": BODY,
+    "number": 1,
+    "time": 0.5,
+    "missed": 0,
+    "began": 5,
+    "wake": -1,
+    "execution": 7,
+    "seldom": bytes(SELDOM.size),
+    "phases": [1, 2],
+    "signals": [0.25],
+    "commands": b"\0\0\0",
+}
+
+
+@BUILT
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"at": -1}, {"at": BODY + 1 << 20}, {"at": None}, {"at": 2**70}, {"number": 2**63}, {"number": 1.0},
+        {"time": "0.5"}, {"time": 1}, {"missed": None}, {"seldom": b""}, {"seldom": "text"}, {"phases": [1]},
+        {"phases": [1, 2, 3]}, {"phases": (1, 2)}, {"phases": [1, None]}, {"signals": []}, {"signals": [1]},
+        {"signals": None}, {"commands": b"\0\0"}, {"commands": bytearray(3)},
+    ],
+)  # fmt: skip
+def test_the_writer_in_c_refuses_what_does_not_fit_and_writes_nothing_outside_the_body(wrong):
+    layout = layout_of(3, 2, 1)
+    with mmap.mmap(-1, layout.dtype.itemsize) as file:
+        image = image_of(FORMS[2].values[0], 3, [])
+        write = writer(image, layout, file)
+        write(*GOOD.values())
+        with pytest.raises((ValueError, TypeError, OverflowError)):
+            write(*(GOOD | wrong).values())
+        with pytest.raises(ValueError, match="does not fit"):
+            write(*list(GOOD.values())[:-1])
+        assert file[:BODY] == bytes(BODY)
+        assert file[layout.content :] == bytes(layout.dtype.itemsize - layout.content)
+        del write
+
+
+@BUILT
+def test_the_writer_in_c_is_used_where_the_image_has_the_compiled_form(monkeypatch):
+    kinds = []
+    for form in (FORMS[2].values[0], ListImage):
+        choose(monkeypatch, form)
+        m = bench()
+        connection = connect(m, wired(m, Scripted()))
+        with connection, published(connection, "bench") as ring:
+            kinds.append(type(ring._write).__name__)
+    assert kinds == ["builtin_function_or_method", "method"]
+
+
+def test_without_the_extension_the_writer_is_in_python(monkeypatch):
+    monkeypatch.setattr(body, "extension", None)
+    layout = layout_of(3, 2, 1)
+    with mmap.mmap(-1, layout.dtype.itemsize) as file:
+        write = writer(image_of(FORMS[2].values[0], 3, []), layout, file)
+        assert type(write).__name__ == "method"
+        write(*GOOD.values())
+        assert file[BODY : BODY + 8] == (1).to_bytes(8, "little")
