@@ -12,8 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from umo.cycle import forms
-from umo.frames import body
+from umo.cycle.forms import CompiledImage, form_for
 from umo.latency.measure import Measured
 
 YES, CARE, NO = "yes", "with care", "no"
@@ -86,7 +85,7 @@ def advice(found: Measured, read: Callable[[str], str] = _read, cores: int | Non
         lines.append(
             f"kernel {platform.release()} is not a real-time kernel: install one with PREEMPT_RT (linux-image-rt)"
         )
-    if forms.extension is None or body.extension is None:
+    if form_for(1) is not CompiledImage:
         lines.append(
             "umo was installed without a C compiler, so that its periods take longer: "
             "apt-get install gcc python3-dev, then install umo again"
