@@ -36,7 +36,7 @@ docs: $(STAMP)
 	$(BIN)/python -m pytest tests/test_docs.py
 	$(BIN)/pdoc umo umo.control umo.drivers umo.testing -o site
 
-$(STAMP): pyproject.toml constraints.txt $(wildcard src/umo/*/*.c)
+$(STAMP): pyproject.toml setup.py constraints.txt $(wildcard src/umo/*/*.c)
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[all,dev]'
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[spi]' 2>/dev/null || \

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from image_forms import BUILT, FORMS, choose
 from machines import bench, wired
 from umo import connect, published
-from umo.cycle.forms import ListImage
+from umo.cycle.forms import CompiledImage, ListImage
 from umo.frames import body
 from umo.frames.body import BODY, writer
 from umo.frames.layout import SELDOM, Layout
@@ -79,16 +79,16 @@ GOOD: dict[str, Any] = {
 @pytest.mark.parametrize(
     "wrong",
     [
-        {"at": -1}, {"at": BODY + 1 << 20}, {"at": None}, {"at": 2**70}, {"number": 2**63}, {"number": 1.0},
-        {"time": "0.5"}, {"time": 1}, {"missed": None}, {"seldom": b""}, {"seldom": "text"}, {"phases": [1]},
-        {"phases": [1, 2, 3]}, {"phases": (1, 2)}, {"phases": [1, None]}, {"signals": []}, {"signals": [1]},
+        {"at": -1}, {"at": BODY + (1 << 20)}, {"at": BODY + 64}, {"at": None}, {"at": 2**70}, {"number": 2**63},
+        {"number": 1.0}, {"time": "0.5"}, {"time": 1}, {"missed": None}, {"seldom": b""}, {"seldom": "text"},
+        {"phases": [1]}, {"phases": [1, 2, 3]}, {"phases": (1, 2)}, {"phases": [1, None]}, {"signals": []}, {"signals": [1]},
         {"signals": None}, {"commands": b"\0\0"}, {"commands": bytearray(3)},
     ],
 )  # fmt: skip
 def test_the_writer_in_c_refuses_what_does_not_fit_and_writes_nothing_outside_the_body(wrong):
     layout = layout_of(3, 2, 1)
     with mmap.mmap(-1, layout.dtype.itemsize) as file:
-        image = image_of(FORMS[2].values[0], 3, [])
+        image = image_of(CompiledImage, 3, [])
         write = writer(image, layout, file)
         write(*GOOD.values())
         with pytest.raises((ValueError, TypeError, OverflowError)):
@@ -103,7 +103,7 @@ def test_the_writer_in_c_refuses_what_does_not_fit_and_writes_nothing_outside_th
 @BUILT
 def test_the_writer_in_c_is_used_where_the_image_has_the_compiled_form(monkeypatch):
     kinds = []
-    for form in (FORMS[2].values[0], ListImage):
+    for form in (CompiledImage, ListImage):
         choose(monkeypatch, form)
         m = bench()
         connection = connect(m, wired(m, Scripted()))
@@ -116,7 +116,7 @@ def test_without_the_extension_the_writer_is_in_python(monkeypatch):
     monkeypatch.setattr(body, "extension", None)
     layout = layout_of(3, 2, 1)
     with mmap.mmap(-1, layout.dtype.itemsize) as file:
-        write = writer(image_of(FORMS[2].values[0], 3, []), layout, file)
+        write = writer(image_of(CompiledImage, 3, []), layout, file)
         assert type(write).__name__ == "method"
         write(*GOOD.values())
         assert file[BODY : BODY + 8] == (1).to_bytes(8, "little")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from typing import Any
 
@@ -80,9 +79,9 @@ SPEC = st.builds(
     inverted=st.booleans(),
     mark=st.sampled_from([False, False, True]),
     curve=st.sampled_from(
-        [None, None, Polynomial([0.5, 1.0, 0.02], (-20, 20)), LookupTable([-20, 0, 30], [30, 0, -12])]
+        [None] * 9 + [Polynomial([0.5, 1.0, 0.02], (-20, 20)), LookupTable([-20, 0, 30], [30, 0, -12])]
     ),
-    invalid_raws=st.sampled_from([(), (), (2,), (-7, 2**40)]),
+    invalid_raws=st.sampled_from([()] * 9 + [(2,), (-7, 2**40)]),
 )
 NUMBER = st.integers(0, 99)
 RAW = st.integers(-30, 30) | st.sampled_from([0, 1, 2, 2**40, -(2**63), 2**63 - 1])
@@ -237,37 +236,3 @@ def test_sixty_objects_on_three_drivers_move_in_one_transfer_a_driver_and_direct
             assert list(written.channels) == [
                 f"parts.{i}" for i, s in enumerate(specs) if s.kind[1] == "a" and boxes[s.driver] is box
             ]
-
-
-@BUILT
-def test_the_extension_takes_only_views_of_one_length_and_converts_with_a_number_for_the_time():
-    def views(*lengths):
-        return [np.zeros(length) for length in lengths]
-
-    for wrong in ((2, 8, 2, 2, 1), (2, 2, 2, 2, 2), (2, 9, 2, 2, 2), (3, 8, 2, 2, 2)):
-        with pytest.raises(ValueError, match="differ in length"):
-            forms.extension.Inputs(*views(*wrong), 0)
-    with pytest.raises(ValueError, match="differ in length"):
-        forms.extension.Outputs(*views(2, 8, 2, 2, 2))
-    constant = np.zeros(2)
-    constant.flags.writeable = False
-    for place in range(2, 5):
-        held = views(2, 2, 2, 2, 2)
-        held[place] = constant
-        with pytest.raises(ValueError, match="read-only"):
-            forms.extension.Outputs(*held)
-    with pytest.raises(TypeError):
-        forms.extension.Inputs(*views(2, 8, 2, 2, 2), 0).convert("now")
-    with pytest.raises(TypeError):
-        forms.extension.Outputs(*views(2, 2, 2, 2, 2)).commit(None)
-
-
-@BUILT
-def test_the_extension_lets_go_of_its_views():
-    held = [np.zeros(2) for _ in range(5)]
-    before = [sys.getrefcount(each) for each in held]
-    for _ in range(100):
-        block = forms.extension.Outputs(*held)
-        block.commit(1.0)
-    del block
-    assert [sys.getrefcount(each) for each in held] == before

@@ -16,7 +16,7 @@ class Inputs:
     def __new__(
         cls, moved: Buffer, scales: Buffer, raws: Buffer, values: Buffer, times: Buffer, start: int
     ) -> Inputs: ...
-    def convert(self, now: float) -> list[tuple[int, float]]:
+    def convert(self, now: float, /) -> list[tuple[int, float]]:
         """As `Block.convert`."""
 
 @final
@@ -24,5 +24,5 @@ class Outputs:
     """An output block; `moved` are the pending raw integers."""
 
     def __new__(cls, moved: Buffer, pending: Buffer, raws: Buffer, values: Buffer, times: Buffer) -> Outputs: ...
-    def commit(self, now: float) -> None:
+    def commit(self, now: float, /) -> None:
         """As `Block.commit`."""

@@ -1,8 +1,8 @@
 """The process image: flat sequences of raw integers and of values; an object holds its index, its slot.
 
-Slots stand in blocks, one for each driver and direction, so that a period is one transfer a block. The
-forms (`forms.py`) store the same numbers in lists or in arrays; all decisions are taken here. What moves goes through
-the transfer stage, what is commanded of a guarded actuator through the command stage.
+Slots stand in blocks, one for each driver and direction, so that a period is one transfer a block. The forms
+(`forms.py`) store the same numbers in lists or in arrays; all decisions are taken here. What moves goes through the
+transfer stage, what is commanded of a guarded actuator through the command stage.
 """
 
 from __future__ import annotations

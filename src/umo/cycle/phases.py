@@ -45,18 +45,21 @@ class Phases:
         """The drivers are called without being watched again."""
         self._image.transfer.bind(self._image.inputs, self._image.outputs)
 
-    def finish(self, execution: int) -> int:
-        """The period is over: what is left of its execution time (ns) was spent in control code and in umo. The time in
-        ns from the tick to the timer's waking up; UNKNOWN where the timer has no grid of its own."""
+    def finish(self, execution: int) -> None:
+        """The period is over: what is left of its execution time (ns) was spent in control code and in umo."""
         ns = self.ns
         ns[self._control] = execution - sum(ns) + ns[0]
-        ticker = getattr(self._timer, "ticker", None)
-        return UNKNOWN if ticker is None else ticker.woke - ticker.due
 
     def clear(self) -> None:
         """A part that is not transferred in the next period took no time in it."""
         self.ns[:] = self._none
         self._moved.clear()
+
+    @property
+    def wake(self) -> int:
+        """ns from the tick to the timer's waking up; UNKNOWN where the timer has no grid of its own."""
+        ticker = getattr(self._timer, "ticker", None)
+        return UNKNOWN if ticker is None else ticker.woke - ticker.due
 
     def _watched(self, block: Block, number: int, kind: Kind) -> Callable[..., None]:
         """A block's transfer, timed; the journal says where it stood, or, if it is moved again, what it moved."""

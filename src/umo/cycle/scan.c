@@ -4,8 +4,13 @@
  */
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
+#include <float.h>
 #include <stdint.h>
 #include <string.h>
+
+#if FLT_EVAL_METHOD != 0 || defined(__FAST_MATH__)
+#error "each operation must be rounded to a double"
+#endif
 
 /* Views of the block's part of the image: 8 bytes an object, SCALES 32 bytes. */
 enum { MOVED, SCALES, PENDING = SCALES, RAWS, VALUES, TIMES, VIEWS };
@@ -25,8 +30,8 @@ static void Block_dealloc(Block *self)
     Py_DECREF(type);
 }
 
-/* All views have one length, the second one so many times that length. */
-static PyObject *make(PyTypeObject *type, PyObject *const objects[VIEWS], Py_ssize_t start, Py_ssize_t times)
+/* All views have one length; the second one has so many numbers an object. */
+static PyObject *make(PyTypeObject *type, PyObject *const objects[VIEWS], Py_ssize_t start, Py_ssize_t numbers)
 {
     Block *self = (Block *)type->tp_alloc(type, 0);
     if (self == NULL)
@@ -40,7 +45,7 @@ static PyObject *make(PyTypeObject *type, PyObject *const objects[VIEWS], Py_ssi
     self->start = start;
     self->count = size / (Py_ssize_t)sizeof(int64_t);
     for (int i = 0; i < VIEWS; i++)
-        if (self->views[i].len != (i == SCALES ? times : 1) * size) {
+        if (self->views[i].len != (i == SCALES ? numbers : 1) * size || size % (Py_ssize_t)sizeof(int64_t)) {
             PyErr_SetString(PyExc_ValueError, "the views of a block differ in length");
             Py_DECREF(self);
             return NULL;
@@ -55,11 +60,13 @@ static void stamp(Block *self, double now)
         times[i] = now;
 }
 
-static PyObject *Inputs_new(PyTypeObject *type, PyObject *args, PyObject *Py_UNUSED(kwargs))
+static PyObject *Inputs_new(PyTypeObject *type, PyObject *args, PyObject *named)
 {
+    static char *names[] = {"moved", "scales", "raws", "values", "times", "start", NULL};
     PyObject *views[VIEWS];
     Py_ssize_t start;
-    if (!PyArg_ParseTuple(args, "OOOOOn", views, views + 1, views + 2, views + 3, views + 4, &start))
+    if (!PyArg_ParseTupleAndKeywords(
+            args, named, "OOOOOn", names, views, views + 1, views + 2, views + 3, views + 4, &start))
         return NULL;
     return make(type, views, start, 4);
 }
@@ -98,10 +105,11 @@ static PyObject *Inputs_convert(Block *self, PyObject *time)
     return outside;
 }
 
-static PyObject *Outputs_new(PyTypeObject *type, PyObject *args, PyObject *Py_UNUSED(kwargs))
+static PyObject *Outputs_new(PyTypeObject *type, PyObject *args, PyObject *named)
 {
+    static char *names[] = {"moved", "pending", "raws", "values", "times", NULL};
     PyObject *views[VIEWS];
-    if (!PyArg_ParseTuple(args, "OOOOO", views, views + 1, views + 2, views + 3, views + 4))
+    if (!PyArg_ParseTupleAndKeywords(args, named, "OOOOO", names, views, views + 1, views + 2, views + 3, views + 4))
         return NULL;
     return make(type, views, 0, 1);
 }

@@ -24,4 +24,5 @@ class Body:
         commands: bytes,
         /,
     ) -> None:
-        """As `body.Write`. ValueError unless it is as long as a body."""
+        """As `body.Write`. ValueError unless it is as long as a body, TypeError for a number of another type,
+        OverflowError for one that is too great."""

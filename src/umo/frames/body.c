@@ -5,7 +5,7 @@
 #include <string.h>
 
 enum { MAP, VALUES, RAWS, QUALITY, VIEWS };
-enum { AT, NUMBER, TIME, MISSED, EXECUTION = 6, SELDOM, PHASES, SIGNALS, COMMANDS, ARGUMENTS };
+enum { AT, NUMBER, TIME, MISSED, BEGAN, WAKE, EXECUTION, SELDOM, PHASES, SIGNALS, COMMANDS, ARGUMENTS };
 
 typedef struct {
     PyObject_HEAD
@@ -22,11 +22,12 @@ static void Body_dealloc(Body *self)
     Py_DECREF(type);
 }
 
-static PyObject *Body_new(PyTypeObject *type, PyObject *args, PyObject *Py_UNUSED(kwargs))
+static PyObject *Body_new(PyTypeObject *type, PyObject *args, PyObject *named)
 {
+    static char *names[] = {"file", "values", "raws", "quality", "size", NULL};
     PyObject *views[VIEWS];
     Py_ssize_t size;
-    if (!PyArg_ParseTuple(args, "OOOOn", views, views + 1, views + 2, views + 3, &size))
+    if (!PyArg_ParseTupleAndKeywords(args, named, "OOOOn", names, views, views + 1, views + 2, views + 3, &size))
         return NULL;
     Body *self = (Body *)type->tp_alloc(type, 0);
     if (self == NULL)
@@ -49,17 +50,21 @@ static char *put(char *to, const void *from, Py_ssize_t size)
 /* No code of Python's runs here: a list could become shorter under it. */
 static char *put_whole(char *to, PyObject *number)
 {
-    if (!PyLong_Check(number))
+    int64_t whole = 0;
+    if (PyLong_Check(number))
+        whole = PyLong_AsLongLong(number);
+    else
         PyErr_SetString(PyExc_TypeError, "a number of a frame is not an int");
-    int64_t whole = PyLong_Check(number) ? PyLong_AsLongLong(number) : 0;
     return put(to, &whole, sizeof whole);
 }
 
 static char *put_real(char *to, PyObject *number)
 {
-    if (!PyFloat_Check(number))
+    double real = 0.0;
+    if (PyFloat_Check(number))
+        real = PyFloat_AS_DOUBLE(number);
+    else
         PyErr_SetString(PyExc_TypeError, "a number of a frame is not a float");
-    double real = PyFloat_Check(number) ? PyFloat_AS_DOUBLE(number) : 0.0;
     return put(to, &real, sizeof real);
 }
 
@@ -69,7 +74,7 @@ static int fits(Body *self, PyObject *const *args, Py_ssize_t at)
     if (!PyBytes_Check(args[SELDOM]) || !PyList_Check(args[PHASES]) || !PyList_Check(args[SIGNALS])
         || !PyBytes_Check(args[COMMANDS]))
         return 0;
-    Py_ssize_t numbers = EXECUTION - AT + PyList_GET_SIZE(args[PHASES]) + PyList_GET_SIZE(args[SIGNALS]);
+    Py_ssize_t numbers = SELDOM - NUMBER + PyList_GET_SIZE(args[PHASES]) + PyList_GET_SIZE(args[SIGNALS]);
     Py_ssize_t size = 8 * numbers + PyBytes_GET_SIZE(args[SELDOM]) + PyBytes_GET_SIZE(args[COMMANDS]);
     for (int i = VALUES; i < VIEWS; i++)
         size += self->views[i].len;

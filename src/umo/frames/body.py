@@ -9,7 +9,7 @@ import struct
 from mmap import mmap
 from typing import Protocol
 
-from umo.cycle.forms import ArrayImage, CompiledImage
+from umo.cycle.forms import ArrayImage, CompiledImage, form_for
 from umo.cycle.image import Image
 from umo.frames.layout import SELDOM, Layout
 
@@ -39,7 +39,13 @@ class Write(Protocol):
         commands: bytes,
         /,
     ) -> None:
-        """Times but `time` are ns; `seldom` is what changes seldom, packed; `commands` has a byte for each object."""
+        """Of exactly these types. Times but `time` are ns; `seldom` is what changes seldom, packed; `commands` has a
+        byte for each object."""
+
+
+def is_compiled() -> bool:
+    """Whether the extensions in C are there, of the image and of the frames."""
+    return extension is not None and form_for(1) is CompiledImage
 
 
 def writer(image: Image, layout: Layout, file: mmap) -> Write:

@@ -169,9 +169,8 @@ class Ring:
     def _fill(self, frame: Frame, at: int) -> None:
         phases = self.phases
         execution = int(frame.execution * 1e9)
-        wake = phases.finish(execution)
-        if frame.missed:
-            wake = UNKNOWN
+        phases.finish(execution)
+        wake = UNKNOWN if frame.missed else phases.wake
         seldom = self._seldom_part(frame, execution + wake)
         self._write(
             at + BODY, frame.number, frame.time, frame.missed, frame.began, wake, execution,
@@ -228,8 +227,10 @@ class Ring:
         del self._write  # it may hold the file's memory
         for view in (self.bell, self._live, self._words, self._numbers, self._bytes):
             view.release()
-        self._map.close()
-        os.close(self.file)
+        try:
+            self._map.close()
+        finally:
+            os.close(self.file)
 
 
 def _crc(sequence: int) -> int:

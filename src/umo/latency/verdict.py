@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from umo.cycle.forms import CompiledImage, form_for
+from umo.frames.body import is_compiled
 from umo.latency.measure import Measured
 
 YES, CARE, NO = "yes", "with care", "no"
@@ -85,10 +85,10 @@ def advice(found: Measured, read: Callable[[str], str] = _read, cores: int | Non
         lines.append(
             f"kernel {platform.release()} is not a real-time kernel: install one with PREEMPT_RT (linux-image-rt)"
         )
-    if form_for(1) is not CompiledImage:
+    if not is_compiled():
         lines.append(
-            "umo was installed without a C compiler, so that its periods take longer: "
-            "apt-get install gcc python3-dev, then install umo again"
+            "umo's extensions in C are not built, so its periods take longer: apt-get install gcc python3-dev, "
+            "then install umo again (pip install --force-reinstall --no-deps --no-cache-dir)"
         )
     governor = read("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor").strip()
     if governor and governor != "performance":
