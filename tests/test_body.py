@@ -81,8 +81,8 @@ GOOD: dict[str, Any] = {
     [
         {"at": -1}, {"at": BODY + (1 << 20)}, {"at": BODY + 64}, {"at": None}, {"at": 2**70}, {"number": 2**63},
         {"number": 1.0}, {"time": "0.5"}, {"time": 1}, {"missed": None}, {"seldom": b""}, {"seldom": "text"},
-        {"phases": [1]}, {"phases": [1, 2, 3]}, {"phases": (1, 2)}, {"phases": [1, None]}, {"signals": []}, {"signals": [1]},
-        {"signals": None}, {"commands": b"\0\0"}, {"commands": bytearray(3)},
+        {"phases": [1]}, {"phases": [1, 2, 3]}, {"phases": (1, 2)}, {"phases": [1, None]}, {"signals": []},
+        {"signals": [1]}, {"signals": None}, {"commands": b"\0\0"}, {"commands": bytearray(3)},
     ],
 )  # fmt: skip
 def test_the_writer_in_c_refuses_what_does_not_fit_and_writes_nothing_outside_the_body(wrong):
