@@ -33,7 +33,7 @@ class Kernel:
         self.napped: list[int] = []
         """us"""
         self.asleep = 0
-        """ns, in sleeps and naps"""
+        """ns, in sleeps and naps and where something else runs"""
         self._expired = 0
         self._offset = early
 
@@ -58,6 +58,11 @@ class Kernel:
     def work(self, us: int) -> None:
         self.now += us * US
 
+    def stand_still(self, us: int) -> None:
+        """Something else runs."""
+        self.now += us * US
+        self.asleep += us * US
+
     def noting(self, called: list[int], takes: Callable[[], int]) -> WhileWaiting:
         """Work of so many us that notes its periods."""
 
@@ -69,7 +74,7 @@ class Kernel:
 
     def ticker(self) -> Ticker:
         self.now = -US  # the first tick is due at PERIOD
-        ticker = Ticker(PERIOD * 1e-9, self.clock, self.sleep, self.nap)
+        ticker = Ticker(PERIOD * 1e-9, self.clock, self.sleep, self.nap, lambda: self.now - self.asleep)
         ticker.rise_early(self._offset * 1e-9)
         return ticker
 
@@ -176,6 +181,19 @@ def test_a_thread_that_misses_ticks_sleeps_no_less(works: tuple[int, ...]) -> No
         kernel.work(work)
         ticker.wait()
     assert kernel.asleep / kernel.now > 0.05
+
+
+def test_a_thread_that_stood_still_owes_no_sleep() -> None:
+    """After a blocking call, or beside a process that took the processor: it rises early again at once."""
+    kernel = Kernel(early=100 * US)
+    ticker = kernel.ticker()
+    ticker.wait()
+    kernel.stand_still(500_000)
+    assert ticker.wait() == 500
+    for _ in range(20):
+        kernel.work(300)
+        assert ticker.wait() == 0
+    assert kernel.napped == []
 
 
 def test_what_is_done_meanwhile_is_done_once_before_each_tick() -> None:

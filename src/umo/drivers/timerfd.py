@@ -14,9 +14,9 @@ from umo.errors import DriverError
 
 CLOCK_MONOTONIC = 1
 TFD_TIMER_ABSTIME = 1
-LEAST_SLEEP = 1 / 16
-"""Of the time: how much a thread that rises early sleeps at least. The kernel holds up a real-time thread that sleeps
-less than 5 % (sched(7), sched_rt_runtime_us)."""
+MOST_AWAKE = 15 / 16
+"""Of the time: how much a thread that rises early uses of its processor at most. The kernel holds up a real-time thread
+that uses more than 95 % (sched(7), sched_rt_runtime_us)."""
 LEFT_OUT = 8
 """Periods for which work is left out that did not end before its tick; doubled after each time in a row."""
 MOST_DOUBLINGS = 12
@@ -69,10 +69,10 @@ class WhileWaiting:
 
 
 class Ticker:
-    """A grid of periods on the monotonic clock. `clock` (ns), `sleep` and `nap` are injected by tests.
+    """A grid of periods on the monotonic clock. `clock` (ns), `used` (ns), `sleep` and `nap` are injected by tests.
 
     `sleep()` returns after the next expiry of the kernel's timer, or at once if it has expired since the last call;
-    the clock says which ticks have passed. `nap(s)` is time.sleep.
+    the clock says which ticks have passed. `nap(s)` is time.sleep, `used()` the processor time of this thread.
     """
 
     def __init__(
@@ -81,17 +81,20 @@ class Ticker:
         clock: Callable[[], int] = time.monotonic_ns,
         sleep: Callable[[], object] | None = None,
         nap: Callable[[float], object] = time.sleep,
+        used: Callable[[], int] = time.thread_time_ns,
     ) -> None:
         self.period = period
         self._clock = clock
         self._sleep = sleep or self._read
         self._nap = nap
+        self._used = used
         self._fd = -1
         self._nanoseconds = round(period * 1e9)
         self._next = clock() + self._nanoseconds
-        self._rest = round(self._nanoseconds * LEAST_SLEEP)
-        self._owed = 0
-        """ns that the thread should have slept by now and has not."""
+        self._looked = 0, 0
+        """The time and the processor time used when `_is_tired` looked last, in ns."""
+        self._owed = 0.0
+        """ns that the thread should have slept by then and had not."""
         self._early = 0
         self.meanwhile: WhileWaiting | None = None
         """Between the early rising and its tick."""
@@ -115,9 +118,10 @@ class Ticker:
 
     def rise_early(self, seconds: float) -> None:
         """Sleep until so many seconds before each tick, and look at the clock from then on until it comes: the thread
-        is awake, and its processor too. Costs this share of a processor. Where the periods leave less than
-        `LEAST_SLEEP` of the time to sleep before, some are waited for asleep."""
+        is awake, and its processor too. Costs this share of a processor. Where this and the work of the periods exceed
+        `MOST_AWAKE`, some ticks are waited for asleep. To be called by the thread that waits."""
         self._early = round(seconds * 1e9)
+        self._looked = self._clock(), self._used()
         if self._fd >= 0:
             self._arm()
 
@@ -130,16 +134,11 @@ class Ticker:
             passed = (now - due) // self._nanoseconds + 1
             self._next = due + passed * self._nanoseconds
             self.due, self.woke = self._next - self._nanoseconds, now
-            self._owed += passed * self._rest
             return passed
         early = due - self._early
-        self._owed += self._rest
-        if self._early and self._owed > self._nanoseconds:
-            self._owed -= due - now
+        if self._early and self._is_tired(now):
             self._nap((due - now) * 1e-9)
             now = clock()
-        elif now < early:
-            self._owed = max(self._owed - (early - now), 0)
         while now < early:
             self._sleep()
             now = clock()
@@ -155,6 +154,13 @@ class Ticker:
         if self._fd >= 0:
             os.close(self._fd)
             self._fd = -1
+
+    def _is_tired(self, now: int) -> bool:
+        """Whether the thread should have slept for a whole period more than it has."""
+        (then, before), used = self._looked, self._used()
+        self._looked = now, used
+        self._owed = max(self._owed + (used - before) - MOST_AWAKE * (now - then), 0.0)
+        return self._owed > self._nanoseconds
 
     def _arm(self) -> None:
         spec = _Itimerspec(_timespec(self._nanoseconds), _timespec(self._next - self._early))
