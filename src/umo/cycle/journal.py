@@ -58,14 +58,6 @@ class Journal:
         ENTRY.pack_into(self.buffer, self.count * ENTRY.size, slot, kind, raw, before)
         self.count += 1
 
-    def mark(self, kind: Kind) -> None:
-        """The whole machine is being sampled (READ) or updated (WRITE), for the first time in this period."""
-        if kind is Kind.READ:
-            if self.sampled == NEVER:
-                self.sampled = self.count
-        elif self.updated == NEVER:
-            self.updated = self.count
-
     def clear(self) -> None:
         """A new period begins."""
         self.count = self.lost = 0

@@ -11,7 +11,7 @@ from typing import Any
 
 from umo.cycle.block import Block
 from umo.cycle.image import Image
-from umo.cycle.journal import Journal, Kind
+from umo.cycle.journal import NEVER, Journal, Kind
 from umo.drivers.contract import Channel, Driver
 from umo.errors import ChannelsFailed
 
@@ -64,13 +64,18 @@ class Phases:
     def _watched(self, block: Block, number: int, kind: Kind) -> Callable[..., None]:
         """A block's transfer, timed; the journal says where it stood, or, if it is moved again, what it moved."""
         ns, transfer, whole, moved = self.ns, block.transfer, self._image.transfer, self._moved
+        reads = kind is Kind.READ
 
         def watched(channels: Any, raws: Any) -> None:
             journal = whole.journal
             again = number in moved
-            if journal is not None:
+            if journal is not None and not again:
                 moved.add(number)
-                journal.mark(kind)
+                if reads:
+                    if journal.sampled == NEVER:
+                        journal.sampled = journal.count
+                elif journal.updated == NEVER:
+                    journal.updated = journal.count
             failed: Collection[str] = ()
             began = monotonic_ns()
             try:
