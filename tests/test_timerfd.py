@@ -169,7 +169,8 @@ def test_a_thread_that_rises_early_sleeps_a_sixteenth_of_the_time_or_what_its_wo
         assert ticker.due == number * PERIOD
         slept += (len(kernel.slept) - before) * (900 - work)
     slept += sum(kernel.napped)
-    assert slept / 200_000 >= min(1 / 16, 1 - work / 1000) - 0.006
+    left = (1 + 10 / 16) / 200  # a debt of one period is borne, and what ten periods add until the next look
+    assert slept / 200_000 >= min(1 / 16, 1 - work / 1000) - left - 0.001
     assert bool(kernel.napped) == (work > 830)
 
 

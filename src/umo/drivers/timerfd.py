@@ -17,6 +17,8 @@ TFD_TIMER_ABSTIME = 1
 MOST_AWAKE = 15 / 16
 """Of the time: how much a thread that rises early uses of its processor at most. The kernel holds up a real-time thread
 that uses more than 95 % (sched(7), sched_rt_runtime_us)."""
+LOOK_EVERY = 10
+"""Periods between two looks at the processor time: a system call in each period made the period longer by a tenth."""
 LEFT_OUT = 8
 """Periods for which work is left out that did not end before its tick; doubled after each time in a row."""
 MOST_DOUBLINGS = 12
@@ -95,6 +97,8 @@ class Ticker:
         """The time and the processor time used when `_is_tired` looked last, in ns."""
         self._owed = 0.0
         """ns that the thread should have slept by then and had not."""
+        self._napped = 0
+        """ns that it has slept since then for this reason."""
         self._early = 0
         self.meanwhile: WhileWaiting | None = None
         """Between the early rising and its tick."""
@@ -137,6 +141,7 @@ class Ticker:
             return passed
         early = due - self._early
         if self._early and self._is_tired(now):
+            self._napped += due - now
             self._nap((due - now) * 1e-9)
             now = clock()
         while now < early:
@@ -157,10 +162,12 @@ class Ticker:
 
     def _is_tired(self, now: int) -> bool:
         """Whether the thread should have slept for a whole period more than it has."""
-        (then, before), used = self._looked, self._used()
-        self._looked = now, used
-        self._owed = max(self._owed + (used - before) - MOST_AWAKE * (now - then), 0.0)
-        return self._owed > self._nanoseconds
+        then, before = self._looked
+        if now - then >= LOOK_EVERY * self._nanoseconds:
+            used = self._used()
+            self._owed = max(self._owed + (used - before) - MOST_AWAKE * (now - then), 0.0)
+            self._looked, self._napped = (now, used), 0
+        return self._owed - self._napped > self._nanoseconds
 
     def _arm(self) -> None:
         spec = _Itimerspec(_timespec(self._nanoseconds), _timespec(self._next - self._early))
