@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterable
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -25,8 +26,9 @@ class Kernel:
     """A clock in ns, and a timer that expires once per period, `early` before each tick. A look at the clock takes
     1 us; a wake-up is late by the next number of `late`, in us."""
 
-    def __init__(self, late: Iterable[int] = (), early: int = 0) -> None:
+    def __init__(self, late: Iterable[int] = (), early: int = 0, period: int = PERIOD) -> None:
         self.now = 0
+        self.period = period
         self.late = iter(late)
         self.slept: list[int] = []
         """When each sleep began, in us."""
@@ -42,12 +44,12 @@ class Kernel:
         return self.now
 
     def sleep(self) -> None:
-        expired = (self.now + self._offset) // PERIOD
+        expired = (self.now + self._offset) // self.period
         if expired == self._expired:
             self.slept.append(self.now // US)
-            begun, self.now = self.now, (expired + 1) * PERIOD - self._offset + US * next(self.late, 0)
+            begun, self.now = self.now, (expired + 1) * self.period - self._offset + US * next(self.late, 0)
             self.asleep += self.now - begun
-            expired = (self.now + self._offset) // PERIOD
+            expired = (self.now + self._offset) // self.period
         self._expired = expired
 
     def nap(self, seconds: float) -> None:
@@ -74,7 +76,7 @@ class Kernel:
 
     def ticker(self) -> Ticker:
         self.now = -US  # the first tick is due at PERIOD
-        ticker = Ticker(PERIOD * 1e-9, self.clock, self.sleep, self.nap, lambda: self.now - self.asleep)
+        ticker = Ticker(self.period * 1e-9, self.clock, self.sleep, self.nap, lambda: self.now - self.asleep)
         ticker.rise_early(self._offset * 1e-9)
         return ticker
 
@@ -182,6 +184,35 @@ def test_a_thread_that_misses_ticks_sleeps_no_less(works: tuple[int, ...]) -> No
         kernel.work(work)
         ticker.wait()
     assert kernel.asleep / kernel.now > 0.05
+
+
+@pytest.mark.parametrize("period", [1, 10, 20, 100])
+@pytest.mark.parametrize("work", [0.6, 0.9, 0.94])
+@pytest.mark.parametrize("idle", [0, 5])
+def test_no_second_is_used_up(period: int, work: float, idle: int) -> None:
+    """Nor when much work begins after some periods without any. `period` is in ms, `work` a share of it."""
+    kernel = Kernel(early=period * 500 * US, period=period * 1000 * US)
+    ticker = kernel.ticker()
+    times, used = [], []
+    for number in range(idle + max(3000 // period, 30)):
+        kernel.work(round(work * period * 1000) if number >= idle else 0)
+        times.append(kernel.now)
+        used.append(kernel.now - kernel.asleep)
+        ticker.wait()
+        times.append(kernel.now)
+        used.append(kernel.now - kernel.asleep)
+    second = 10**9
+    ends = [int(np.interp(time + second, times, used)) for time in times if time + second <= times[-1]]
+    assert max(end - begin for begin, end in zip(used, ends, strict=False)) <= 0.952 * second
+
+
+def test_a_thread_that_is_tired_sleeps_no_more_than_it_owes() -> None:
+    kernel = Kernel(early=500 * US)
+    ticker = kernel.ticker()
+    for _ in range(1000):
+        kernel.work(480)
+        assert ticker.wait() == 0
+    assert 80 < len(kernel.napped) < 90  # of 520 us each, and 20 us of sleep in each other period: a sixteenth
 
 
 def test_a_thread_that_stood_still_owes_no_sleep() -> None:

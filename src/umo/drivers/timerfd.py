@@ -17,8 +17,11 @@ TFD_TIMER_ABSTIME = 1
 MOST_AWAKE = 15 / 16
 """Of the time: how much a thread that rises early uses of its processor at most. The kernel holds up a real-time thread
 that uses more than 95 % (sched(7), sched_rt_runtime_us)."""
-LOOK_EVERY = 10
-"""Periods between two looks at the processor time: a system call in each period made the period longer by a tenth."""
+LOOK_EVERY = 10, 30_000_000
+"""Periods, and ns at most, between two looks at the processor time: a system call, which in each period made the period
+longer."""
+MOST_OWED = 1, 2_000_000
+"""Periods, and ns at most, of sleep that are owed before a tick is waited for asleep."""
 LEFT_OUT = 8
 """Periods for which work is left out that did not end before its tick; doubled after each time in a row."""
 MOST_DOUBLINGS = 12
@@ -93,6 +96,8 @@ class Ticker:
         self._fd = -1
         self._nanoseconds = round(period * 1e9)
         self._next = clock() + self._nanoseconds
+        self._look_after = min(LOOK_EVERY[0] * self._nanoseconds, LOOK_EVERY[1])
+        self._bearable = min(MOST_OWED[0] * self._nanoseconds, MOST_OWED[1])
         self._looked = 0, 0
         """The time and the processor time used when `_is_tired` looked last, in ns."""
         self._owed = 0.0
@@ -123,9 +128,8 @@ class Ticker:
     def rise_early(self, seconds: float) -> None:
         """Sleep until so many seconds before each tick, and look at the clock from then on until it comes: the thread
         is awake, and its processor too. Costs this share of a processor. Where this and the work of the periods exceed
-        `MOST_AWAKE`, some ticks are waited for asleep. To be called by the thread that waits."""
+        `MOST_AWAKE`, some ticks are waited for asleep."""
         self._early = round(seconds * 1e9)
-        self._looked = self._clock(), self._used()
         if self._fd >= 0:
             self._arm()
 
@@ -161,13 +165,13 @@ class Ticker:
             self._fd = -1
 
     def _is_tired(self, now: int) -> bool:
-        """Whether the thread should have slept for a whole period more than it has."""
+        """Whether the thread should have slept for longer than it has, by more than can be borne."""
         then, before = self._looked
-        if now - then >= LOOK_EVERY * self._nanoseconds:
+        if now - then >= self._look_after:
             used = self._used()
             self._owed = max(self._owed + (used - before) - MOST_AWAKE * (now - then), 0.0)
             self._looked, self._napped = (now, used), 0
-        return self._owed - self._napped > self._nanoseconds
+        return self._owed - self._napped > self._bearable
 
     def _arm(self) -> None:
         spec = _Itimerspec(_timespec(self._nanoseconds), _timespec(self._next - self._early))
