@@ -248,6 +248,19 @@ def take_lease(page: Any, url: str, name: str = "Ann") -> None:
     page.get_by_text("You have the lease.").wait_for()
 
 
+def take_again(page: Any) -> None:
+    """More than once where the page does not answer in time to keep the lease, as on a busy computer."""
+    held, take = page.get_by_text("You have the lease."), page.get_by_role("button", name="Take the lease")
+
+    def taken() -> bool:
+        if take.is_visible():
+            take.click()
+        page.wait_for_timeout(500)
+        return bool(held.is_visible())
+
+    eventually(taken)
+
+
 def control(page: Any, path: str) -> Any:
     return page.locator(f'[data-control="{path}"]')
 
@@ -442,5 +455,4 @@ def test_after_a_new_start_of_the_station_the_page_shows_it_and_the_lease_is_to_
         page.locator(".holder").get_by_text("conveyor has ended.").wait_for()
         with started(tmp_path):
             page.get_by_text("Nobody has the lease.").wait_for()
-            page.get_by_role("button", name="Take the lease").click()
-            page.get_by_text("You have the lease.").wait_for()
+            take_again(page)
