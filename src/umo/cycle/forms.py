@@ -56,9 +56,6 @@ class ListImage(Image):
             scales = [(slot, *self.scales[slot]) for slot in range(block.start, block.stop)]
             block.convert = partial(self._convert, block, scales)
 
-    def _prepare_output(self, block: Block) -> None:
-        block.commit = partial(self._commit, block)
-
     def _convert_special(self, block: Block, columns: _Columns, now: float) -> list[tuple[int, float]]:
         """A block with a linearization, or with invalid raws within a range."""
         self.raws[block.slots] = block.view
@@ -173,9 +170,6 @@ class ArrayImage(Image):
 
     def _prepare_input(self, block: Block) -> None:
         block.convert = partial(self._convert, block, _columns(self, block))
-
-    def _prepare_output(self, block: Block) -> None:
-        block.commit = partial(self._commit, block)
 
     def _convert(self, block: Block, columns: _Columns, now: float) -> list[tuple[int, float]]:
         self.raws[block.slots] = block.view

@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
 from typing import Any, cast
 
 import numpy as np
@@ -119,9 +120,13 @@ class Image(ABC):
         """Set `convert` of an input block, also when a scale has changed. A raw that the circuit reports as invalid
         gives a value that is out of bounds."""
 
-    @abstractmethod
     def _prepare_output(self, block: Block) -> None:
         """Set `commit` of an output block."""
+        block.commit = partial(self._commit, block)
+
+    @abstractmethod
+    def _commit(self, block: Block, now: float) -> None:
+        """As `Block.commit`."""
 
     @abstractmethod
     def _stamp(self, block: Block, now: float) -> None: ...

@@ -15,13 +15,14 @@ from umo.cycle.frame import Frame, Observer, show
 from umo.cycle.hands import Hands
 from umo.cycle.image import Image
 from umo.cycle.sequences import Sequences, Task
-from umo.cycle.signals import Signal, read_signals, signals_of
+from umo.cycle.signals import Signal, signals_of
 from umo.cycle.stage import Stage
 from umo.cycle.stop_order import stop_sequence
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
 from umo.errors import DriverError
 from umo.objects import Action, Compound, Node, Tunable, actions_of, tunables_of
+from umo.objects.tunable import read_numbers
 from umo.wiring.faults.wrapper import Injection
 from umo.wiring.resolved import AT_NEXT_TICK, AT_ONCE
 
@@ -216,7 +217,7 @@ class ConnectedMachine:
         frame.began = self._started
         frame.execution = (monotonic_ns() - self._started) * 1e-9
         frame.number, frame.time, frame.missed = clock.number, clock.now, clock.missed
-        frame.signal_values = read_signals(frame.signals)
+        frame.signal_values = read_numbers(frame.signals)
         show(frame, self.observers)
 
     def _slots_of(self, part: Compound) -> _PartSlots:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from inspect import getattr_static
-from math import nan
 from typing import Any, NamedTuple
 
 from umo.errors import DeclarationError
@@ -23,17 +22,6 @@ class Signal(NamedTuple):
     unit: str
     owner: Any
     name: str
-
-
-def read_signals(signals: Iterable[Signal]) -> list[float]:
-    """Their values now; NaN for one that has none, or of which reading fails."""
-    values = []
-    for _, _, owner, name in signals:
-        try:
-            values.append(float(getattr(owner, name)))
-        except Exception:  # of a property of the user's: what is shown must not disturb what is controlled
-            values.append(nan)
-    return values
 
 
 def signals_of(root: Compound) -> tuple[Signal, ...]:

@@ -4,25 +4,14 @@ from typing import final
 
 from typing_extensions import Buffer
 
+from umo.frames.body import Write
+
 @final
 class Body:
     """Holds views of the ring's file and of the image; `size` is that of a body in bytes."""
 
     def __new__(cls, file: Buffer, values: Buffer, raws: Buffer, quality: Buffer, size: int) -> Body: ...
-    def write(
-        self,
-        at: int,
-        number: int,
-        time: float,
-        missed: int,
-        began: int,
-        wake: int,
-        execution: int,
-        seldom: bytes,
-        phases: list[int],
-        signals: list[float],
-        commands: bytes,
-        /,
-    ) -> None:
-        """As `body.Write`. ValueError unless it is as long as a body, TypeError for a number of another type,
-        OverflowError for one that is too great."""
+    @property
+    def write(self) -> Write:
+        """ValueError unless it is as long as a body, TypeError for a number of another type, OverflowError for one that
+        is too great."""

@@ -6,8 +6,8 @@ Tests prove that the writers write the same bytes. The one in C is used where th
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from mmap import mmap
-from typing import Protocol
 
 from umo.cycle.forms import ArrayImage, CompiledImage, form_for
 from umo.cycle.image import Image
@@ -21,26 +21,8 @@ BODY = 16
 """Where it begins in a frame."""
 
 
-class Write(Protocol):
-    """Writes one body to `at` in the file, with the values, raw integers and qualities of the image."""
-
-    def __call__(
-        self,
-        at: int,
-        number: int,
-        time: float,
-        missed: int,
-        began: int,
-        wake: int,
-        execution: int,
-        seldom: bytes,
-        phases: list[int],
-        signals: list[float],
-        commands: bytes,
-        /,
-    ) -> None:
-        """Of exactly these types. Times but `time` are ns; `seldom` is what changes seldom, packed; `commands` has a
-        byte for each object."""
+Write = Callable[[int, int, float, int, int, int, int, bytes, list[int], list[float], bytes], None]
+"""As `_Packed.write`: writes one body."""
 
 
 def is_compiled() -> bool:
@@ -81,6 +63,8 @@ class _Packed:
         signals: list[float],
         commands: bytes,
     ) -> None:
+        """To `at` in the file, with the values, raw integers and qualities of the image. Of exactly these types; times
+        but `time` are ns; `seldom` is what changes seldom, packed; `commands` has a byte for each object."""
         image = self._image
         values = (image.values.tobytes(),) if self._arrays else image.values
         rest = *values, image.raws.tobytes(), bytes(image.quality) + commands

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from math import nan
 from typing import Any, NamedTuple
 
@@ -23,10 +23,7 @@ class Tunable(NamedTuple):
 
     def read(self) -> float:
         """Its value now; NaN if reading it fails."""
-        try:
-            return float(getattr(self.owner, self.name))
-        except Exception:  # of a property of the user's: what is shown must not disturb what is controlled
-            return nan
+        return read_numbers([self])[0]
 
     def set(self, value: object) -> None:
         """RangeError if the value is not a number within the range."""
@@ -35,6 +32,18 @@ class Tunable(NamedTuple):
     def describe(self) -> dict[str, Any]:
         """As plain data."""
         return {"path": self.path, **self.range.describe()}
+
+
+def read_numbers(numbers: Iterable[tuple[str, Any, Any, str]]) -> list[float]:
+    """The values of tunable numbers or signals now: each ends with its owner and the name of the attribute. NaN for one
+    that has no value, or of which reading fails."""
+    values = []
+    for _, _, owner, name in numbers:
+        try:
+            values.append(float(getattr(owner, name)))
+        except Exception:  # of a property of the user's: what is shown must not disturb what is controlled
+            values.append(nan)
+    return values
 
 
 def tunables_of(root: Compound) -> dict[str, Tunable]:
