@@ -1,15 +1,19 @@
-# make demo | test | lint | bench | docs | kernel | test-kernel; each but kernel makes .venv first.
+# make demo | test | test-all | lint | bench | docs | kernel | test-kernel; each but kernel makes .venv first.
 # PYTHON=python3.12 make test picks another Python.
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/installed
 
-.PHONY: demo test lint bench docs kernel test-kernel clean
+.PHONY: demo test test-all lint bench docs kernel test-kernel clean
 
 demo: $(STAMP)
 	$(BIN)/umo run ztheta
 
 test: $(STAMP)
+	$(BIN)/python -m pytest -n auto --dist worksteal -m "not full"
+
+# Every test, also the grids, seeds, matrices and campaigns: before a release.
+test-all: $(STAMP)
 	$(BIN)/python -m pytest -n auto --dist worksteal
 
 # A user-mode Linux kernel with simulated GPIO, I2C, SPI, IIO, counters, CAN: built once, in 5 to 10 minutes, into ~/.cache/umo.
