@@ -10,16 +10,30 @@ import pytest
 from hypothesis import HealthCheck, settings
 from typer.testing import CliRunner, Result
 
-from image_forms import FORMS, choose
 from umo.cli.app import app
 from umo.system import packages
+
+pytest.register_assert_rewrite("helpers")
+from helpers.image_forms import FORMS, choose  # noqa: E402
 
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # hundreds of processes import umo: it is compiled once
 settings.register_profile("umo", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("umo")
 
 
+LIMITS = {"full": 900, "slow": 180}
+"""s that a test with this mark may take on a busy computer; the others have the limit of pyproject.toml."""
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    in_good_order(items)
+    for item in items:
+        limits = [limit for mark, limit in LIMITS.items() if item.get_closest_marker(mark)]
+        if limits and not item.get_closest_marker("timeout"):
+            item.add_marker(pytest.mark.timeout(max(limits)))
+
+
+def in_good_order(items: list[pytest.Item]) -> None:
     """The slow ones first, in each process (xdist begins with equal parts of the list): none is left over for the end.
     Those of a file stay together, as they share fixtures."""
     workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))

@@ -9,7 +9,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from machines import actuator, failed, relay, wired
+from helpers.machines import actuator, failed, relay, wired
 from umo import (
     BinaryActuator,
     Compound,

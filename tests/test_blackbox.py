@@ -16,8 +16,8 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from machines import bench, wired
-from test_frames import running, write
+from helpers.machines import bench, wired
+from helpers.publishing import running, write
 from umo import FramesError, connect, published
 from umo.cli.app import app
 from umo.cli.why import why

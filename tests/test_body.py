@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from image_forms import BUILT, FORMS, choose
-from machines import bench, wired
+from helpers.image_forms import BUILT, FORMS, choose
+from helpers.machines import bench, wired
 from umo import connect, published
 from umo.cycle.forms import CompiledImage, ListImage
 from umo.frames import body

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-import process_box
-from test_process import Run
+from helpers import process_box
+from helpers.runs import Run
 from umo.cli.why import why
 from umo.frames import Reader
 from umo.frames.layout import Layout
@@ -53,7 +53,7 @@ def patient(folder: Path, **options: Any) -> dict[str, Any]:
 
 def test_a_slow_driver_is_named(tmp_path: Path) -> None:
     wiring = patient(tmp_path)
-    wiring["drivers"]["box"]["type"] = "process_box:Slow"
+    wiring["drivers"]["box"]["type"] = "helpers.process_box:Slow"
     verdict = longest(wiring, "slow_driver", Cause.DRIVER)
     assert verdict.text.startswith("driver box took 2")
     assert verdict.text.endswith("(sample)")
@@ -97,7 +97,7 @@ def test_a_busy_neighbour_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 def test_umo_why_prints_the_last_box(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     wiring = patient(tmp_path)
-    wiring["drivers"]["box"]["type"] = "process_box:Slow"
+    wiring["drivers"]["box"]["type"] = "helpers.process_box:Slow"
     longest(wiring, "slow_driver", Cause.DRIVER)
     assert why(None, False, None) == 0
     assert "a period was missed" in capsys.readouterr().out

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner, Result
 
-import patient
 import umo
+from helpers import patient
 from umo.cli.app import app
 from umo.process.start import LINUX
 

@@ -15,7 +15,7 @@ import typer
 from rich.console import Console
 from typer.testing import Result
 
-from machines import bench
+from helpers.machines import bench
 from umo import connect
 from umo.cli import latency
 from umo.cli.app import guarded

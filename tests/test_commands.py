@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import umo
-from image_forms import FORMS, choose
-from machines import actuator, bench, failed, relay, sensor, switch, timer, wired
+from helpers.image_forms import FORMS, choose
+from helpers.machines import actuator, bench, failed, relay, sensor, switch, timer, wired
 from umo import (
     BinaryActuator,
     BinarySensor,

@@ -15,8 +15,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from image_forms import FORMS, choose
-from machines import actuator, failed, relay, sensor, switch, timer
+from helpers.image_forms import FORMS, choose
+from helpers.machines import actuator, failed, relay, sensor, switch, timer
 from umo import (
     BinaryActuator,
     BinarySensor,

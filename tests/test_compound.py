@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from machines import actuator, relay, sensor, switch, wired
+from helpers.machines import actuator, relay, sensor, switch, wired
 from umo import (
     BinaryActuator,
     BinarySensor,

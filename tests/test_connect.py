@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from machines import actuator, bench, failed, relay, sensor, switch, timer, wired
+from helpers.machines import actuator, bench, failed, relay, sensor, switch, timer, wired
 from umo import (
     BinaryActuator,
     BinarySensor,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import shlex
-import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
@@ -13,18 +12,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from patient import patient
+from helpers.documents import PAGES, blocks, write_files
+from helpers.patient import patient
 from umo.cli.app import app
 
-ROOT = Path(__file__).parents[1]
-PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
-BLOCK = re.compile(r"^```(\w+)([^\n]*)\n(.*?)^```", re.M | re.S)
 LINK = re.compile(r"\]\((?!https?:)([^)#]+)")
-
-
-def blocks(page: Path, language: str) -> list[tuple[str, str]]:
-    """(what stands behind the language, text) of each block of the page."""
-    return [(rest.strip(), text) for name, rest, text in BLOCK.findall(page.read_text("utf-8")) if name == language]
 
 
 @pytest.fixture(autouse=True)
@@ -36,18 +28,6 @@ def in_an_empty_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Itera
     for name, module in list(sys.modules.items()):
         if str(getattr(module, "__file__", None)).startswith(str(tmp_path)):
             del sys.modules[name]
-
-
-def write_files(page: Path, folder: Path) -> None:
-    """The blocks that name a file: ```python objects.py, ```toml wiring/bench.toml; then what `$ pythonfmu` builds."""
-    for language in ("python", "toml"):
-        for rest, text in blocks(page, language):
-            if "." in rest:
-                (folder / rest).parent.mkdir(exist_ok=True)
-                (folder / rest).write_text(text)
-    for _, text in blocks(page, "console"):
-        for line in re.findall(r"^\$ pythonfmu (.*)$", text, re.M):
-            subprocess.run([sys.executable, "-m", "pythonfmu", *shlex.split(line)], cwd=folder, check=True)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -20,7 +20,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import umo
-from image_forms import BUILT
+from helpers.image_forms import BUILT
 from umo.cycle import forms
 from umo.frames import body
 from umo.objects.scaling import to_value

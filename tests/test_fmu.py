@@ -1,4 +1,4 @@
-"""The driver `fmu` against a C source of its own (tests/peers/fmu_tank.c, FMI 2.0 and 3.0) and models of PythonFMU."""
+"""The driver `fmu` against a C source of its own (fmu_tank.c, FMI 2.0 and 3.0) and models of PythonFMU."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fmus import PYTHON_TANK, python_fmu, tank_fmu
+from helpers.fmus import PYTHON_TANK, python_fmu, tank_fmu
 from umo import (
     BinaryActuator,
     Channel,

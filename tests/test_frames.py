@@ -10,8 +10,6 @@ import signal
 import struct
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,7 +17,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from machines import Bench, bench, relay, wired
+from helpers.machines import bench, relay, wired
+from helpers.publishing import running, write, writer
 from umo import DigitalSensor, DriverError, FramesError, OnOff, PathError, connect, published
 from umo.cycle.journal import CAPACITY, Journal, Kind
 from umo.cycle.phases import Phases
@@ -44,15 +43,6 @@ def test_the_period_that_ends_a_run_with_an_exception_is_a_frame_too(tmp_path: P
         raise ZeroDivisionError
     with Reader(path) as reader:
         assert reader.read()["number"].tolist() == [1, 2, 3]
-
-
-@contextmanager
-def running(box: Scripted | None = None, *, missed: Any = (), **changes: Any) -> Iterator[tuple[Bench, Ring, Any]]:
-    """A bench of five objects that publishes."""
-    m = bench(**changes)
-    connection = connect(m, wired(m, box or Scripted(), clock=VirtualTimer(missed)))
-    with connection, published(connection, "bench") as ring:
-        yield m, ring, connection
 
 
 # What is published --------------------------------------------------------------------------------------
@@ -215,14 +205,6 @@ def test_what_found_no_room_in_the_journal_is_counted() -> None:
         assert reader.latest()["entries_lost"] == 0
 
 
-def write(ring: Ring, frame: Any, number: int, entries: int) -> None:
-    """A frame with so many entries, all of which hold its number."""
-    for _ in range(entries):
-        ring.journal.add(0, Kind.WRITE, number, -number)
-    frame.number = number
-    ring(frame)
-
-
 def test_the_journal_of_a_frame_is_whole_or_gone() -> None:
     """Through some laps of the journal, with entries over its end."""
     each = 1000
@@ -348,41 +330,6 @@ def test_after_the_end_the_frames_stay_and_the_ring_is_gone() -> None:
     reader.close()
     with pytest.raises(FramesError, match="no frames at"):
         Reader(ring.path)
-
-
-WRITER = """
-import sys
-from array import array
-sys.path.insert(0, sys.argv[1])
-from test_frames import running
-from umo.testing import periods
-with running() as (m, ring, connection):
-    periods(m, 3)
-    print(ring.path, flush=True)
-    frame, image = connection.machine.frame, connection.image
-    number = 0
-    while sys.argv[2] == "fast":
-        number += 1
-        frame.number, frame.time = number, float(number)
-        image.values[:] = array("d", [float(number)] * len(image.items))
-        image.transfer.raws_array.fill(number)
-        ring.journal.add(0, 0, number, -number)
-        ring(frame)
-    sys.stdin.read()
-"""
-
-
-@contextmanager
-def writer(how: str) -> Iterator[tuple[subprocess.Popen[str], Path]]:
-    """Another process that publishes, at full speed or not at all."""
-    command = [sys.executable, "-c", WRITER, str(Path(__file__).parent), how]
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    try:
-        assert process.stdout is not None
-        yield process, Path(process.stdout.readline().strip())
-    finally:
-        process.kill()
-        process.communicate()
 
 
 def test_the_ring_of_a_killed_process_is_recognised_and_removed() -> None:

@@ -12,12 +12,11 @@ from typing import Any, cast
 
 import pytest
 
-import process_box
 import umo
-from machines import bench, relay, wired
-from process_box import Cells
-from test_hold import Board, on
-from test_process import Run, assert_safe, standing
+from helpers import process_box
+from helpers.machines import Board, bench, on, relay, wired
+from helpers.process_box import Cells
+from helpers.runs import Run, assert_safe, standing
 from umo import DeviceTimeout, DriverError, connect
 from umo.cycle import transfer
 from umo.process import control_process, guardian, reset
@@ -36,7 +35,10 @@ from umo.system.custody import Custody
 from umo.testing import Scripted, periods
 from umo.wiring import resolve
 
-pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux")
+pytestmark = [
+    pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux"),
+    pytest.mark.timeout(method="thread"),  # a resetter in this process takes the alarm
+]
 
 
 @pytest.fixture
@@ -233,7 +235,7 @@ def test_a_gap_longer_than_the_hang_limit_ends_the_run(monkeypatch: pytest.Monke
 
 
 def test_a_gap_longer_than_the_watchdog_of_a_circuit_ends_the_run(tmp_path: Path) -> None:
-    plan = guardian.Plan(Job(machine="process_box:machine", wiring=process_box.wiring(tmp_path / "box")))
+    plan = guardian.Plan(Job(machine="helpers.process_box:machine", wiring=process_box.wiring(tmp_path / "box")))
     found = []
     for watchdogs in ({}, {"box": 0.06}):
         plan.wired = dataclasses.replace(plan.wired, watchdogs=watchdogs)
@@ -242,7 +244,8 @@ def test_a_gap_longer_than_the_watchdog_of_a_circuit_ends_the_run(tmp_path: Path
 
 
 def test_a_driver_that_hangs_while_leaving_is_noticed_after_the_limit_for_a_hang(tmp_path: Path, cells: Cells) -> None:
-    wiring = process_box.wiring(tmp_path / "box", type="process_box:HangsInReset", process={"hang_timeout": "200 ms"})
+    hangs = "helpers.process_box:HangsInReset"
+    wiring = process_box.wiring(tmp_path / "box", type=hangs, process={"hang_timeout": "200 ms"})
     outcome = Run(wiring).outcome()
     assert outcome.failure is not None
     assert "no sign of life for 200 ms while stopping" in outcome.failure.message
@@ -396,7 +399,7 @@ def test_a_guardian_started_with_sigchld_ignored_still_resets(tmp_path: Path, ce
 def test_a_driver_that_raises_what_is_not_an_exception_costs_its_own_actuator_only(
     tmp_path: Path, cells: Cells, killed: bool
 ) -> None:
-    wiring = process_box.wiring(tmp_path / "box", type="process_box:Leaving", process={"reset_for": "10 ms"})
+    wiring = process_box.wiring(tmp_path / "box", type="helpers.process_box:Leaving", process={"reset_for": "10 ms"})
     run = Run(wiring, "forever" if killed else "drive")
     if killed:
         os.kill(run.until_running().control, signal.SIGKILL)
@@ -411,7 +414,7 @@ def test_what_does_not_answer_keeps_nothing_else_of_its_driver_from_being_reset(
     tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(reset, "PAUSE", 0.01)
-    wiring = process_box.wiring(tmp_path / "box", type="process_box:HalfDead", process={"reset_for": "1 s"})
+    wiring = process_box.wiring(tmp_path / "box", type="helpers.process_box:HalfDead", process={"reset_for": "1 s"})
     run = Run(wiring, "forever").until_running()
     cells.numbers[process_box.STRUCK] = 1
     os.kill(run.control, signal.SIGKILL)
@@ -427,13 +430,13 @@ def test_the_stop_order_is_the_one_that_the_machine_was_connected_with(tmp_path:
 
 
 def test_a_driver_reports_after_its_outputs_were_reset(tmp_path: Path, cells: Cells) -> None:
-    outcome = Run(process_box.wiring(tmp_path / "box", type="process_box:Reporting")).outcome()
+    outcome = Run(process_box.wiring(tmp_path / "box", type="helpers.process_box:Reporting")).outcome()
     assert outcome.status == 0
     assert outcome.reports["box"] == {"motor": 0}  # 500 before the reset
 
 
 def test_a_report_that_fails_is_told_and_changes_nothing_else(tmp_path: Path, cells: Cells) -> None:
-    outcome = Run(process_box.wiring(tmp_path / "box", type="process_box:Mute")).outcome()
+    outcome = Run(process_box.wiring(tmp_path / "box", type="helpers.process_box:Mute")).outcome()
     assert (outcome.status, outcome.unreached, outcome.unsafe) == (1, [], False)
     assert outcome.failure is not None
     assert "no report: SystemExit: no report" in outcome.failure.message
@@ -503,7 +506,7 @@ def test_a_driver_that_fails_in_any_way_keeps_no_other_driver_from_being_reset(
     tmp_path: Path, fault: str, cause: str
 ) -> None:
     wiring = process_box.wiring(tmp_path / "box", timeout="10 ms")
-    bad = {"type": "process_box:Faulty", "fault": fault, "file": str(tmp_path / "bad"), "timeout": "10 ms"}
+    bad = {"type": "helpers.process_box:Faulty", "fault": fault, "file": str(tmp_path / "bad"), "timeout": "10 ms"}
     wiring["drivers"]["bad"], wiring["wire"]["valve"] = bad, {"driver": "bad"}
     left = resetter_of(tmp_path, wiring).reset(["valve", "motor"], 0.5)
     assert Cells(tmp_path / "box").levels["motor"] == 0
@@ -517,7 +520,7 @@ def test_a_driver_that_fails_in_any_way_keeps_no_other_driver_from_being_reset(
 )
 @pytest.mark.usefixtures("impatient")
 def test_only_what_was_not_reached_is_reported(tmp_path: Path, fault: str, left: list[str]) -> None:
-    wiring = process_box.wiring(tmp_path / "box", type="process_box:Faulty", fault=fault, timeout="10 ms")
+    wiring = process_box.wiring(tmp_path / "box", type="helpers.process_box:Faulty", fault=fault, timeout="10 ms")
     assert list(resetter_of(tmp_path, wiring).reset(["valve", "motor"], 0.5)) == left
     assert Cells(tmp_path / "box").levels["motor"] == 0
 
@@ -528,7 +531,7 @@ class Rack(umo.Compound):
 
 def test_what_stands_behind_many_that_do_not_answer_is_tried_as_well(tmp_path: Path) -> None:
     machine = Rack(outs=[relay() for _ in range(4)])
-    box = {"type": "process_box:Silent", "file": str(tmp_path / "box"), "timeout": "10 ms"}
+    box = {"type": "helpers.process_box:Silent", "file": str(tmp_path / "box"), "timeout": "10 ms"}
     wire = {path: {"driver": "box", "channel": path} for path in ("outs.0", "outs.1", "outs.2")}
     wire["outs.3"] = {"driver": "box", "channel": "motor"}
     resetter = Resetter(machine, resolve(machine, {"drivers": {"box": box}, "wire": wire}))
@@ -547,7 +550,7 @@ def test_what_was_not_tried_is_said_to_be_so(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("impatient")
 def test_a_child_that_cannot_be_killed_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As in a driver call that the kernel does not interrupt."""
-    wiring = process_box.wiring(tmp_path / "box", type="process_box:Faulty", fault="open:hang", timeout="10 ms")
+    wiring = process_box.wiring(tmp_path / "box", type="helpers.process_box:Faulty", fault="open:hang", timeout="10 ms")
     kill, children = os.kill, []
     monkeypatch.setattr(os, "kill", lambda pid, number: children.append(pid))
     left = resetter_of(tmp_path, wiring).reset(["valve"], 0.0)
@@ -623,7 +626,7 @@ def test_the_child_that_resets_stands_below_the_guardian_so_that_a_driver_that_l
     monkeypatch.setattr(guardian.realtime, "guard", lambda priority, cpu: asked.append((priority, cpu)))
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
     wiring = process_box.wiring(tmp_path / "box", process={"priority": 60})
-    plan = guardian.Plan(Job(machine="process_box:machine", wiring=wiring))
+    plan = guardian.Plan(Job(machine="helpers.process_box:machine", wiring=wiring))
     here, there = MessageSocket.pair()
     watch = guardian.Guardian(plan, here, Custody([], "test"))
     watch._traces.close()

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from machines import actuator, relay, sensor, switch, timer
+from helpers.machines import actuator, relay, sensor, switch, timer
 from umo import (
     BinaryActuator,
     BinarySensor,

@@ -16,8 +16,8 @@ from typing import Any
 import pytest
 
 import umo
-from machines import bench, wired
-from umo import Channel, DeviceHeld, Driver, StandsStopped, WiringError, connect
+from helpers.machines import Board, bench, on, wired
+from umo import Channel, DeviceHeld, StandsStopped, WiringError, connect
 from umo.system.hold import Hold, holder, is_held
 from umo.system.record import all_standing, standing
 from umo.testing import Scripted, periods
@@ -71,24 +71,6 @@ def as_nobody(work: Callable[[], object]) -> Iterator[int]:
     os.waitpid(child, 0)
     for file in (waiting, ready, telling):
         os.close(file)
-
-
-class Board(Scripted):
-    """A circuit that takes devices."""
-
-    realtime = True
-
-    def __init__(self, *devices: str) -> None:
-        super().__init__()
-        self._devices = devices
-
-    def devices(self) -> tuple[str, ...]:
-        return self._devices
-
-
-def on(box: Driver[Any], machine: umo.Compound) -> dict[str, Any]:
-    """Everything on one circuit, the timer too."""
-    return wired(machine, box, clock=Board())
 
 
 # Holding ------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Modbus devices that misbehave (peers/hostile.py), on TCP and on a serial line: nothing crashes, hangs or grows the
+"""Modbus devices that misbehave (hostile.py), on TCP and on a serial line: nothing crashes, hangs or grows the
 process, and a value that is not the device's is never GOOD.
 
 A register of the device counts the requests that read it, so an old answer has an old value. What no master can notice
@@ -20,7 +20,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from peers.hostile import BEHAVIOURS, DAMAGED, Hostile, fuzz, hostile
+from helpers.peers.hostile import BEHAVIOURS, DAMAGED, Hostile, fuzz, hostile
 from umo import BinarySensor, Compound, DigitalActuator, DigitalSensor, OnOff, Quality, connect
 from umo.errors import DriverError, StopError
 

@@ -1,4 +1,4 @@
-"""The text driver with devices that misbehave (peers/hostile.py): it does not crash, hang or grow, and no wrong value
+"""The text driver with devices that misbehave (hostile.py): it does not crash, hang or grow, and no wrong value
 is ever read. Each answer names its channel, T3=..., so that an answer to another request can be told."""
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from peers.hostile import BEHAVIOURS, fuzz, hostile
+from helpers.peers.hostile import BEHAVIOURS, fuzz, hostile
 from umo.drivers.text import Text
 from umo.errors import ChannelsFailed, DriverError
 

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from image_forms import BUILT, FORMS, choose
-from machines import timer
+from helpers.image_forms import BUILT, FORMS, choose
+from helpers.machines import timer
 from umo import (
     BinaryActuator,
     BinarySensor,

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from machines import bench, wired
+from helpers.machines import bench, wired
 from umo import BadInput, BinarySensor, Busy, Compound, DigitalSensor, DriverError, PassFail, Quality, Vector, connect
 from umo.control import HOMING, Claim, state_of, value_of
 from umo.testing import Scripted, put

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from machines import Bench, actuator, bench, sensor, wired
+from helpers.machines import Bench, actuator, bench, sensor, wired
 from umo import (
     DeclarationError,
     DigitalActuator,

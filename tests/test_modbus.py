@@ -1,4 +1,4 @@
-"""The Modbus driver against a device made with libmodbus (tests/peers/modbus_peer.c): another hand wrote the
+"""The Modbus driver against a device made with libmodbus (tests/helpers/peers/modbus_peer.c): another hand wrote the
 other end. Its channels and plans as pure functions are in test_modbus_plan.py."""
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from peers.modbus_device import PATIENT, Peer, running
-from peers.modbus_map import CELL, coil, discrete, holding, input_register, value
+from helpers.peers.modbus_device import PATIENT, Peer, running
+from helpers.peers.modbus_map import CELL, coil, discrete, holding, input_register, value
 from umo import BinaryActuator, Compound, OnOff, check
 from umo.drivers.contract import Driver
 from umo.drivers.modbus import Modbus

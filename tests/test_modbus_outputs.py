@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from peers.modbus_device import PATIENT, Peer, running
+from helpers.peers.modbus_device import PATIENT, Peer, running
 from umo.drivers.modbus import Modbus
 from umo.drivers.modbus import driver as modbus
 from umo.errors import ChannelsFailed, DriverError

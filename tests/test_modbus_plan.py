@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from peers.modbus_map import CELL, value
+from helpers.peers.modbus_map import CELL, value
 from umo.drivers.contract import Direction
 from umo.drivers.modbus import Modbus
 from umo.drivers.modbus.channel import FORMS, TABLES, ModbusChannel, parse

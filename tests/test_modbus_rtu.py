@@ -1,4 +1,4 @@
-"""The Modbus driver on a serial line: units made with libmodbus (peers/modbus_peer.c) behind a pseudo-terminal."""
+"""The Modbus driver on a serial line: units made with libmodbus (modbus_peer.c) behind a pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from peers.modbus_device import PATIENT, Peer, running
-from peers.modbus_map import CELL, coil, discrete, holding, input_register, value
+from helpers.peers.modbus_device import PATIENT, Peer, running
+from helpers.peers.modbus_map import CELL, coil, discrete, holding, input_register, value
 from umo import Compound, DigitalActuator, DigitalSensor, check, connect
 from umo.drivers.modbus import Modbus
 from umo.drivers.modbus.rtu import SerialLine

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from image_forms import FORMS, choose
-from machines import actuator, relay, sensor, switch, wired
+from helpers.image_forms import FORMS, choose
+from helpers.machines import actuator, relay, sensor, switch, wired
 from umo import (
     BinaryActuator,
     BinarySensor,

@@ -7,7 +7,7 @@ import pickle
 
 import pytest
 
-from machines import bench
+from helpers.machines import bench
 from umo import DeclarationError, connect
 
 

@@ -20,9 +20,9 @@ import numpy as np
 import pytest
 
 import umo
-from machines import bench, relay, sensor, switch, wired
-from patient import conveyor
-from test_docs import ROOT, blocks
+from helpers.documents import ROOT, blocks
+from helpers.machines import bench, relay, sensor, switch, wired
+from helpers.patient import conveyor
 from umo import Compound, DigitalSensor, FramesError, PathError, Range, RangeError, Vector, connect, published
 from umo.cycle.hands import Hands, Mode
 from umo.frames import Reader

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from machines import Bench, actuator, bench, sensor, timer, wired
+from helpers.machines import Bench, actuator, bench, sensor, timer, wired
 from umo import Compound, DigitalActuator, DigitalSensor, DriverError, RangeError, StateError, StopError, connect, run
 from umo.cli.result import Result
 from umo.control import until, wait

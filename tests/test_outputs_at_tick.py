@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from machines import Bench, actuator, bench, failed, relay, sensor, switch, timer, wired
+from helpers.machines import Bench, actuator, bench, failed, relay, sensor, switch, timer, wired
 from umo import Compound, DigitalActuator, DriverError, Interlock, OnOff, PassFail, WiringError, connect, published
 from umo.frames import Reader
 from umo.testing import Scripted

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from typer.testing import Result
 
-from machines import bench
+from helpers.machines import bench
 from umo import Channel, Direction, Driver, DriverError, WiringError, connect
 from umo.drivers.paced import PacedTimer
 from umo.testing import VirtualTimer

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from machines import actuator, relay, sensor, timer
+from helpers.machines import actuator, relay, sensor, timer
 from umo import (
     BinaryActuator,
     Channel,

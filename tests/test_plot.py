@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from machines import actuator, relay, sensor, timer
+from helpers.machines import actuator, relay, sensor, timer
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, OnOff, connect
 from umo.cycle.trace import Trace
 from umo.testing import periods

@@ -8,85 +8,22 @@ import re
 import select
 import signal
 import sys
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-import process_box
-from process_box import CALLS, Cells
+from helpers import process_box
+from helpers.process_box import CALLS, Cells
+from helpers.runs import Run, assert_safe, standing
 from umo.cycle import transfer
 from umo.process import guardian, reset
-from umo.process.job import Job
-from umo.process.messages import MessageSocket
-from umo.process.outcome import Outcome
 from umo.system import record
-from umo.system.record import Ended, all_standing
 
 AT_ONCE = 6
 """Runs side by side: most of their time they wait."""
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux")
-
-
-class Run:
-    """One run under a guardian that was forked from this process instead of started afresh: the same code, sooner."""
-
-    def __init__(self, wiring: dict[str, Any], application: str = "drive", **more: Any) -> None:
-        path = [str(Path(__file__).parent), *sys.path]
-        job = Job(machine="process_box:machine", application=f"process_box:{application}", wiring=wiring, path=path)
-        for name, value in more.items():
-            setattr(job, name, value)
-        self.channel, there = MessageSocket.pair()
-        file = tempfile.TemporaryFile()  # noqa: SIM115  (the guardian's)
-        file.write(job.dump())
-        file.seek(0)
-        self.guardian = os.fork()
-        if self.guardian == 0:
-            self.channel.close()
-            try:
-                os._exit(guardian.main(there.detach(), os.dup(file.fileno())))
-            finally:
-                os._exit(99)
-        there.close()
-        file.close()
-        self.notices: list[str] = []
-        self.control = 0
-
-    def until_running(self) -> Run:
-        """Until the control process says so; its pid is known then."""
-        message = self.channel.receive(30)
-        assert message is not None
-        assert message["kind"] == "running", message
-        self._close(message)
-        self.control = message["pid"]
-        return self
-
-    def outcome(self) -> Outcome:
-        """How it ended: what was said, which is the guardian's exit status as well."""
-        said = None
-        while not self.channel.ended:
-            message = self.channel.receive(60)
-            assert message is not None or self.channel.ended, "neither an outcome nor an end within a minute"
-            if message is None:
-                break
-            self._close(message)
-            if message["kind"] == "notice":
-                self.notices.append(message["text"])
-            if message["kind"] in ("left", "ended"):  # the last counts
-                said = Outcome.load(message["outcome"])
-        status = os.waitpid(self.guardian, 0)[1]
-        self.channel.close()
-        assert said is not None, "nothing was reported"
-        if os.WIFEXITED(status):
-            assert os.WEXITSTATUS(status) == said.status
-        return said
-
-    @staticmethod
-    def _close(message: dict[str, Any]) -> None:
-        for file in message["files"]:
-            os.close(file)
 
 
 @pytest.fixture(autouse=True)
@@ -107,15 +44,6 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
     monkeypatch.setattr(guardian, "STARTING_LIMIT", 0.5)
     monkeypatch.setattr(reset, "GRACE", 0.2)
     return {"hang_timeout": "100 ms"}
-
-
-def standing() -> list[Ended]:
-    """The devices that stand stopped."""
-    return all_standing()
-
-
-def assert_safe(cells: Cells) -> None:
-    assert cells.levels == {"motor": 0, "valve": 0}
 
 
 def test_a_run_that_ends_by_itself_is_reported_with_what_the_application_returned(tmp_path: Path, cells: Cells) -> None:
@@ -187,7 +115,7 @@ def test_an_exception_of_the_application_is_reported_with_its_place(tmp_path: Pa
     outcome = Run(process_box.wiring(tmp_path / "box"), "fail_at").outcome()
     assert outcome.status == 1
     assert outcome.failure is not None
-    place = r"tests/process_box\.py:\d+ in fail_at"
+    place = r"tests/helpers/process_box\.py:\d+ in fail_at"
     assert re.fullmatch(
         rf"ValueError: a mistake in the application \(at 0\.\d+ s, \S*{place}\)", outcome.failure.message
     )
@@ -391,8 +319,8 @@ def test_outputs_that_the_control_process_could_not_reach_are_tried_by_the_guard
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"machine": "process_box:nothing"}, "cannot be imported"),
-        ({"machine": "process_box:OUTPUTS"}, "is not a function"),
+        ({"machine": "helpers.process_box:nothing"}, "cannot be imported"),
+        ({"machine": "helpers.process_box:OUTPUTS"}, "is not a function"),
         ({"station": "zteta", "machine": None}, "did you mean 'ztheta'"),
         ({"wiring": {"wire": {}}}, "faults in the wiring"),
         ({"options": {"nonsense": 1}}, "--nonsense"),

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from machines import actuator, failed, relay, sensor, switch, timer, wired
+from helpers.machines import actuator, failed, relay, sensor, switch, timer, wired
 from umo import (
     BadInput,
     BinaryActuator,

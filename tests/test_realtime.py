@@ -105,7 +105,7 @@ def test_isolated_cores_are_read_from_the_kernels_list(
 RUN = """
 import sys
 from umo.process.start import start
-import process_box
+from helpers import process_box
 from pathlib import Path
 folder = Path(sys.argv[1])
 with start(process_box.machine, process_box.wiring(folder / "box"), process_box.drive) as machine:

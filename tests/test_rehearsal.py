@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from machines import Bench, actuator, bench, relay, sensor, switch, timer, wired
+from helpers.machines import Bench, actuator, bench, relay, sensor, switch, timer, wired
 from umo import Compound, DigitalActuator, DigitalSensor, Interlock, LookupTable, PassFail, connect
 from umo.cycle.rehearsal import MOST, Rehearsal, rise_early
 from umo.testing import Scripted

@@ -18,8 +18,8 @@ from random import Random
 import pytest
 
 import umo
-from machines import bench, wired
-from patient import conveyor
+from helpers.machines import bench, wired
+from helpers.patient import conveyor
 from umo import CommandRefused, FramesError, RangeError, connect, published
 from umo.cycle.hands import HOLD, TAKEN_PER_PERIOD, Hands, Mode
 from umo.frames import Reader, rings

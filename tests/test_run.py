@@ -6,7 +6,7 @@ import logging
 
 import pytest
 
-from machines import actuator, bench, sensor, timer, wired
+from helpers.machines import actuator, bench, sensor, timer, wired
 from umo import (
     Compound,
     DeclarationError,

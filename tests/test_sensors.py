@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from machines import failed, sensor, switch, timer, wired
+from helpers.machines import failed, sensor, switch, timer, wired
 from umo import (
     BinarySensor,
     Compound,
@@ -149,7 +149,7 @@ def test_a_sensor_has_neither_write_nor_update_and_an_actuator_no_sample():
     machine = inputs()
     assert not hasattr(machine.encoder, "write") and not hasattr(machine.encoder, "update")
     assert not hasattr(machine.limit, "write") and not hasattr(machine.limit, "update")
-    from machines import actuator, relay
+    from helpers.machines import actuator, relay
 
     assert not hasattr(actuator(), "sample") and not hasattr(relay(), "sample")
 

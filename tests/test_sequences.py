@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from machines import actuator, bench, wired
+from helpers.machines import actuator, bench, wired
 from umo import Cancelled, Compound, DeclarationError, DigitalActuator, PassFail, TaskFailed, TimeExpired, connect
 from umo.control import next_period, timeout, together, until, wait
 from umo.cycle.clock import Clock
@@ -106,7 +106,7 @@ def test_sequences_act_before_control_so_that_a_setpoint_is_used_in_its_period()
         m.goal = 5.0
         await next_period()
 
-    from machines import timer
+    from helpers.machines import timer
 
     with connect(Servo(timer=timer(), motor=actuator())) as m:
         m.start(go(m))

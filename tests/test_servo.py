@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from machines import switch, timer, wired
+from helpers.machines import switch, timer, wired
 from umo import (
     BadInput,
     BinarySensor,

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from machines import actuator, sensor, timer, wired
+from helpers.machines import actuator, sensor, timer, wired
 from umo import Compound, DeclarationError, DigitalActuator, DigitalSensor, connect, published
 from umo.cli.watch import Picture
 from umo.control import PID, Servo

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from machines import bench
+from helpers.machines import bench
 from umo import Direction, OnOff, PassFail, connect
 from umo.drivers.simulated import Simulated, Written
 from umo.testing import periods, put

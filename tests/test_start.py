@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-import process_box
 import umo
-from process_box import Cells
+from helpers import process_box
+from helpers.process_box import Cells
 from umo.cycle.stage import Stage
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux")
@@ -88,7 +88,7 @@ def test_functions_that_another_process_cannot_import_are_refused_at_once() -> N
 
 PROGRAM = """
 import os, sys, umo
-import process_box
+from helpers import process_box
 from pathlib import Path
 
 def declare():

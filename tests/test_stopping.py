@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from machines import bench, wired
+from helpers.machines import bench, wired
 from umo import OnOff, connect, run
 from umo.testing import Scripted, VirtualTimer, periods
 

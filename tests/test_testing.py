@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import umo.testing
-from machines import bench, wired
+from helpers.machines import bench, wired
 from umo import (
     Channel,
     ChannelError,
@@ -128,7 +128,7 @@ def test_the_virtual_timer_serves_in_a_file(tmp_path: Path):
     class Clocked(Compound):
         timer: DigitalSensor
 
-    from machines import timer
+    from helpers.machines import timer
 
     path = tmp_path / "virtual.toml"
     path.write_text(
@@ -152,7 +152,7 @@ def test_periods_runs_the_loop_also_without_a_timer():
     class Still(Compound):
         encoder: DigitalSensor
 
-    from machines import sensor
+    from helpers.machines import sensor
 
     with connect(Still(encoder=sensor())) as m:
         put(m.encoder, 5.0)

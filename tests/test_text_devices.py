@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from peers.text_devices import PATIENT, PEERS, CannotRun, Supply, avr, built, supply
+from helpers.peers.text_devices import PATIENT, PEERS, CannotRun, Supply, avr, built, supply
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, OnOff, connect
 from umo.drivers.text import Text
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError

@@ -18,7 +18,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from peers.line_server import LineServer, line_server
+from helpers.peers.line_server import LineServer, line_server
 from umo import BinaryActuator, Compound, DigitalSensor, OnOff, check
 from umo.drivers.contract import Driver
 from umo.drivers.modbus import Modbus

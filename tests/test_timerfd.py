@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from machines import bench, wired
+from helpers.machines import bench, wired
 from umo import Channel, Direction, DriverError, connect
 from umo.drivers.timerfd import Ticker, TimerFd, WhileWaiting
 from umo.testing import Scripted

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from machines import actuator, failed, relay, sensor, switch, timer, wired
+from helpers.machines import actuator, failed, relay, sensor, switch, timer, wired
 from umo import (
     BinaryActuator,
     BinarySensor,

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from machines import actuator
+from helpers.machines import actuator
 from umo import BinaryActuator, Compound, DeclarationError, DigitalActuator, OnOff, PassFail, RangeError, connect
 from umo.cli.new import make_station
 

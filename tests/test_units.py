@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from machines import sensor
+from helpers.machines import sensor
 from umo import Compound, DeclarationError, DigitalSensor, RangeError, connect
 from umo.objects import units
 from umo.objects.units import check_unit, convert, seconds

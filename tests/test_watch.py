@@ -16,7 +16,7 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner, Result
 
-from machines import actuator, bench, relay, sensor, timer, wired
+from helpers.machines import actuator, bench, relay, sensor, timer, wired
 from umo import (
     BinaryActuator,
     Compound,

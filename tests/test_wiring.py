@@ -11,7 +11,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from machines import actuator, bench, sensor, switch, timer, wired
+from helpers.machines import actuator, bench, sensor, switch, timer, wired
 from umo import (
     Channel,
     Compound,

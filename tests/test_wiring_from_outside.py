@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from machines import bench
+from helpers.machines import bench
 from umo import Channel, Direction, Driver, check
 from umo.wiring import resolve, source
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import fmpy
-from tests.fmus import Missing, tank_fmu
+from tests.helpers.fmus import Missing, tank_fmu
 
 from bench.drivers.case import Case, NotHere, cycle, split
 from umo.drivers.fmu import Fmu

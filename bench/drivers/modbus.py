@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from typing import Any
 
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
-from tests.peers.modbus_device import Missing, Peer, device
+from tests.helpers.peers.modbus_device import Missing, Peer, device
 
 from bench.drivers.case import Case, NotHere, cycle, split
 from umo.drivers.modbus import Modbus

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from typing import Any
 
-from tests.peers.text_devices import CannotRun, quick
+from tests.helpers.peers.text_devices import CannotRun, quick
 
 from bench.drivers.case import Case, NotHere, cycle, split
 from umo.drivers.text import Text

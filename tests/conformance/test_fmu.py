@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from fmus import PYTHON_LOOPS, python_fmu, tank_fmu
+from helpers.fmus import PYTHON_LOOPS, python_fmu, tank_fmu
 from umo.drivers.fmu import Fmu
 from umo.testing.conformance import Input, Output, Subject, conform
 

@@ -11,8 +11,8 @@ from contextlib import contextmanager, suppress
 
 import pytest
 
-from peers.modbus_device import Peer, running
-from peers.modbus_map import coil, holding
+from helpers.peers.modbus_device import Peer, running
+from helpers.peers.modbus_map import coil, holding
 from umo.drivers.modbus import Modbus
 from umo.testing.conformance import Input, Output, PtyTap, Subject, TcpTap, conform
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from peers.text_devices import CannotRun, Supply, avr, supply
+from helpers.peers.text_devices import CannotRun, Supply, avr, supply
 from umo.drivers.text import Text
 from umo.testing.conformance import Input, Output, PtyTap, Subject, TcpTap, conform
 

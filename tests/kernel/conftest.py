@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from certificates import certify, the_page_agrees
+from helpers.certificates import certify, the_page_agrees
 
 from .gpio_sim import Chip
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from machines import bench, wired
+from helpers.machines import bench, wired
 from umo import connect, published
 from umo.testing import Scripted, VirtualTimer, periods
 

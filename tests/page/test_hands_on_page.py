@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 import umo
-from patient import patient
+from helpers.patient import patient
 from umo.process.start import LINUX
 
 from .conftest import Client, Served, eventually, opened, running, serving, viewing

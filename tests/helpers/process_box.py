@@ -278,7 +278,7 @@ def wiring(file: Path, **options: Any) -> dict[str, Any]:
     """A wiring of `machine()` to a box, plain data."""
     process = {"hang_timeout": "5 s"} | options.pop("process", {})  # what a busy machine does is not tested here
     return {
-        "drivers": {"box": {"type": "process_box:Box", "file": str(file), **options}},
+        "drivers": {"box": {"type": "helpers.process_box:Box", "file": str(file), **options}},
         "wire": {
             "timer": {"driver": "timerfd", "period": "1 ms"},
             "switch": {"driver": "box"},

@@ -14,7 +14,7 @@ from umo import (
     OnOff,
     PassFail,
 )
-from umo.testing import VirtualTimer
+from umo.testing import Scripted, VirtualTimer
 
 
 def timer() -> DigitalSensor:
@@ -68,6 +68,24 @@ def wired(
     for path, entry in (entries or {}).items():
         wire[path] = wire.get(path, {}) | entry
     return {"drivers": {"box": box, "clock": clock or VirtualTimer(), **drivers}, "wire": wire}
+
+
+class Board(Scripted):
+    """A circuit that takes devices."""
+
+    realtime = True
+
+    def __init__(self, *devices: str) -> None:
+        super().__init__()
+        self._devices = devices
+
+    def devices(self) -> tuple[str, ...]:
+        return self._devices
+
+
+def on(box: Driver[Any], machine: Compound) -> dict[str, Any]:
+    """Everything on one circuit, the timer too."""
+    return wired(machine, box, clock=Board())
 
 
 def failed(error: BaseException) -> list[str]:

@@ -12,7 +12,7 @@ import pytest
 
 from umo.testing.conformance import Certificate, all_rules, examine
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,1 @@
+"""What tests share: machines, stations, runs, counterparts. Test modules import from here, never from each other."""

@@ -1,0 +1,86 @@
+"""Runs of the machine of `process_box` under a guardian."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from helpers.process_box import Cells
+from umo.process import guardian
+from umo.process.job import Job
+from umo.process.messages import MessageSocket
+from umo.process.outcome import Outcome
+from umo.system.record import Ended, all_standing
+
+TESTS = Path(__file__).parents[1]
+
+
+class Run:
+    """One run under a guardian that was forked from this process instead of started afresh: the same code, sooner."""
+
+    def __init__(self, wiring: dict[str, Any], application: str = "drive", **more: Any) -> None:
+        box, path = "helpers.process_box", [str(TESTS), *sys.path]
+        job = Job(machine=f"{box}:machine", application=f"{box}:{application}", wiring=wiring, path=path)
+        for name, value in more.items():
+            setattr(job, name, value)
+        self.channel, there = MessageSocket.pair()
+        file = tempfile.TemporaryFile()  # noqa: SIM115  (the guardian's)
+        file.write(job.dump())
+        file.seek(0)
+        self.guardian = os.fork()
+        if self.guardian == 0:
+            self.channel.close()
+            try:
+                os._exit(guardian.main(there.detach(), os.dup(file.fileno())))
+            finally:
+                os._exit(99)
+        there.close()
+        file.close()
+        self.notices: list[str] = []
+        self.control = 0
+
+    def until_running(self) -> Run:
+        """Until the control process says so; its pid is known then."""
+        message = self.channel.receive(30)
+        assert message is not None
+        assert message["kind"] == "running", message
+        self._close(message)
+        self.control = message["pid"]
+        return self
+
+    def outcome(self) -> Outcome:
+        """How it ended: what was said, which is the guardian's exit status as well."""
+        said = None
+        while not self.channel.ended:
+            message = self.channel.receive(60)
+            assert message is not None or self.channel.ended, "neither an outcome nor an end within a minute"
+            if message is None:
+                break
+            self._close(message)
+            if message["kind"] == "notice":
+                self.notices.append(message["text"])
+            if message["kind"] in ("left", "ended"):  # the last counts
+                said = Outcome.load(message["outcome"])
+        status = os.waitpid(self.guardian, 0)[1]
+        self.channel.close()
+        assert said is not None, "nothing was reported"
+        if os.WIFEXITED(status):
+            assert os.WEXITSTATUS(status) == said.status
+        return said
+
+    @staticmethod
+    def _close(message: dict[str, Any]) -> None:
+        for file in message["files"]:
+            os.close(file)
+
+
+def standing() -> list[Ended]:
+    """The devices that stand stopped."""
+    return all_standing()
+
+
+def assert_safe(cells: Cells) -> None:
+    assert cells.levels == {"motor": 0, "valve": 0}
