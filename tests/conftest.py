@@ -21,16 +21,17 @@ settings.register_profile("umo", deadline=None, suppress_health_check=[HealthChe
 settings.load_profile("umo")
 
 
-LIMITS = {"full": 900, "slow": 180}
-"""s that a test with this mark may take on a busy computer; the others have the limit of pyproject.toml."""
+LIMIT, LIMITS = 60, {"full": 900, "slow": 180}
+"""s that a test may take on a busy computer (pytest-timeout), and that one with this mark may take."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     in_good_order(items)
     for item in items:
-        limits = [limit for mark, limit in LIMITS.items() if item.get_closest_marker(mark)]
-        if limits and not item.get_closest_marker("timeout"):
-            item.add_marker(pytest.mark.timeout(max(limits)))
+        own = item.get_closest_marker("timeout")
+        if own is None or not (own.args or "timeout" in own.kwargs):
+            limits = [limit for mark, limit in LIMITS.items() if item.get_closest_marker(mark)]
+            item.add_marker(pytest.mark.timeout(max(limits, default=LIMIT), **(own.kwargs if own else {})))
 
 
 def in_good_order(items: list[pytest.Item]) -> None:
