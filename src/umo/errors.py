@@ -32,6 +32,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from traceback import clear_frames
 from typing import Any
 
 from umo.text import cause_of, did_you_mean, some
@@ -155,11 +156,14 @@ class DeviceTimeout(DriverError, TimeoutError):
 class ChannelsFailed(DriverError):
     """Raised by a driver's block transfer: these channels failed, all others were transferred.
 
-    `causes` holds an exception, or a text, for the text of each channel that failed.
+    `causes` holds an exception, or a text, for the text of each channel that failed. Only the texts are kept.
     """
 
     def __init__(self, causes: Mapping[str, Exception | str]) -> None:
         self.causes = {text: cause if isinstance(cause, str) else cause_of(cause) for text, cause in causes.items()}
+        for cause in causes.values():
+            if not isinstance(cause, str):
+                forget_frames(cause)  # the frame that collected them is among these
         super().__init__("; ".join(f"{text}: {cause}" for text, cause in self.causes.items()))
 
 
@@ -229,3 +233,18 @@ class FramesError(UmoError, RuntimeError):
 
 class Cancelled(BaseException):
     """Raised inside a sequence when the machine stops or when a sequence in the same `together` failed."""
+
+
+def forget_frames(error: BaseException) -> None:
+    """Drop the frames that an error and its causes keep; for an error whose text has been taken and that ends here.
+
+    A frame that holds an exception of its own traceback is a circle, which only the garbage collector frees, and that
+    is off while a machine runs.
+    """
+    waiting: list[BaseException | None] = [error]
+    while waiting:
+        one = waiting.pop()
+        if one is not None and one.__traceback__ is not None:
+            clear_frames(one.__traceback__)  # those that still run stay as they are
+            one.__traceback__ = None
+            waiting += one.__cause__, one.__context__

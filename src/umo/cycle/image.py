@@ -18,13 +18,12 @@ import numpy as np
 from umo.cycle.block import Block
 from umo.cycle.clock import Clock
 from umo.cycle.commands import Command, Commands, Source
-from umo.cycle.transfer import Transfer
+from umo.cycle.transfer import Transfer, told
 from umo.drivers.contract import UNREAD, Direction
 from umo.errors import BadInput, DriverError, Failure
 from umo.objects import Binary, BinaryActuator, BinarySensor, DigitalActuator, DigitalSensor, Quality
 from umo.objects.atomic import Digital
 from umo.objects.scaling import FloatArray, IntArray, to_raw, to_value
-from umo.text import reported
 from umo.wiring.resolved import Wire, Wired
 
 log = logging.getLogger("umo")
@@ -212,7 +211,7 @@ class Image(ABC):
         try:
             raw = self.transfer.read(slot)
         except Exception as error:
-            self._fail_input(slot, reported(error), failures)
+            self._fail_input(slot, told(error), failures)
         else:
             if slot != self.timer:
                 self._accept(slot, raw, failures)
@@ -269,7 +268,7 @@ class Image(ABC):
         try:
             self.transfer.write(slot, self.pending_raws[slot])
         except Exception as error:
-            self._fail_output(slot, reported(error), failures)
+            self._fail_output(slot, told(error), failures)
             self.commands.failed(slot)
         else:
             self._accepted(slot)

@@ -17,7 +17,7 @@ import numpy as np
 from umo.cycle.block import Block
 from umo.cycle.journal import Journal, Kind
 from umo.drivers.contract import UNREAD, Channel, Direction, Driver
-from umo.errors import ChannelsFailed, DriverError, Failure
+from umo.errors import ChannelsFailed, DriverError, Failure, forget_frames
 from umo.objects.scaling import IntArray
 from umo.text import in_brackets, reported, some
 from umo.wiring.resolved import Wire, Wired
@@ -125,7 +125,7 @@ class Transfer:
         try:
             raw = index(wire.driver.read(wire.channel))
         except Exception as error:
-            self._failed(wire.driver, (slot,), error, False)
+            self._mark(wire.driver, error, False)
             self.note(slot, Kind.FAILED_READ)
             raise
         self._moved(slot, raw, Kind.READ)
@@ -137,7 +137,7 @@ class Transfer:
         try:
             wire.driver.write(wire.channel, raw)
         except Exception as error:
-            self._failed(wire.driver, (slot,), error, True)
+            self._mark(wire.driver, error, True)
             self.note(slot, Kind.FAILED_WRITE)
             raise
         self._moved(slot, raw, Kind.WRITE)
@@ -219,9 +219,9 @@ class Transfer:
         try:
             getattr(wire.driver, segment)(wire.channel, *default)
         except BaseException as error:  # whatever a driver raises, the others are still to be brought to their defaults
-            self._failed(wire.driver, (slot,), error, True, monotonic() - began)
+            self._mark(wire.driver, error, True, monotonic() - began)
             self.note(slot, Kind.FAILED_RESET)
-            return self.failure(slot, reported(error))
+            return self.failure(slot, told(error))
         self._late.pop(id(wire.driver), None)
         if segment in _DONE:
             self._moved(slot, self.raws[slot] if default[0] is None else default[0], _DONE[segment])
@@ -229,20 +229,21 @@ class Transfer:
 
     # What every call has in common ---------------------------------------------------------------------
 
-    def _failed(
-        self, driver: Driver[Any], slots: Sequence[int], error: BaseException, write: bool, took: float = 0.0
-    ) -> list[tuple[int, str]]:
-        """The slots that failed, with the cause: all of a call, or those that the driver names."""
+    def _mark(self, driver: Driver[Any], error: BaseException, write: bool, took: float = 0.0) -> None:
+        """A call has failed."""
         if isinstance(error, TimeoutError) or took >= driver.timeout:
             self._late[id(driver)] = monotonic()
         if write and id(driver) in self._real:
             self.unsure = True
-        if isinstance(error, ChannelsFailed):
-            causes = error.causes
-            named = [(slot, causes[text]) for slot in slots if (text := self.wires[slot].channel.text) in causes]
-            if named:
-                return named
-        return [(slot, reported(error)) for slot in slots]
+
+    def _failed(
+        self, driver: Driver[Any], slots: Sequence[int], error: Exception, write: bool
+    ) -> list[tuple[int, str]]:
+        """The slots of a block that failed, with the cause: all of them, or those that the driver names."""
+        self._mark(driver, error, write)
+        causes, whole = error.causes if isinstance(error, ChannelsFailed) else {}, told(error)
+        named = [(slot, causes[text]) for slot in slots if (text := self.wires[slot].channel.text) in causes]
+        return named or [(slot, whole) for slot in slots]
 
     def failure(self, slot: int, cause: str) -> Failure:
         """One object failed."""
@@ -269,6 +270,14 @@ class Transfer:
             driver = self.wires[slot].driver
             groups.setdefault(id(driver), (driver, []))[1].append(slot)
         return list(groups.values())
+
+
+def told(error: BaseException) -> str:
+    """The cause of a failed call, for an error that ends here: it is left without its frames, since a channel may stay
+    broken for a day."""
+    cause = reported(error)
+    forget_frames(error)
+    return cause
 
 
 def settling(wired: Wired) -> float:

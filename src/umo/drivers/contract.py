@@ -14,6 +14,7 @@ import numpy.typing as npt
 from typing_extensions import TypeVar
 
 from umo.errors import ChannelsFailed
+from umo.text import cause_of
 
 IntArray = npt.NDArray[np.int64]
 INT64 = np.iinfo(np.int64)
@@ -135,28 +136,28 @@ class Driver(ABC, Generic[C]):
     def read_many(self, channels: Sequence[C], out: IntArray) -> None:
         """Read all channels into `out`, in place: the sensors of one period, if possible in one bus transfer.
         Raises ChannelsFailed if only some channels failed. A place of `out` that is not filled counts as failed."""
-        failed: dict[str, Exception] = {}
+        failed: dict[str, str] = {}  # texts: a frame that keeps its own errors is never freed
         for i, channel in enumerate(channels):
             try:
                 out[i] = index(self.read(channel))  # numpy alone would truncate a float
             except TimeoutError:  # the device does not answer: the others would only wait as long
                 raise
             except OSError as error:
-                failed[channel.text] = error
+                failed[channel.text] = cause_of(error)
         if failed:
             raise ChannelsFailed(failed)
 
     def write_many(self, channels: Sequence[C], raws: IntArray) -> None:
         """Write all channels: the actuators of one period. Raises ChannelsFailed if only some channels failed. `raws`
         belongs to the caller: copy it, do not keep it."""
-        failed: dict[str, Exception] = {}
+        failed: dict[str, str] = {}
         for channel, raw in zip(channels, raws.tolist(), strict=True):
             try:
                 self.write(channel, raw)
             except TimeoutError:
                 raise
             except OSError as error:
-                failed[channel.text] = error
+                failed[channel.text] = cause_of(error)
         if failed:
             raise ChannelsFailed(failed)
 

@@ -126,16 +126,16 @@ class Fmu(Driver[FmuChannel]):
         self.write_many((channel,), np.array([raw], np.int64))
 
     def read_many(self, channels: Sequence[FmuChannel], out: IntArray) -> None:
-        failed: dict[str, Exception] = {}
+        failed: dict[str, str] = {}
         for group in self._grouped("Get", channels):
             try:
                 group.get(out)
             except ChannelsFailed as error:
-                failed.update({text: DriverError(cause) for text, cause in error.causes.items()})
+                failed.update(error.causes)
             except DriverError as error:
                 if self._opened().lost:
                     raise
-                failed.update(dict.fromkeys(group.texts, error))
+                failed.update(dict.fromkeys(group.texts, str(error)))
         if failed:
             raise ChannelsFailed(failed)
 
@@ -143,14 +143,14 @@ class Fmu(Driver[FmuChannel]):
         groups = self._grouped("Set", channels)
         for group in groups:
             group.check(raws)  # all of them before the first is set
-        failed: dict[str, Exception] = {}
+        failed: dict[str, str] = {}
         for group in groups:
             try:
                 group.set(raws)
             except DriverError as error:
                 if self._opened().lost:
                     raise
-                failed.update(dict.fromkeys(group.texts, error))
+                failed.update(dict.fromkeys(group.texts, str(error)))
         if failed:
             raise ChannelsFailed(failed)
 

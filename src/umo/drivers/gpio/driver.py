@@ -97,6 +97,8 @@ class Gpio(Driver[GpioChannel]):
         self._forget()
         try:
             lines.initialize(channel, default, monotonic() + self.timeout)
+        except DriverError:
+            raise
         except OSError as error:
             raise self._failed(error) from error
 
@@ -118,12 +120,16 @@ class Gpio(Driver[GpioChannel]):
     def read(self, channel: GpioChannel) -> int:
         try:
             return self._plan((channel,)).read()[0]
+        except DriverError:
+            raise
         except OSError as error:
             raise self._failed(error) from error
 
     def write(self, channel: GpioChannel, raw: int) -> None:
         try:
             self._plan((channel,)).write([raw])
+        except DriverError:
+            raise
         except OSError as error:
             raise self._failed(error) from error
 
@@ -132,6 +138,8 @@ class Gpio(Driver[GpioChannel]):
             if self._reading is None or self._reading.channels is not channels:
                 self._reading = self._plan(tuple(channels))
             out[:] = self._reading.read()
+        except DriverError:
+            raise
         except OSError as error:
             raise self._failed(error) from error
 
@@ -140,6 +148,8 @@ class Gpio(Driver[GpioChannel]):
             if self._writing is None or self._writing.channels is not channels:
                 self._writing = self._plan(tuple(channels))
             self._writing.write(raws.tolist())
+        except DriverError:
+            raise
         except OSError as error:
             raise self._failed(error) from error
 
@@ -166,6 +176,9 @@ class Gpio(Driver[GpioChannel]):
             self._forget()
             try:
                 self._lines.connect(self._named.values(), monotonic() + self.timeout)
+            except DriverError:
+                self._lines.disconnect()
+                raise
             except OSError as error:
                 self._lines.disconnect()
                 raise self._failed(error) from error
@@ -173,8 +186,6 @@ class Gpio(Driver[GpioChannel]):
 
     def _failed(self, error: OSError) -> DriverError:
         """A chip that has gone is let go of; the next call opens it again."""
-        if isinstance(error, DriverError):
-            return error
         if self._lines is not None and error.errno == errno.ENODEV:
             self._forget()
             self._lines.disconnect()

@@ -193,7 +193,7 @@ class Iio(Driver[IioChannel]):
         self._scan = self._folder = None
 
     def _each(self, channels: Sequence[IioChannel], move: Callable[[int, IioChannel], object], deadline: float) -> None:
-        failed: dict[str, Exception] = {}
+        failed: dict[str, str] = {}
         for i, channel in enumerate(channels):
             if i and monotonic() > deadline:
                 raise DeviceTimeout(f"{i} of {len(channels)} channels took longer than {self.timeout * 1000:g} ms")
@@ -204,7 +204,7 @@ class Iio(Driver[IioChannel]):
             except DriverError as error:
                 if len(channels) == 1:
                     raise
-                failed[channel.text] = error
+                failed[channel.text] = str(error)
         if failed:
             raise ChannelsFailed(failed)
 

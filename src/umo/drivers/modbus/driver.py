@@ -240,7 +240,7 @@ def _each(plan: Requests, carry_out: Callable[[int, Request], None]) -> None:
     if len(plan) == 1:
         carry_out(0, plan[0])
         return
-    failed: dict[str, Exception | str] = {}
+    failed: dict[str, str] = {}
     for i, request in enumerate(plan):
         try:
             carry_out(i, request)
@@ -257,5 +257,5 @@ def _each(plan: Requests, carry_out: Callable[[int, Request], None]) -> None:
         raise ChannelsFailed(failed)
 
 
-def _blamed(requests: Sequence[Request], error: Exception) -> dict[str, Exception]:
-    return {item.channel.text: error for request in requests for item in request.items}
+def _blamed(requests: Sequence[Request], error: DriverError) -> dict[str, str]:
+    return {item.channel.text: str(error) for request in requests for item in request.items}

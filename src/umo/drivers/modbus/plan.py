@@ -65,12 +65,12 @@ class Request:
             self._decode_wides(cells, out)
 
     def _decode_wides(self, cells: Sequence[int], out: IntArray) -> None:
-        failed: dict[str, Exception | str] = {}
+        failed: dict[str, str] = {}
         for item in self.wides:
             try:
                 out[item.place] = item.channel.raw(cells[item.within])
             except DriverError as error:
-                failed[item.channel.text] = error
+                failed[item.channel.text] = str(error)
         if failed:
             raise ChannelsFailed(failed)
 

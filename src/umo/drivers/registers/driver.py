@@ -195,7 +195,7 @@ class RegisterDriver(Driver[RegisterChannel]):
 
     def _each(self, blocks: Sequence[RegisterBlock], carry_out: Callable[[RegisterBlock], None]) -> None:
         """Block after block. One that fails does not stop the others, except by a timeout."""
-        failed: dict[str, Exception] = {}
+        failed: dict[str, str] = {}
         for block in blocks:
             try:
                 carry_out(block)
@@ -204,7 +204,7 @@ class RegisterDriver(Driver[RegisterChannel]):
             except DriverError as error:
                 if len(blocks) == 1:
                     raise
-                failed.update({channel.text: error for part in block.parts for _, channel in part.channels})
+                failed.update({channel.text: str(error) for part in block.parts for _, channel in part.channels})
         if failed:
             raise ChannelsFailed(failed)
 

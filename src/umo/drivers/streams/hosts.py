@@ -42,7 +42,7 @@ class TcpDial:
     def __call__(self, deadline: float) -> Stream:
         """Raises Gone or TimedOut; DriverError for a name that is not found."""
         self._found = self._found or self._look_up(deadline)
-        failed = OSError("no address")
+        failed = "no address"
         for family, kind, protocol, _, address in self._found:
             connection = socket.socket(family, kind, protocol)
             try:
@@ -58,8 +58,8 @@ class TcpDial:
                 raise TimedOut from None
             except OSError as error:
                 connection.close()
-                failed = error
-        raise Gone(plain(failed))
+                failed = plain(error)
+        raise Gone(failed)
 
     def _look_up(self, deadline: float) -> Found:
         try:
@@ -82,15 +82,18 @@ def _found(host: str, port: int | None, seconds: float) -> Found:
 def _looked_up(host: str, port: int | None, seconds: float) -> Found:
     """In a thread, as nothing else can leave a resolver that waits for its server."""
     outcome: Future[Found] = Future()
+    Thread(target=_look_up, args=(outcome, host, port), name="umo look-up", daemon=True).start()
+    try:
+        return outcome.result(max(seconds, 0.0))
+    finally:
+        del outcome  # it holds the error, which holds this frame
 
-    def look_up() -> None:
-        try:
-            outcome.set_result(socket.getaddrinfo(host, port, type=socket.SOCK_STREAM))
-        except Exception as error:
-            outcome.set_exception(error)
 
-    Thread(target=look_up, name="umo look-up", daemon=True).start()
-    return outcome.result(max(seconds, 0.0))
+def _look_up(outcome: Future[Found], host: str, port: int | None) -> None:
+    try:
+        outcome.set_result(socket.getaddrinfo(host, port, type=socket.SOCK_STREAM))
+    except Exception as error:
+        outcome.set_exception(error.with_traceback(None))
 
 
 def _normal(text: str, scope: tuple[object, ...]) -> str:

@@ -229,25 +229,25 @@ Step = TypeVar("Step", Asked, Told)
 
 
 def _each(
-    steps: Sequence[Step], channels: Sequence[TextChannel], carry_out: Callable[[Step], Mapping[int, Exception] | None]
+    steps: Sequence[Step], channels: Sequence[TextChannel], carry_out: Callable[[Step], Mapping[int, str] | None]
 ) -> None:
     """Carry out line after line. After a lost connection the later lines fail too. Errors are raised at the end."""
-    failed: dict[int, Exception] = {}
+    failed: dict[int, str] = {}
     for i, step in enumerate(steps):
         try:
             if some := carry_out(step):
                 failed.update(some)
         except NoValue as error:
-            failed.update(dict.fromkeys(step.places, error))
+            failed.update(dict.fromkeys(step.places, str(error)))
         except DriverError as error:
             if i == 0 or isinstance(error, TimeoutError):
                 raise
-            failed.update((place, error) for later in steps[i:] for place in later.places)
+            failed.update((place, str(error)) for later in steps[i:] for place in later.places)
             break
     if failed and len(channels) == 1:
-        raise failed[0]
+        raise NoValue(failed[0])
     if failed:
-        raise ChannelsFailed({channels[place].text: error for place, error in failed.items()})
+        raise ChannelsFailed({channels[place].text: cause for place, cause in failed.items()})
 
 
 def _query(table: QueryOptions | None, where: str) -> Query | None:

@@ -12,7 +12,7 @@ from umo.drivers.text.conversation import TextLink
 from umo.drivers.text.pattern import NoValue, Pattern, UnexpectedAnswer, shown
 from umo.errors import DriverError
 
-_NOTHING: Mapping[int, Exception] = {}
+_NOTHING: Mapping[int, str] = {}
 
 
 class Asked(NamedTuple):
@@ -27,8 +27,8 @@ class Asked(NamedTuple):
     def places(self) -> list[int]:
         return [place for part in self.parts for place, _ in part]
 
-    def read(self, link: TextLink, out: IntArray) -> Mapping[int, Exception]:
-        """Put the values into their places; the errors of those for which the device has no value."""
+    def read(self, link: TextLink, out: IntArray) -> Mapping[int, str]:
+        """Put the values into their places; why the device has no value for some of them."""
         answer, parts = link.ask(self.request), self.parts
         answers = [answer] if len(parts) == 1 else answer.split(self.by)
         if len(answers) != len(parts):
@@ -46,7 +46,7 @@ class Asked(NamedTuple):
                             link.refuse(line, self.request)
                         out[place] = channel.raw(line)
                     except NoValue as error:
-                        failed = {**failed, place: error}
+                        failed = {**failed, place: str(error)}
         except UnexpectedAnswer as error:
             raise link.dropped(error) from None
         return failed
