@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from decimal import Decimal
+from fractions import Fraction
 from time import monotonic
 from typing import Any
 
@@ -15,7 +16,8 @@ from hypothesis import strategies as st
 from umo.drivers.contract import Direction
 from umo.drivers.text.channel import Channels
 from umo.drivers.text.exchange import joined
-from umo.drivers.text.pattern import NoValue, Pattern, RawOf, Template, UnexpectedAnswer, raw_of
+from umo.drivers.text.pattern import NoValue, Pattern, RawOf, UnexpectedAnswer, raw_of
+from umo.drivers.text.template import Template
 from umo.errors import ChannelError, DriverError, WiringError
 
 INT64 = st.integers(-(2**63), 2**63 - 1)
@@ -200,7 +202,11 @@ def test_no_finite_number_is_an_error_without_a_value(text: str) -> None:
         ("N {:5}", None, 7, "N     7"),
         ("N {:02X}", None, 255, "N FF"),
         ('{{"v": {}}}', None, 5, '{"v": 5}'),
-        ("S {:.2E};", "0.01", 5, "S 5.00E-2;"),
+        ("S {:E};", "0.01", 5, "S 5E-2;"),
+        ("S {:e}", "0.001", 123456, "S 1.23456e+2"),
+        ("S {:g}", "0.001", 123456789012345678, "S 123456789012345.678"),
+        ("N {:d}", "1000000000001", 2**63 - 1, f"N {(2**63 - 1) * 1000000000001}"),
+        ("V {:010.3f}", "0.001", -1500, "V -00001.500"),
     ],
 )
 def test_a_template_writes_the_number(template: str, scale: str | None, raw: int, request_: str) -> None:
@@ -223,6 +229,13 @@ def test_a_template_writes_the_number(template: str, scale: str | None, raw: int
         ("{:s}", None, "is not the format of a number"),
         ("{:,}", None, "groups the digits"),
         ("{:%}", None, "is not the format of a number"),
+        ("{:n}", None, "is not the format of a number"),
+        ("{:.2d}", None, "is not the format of a number"),
+        ("{:_x}", None, "groups the digits"),
+        ("{:0>8}", None, "fills up with '0', which changes the number"),
+        ("{:<08}", None, "fills up with '0'"),
+        ("{:->6}", "0.001", "fills up with '-'"),
+        ("{:=6}", "0.001", "fills up with ' '"),
         ("VOLT {:.3f}", None, "writes decimals, and the channel has no scale; set scale"),
         ("VOLT {:f}", None, "writes decimals"),
         ("VOLT {:.3}", None, "writes decimals"),
@@ -235,10 +248,62 @@ def test_a_template_that_loses_the_number_is_refused(template: str, scale: str |
         Template.parse(template, "set", Decimal(scale) if scale else None)
 
 
-@given(INT64, st.sampled_from(["1", "0.001", "0.25", "1e-9", "10"]))
-def test_what_a_template_writes_is_read_back(raw: int, scale: str) -> None:
-    step = None if scale == "1" else Decimal(scale)
-    assert raw_of(Template.parse("{}", "set", step).filled(raw), step) == raw
+FORMATS = st.builds(
+    lambda pad, sign, width, digits, kind: f"{{:{pad}{sign}{width}{digits}{kind}}}",
+    st.sampled_from(["", "", "", ">", "<", "^", "=", "0=", "0>", " >", "->"]),
+    st.sampled_from(["", "", "+", " ", "-"]),
+    st.sampled_from(["", "", "8", "08", "24"]),
+    st.sampled_from(["", "", ".0", ".1", ".3", ".4", ".9", ".18", ".19"]),
+    st.sampled_from(["", "f", "F", "e", "E", "g", "G", "d", "n", "%"]),
+)
+SCALES = st.sampled_from([None, 1.0, 0.1, 0.001, 0.25, 0.125, 3.0, 25.0, 1000.0, 1e-9, 1.2345678901234567, 1e23])
+
+
+@given(FORMATS, SCALES, st.integers(1, 64), st.booleans(), st.data())
+def test_every_raw_integer_of_a_channel_that_is_taken_is_sent_as_its_number_and_read_back(
+    text: str, scale: float | None, bits: int, signed: bool, data: st.DataObject
+) -> None:
+    table: dict[str, Any] = {"set": f"V {text}", "ask": "V?", "answer": "V{}", "bits": bits, "signed": signed}
+    try:
+        channel = channels(c=table | ({} if scale is None else {"scale": scale})).named("c")
+    except WiringError:
+        return
+    ends = st.sampled_from([channel.least, channel.most, max(channel.least, -1), 0])
+    raw = data.draw(ends | st.integers(channel.least, channel.most))
+    sent = channel.request(raw).removeprefix("V ").strip()
+    assert Fraction(Decimal(sent)) == raw * Fraction(repr(scale or 1))
+    if abs(Decimal(sent)) < Decimal("9.9E37"):
+        assert channel.raw(f"V{sent}") == raw
+
+
+@pytest.mark.parametrize(
+    ("text", "bits", "why"),
+    [
+        ("{:.3e}", 64, "writes 4 digits of up to 19; use {:e} for all of them, or set bits for a narrower channel"),
+        ("{:.3e}", 17, "writes 4 digits of up to 5"),
+        ("{:.3e}", 14, ""),
+        ("{:.4g}", 15, "writes 4 digits of up to 5; use {:g}"),
+        ("{:.4G}", 14, ""),
+        ("{:.0g}", 5, "writes 1 digits of up to 2"),
+        ("{:.18e}", 64, ""),
+        ("{:.17E}", 64, "writes 18 digits of up to 19; use {:E}"),
+        ("{:.2f}", 8, "does not show a step of the scale 0.001; use {:.3f}"),
+        ("{:.3f}", 64, ""),
+        ("{:e}", 64, ""),
+        ("{:g}", 64, ""),
+        ("{}", 64, ""),
+    ],
+)
+def test_a_format_that_loses_a_digit_of_the_largest_raw_integer_is_refused_with_the_nearest(
+    text: str, bits: int, why: str
+) -> None:
+    """`{:.3e}` sent 123.456 V as 1.235e+2."""
+    table = {"set": f"VOLT {text}", "scale": 0.001, "bits": bits}
+    if not why:
+        channels(c=table).named("c")
+        return
+    with pytest.raises(WiringError, match=re.escape(why)):
+        channels(c=table)
 
 
 def test_requests_are_joined_up_to_the_longest_line() -> None:

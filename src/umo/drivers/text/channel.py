@@ -11,7 +11,8 @@ from typing import Any, TypeVar
 from typing_extensions import TypedDict
 
 from umo.drivers.contract import Channel, Direction, PhysicalScale
-from umo.drivers.text.pattern import NoValue, Pattern, RawOf, Template, UnexpectedAnswer, numbered, shown
+from umo.drivers.text.pattern import NoValue, Pattern, RawOf, UnexpectedAnswer, shown
+from umo.drivers.text.template import Template, numbered
 from umo.errors import ChannelError, DriverError, WiringError
 from umo.text import did_you_mean
 
@@ -206,6 +207,9 @@ class Channels:
         channel = TextChannel(text, direction, bits, signed, reading, setting, physical)
         if levels and max(levels) > channel.highest:
             raise WiringError(f"{where}: level {max(levels)} does not fit its {bits} bits")
+        template = setting.template if setting else None
+        if template and (why := template.loss(max(-channel.least, channel.most))):
+            raise WiringError(f"{where}.set: {why}")
         return channel
 
     def _setting(self, table: ChannelOptions, where: str, scale: Decimal | None) -> WriteCommand | None:

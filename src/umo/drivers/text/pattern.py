@@ -1,12 +1,10 @@
-"""The texts of a line protocol: patterns of answers, templates of requests, and the numbers in them. Pure functions."""
+"""The answers of a line protocol: their patterns, and the numbers in them. Pure functions."""
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
 from decimal import MAX_EMAX, MIN_EMIN, Context, Decimal, InvalidOperation
-from string import Formatter
-from typing import Any
 
 from umo.errors import DriverError, WiringError
 
@@ -15,15 +13,12 @@ _SHOWN = 60
 _WILD = re.compile(r"(\{\}|\*)")
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _NONE = re.compile(r"[+-]?(?:nan|n?inf(?:inity)?)", re.IGNORECASE)
-_N = re.compile(r"\{n(?::(\w*))?\}")
 _ALL = ("", "{}", "")
 _OVERFLOW = Decimal("9.9E37")
 _SHORT = 18
 """Characters of a number that need no check for an overflow."""
-_CONTEXT = Context(prec=60, Emax=MAX_EMAX, Emin=MIN_EMIN)
-"""60 digits: 64 bits, and the decimals that decide how they are rounded."""
-_WHOLE_FORMATS = ("d", "x", "X", "o", "b")
-_DECIMAL_FORMATS = ("e", "E", "g", "G")
+EXACT = Context(prec=60, Emax=MAX_EMAX, Emin=MIN_EMIN)
+"""60 digits: 64 bits, a scale, and the decimals that decide how they are rounded."""
 
 
 class NoValue(DriverError):
@@ -152,72 +147,10 @@ def raw_of(text: str, scale: Decimal | None) -> int:
     if not -_OVERFLOW < number < _OVERFLOW:
         raise NoValue(f"the device answers {shown(text)}: overflow, or no valid measurement")
     if scale is not None:
-        number = _CONTEXT.divide(number, scale)
+        number = EXACT.divide(number, scale)
     if not number:
         return 0  # also 0E999999999, whose digits would be written out
-    whole = number.to_integral_value(context=_CONTEXT)
+    whole = number.to_integral_value(context=EXACT)
     if scale is None and whole != number:
         raise UnexpectedAnswer(f"{shown(text)} is not a whole number, and the channel has no scale")
     return int(whole)
-
-
-@dataclass(frozen=True)
-class Template:
-    """A request that carries a number: `VOLT {:.3f}`. `{{` and `}}` are braces."""
-
-    before: str
-    spec: str
-    after: str
-    scale: Decimal | None
-
-    @classmethod
-    def parse(cls, text: str, where: str, scale: Decimal | None) -> Template:
-        """WiringError if there is not exactly one {}, or its format loses one step of the scale."""
-        try:
-            parts = list(Formatter().parse(text))
-        except ValueError as error:
-            raise WiringError(f"{where}: {text!r}: {error}; a brace of the request is written twice") from None
-        fields = [(name, spec or "", how) for _, name, spec, how in parts if name is not None]
-        if len(fields) != 1 or fields[0][0] or fields[0][2]:
-            raise WiringError(f"{where}: {text!r} needs one {{}} for the number, such as {{:.3f}}")
-        at = next(i for i, part in enumerate(parts) if part[1] is not None)
-        before, after = ("".join(part[0] for part in piece) for piece in (parts[: at + 1], parts[at + 1 :]))
-        spec = fields[0][1]
-        _check_format(spec, text, where, scale)
-        return cls(before, spec if spec[-1:].isalpha() else f"{spec}f", after, scale)
-
-    def filled(self, raw: int) -> str:
-        return f"{self.before}{_written(raw, self.scale, self.spec)}{self.after}"
-
-
-def _check_format(spec: str, text: str, where: str, scale: Decimal | None) -> None:
-    if spec.endswith(_WHOLE_FORMATS) and scale is not None and scale != scale.to_integral_value():
-        raise WiringError(f"{where}: {text!r} writes whole numbers, and the scale is {scale}")
-    try:
-        written = _written(1, scale, spec if spec[-1:].isalpha() else f"{spec}f")
-    except (ValueError, TypeError) as error:
-        raise WiringError(f"{where}: {{:{spec}}} is not the format of a number: {error}") from None
-    if spec.endswith(_WHOLE_FORMATS[1:]):
-        return
-    if "," in spec or "_" in spec:
-        raise WiringError(f"{where}: {text!r} groups the digits, which no device reads")
-    if scale is None and (not written.strip(" +").isdecimal() or spec == "f" or spec.endswith(_DECIMAL_FORMATS)):
-        why = "writes decimals, and the channel has no scale; set scale, the step of one raw integer, such as 0.001"
-        raise WiringError(f"{where}: {text!r} {why}")
-    if not _NUMBER.fullmatch(written.strip()) or Decimal(written.strip()) != (scale or 1):
-        raise WiringError(f"{where}: {text!r} does not show a step of the scale {scale or 1}: it writes {written!r}")
-
-
-def _written(raw: int, scale: Decimal | None, spec: str) -> str:
-    if spec[-1] in _WHOLE_FORMATS:
-        return format(raw if scale is None else int(raw * scale), spec)
-    return format(Decimal(raw) if scale is None else _CONTEXT.multiply(raw, scale), spec)
-
-
-def numbered(thing: Any, n: int) -> Any:
-    """The texts within with `{n}`, `{n:02d}` replaced by the number of the channel."""
-    if isinstance(thing, str):
-        return _N.sub(lambda found: format(n, found[1] or ""), thing)
-    if isinstance(thing, dict):
-        return {key: numbered(value, n) for key, value in thing.items()}
-    return [numbered(each, n) for each in thing] if isinstance(thing, list | tuple) else thing
