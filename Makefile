@@ -35,9 +35,10 @@ lint: $(STAMP)
 bench: $(STAMP)
 	$(BIN)/python -m bench
 
-# The code blocks of README and docs/ are run; the docstrings become site/index.html.
+# The code blocks of README and docs/ are run, the tables of docs/machines.md made; the docstrings become site/index.html.
 docs: $(STAMP)
 	$(BIN)/python -m pytest tests/test_docs.py
+	$(BIN)/python tools/count.py
 	$(BIN)/pdoc umo umo.control umo.drivers umo.testing -o site
 
 $(STAMP): pyproject.toml setup.py constraints.txt $(wildcard src/umo/*/*.c)

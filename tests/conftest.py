@@ -21,17 +21,17 @@ settings.register_profile("umo", deadline=None, suppress_health_check=[HealthChe
 settings.load_profile("umo")
 
 
-LIMIT, LIMITS = 60, {"full": 900, "slow": 180}
-"""s that a test may take on a busy computer (pytest-timeout), and that one with this mark may take."""
+LIMITS = {None: 60, "slow": 180, "full": 900}
+"""s that a test with this mark may take on a busy computer (pytest-timeout)."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     in_good_order(items)
     for item in items:
         own = item.get_closest_marker("timeout")
-        if own is None or not (own.args or "timeout" in own.kwargs):
-            limits = [limit for mark, limit in LIMITS.items() if item.get_closest_marker(mark)]
-            item.add_marker(pytest.mark.timeout(max(limits, default=LIMIT), **(own.kwargs if own else {})))
+        if own is None or not own.args:
+            limit = max(limit for mark, limit in LIMITS.items() if mark is None or item.get_closest_marker(mark))
+            item.add_marker(pytest.mark.timeout(limit, **(own.kwargs if own else {})), append=False)
 
 
 def in_good_order(items: list[pytest.Item]) -> None:

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import json
-import sys
 from contextlib import ExitStack
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from bench import forms, native, report, scan, zones
 from bench.driver import Fill, Loop

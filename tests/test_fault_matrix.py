@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import importlib
 import re
-import sys
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
+from tools import fault_matrix as matrix
 from umo import AxisError
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -18,15 +15,7 @@ DOCS = Path(__file__).parents[1] / "docs"
 pytest.importorskip("mujoco")
 
 
-@pytest.fixture(scope="module")
-def matrix() -> Iterator[Any]:
-    """docs/fault_matrix.py, where its processes find it too."""
-    sys.path.insert(0, str(DOCS))
-    yield importlib.import_module("fault_matrix")
-    sys.path.remove(str(DOCS))
-
-
-def declared(matrix: Any, station: str) -> set[tuple[str, str]]:
+def declared(station: str) -> set[tuple[str, str]]:
     """The faults that the machine cannot notice."""
     return {(path, kind) for path, (kinds, _) in matrix.TRIALS[station].unseen.items() for kind in kinds}
 
@@ -50,13 +39,13 @@ SOME = [  # the quick ones: all of them are in the test of the page
 
 
 @pytest.mark.parametrize(("station", "fault", "verdict"), SOME, ids=[f"{s}: {f}" for s, f, _ in SOME])
-def test_a_station_ends_a_fault_as_it_should(matrix: Any, station: str, fault: str, verdict: str) -> None:
+def test_a_station_ends_a_fault_as_it_should(station: str, fault: str, verdict: str) -> None:
     wanted = next(cell for cell in matrix.cells(station) if cell.fault == fault)
     done = matrix.tried(wanted, 200_000)
     assert done.verdict == verdict, done.detail
 
 
-def test_a_run_that_forks_when_the_fault_begins_ends_as_one_with_the_fault_from_its_start(matrix: Any) -> None:
+def test_a_run_that_forks_when_the_fault_begins_ends_as_one_with_the_fault_from_its_start() -> None:
     """In every word of the result or the error."""
     kinds = ("stuck", "noise", "bit flip", "disconnect")
     forked = matrix.all_tried([cell for cell in matrix.cells("conveyor", "belt.speed") if cell.kind in kinds], 1)
@@ -66,9 +55,9 @@ def test_a_run_that_forks_when_the_fault_begins_ends_as_one_with_the_fault_from_
         assert (cell.verdict, cell.detail) == (alone.verdict, alone.detail), cell.fault
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.parametrize("station", ["ztheta", "furnace", "conveyor"])
-def test_the_page_of_the_fault_matrix_is_what_the_runs_give(matrix: Any, station: str) -> None:
+def test_the_page_of_the_fault_matrix_is_what_the_runs_give(station: str) -> None:
     """All cells of a station. Another processor may compute the last bits otherwise, so a row may differ, but no cell
     may be a defect."""
     done = matrix.all_tried(matrix.cells(station), 1)
@@ -78,21 +67,21 @@ def test_the_page_of_the_fault_matrix_is_what_the_runs_give(matrix: Any, station
         (of, fault): verdict for of, fault, verdict in SOME if of == station
     }
     seen = {(matrix.generalised(cell.path), cell.kind) for cell in done if cell.verdict == "not seen"}
-    assert declared(matrix, station) - seen == set(), "these faults are noticed"
+    assert declared(station) - seen == set(), "these faults are noticed"
     text = (DOCS / "fault-matrix.md").read_text("utf-8").partition(f"## {station}\n")[2].partition("\n## ")[0]
     made, page = rows(matrix.section(matrix.TRIALS[station], done)), rows(text)
-    assert len(made) == len(page), "run: python docs/fault_matrix.py"
+    assert len(made) == len(page), "run: python tools/fault_matrix.py"
     changed = [line for line, written in zip(made, page, strict=True) if line != written]
-    assert len(changed) <= 1, "run: python docs/fault_matrix.py"
+    assert len(changed) <= 1, "run: python tools/fault_matrix.py"
 
 
-def test_the_page_has_the_sections_of_all_stations_and_the_words(matrix: Any) -> None:
+def test_the_page_has_the_sections_of_all_stations_and_the_words() -> None:
     text = (DOCS / "fault-matrix.md").read_text("utf-8")
     assert re.findall(r"^## (.*)$", text, re.MULTILINE) == list(matrix.TRIALS)
     assert rows(text.partition("\n## ")[0]) == rows(matrix.page([]).partition("\n## ")[0])
 
 
-def test_each_kind_of_defect_is_told_apart(matrix: Any) -> None:
+def test_each_kind_of_defect_is_told_apart() -> None:
     """A matrix that cannot fail proves nothing."""
     trial = matrix.TRIALS["conveyor"]
     run = matrix.carried_out(trial, ["timer noise 0"], 100_000)
@@ -111,14 +100,14 @@ def test_each_kind_of_defect_is_told_apart(matrix: Any) -> None:
     assert matrix.tried(next(iter(matrix.cells("conveyor"))), 10).verdict == "HANG"
 
 
-def test_an_actuator_without_a_fault_that_is_not_reached_is_a_defect(matrix: Any) -> None:
+def test_an_actuator_without_a_fault_that_is_not_reached_is_a_defect() -> None:
     trial = matrix.TRIALS["conveyor"]
     run = matrix.carried_out(trial, ["belt.run disconnect at 0.5 s"], 100_000)
     assert matrix.judged(trial, run, "belt.run", "disconnect")[0] == "not reached"
     assert matrix.judged(trial, run, "entry", "disconnect") == ("UNSAFE", "not at the default: belt.run")
 
 
-def test_a_length_that_is_not_that_of_the_part_is_a_wrong_result(matrix: Any) -> None:
+def test_a_length_that_is_not_that_of_the_part_is_a_wrong_result() -> None:
     trial = matrix.TRIALS["conveyor"]
     run = matrix.carried_out(trial, ["timer noise 0"], 100_000)
     run.result["lengths_mm"][0] += 3.0
@@ -126,6 +115,6 @@ def test_a_length_that_is_not_that_of_the_part_is_a_wrong_result(matrix: Any) ->
     assert (verdict, detail[:12]) == ("WRONG", "a length is ")
 
 
-def test_what_is_not_seen_is_declared_for_objects_that_exist(matrix: Any) -> None:
+def test_what_is_not_seen_is_declared_for_objects_that_exist() -> None:
     for name in matrix.TRIALS:
-        assert declared(matrix, name) <= {(matrix.generalised(cell.path), cell.kind) for cell in matrix.cells(name)}
+        assert declared(name) <= {(matrix.generalised(cell.path), cell.kind) for cell in matrix.cells(name)}

@@ -5,15 +5,12 @@ from __future__ import annotations
 import re
 import socket
 import struct
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from time import monotonic
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from bench.kills import box, campaign, show
 from bench.kills.box import SOURCE, Box

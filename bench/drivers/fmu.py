@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import fmpy
-from tests.helpers.fmus import Missing, tank_fmu
 
 from bench.drivers.case import Case, NotHere, cycle, split
+from tests.helpers.fmus import Missing, tank_fmu
 from umo.drivers.fmu import Fmu
 
 INFLOW, LEVEL, SCALE = 1, 4, 0.001

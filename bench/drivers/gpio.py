@@ -8,9 +8,9 @@ from contextlib import ExitStack
 
 import gpiod
 from gpiod.line import Direction, Value
-from tests.kernel.gpio_sim import Chip
 
 from bench.drivers.case import Case, counted, cycle, split
+from tests.kernel.gpio_sim import Chip
 from umo.drivers.gpio import Gpio
 
 NEEDS_KERNEL = True

@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 
 from smbus2 import SMBus
-from tests.kernel.i2c_stub import i2c_bus
 
 from bench.drivers.case import Case, counted, cycle, split, without_clock
+from tests.kernel.i2c_stub import i2c_bus
 from umo.drivers.i2c import I2c
 from umo.drivers.registers import driver as timed
 

@@ -8,9 +8,9 @@ from contextlib import ExitStack
 from typing import Any
 
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
-from tests.helpers.peers.modbus_device import Missing, Peer, device
 
 from bench.drivers.case import Case, NotHere, cycle, split
+from tests.helpers.peers.modbus_device import Missing, Peer, device
 from umo.drivers.modbus import Modbus
 
 

@@ -8,9 +8,8 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from typing import Any
 
-from tests.helpers.peers.text_devices import CannotRun, quick
-
 from bench.drivers.case import Case, NotHere, cycle, split
+from tests.helpers.peers.text_devices import CannotRun, quick
 from umo.drivers.text import Text
 
 CHANNELS: dict[str, Any] = {

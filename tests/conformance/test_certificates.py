@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from conformance.subjects import simulated
+from tools import certify
 from umo.drivers import registry
 from umo.drivers.timerfd import TimerFd
 from umo.testing.conformance import Certificate, Input, Judgement, Subject, all_rules, conform
@@ -37,13 +38,13 @@ def test_the_timer(cycles: int) -> None:
 # The page ---------------------------------------------------------------------------------------------
 
 
-def test_the_page_states_the_rules_as_they_are(certify: Any) -> None:
+def test_the_page_states_the_rules_as_they_are() -> None:
     text = certify.PAGE.read_text("utf-8")
     for rule in all_rules():
         assert f"| {rule.id} | {rule.text} |" in text
 
 
-def test_the_page_shows_whole_certificates_of_drivers_of_umo_alone(certify: Any, tmp_path: Path) -> None:
+def test_the_page_shows_whole_certificates_of_drivers_of_umo_alone(tmp_path: Path) -> None:
     whole = conform(simulated(), cycles=10)
     whole.save(tmp_path)
     conform(replace(simulated(), name="part"), only=["range"]).save(tmp_path)
@@ -51,7 +52,7 @@ def test_the_page_shows_whole_certificates_of_drivers_of_umo_alone(certify: Any,
     assert certify.read([tmp_path]).keys() == {"simulated"}
 
 
-def test_the_page_has_a_verdict_on_every_rule_for_every_driver(certify: Any) -> None:
+def test_the_page_has_a_verdict_on_every_rule_for_every_driver() -> None:
     shown = certify.verdicts(certify.PAGE.read_text("utf-8"))
     assert {re.split("[ ,]", name)[0] for name in shown} == set(registry.known()) - {"ztheta"}
     for name, marks in shown.items():
@@ -59,7 +60,7 @@ def test_the_page_has_a_verdict_on_every_rule_for_every_driver(certify: Any) -> 
         assert set(marks.values()) <= {"passed", "-"}, name
 
 
-def test_a_page_shows_what_failed_and_why_something_was_not_tried(certify: Any) -> None:
+def test_a_page_shows_what_failed_and_why_something_was_not_tried() -> None:
     certificate = conform(simulated(), cycles=10)
     text = certificate.to_json().replace('"passed"', '"failed"', 1)
     made = certify.page({"simulated": Certificate.from_json(text)})
@@ -69,7 +70,7 @@ def test_a_page_shows_what_failed_and_why_something_was_not_tried(certify: Any) 
     assert certify.verdicts(made)["simulated"]["channels"] == "**failed**"
 
 
-def test_a_reason_that_is_not_that_of_all_certificates_of_a_driver_names_them(certify: Any) -> None:
+def test_a_reason_that_is_not_that_of_all_certificates_of_a_driver_names_them() -> None:
     certificate = conform(simulated(), cycles=10)
     quiet = "no channel is known that the device refuses"
     other = replace(certificate, name="simulated, other", findings=tuple(
@@ -80,7 +81,7 @@ def test_a_reason_that_is_not_that_of_all_certificates_of_a_driver_names_them(ce
     assert certify.verdicts(made) == {each.name: certify.marks(each) for each in (certificate, other)}
 
 
-def test_without_certificates_the_page_is_left_alone(certify: Any, tmp_path: Path, capsys: Any) -> None:
+def test_without_certificates_the_page_is_left_alone(tmp_path: Path, capsys: Any) -> None:
     before = certify.PAGE.read_text("utf-8")
     assert certify.main([str(tmp_path)]) == 2
     assert "there are no certificates" in capsys.readouterr().err

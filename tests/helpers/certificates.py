@@ -3,30 +3,16 @@ folders whose tests run the conformance kit."""
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
 
 import pytest
 
+from tools import certify
 from umo.testing.conformance import Certificate, all_rules, examine
-
-DOCS = Path(__file__).parents[2] / "docs"
-
-
-@pytest.fixture(scope="session")
-def certify() -> Any:
-    """docs/certify.py as a module."""
-    spec = importlib.util.spec_from_file_location("umo_docs_certify", DOCS / "certify.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.fixture(autouse=True)
-def the_page_agrees(certify: Any, request: pytest.FixtureRequest) -> Iterator[None]:
+def the_page_agrees(request: pytest.FixtureRequest) -> Iterator[None]:
     """A rule that the page calls passed has passed here too, as far as all rules were tried. Nothing is compared while
     certificates for a new page are made."""
     made: list[Certificate] = []
@@ -42,5 +28,5 @@ def the_page_agrees(certify: Any, request: pytest.FixtureRequest) -> Iterator[No
     for certificate in made:
         if certificate.driver.startswith(certify.OWN) and len(certificate.findings) == len(all_rules()):
             assert certify.marks(certificate) == shown.get(certificate.name), (
-                f"docs/certificates.md (python docs/certify.py DIR makes it): {certificate}"
+                f"docs/certificates.md (python tools/certify.py DIR makes it): {certificate}"
             )

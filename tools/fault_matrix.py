@@ -1,8 +1,8 @@
 """Makes docs/fault-matrix.md: every station that ships, under every kind of fault, on every one of its objects.
 
-    python docs/fault_matrix.py                     runs all of it on all cores and writes the page
-    python docs/fault_matrix.py conveyor            prints the table of one station, with what each cell ended in
-    python docs/fault_matrix.py ztheta z.encoder    prints that of one object
+    python tools/fault_matrix.py                     runs all of it on all cores and writes the page
+    python tools/fault_matrix.py conveyor            prints the table of one station, with what each cell ended in
+    python tools/fault_matrix.py ztheta z.encoder    prints that of one object
 
 Each cell is a run in virtual time. What the run claims is compared with what the plant knows, which no control code can
 read. A run that takes ten times as long as one without faults counts as hanging. Until a fault begins, a run is the one
@@ -43,7 +43,7 @@ from umo.wiring.faults.wrapper import Faulty
 from umo.wiring.patterns import generalised
 
 DRIVER = "plant"
-PAGE = Path(__file__).with_name("fault-matrix.md")
+PAGE = Path(__file__).parents[1] / "docs" / "fault-matrix.md"
 SEED = 1
 LONGEST = 600.0
 """s of wall-clock time that a cell may take; the longest takes 20 s of processor time."""
@@ -488,7 +488,7 @@ def _tried(given: tuple[int, Sequence[Sequence[Cell]]]) -> list[Cell]:
 INTRODUCTION = """# The fault matrix
 
 Every station that ships, run in virtual time under every [kind of fault](howto-inject-faults.md) on every one of its
-objects and on its driver. What a run claims is compared with what the plant knows. `python docs/fault_matrix.py` makes
+objects and on its driver. What a run claims is compared with what the plant knows. `python tools/fault_matrix.py` makes
 this page; `tests/test_fault_matrix.py` runs the same cells.
 
 {words}

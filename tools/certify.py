@@ -2,11 +2,11 @@
 
     python -m pytest tests/conformance --certificates DIR
     UMO_KERNEL_RESULTS=DIR make test-kernel ARGS="-k contract --certificates DIR"
-    python docs/certify.py DIR [DIR...]
+    python tools/certify.py DIR [DIR...]
 
 The folders hold the certificates of all drivers that the page is to show; those of drivers that are not umo's, and
 those that were not tried with every rule, are left out. The tests compare each certificate that they make with the page
-(tests/certificates.py).
+(tests/helpers/certificates.py).
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from pathlib import Path
 
 from umo.testing.conformance import Certificate, Judgement, all_rules
 
-PAGE = Path(__file__).with_name("certificates.md")
+PAGE = Path(__file__).parents[1] / "docs" / "certificates.md"
 MARKS = {Judgement.PASSED: "passed", Judgement.FAILED: "**failed**", Judgement.NOT_TRIED: "-"}
 OWN = "umo."
 HEAD = """# Certificates
 
 What the conformance kit ([how to prove a driver](howto-prove-a-driver.md)) found of the drivers of umo. Each
-certificate is one way to use a driver, on the counterpart that is named. `python docs/certify.py DIR` makes this page
+certificate is one way to use a driver, on the counterpart that is named. `python tools/certify.py DIR` makes this page
 from the certificates in DIR. Below the table of a driver stands why rules could not be tried ("-").
 
 """

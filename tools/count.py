@@ -1,6 +1,6 @@
 """Counts the tables of docs/machines.md: what is a machine's own, and what umo carries.
 
-    python docs/count.py        prints the tables; tests/test_machines.py compares them with the page
+    python tools/count.py        writes them into the page; so does make docs
 
 A line is a line of a file that is not empty. The library's lines are those of the functions of umo that a run in
 virtual time calls, without the station's own and without the command line.
@@ -24,6 +24,7 @@ from umo.process.station import Station, find
 from umo.wiring import driver_options
 
 SOURCE = Path(umo.__file__).parent
+PAGE = Path(__file__).parents[1] / "docs" / "machines.md"
 RUNS: dict[str, dict[str, Any]] = {"ztheta": {"parts": 1}, "conveyor": {"parts": 4}, "furnace": {"soak": 5.0}}
 """The stations, and options that make a run short."""
 PLANT = {"plant", "physics", "devices", "courier", "parts", "render"}
@@ -130,23 +131,24 @@ def _base(item: Atomic) -> str:
     return next(base.__name__ for base in type(item).__mro__ if base.__module__.startswith("umo.objects."))
 
 
-def tables() -> str:
+def tables() -> list[list[str]]:
     counts = {name: own(name) for name in RUNS}
     rows = [_row(kind, [counts[name][kind] for name in RUNS]) for kind in next(iter(counts.values()))]
     changes = [changed(name) for name in RUNS]
     totals = [_wiring(name, "simulated").total() for name in RUNS]
     made = [_row(name, [", ".join(parts(find(name)))]) for name in RUNS]
-    return "\n".join(
-        [
-            *_head(["", *RUNS]),
-            *rows,
-            _row(CARRIED, [carried(name) for name in RUNS]),
-            _row(REPLACED, [f"{out} of {n}, by {into}" for (out, into), n in zip(changes, totals, strict=True)]),
-            "",
-            *_head(["machine", "made of"]),
-            *made,
-        ]
-    )
+    carrying = _row(CARRIED, [carried(name) for name in RUNS])
+    replaced = _row(REPLACED, [f"{out} of {n}, by {into}" for (out, into), n in zip(changes, totals, strict=True)])
+    return [[*_head(["", *RUNS]), *rows, carrying, replaced], [*_head(["machine", "made of"]), *made]]
+
+
+def with_tables(page: str) -> str:
+    """The page with the tables in the places of those that have the same heads."""
+    lines = page.splitlines()
+    for table in tables():
+        begin = lines.index(table[0])
+        lines[begin : lines.index("", begin)] = table
+    return "\n".join(lines) + "\n"
 
 
 def _head(columns: list[str]) -> list[str]:
@@ -158,4 +160,4 @@ def _row(what: str, cells: Sequence[object]) -> str:
 
 
 if __name__ == "__main__":
-    print(tables())
+    PAGE.write_text(with_tables(PAGE.read_text("utf-8")), "utf-8")

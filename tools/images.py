@@ -26,7 +26,7 @@ from umo.stations.ztheta.render import render
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
-HERE = Path(__file__).parent
+PICTURES = Path(__file__).parents[1] / "docs" / "images"
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 
 
@@ -46,7 +46,7 @@ def while_turning(take: Callable[[umo.connect], None]) -> None:
 
 
 def photograph(connection: umo.connect) -> None:
-    Image.fromarray(render(connection.driver("plant"), 960, 640)).save(HERE / "ztheta.png", optimize=True)
+    Image.fromarray(render(connection.driver("plant"), 960, 640)).save(PICTURES / "ztheta.png", optimize=True)
 
 
 def show_notebook(connection: umo.connect) -> None:
@@ -61,7 +61,7 @@ def show_notebook(connection: umo.connect) -> None:
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
         page = browser.new_page(viewport={"width": 760, "height": 100}, color_scheme="light")
         page.set_content(f'<!doctype html><body style="font: 13px sans-serif">{table}<br>{scope}</body>')
-        page.screenshot(path=HERE / "notebook.png", full_page=True)
+        page.screenshot(path=PICTURES / "notebook.png", full_page=True)
         browser.close()
 
 
@@ -90,7 +90,7 @@ def show_twin(connection: umo.connect) -> None:
         page.get_by_text("gripper.pressure PASS").wait_for()
         page.get_by_role("button", name="Labels").click()
         page.locator(".twin-label").first.wait_for(state="detached")
-        page.locator(".twin-view").screenshot(path=HERE / "twin.png")
+        page.locator(".twin-view").screenshot(path=PICTURES / "twin.png")
 
 
 def show_views() -> None:
@@ -101,11 +101,11 @@ def show_views() -> None:
         for path in ("z.error", "z.motor", "theta.encoder", "gripper.vacuum", "gripper.pressure"):
             page.locator(f'tr[data-path="{path}"] button.name').click()
         page.get_by_text("part 2 of 3: turning").first.wait_for(timeout=60_000)
-        page.screenshot(path=HERE / "page-machine.png")
+        page.screenshot(path=PICTURES / "page-machine.png")
         page.get_by_role("tab", name="Scope").click()
         page.get_by_label("Time shown").select_option("20")
         page.get_by_text("part 2 of 3: placing").first.wait_for(timeout=60_000)
-        page.screenshot(path=HERE / "page-scope.png")
+        page.screenshot(path=PICTURES / "page-scope.png")
         started.stop()
 
 
@@ -125,7 +125,7 @@ def show_hands() -> None:
         page.locator('[data-control="z.jog"] [data-sign="-1"]').hover()
         page.mouse.down()
         page.get_by_text("z.jog: done").wait_for()
-        page.screenshot(path=HERE / "page-hands.png")
+        page.screenshot(path=PICTURES / "page-hands.png")
         started.stop()
 
 
@@ -135,7 +135,7 @@ def plot(picture: str, *words: str) -> None:
             [sys.executable, "-c", "from umo.cli import main; main()", "run", *words], cwd=folder, check=True
         )
         (made,) = Path(folder).glob("runs/*/plot.png")
-        shutil.copy(made, HERE / picture)
+        shutil.copy(made, PICTURES / picture)
 
 
 if __name__ == "__main__":
