@@ -11,8 +11,9 @@ import pytest
 from rich.console import Console
 
 from umo.cli.station_options import Option, help_panel, machine_and_words, options_of, parse
+from umo.errors import OptionError
 from umo.process.job import Job, Plan
-from umo.process.station import Station, StationError, find
+from umo.process.station import Station, find
 
 
 async def described(m: object, strokes: int = 3, force: float = 2.5) -> None:
@@ -98,14 +99,14 @@ def test_the_parameters_of_an_application_are_options_by_name_and_type(
     ],
 )
 def test_what_a_station_does_not_take_is_named(arguments: list[str], message: str) -> None:
-    with pytest.raises(StationError) as caught:
+    with pytest.raises(OptionError) as caught:
         parse(station(work), None, arguments)
     assert str(caught.value).startswith(message)
 
 
 def test_without_an_application_there_are_no_options() -> None:
     assert options_of(station(None), None) == []
-    with pytest.raises(StationError, match=r"press has no option --parts$"):
+    with pytest.raises(OptionError, match=r"press has no option --parts$"):
         parse(station(None), None, ["--parts", "2"])
 
 
@@ -201,7 +202,7 @@ def test_a_wrong_option_of_the_machine_is_a_mistake_of_the_user(
 def test_a_job_makes_the_same_machine_in_every_process(row: Path) -> None:
     job = Job.load(Job(str(row), options={"gauges": 7}).dump())
     assert len(list(Plan(job).machine.atoms())) == 7
-    with pytest.raises(StationError, match="--gauge: neither the machine, nor the application, nor a driver"):
+    with pytest.raises(OptionError, match=r"--gauge: nobody takes this option \(did you mean 'gauges'\?\)"):
         Plan(Job(str(row), options={"gauge": 7}))
 
 

@@ -19,6 +19,7 @@ from umo import (
     DigitalSensor,
     Direction,
     Driver,
+    OptionError,
     WiringError,
     check,
     connect,
@@ -399,8 +400,8 @@ def test_options_of_connect_go_to_the_drivers_that_take_them():
     wiring = simulated(bench())
     wiring["drivers"] = {"card": {"type": CARD, "host": "here", "port": 1}}
     assert resolve(bench(), wiring, {"port": 2}).drivers["card"].port == 2
-    with pytest.raises(WiringError, match="no driver of this wiring has the option 'seed'"):
-        resolve(bench(), wiring, {"seed": 1})
+    with pytest.raises(OptionError, match=r"--prot: nobody takes this option \(did you mean 'port'\?\)"):
+        connect(bench(), wiring, prot=1).__enter__()
     with pytest.raises(WiringError, match=r"drivers\.card\.port"):
         resolve(bench(), wiring, {"port": "two"})
 

@@ -6,6 +6,7 @@ UmoError
 |   `-- ChannelError                 a channel's text, with the forms its driver knows
 |-- RangeError (ValueError)          a value beyond its object's range, NaN or infinite
 |-- StateError (TypeError)           a state of another two-state type
+|-- OptionError (TypeError)          an option of a run: nobody takes it, it is missing, its value has a wrong type
 |-- PathError (LookupError)          a path that names no object of the machine
 |-- NotConnected (RuntimeError)      an object was used outside `connect`
 |-- DriverError (OSError)            the device: every path and channel that failed
@@ -97,6 +98,10 @@ class RangeError(UmoError, ValueError):
 
 class StateError(UmoError, TypeError):
     """The value is not a state of the object's two-state type; nothing was changed."""
+
+
+class OptionError(UmoError, TypeError):
+    """An option of a run is missing, has a value of a wrong type, or is taken by nobody."""
 
 
 class PathError(UmoError, LookupError):

@@ -11,12 +11,12 @@ from umo.errors import WiringError
 from umo.plant.register_map import RegisterMap, register_maps
 from umo.plant.serve import serve_until_signal
 from umo.process.station import Station, StationError
-from umo.wiring import driver_options, resolve
+from umo.wiring import resolve, share
 from umo.wiring.source import read
 
 from .console import out
 from .result import rows
-from .station_options import machine_with, parse
+from .station_options import parse
 
 MODBUS = "modbus"
 """Name of the wiring that is served, and of its driver."""
@@ -36,9 +36,9 @@ def serve_plant(
     served = modbus_wiring(station, wiring)
     options = parse(station, plant_wiring, arguments, application=False)
     simulated = station.wiring(plant_wiring)
-    machine, drivers = machine_with(station, options), driver_options(simulated)
-    given = {name: value for name, value in options.items() if name in drivers}
-    plant = resolve(machine, simulated, {**given, **injected})
+    shares = share({**options, **injected}, machine=station.make, wiring=simulated)
+    machine = station.machine(**shares.machine)
+    plant = resolve(machine, simulated, shares.wiring)
     bus = resolve(machine, served)
     try:
         maps = register_maps(plant, bus)

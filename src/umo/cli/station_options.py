@@ -16,8 +16,12 @@ from rich.table import Table
 from rich.text import Text
 
 from umo.drivers import Driver, registry
+from umo.errors import OptionError
 from umo.objects import Compound
-from umo.process.parameters import (
+from umo.process.station import Station
+from umo.text import did_you_mean, options_in
+from umo.wiring import driver_options
+from umo.wiring.parameters import (
     arguments_for,
     choices_of,
     flag,
@@ -27,9 +31,6 @@ from umo.process.parameters import (
     typed,
     without_none,
 )
-from umo.process.station import Station, StationError
-from umo.text import did_you_mean, options_in
-from umo.wiring import driver_options
 
 TYPES = {int: "INTEGER", float: "NUMBER", str: "TEXT", Path: "PATH"}
 NEGATIVE = re.compile(r"-(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$", re.I)
@@ -104,7 +105,7 @@ def machine_with(station: Station, given: Mapping[str, Any]) -> Compound:
 def parse(
     station: Station, wiring: str | None, arguments: Sequence[str], *, application: bool = True
 ) -> dict[str, Any]:
-    """The values of a station's options; StationError for what it does not take."""
+    """The values of a station's options; OptionError for what it does not take."""
     options = options_of(station, wiring, application=application)
     return values_of(station.name, options, arguments)
 
@@ -120,29 +121,29 @@ def options_of_driver(cls: type[Driver], name: str) -> list[Option]:
 
 
 def values_of(name: str, options: Sequence[Option], arguments: Sequence[str]) -> dict[str, Any]:
-    """The values of these options of a station or a driver; StationError for what it does not take."""
+    """The values of these options of a station or a driver; OptionError for what it does not take."""
     given, others = _parse(name, options, arguments)
     if others:
-        raise StationError(_unknown(name, options, others[0]))
+        raise OptionError(_unknown(name, options, others[0]))
     return given
 
 
 def machine_of(station: Station, arguments: Sequence[str]) -> Compound:
-    """The machine with these options; StationError for what it does not take."""
+    """The machine with these options; OptionError for what it does not take."""
     machine, others = machine_and_words(station, arguments)
     if others:
-        raise StationError(f"unexpected argument {others[0]!r}")
+        raise OptionError(f"unexpected argument {others[0]!r}")
     return machine
 
 
 def machine_and_words(station: Station, arguments: Sequence[str]) -> tuple[Compound, list[str]]:
-    """The machine with the options that are among the arguments, and the other arguments. StationError if one of those
+    """The machine with the options that are among the arguments, and the other arguments. OptionError if one of those
     is an option too."""
     options = options_of_machine(station)
     given, others = _parse(station.name, options, arguments)
     for argument in others:
         if argument.startswith("--"):
-            raise StationError(_unknown(station.name, options, argument))
+            raise OptionError(_unknown(station.name, options, argument))
     return machine_with(station, given), others
 
 
@@ -177,7 +178,7 @@ def help_panel(station: Station, wiring: str | None, *, application: bool = True
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
-        raise StationError(f"{self.prog}: {message}")
+        raise OptionError(f"{self.prog}: {message}")
 
 
 def _of_function(function: Any, taker: str, skip: int = 0) -> list[Option]:

@@ -21,7 +21,7 @@ from umo.errors import DeclarationError, DriverError, Failure, StopError
 from umo.objects import Compound
 from umo.system.custody import Custody
 from umo.text import Moment, cause_of
-from umo.wiring import Wired, resolve
+from umo.wiring import Wired, resolve, share
 from umo.wiring.faults.wrapper import bare
 
 C = TypeVar("C", bound=Compound)
@@ -36,9 +36,9 @@ class connect(Generic[C]):
     """Connect a machine: `with connect(machine, "wiring/simulated.toml") as m:`.
 
     `wiring` is a TOML file, its contents as a dict, or None (default: all objects on simulated channels, period
-    1 ms). `options` are passed to every driver that has an option of this name (`seed=1`); `realtime=True`
-    lets a timer in virtual time keep the pace of the wall clock, `fault="z.encoder stuck at 5 s"` (or a list)
-    injects faults (`umo.testing.faults`).
+    1 ms). `options` are passed to every driver that has an option of this name (`seed=1`; OptionError if none has);
+    `realtime=True` lets a timer in virtual time keep the pace of the wall clock, `fault="z.encoder stuck at 5 s"` (or a
+    list) injects faults (`umo.testing.faults`).
 
     On entry: check the wiring (WiringError lists every fault); reserve the devices (DeviceHeld names the owner;
     StandsStopped if the last run on a device ended unsafely, unless `acknowledge`); open the drivers; initialise
@@ -106,7 +106,11 @@ class connect(Generic[C]):
     def _enter(self) -> None:
         self._opened, self._initialized, self._restore, self.started = [], [], [], False
         given = self._wiring
-        self.wired = given if isinstance(given, Wired) else resolve(self.root, given, self._options)
+        if isinstance(given, Wired):
+            share(self._options, wiring={})  # it has its options
+            self.wired = given
+        else:
+            self.wired = resolve(self.root, given, share(self._options, wiring=given).wiring)
         custody = self.custody or Custody(self.wired.devices, type(self.root).__name__, acknowledge=self._acknowledge)
         self.stop.install()
         try:

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Coroutine, Iterable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Concatenate, TypeVar
 
 from umo.cycle.connect import connect
 from umo.cycle.frame import Observer
 from umo.errors import DeclarationError
 from umo.objects import Compound, DigitalSensor
+from umo.wiring import share
 
 C = TypeVar("C", bound=Compound)
-Application = Callable[[C], Coroutine[Any, Any, Any]]
+Application = Callable[Concatenate[C, ...], Coroutine[Any, Any, Any]]
+"""An `async def` function of the machine; its keyword parameters are options of the run."""
 
 
 def run(
@@ -21,26 +23,31 @@ def run(
     application: Application[C] | None = None,
     *,
     observers: Iterable[Observer] = (),
+    acknowledge: bool = False,
     **options: Any,
 ) -> Any:
     """Connect the machine, run the application's sequence to its end and disconnect safely. Returns its result.
 
     Without an application the machine's `control` runs until SIGINT or SIGTERM. After a signal the result is
     None. Errors of the application, the control code and the devices are raised after the actuators have been
-    reset to their defaults. `options` are passed to the drivers, as for `connect`.
+    reset to their defaults. Each of the `options` is handed to all who take one of its name: the application and the
+    drivers, as for `umo run` and `umo.start`; OptionError if nobody does. `acknowledge` as for `connect`.
     """
-    connection = connect(machine, wiring, **options)
+    shares = share(options, application=application, wiring=wiring)
+    connection = connect(machine, wiring, acknowledge=acknowledge, **shares.wiring)
     with connection as m:
         connection.machine.observers.extend(observers)
-        return drive(m, application)
+        return drive(m, application, **shares.application)
 
 
-def drive(m: C, application: Application[C] | None = None) -> Any:
-    """The loop of a connected machine. Ends when the application ends or a stop is requested."""
+def drive(m: C, application: Application[C] | None = None, **options: Any) -> Any:
+    """The loop of a connected machine. Ends when the application ends or a stop is requested. The `options` are those
+    of the application (those of drivers belong to `connect`); OptionError if it does not take one."""
+    shares = share(options, application=application, wiring={})
     timer = m.children().get("timer")
     if not isinstance(timer, DigitalSensor):
         raise DeclarationError(f"{type(m).__name__} has no `timer`: umo.run needs a DigitalSensor with this name")
-    task = None if application is None else m.start(application(m))
+    task = None if application is None else m.start(application(m, **shares.application))
     while m.running and not (task is not None and task.done):
         timer.read()
         m.sample()

@@ -7,9 +7,8 @@ import inspect
 import json
 import runpy
 import sys
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from enum import Enum
 from functools import partial
 from pathlib import Path
 from types import ModuleType
@@ -18,12 +17,10 @@ from typing import Any
 from umo.cycle.run import Application
 from umo.errors import DeclarationError, UmoError
 from umo.objects import Compound, actions_of, tunables_of
-from umo.process.parameters import arguments_for, parameters_of
-from umo.process.station import StationError, find
+from umo.process.station import find
 from umo.text import reason_of
-from umo.wiring import Wired, driver_options, resolve
-from umo.wiring.faults.words import InjectedFault
-from umo.wiring.options import OF_WIRINGS
+from umo.wiring import Wired, resolve, share
+from umo.wiring.parameters import as_plain
 
 MAIN = "__umo_main__"
 """The user's own script, imported again in the new process under this name."""
@@ -53,7 +50,7 @@ class Job:
 
     def dump(self) -> bytes:
         try:
-            return json.dumps(vars(self), default=_plain).encode()
+            return json.dumps(vars(self), default=as_plain).encode()
         except TypeError as error:
             raise DeclarationError(
                 f"options and wiring must be plain data (JSON) for another process: {error}"
@@ -62,15 +59,6 @@ class Job:
     @classmethod
     def load(cls, data: bytes) -> Job:
         return cls(**json.loads(data))
-
-
-def _plain(value: Any) -> Any:
-    """What stands for an Enum, a Path or a fault among the options; the function that takes it gets the object."""
-    if isinstance(value, Enum):
-        return value.value
-    if isinstance(value, Path | InjectedFault):
-        return str(value)
-    raise TypeError(f"Object of type {type(value).__name__} is not JSON serializable")
 
 
 def reference(function: Callable[..., Any]) -> tuple[str, str | None]:
@@ -101,43 +89,20 @@ class Plan:
             self.wiring = station.wiring(job.wiring)
         else:
             self.wiring = Path(job.wiring) if isinstance(job.wiring, str) else job.wiring
-        for_machine, self.options = self._share(make, main)
-        self.machine_options = {name: value for name, value in job.options.items() if name in for_machine}
+        shares = share(job.options, machine=make, application=main, wiring=self.wiring)
+        self.application: Application[Any] | None = None if main is None else partial(main, **shares.application)
+        self.machine_options = {name: value for name, value in job.options.items() if name in shares.machine}
         if station is not None:
-            self.machine, self.name, self.place = station.machine(**for_machine), station.name, station.path
+            self.machine, self.name, self.place = station.machine(**shares.machine), station.name, station.path
         else:
-            self.machine = _made(job, make, for_machine)
+            self.machine = _made(job, make, shares.machine)
             self.name, self.place = type(self.machine).__name__, Path(job.script or inspect.getfile(make))
         actions_of(self.machine), tunables_of(self.machine)  # DeclarationError
-        self.wired: Wired = resolve(self.machine, self.wiring, self.options)
+        self.wired: Wired = resolve(self.machine, self.wiring, shares.wiring)
 
     @property
     def wiring_name(self) -> str:
         return self.wiring.stem if isinstance(self.wiring, Path) else ""
-
-    def _share(
-        self, make: Callable[..., Any], main: Callable[..., Any] | None
-    ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Hand each option to all who take one of that name: the function that makes the machine, the application's
-        main, the wiring. Those of the machine and those of the wiring. StationError if one is missing or of a wrong
-        type."""
-        given = self.job.options
-        machine = parameters_of(make).keys()
-        taken = set() if main is None else parameters_of(main, skip=1).keys()
-        wiring = driver_options(self.wiring).keys() | {*OF_WIRINGS}
-        for name in given.keys() - machine - taken - wiring:
-            raise StationError(
-                f"--{name}: neither the machine, nor the application, nor a driver of the wiring of {self.job.name} "
-                "has this option"
-            )
-        for_main = {} if main is None else arguments_for(main, "application", given, skip=1)
-        self.application: Application[Any] | None = None if main is None else partial(_call, main, for_main)
-        for_wiring = {name: value for name, value in given.items() if name in wiring}
-        return arguments_for(make, "machine", given), for_wiring
-
-
-def _call(main: Callable[..., Any], options: dict[str, Any], machine: Compound) -> Coroutine[Any, Any, Any]:
-    return main(machine, **options)  # type: ignore[no-any-return]
 
 
 def _functions_of(job: Job) -> tuple[Callable[..., Any], Callable[..., Any] | None]:

@@ -14,6 +14,7 @@ from umo.errors import (
     DeclarationError,
     DeviceHeld,
     FramesError,
+    OptionError,
     PathError,
     RangeError,
     StandsStopped,
@@ -28,6 +29,7 @@ from umo.text import Moment, in_brackets, place_of, text_of
 USER_ERRORS = (
     WiringError,
     DeclarationError,
+    OptionError,
     PathError,
     RangeError,
     StateError,

@@ -7,11 +7,11 @@ from typing import Any
 
 from umo.errors import UmoError
 from umo.frames.layout import Layout
-from umo.process.parameters import arguments_for
 from umo.process.station import Station, StationError, find
 from umo.system.packages import MARK
 from umo.text import did_you_mean, located
 from umo.twin.twin import Twin
+from umo.wiring.parameters import arguments_for
 
 
 def twin_of(layout: Layout) -> dict[str, Any] | None:

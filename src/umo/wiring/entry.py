@@ -14,6 +14,7 @@ from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictInt, StrictStr, ValidationError, create_model
 
 from umo.text import did_you_mean
+from umo.wiring.parameters import as_plain
 
 PLAIN = {
     "int_type": "must be a whole number",
@@ -72,7 +73,7 @@ def options_of(name: str, signature: Mapping[str, inspect.Parameter], given: dic
     config = ConfigDict(extra="forbid", arbitrary_types_allowed=True, strict=True)
     model = create_model(f"{name}Options", __config__=config, **fields)
     try:
-        text = json.dumps(given)
+        text = json.dumps(given, default=as_plain)
     except (TypeError, ValueError):  # a wiring that is a mapping may hold anything
         checked = model.model_validate(given)
     else:

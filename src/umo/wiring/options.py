@@ -1,15 +1,17 @@
-"""Which options of a run (`--seed 7`) the drivers of a wiring take."""
+"""The options of a run (`--seed 7`): who takes which."""
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from umo.drivers import Driver, registry
-from umo.errors import WiringError
+from umo.errors import OptionError, WiringError
+from umo.text import did_you_mean
+from umo.wiring.parameters import arguments_for, flag, parameters_of
 from umo.wiring.source import read
 
 RESERVED = ("type", "timeout", "watchdog")
@@ -19,27 +21,71 @@ REALTIME = "realtime"
 FAULT, FAULT_SEED = "fault", "fault_seed"
 """Two more: faults to inject, in addition to those of the wiring, and the seed of their random numbers."""
 OF_WIRINGS = (REALTIME, FAULT, FAULT_SEED)
+WiringText = Path | str | Mapping[str, Any]
+"""A wiring as a TOML file or as its contents."""
+SIMULATED = {"wire": {"timer": {"driver": "simulated"}}}
+"""The drivers of a machine without a wiring."""
 
 
-def driver_options(wiring: Path | str | Mapping[str, Any] | None) -> dict[str, tuple[str, inspect.Parameter]]:
+class Shares(NamedTuple):
+    """The options of a run, as each of its parts takes them."""
+
+    machine: dict[str, Any]
+    application: dict[str, Any]
+    wiring: dict[str, Any]
+
+
+def share(
+    given: Mapping[str, Any],
+    *,
+    machine: Callable[..., Any] | None = None,
+    application: Callable[..., Any] | None = None,
+    wiring: WiringText | None = None,
+) -> Shares:
+    """Hand each option to all who take one of that name: the function that makes the machine, the application (its
+    first parameter is the machine), the drivers of the wiring (`{}`: there are none). OptionError if nobody takes one,
+    if a required one is missing, or if a value has a wrong type."""
+    takers = {"machine": (machine, 0), "application": (application, 1)}
+    drivers, complete = _driver_options(SIMULATED if wiring is None else wiring)
+    of_wiring = {*drivers, *(OF_WIRINGS if wiring != {} else ())}
+    known = of_wiring.union(*(parameters_of(each, skip) for each, skip in takers.values() if each is not None))
+    for name in given:
+        if name not in known and complete:  # else it may be of a driver that the wiring misspells: `check` says so
+            flags = ", ".join(map(flag, sorted(known))) or "none"
+            raise OptionError(f"{flag(name)}: nobody takes this option{did_you_mean(name, known)}; there are: {flags}")
+    shares = {
+        taker: {} if function is None else arguments_for(function, taker, given, skip)
+        for taker, (function, skip) in takers.items()
+    }
+    return Shares(**shares, wiring={name: value for name, value in given.items() if name in of_wiring})
+
+
+def driver_options(wiring: WiringText | None) -> dict[str, tuple[str, inspect.Parameter]]:
     """All options of all drivers in use by name: the driver's type and the parameter. Faults are left to `check`."""
-    if wiring is None:
-        return {}
+    return {} if wiring is None else _driver_options(wiring)[0]
+
+
+def _driver_options(wiring: WiringText) -> tuple[dict[str, tuple[str, inspect.Parameter]], bool]:
+    """And whether they are those of all drivers: the wiring was read, and each driver found."""
     source = read(wiring)
+    complete = not source.faults
     types = {name: table.get("type", name) for name, table in source.drivers.items()}
     names = {types.get(entry.driver, entry.driver): None for entry in source.entries.values()}
     taken: dict[str, tuple[str, inspect.Parameter]] = {}
     for name in dict.fromkeys([*types.values(), *names]):
         try:
             parameters = inspect.signature(registry.find(name), eval_str=True).parameters
-        except (WiringError, TypeError, ValueError, NameError):  # ValueError: a class without a signature
+        except WiringError:
+            complete = False
+            continue
+        except (TypeError, ValueError, NameError):  # a driver that is made already; a class without a signature
             continue
         new = {key: (str(name), parameter) for key, parameter in parameters.items() if key not in taken}
         taken |= {key: found for key, found in new.items() if key not in OF_WIRINGS}
-    return taken
+    return taken, complete
 
 
-def maker_of(wiring: Path | str | Mapping[str, Any] | None, name: str) -> partial[Driver[Any]]:
+def maker_of(wiring: WiringText | None, name: str) -> partial[Driver[Any]]:
     """Makes drivers like that of this name, in a wiring that `check` found right; keywords change options."""
     from umo.wiring.entry import options_of
 

@@ -50,7 +50,8 @@ def check(root: Compound, wiring: Path | str | Mapping[str, Any] | None = None) 
 def resolve(
     root: Compound, wiring: Path | str | Mapping[str, Any] | None, options: Mapping[str, Any] | None = None
 ) -> Wired:
-    """The wiring checked and put together; WiringError lists every fault. Nothing is opened."""
+    """The wiring checked and put together; WiringError lists every fault. Nothing is opened. `options`: those that its
+    drivers take (`umo.wiring.options.share`)."""
     wired, faults = _Resolver(root, wiring, options or {}).run()
     if faults:
         where = "in the wiring" if any(not each.file.startswith(GIVEN) for each in faults) else "given"
@@ -66,7 +67,6 @@ class _Resolver:
         self.options = {name: value for name, value in options.items() if name not in OF_WIRINGS}
         self.realtime = options.get(REALTIME, False)
         self.given = options
-        self.unused = set(self.options)
         self.items = {item.path: item for item in root.atoms()}
         self.source: WiringSource = read(_all_simulated(self.items) if wiring is None else wiring)
         self.drivers: dict[str, Driver | None] = {}
@@ -95,8 +95,6 @@ class _Resolver:
         known = _parameters(self.root) if self.source.parameters else {}
         given = expand_parameters(self.source, known)
         parameters = [p for key, value in given.items() if (p := self._parameter(known, key, value))]
-        for name in sorted(self.unused):
-            self.source.fault("", f"no driver of this wiring has the option {name!r}")
         wired = Wired(drivers, wires, period, timer, parameters, watchdogs, self.hardware)
         self._check_time(wired)
         self._check_plants()
@@ -158,7 +156,6 @@ class _Resolver:
         try:
             signature = inspect.signature(cls, eval_str=True).parameters
             given |= {key: value for key, value in self.options.items() if key in signature}
-            self.unused -= signature.keys()
             options = options_of(cls.__name__, signature, given)
             return cls(**{key: v if key in self.options else self._beside(v) for key, v in options.items()})
         except ValidationError as error:

@@ -10,7 +10,8 @@ from pathlib import Path
 from types import NoneType, SimpleNamespace, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from umo.process.station import StationError
+from umo.errors import OptionError
+from umo.wiring.faults.words import InjectedFault
 
 JSON = (int, float, str, bool, inspect.Parameter.empty)
 """Types whose values need no conversion from JSON; `empty`: a parameter of which nothing is known, given as text."""
@@ -27,11 +28,11 @@ def parameters_of(function: Callable[..., Any], skip: int = 0) -> dict[str, insp
 
 def arguments_for(function: Callable[..., Any], taker: str, given: Mapping[str, Any], skip: int = 0) -> dict[str, Any]:
     """Those of the options that the function takes, converted to the types of its parameters: a text to an Enum or a
-    Path. StationError for a value of another type, and for a parameter that has no default and is not given."""
+    Path. OptionError for a value of another type, and for a parameter that has no default and is not given."""
     parameters = parameters_of(function, skip)
     for name, parameter in parameters.items():
         if parameter.default is parameter.empty and name not in given:
-            raise StationError(f"{flag(name)} is missing: the {taker} requires it")
+            raise OptionError(f"{flag(name)} is missing: the {taker} requires it")
     taken = {name: parameter for name, parameter in parameters.items() if name in given}
     if not taken:
         return {}
@@ -46,7 +47,7 @@ def arguments_for(function: Callable[..., Any], taker: str, given: Mapping[str, 
         return options_of(taker, checked, {name: given[name] for name in taken})
     except ValidationError as error:
         name, message = next(faults_of(error, list(taken)))
-        raise StationError(f"{flag(name)}: {message}") from None
+        raise OptionError(f"{flag(name)}: {message}") from None
 
 
 def typed(parameter: inspect.Parameter, names: Mapping[str, Any]) -> inspect.Parameter:
@@ -96,6 +97,16 @@ def is_plain(kind: Any) -> bool:
     item = item_of(kind)
     choices = choices_of(item)
     return item in (*JSON, Path) or (bool(choices) and all(isinstance(choice, int | float | str) for choice in choices))
+
+
+def as_plain(value: Any) -> Any:
+    """Plain data that stands for an Enum, a Path or a fault among options; whoever takes it gets the object.
+    TypeError for anything else (`json.dumps(default=as_plain)`)."""
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, Path | InjectedFault):
+        return str(value)
+    raise TypeError(f"Object of type {type(value).__name__} is not JSON serializable")
 
 
 def _is_converted(kind: Any) -> bool:
