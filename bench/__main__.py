@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from bench import figures, forms, live, native, open_page, report, scan, zones
+from bench import against, figures, forms, live, native, open_page, report, scan, zones
 from bench.drivers import kernel
 from bench.drivers import table as drivers
 from bench.drivers.case import IN_KERNEL
@@ -34,6 +34,8 @@ def main() -> int:
     console = Console(width=max(console.width, 140), highlight=False)
     if options.kills:
         return show.run(console, quick=options.quick, only=options.only, seed=options.seed)
+    if options.against:
+        return against.run(console, options.against, options.only, options.pairs)
     rounds = QUICK_ROUNDS if options.quick else ROUNDS
     if options.forms:
         console.print(f"about {report.duration(rounds / 2 * FORMS_ROUND_TAKES)}")
@@ -66,7 +68,11 @@ def _options() -> argparse.Namespace:
     )
     alone.add_argument("--drivers", action="store_true", help="the drivers alone, beside their libraries by hand")
     alone.add_argument("--forms", action="store_true", help="compare the forms of the process image, no more")
-    parser.add_argument("--only", default="", metavar="TEXT", help="of --kills: the kinds with this in their name")
+    alone.add_argument(
+        "--against", type=Path, metavar="DIR", help="this tree against another checkout with its .venv, in pairs"
+    )
+    parser.add_argument("--pairs", type=int, default=30, help="pairs of blocks of a row of --against; default: 30")
+    parser.add_argument("--only", default="", metavar="TEXT", help="--kills and --against: names with this in them")
     parser.add_argument("--seed", type=int, default=campaign.SEED, help="of --kills: other random moments")
     return parser.parse_args()
 

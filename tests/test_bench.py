@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from bench import forms, native, report, scan, zones
+from bench import against, forms, native, report, scan, zones
 from bench.driver import Fill, Loop
 from bench.drivers import kernel
 from bench.drivers import table as drivers
@@ -174,3 +174,22 @@ def test_a_test_kernel_that_is_not_built_is_said_in_one_line_with_the_command(mo
     _, (reason,) = kernel.measured(["gpio", "spi"], quick=True)
     assert reason.startswith("gpio, spi: not measured: they need the test kernel: make kernel, then tests/kernel/boot ")
     assert "\n" not in reason
+
+
+def test_a_row_is_worse_only_if_its_whole_interval_is():
+    rows = {
+        name: against.Row(name, [(here, 1.0) for here in figures])
+        for name, figures in {
+            "worse": [1.05 + i * 1e-3 for i in range(30)],
+            "not told apart": [0.9 + i * 1e-2 for i in range(30)],
+            "not worse": [0.99 + i * 1e-3 for i in range(30)],
+            "better": [0.9 + i * 1e-3 for i in range(30)],
+        }.items()
+    }
+    assert {row.verdict: name for name, row in rows.items()} == {name: name for name in rows}
+
+
+@pytest.mark.parametrize(("count", "rank"), [(1, 0), (5, 0), (6, 0), (9, 1), (30, 9)])
+def test_the_interval_of_a_median_is_that_of_the_tables(count, rank):
+    """Conover, Practical Nonparametric Statistics, 3.2: of 30 values the 10th and the 21st."""
+    assert against.lower_rank(count) == rank
