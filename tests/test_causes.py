@@ -19,7 +19,7 @@ from umo.cli.why import why
 from umo.frames import Reader
 from umo.frames.layout import Layout
 from umo.latency import blackbox
-from umo.latency.causes import Cause, Verdict, explain, missed_rows
+from umo.latency.causes import Cause, Verdict, explain, explain_all, missed_rows
 from umo.system import realtime
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux")
@@ -41,7 +41,7 @@ def longest(wiring: dict[str, Any], application: str, cause: Cause) -> Verdict:
     for path in blackbox.boxes(blackbox.folder()):
         with Reader(path) as reader:
             frames = reader.read()
-            found += [explain(frames, reader.layout, row) for row in missed_rows(frames)]
+            found += explain_all(frames, reader.layout)
     named = [verdict for verdict in found if verdict.cause is cause]
     assert named, f"not named among {found}"
     return max(named, key=lambda verdict: verdict.excess)

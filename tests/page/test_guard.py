@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import select
+import shutil
 import socket
+import ssl
 import stat
+import subprocess
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any
@@ -15,7 +18,7 @@ from urllib.parse import quote
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from umo.page import guard, server
+from umo.page import guard, server, strangers
 from umo.page.guard import new_token
 
 from .conftest import PATIENCE, TOKEN, Served, eventually, opened, running, serving
@@ -26,6 +29,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("UMO_FRAMES", str(tmp_path_factory.mktemp("frames")))
         patch.setenv("UMO_STATE", str(tmp_path_factory.mktemp("state")))
+        patch.setattr(guard, "WRONG_TAKES", 0.01)
         with serving() as served:
             yield served
 
@@ -93,27 +97,50 @@ def test_the_form_gives_the_cookie_for_the_token(served: Served) -> None:
     assert ask(served, "/login", "POST", body, Origin="http://evil.example").status == 403
 
 
-def test_many_wrong_tokens_make_nobody_wait_and_no_guess_faster(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(guard, "WRONG_TAKES", PATIENCE)
+def test_many_wrong_tokens_at_once_delay_the_right_one_and_do_not_lock_it_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guard, "WRONG_TAKES", 0.05)
     with serving() as served, ExitStack() as open_ones:
-        cookie = cookie_of(served).partition(";")[0]
-        asking = [HTTPConnection("127.0.0.1", served.port, timeout=PATIENCE) for _ in range(guard.MOST_WRONG + 1)]
+        asking = [HTTPConnection("127.0.0.1", served.port, timeout=PATIENCE) for _ in range(6 * guard.AT_ONCE)]
         for connection in asking:
             open_ones.callback(connection.close)
             connection.request("GET", "/?token=wrong")
-        answered, _, _ = select.select([connection.sock for connection in asking], [], [], PATIENCE / 2)
-        assert len(answered) == 1
-        assert ask(served, "/?token=typo").status == 429
-        assert ask(served, "/login", "POST", "token=typo").status == 429
-        assert ask(served, served.url.removeprefix(served.origin)).status == 429
-        assert ask(served, "/", Cookie=cookie).status == 200
-
-
-def test_after_wrong_tokens_the_right_one_is_let_in(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(guard, "WRONG_TAKES", 0.01)
-    with serving() as served:
-        assert {ask(served, "/?token=wrong").status for _ in range(2 * guard.MOST_WRONG)} == {401}
         assert ask(served, served.url.removeprefix(served.origin)).status == 200
+        assert ask(served, "/login", "POST", f"token={quote(TOKEN)}").status == 303
+        assert {connection.getresponse().status for connection in asking} == {401}
+
+
+def test_guesses_are_judged_a_few_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guard, "WRONG_TAKES", PATIENCE)
+    with serving() as served, ExitStack() as open_ones:
+        cookie = cookie_of(served).partition(";")[0]
+        asking = [HTTPConnection("127.0.0.1", served.port, timeout=PATIENCE) for _ in range(guard.AT_ONCE + 1)]
+        for connection in asking[:-1]:
+            open_ones.callback(connection.close)
+            connection.request("GET", "/?token=wrong")
+        assert ask(served, "/", Cookie=cookie).status == 200  # these have arrived before
+        open_ones.callback(asking[-1].close)
+        asking[-1].request("GET", served.url.removeprefix(served.origin))
+        assert ask(served, "/", Cookie=cookie).status == 200  # whoever has the cookie does not wait in line
+        assert select.select([asking[-1].sock], [], [], 0.0)[0] == []
+
+
+def test_guesses_whose_asker_has_gone_do_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guard, "WRONG_TAKES", 0.3)
+    with serving() as served:
+        for _ in range(100 * guard.AT_ONCE):
+            connection = HTTPConnection("127.0.0.1", served.port, timeout=PATIENCE)
+            connection.request("GET", "/?token=wrong")
+            connection.close()
+        assert ask(served, served.url.removeprefix(served.origin)).status == 200  # not after 30 s
+
+
+@pytest.mark.parametrize(("mode", "dest"), [("no-cors", "image"), ("cors", "empty"), ("navigate", "iframe")])
+def test_another_site_cannot_try_tokens_in_the_background(served: Served, mode: str, dest: str) -> None:
+    told = {"Sec_Fetch_Site": "cross-site", "Sec_Fetch_Mode": mode, "Sec_Fetch_Dest": dest}
+    for path in (served.url.removeprefix(served.origin), "/?token=wrong"):
+        assert ask(served, path, **told).status == 403
+    followed = {"Sec_Fetch_Site": "cross-site", "Sec_Fetch_Mode": "navigate", "Sec_Fetch_Dest": "document"}
+    assert ask(served, served.url.removeprefix(served.origin), **followed).status == 200  # a link to the page
 
 
 def test_a_form_that_does_not_come_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -122,12 +149,64 @@ def test_a_form_that_does_not_come_is_not_waited_for(monkeypatch: pytest.MonkeyP
         assert ask(served, "/login", "POST", None, Content_Length="20").status == 408
 
 
-def test_the_number_of_connections_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(server, "MOST_CONNECTIONS", 3)
+def test_the_number_of_connections_that_have_the_token_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "MOST_CONNECTIONS", 3 - strangers.MOST)
     with serving() as served, ExitStack() as idle:
         for _ in range(3):
             idle.enter_context(socket.create_connection(("127.0.0.1", served.port), PATIENCE))
         eventually(lambda: ask(served, served.url.removeprefix(served.origin)).status == 503)
+
+
+def halves(served: Served, count: int, all_of_them: ExitStack) -> list[socket.socket]:
+    """Connections that begin a request, and do not go on."""
+    made = []
+    for _ in range(count):
+        made.append(all_of_them.enter_context(socket.create_connection(("127.0.0.1", served.port), PATIENCE)))
+        made[-1].sendall(b"GET / HTTP/1.1\r\nHost: local")
+    return made
+
+
+def test_half_requests_without_the_token_do_not_shut_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(strangers, "STAY", PATIENCE * 3)
+    with running(), serving() as served, ExitStack() as open_ones:
+        cookie = cookie_of(served).partition(";")[0]
+        with opened(served.socket) as before:
+            half = halves(served, 600, open_ones)
+            assert ask(served, "/", Cookie=cookie).status == 200
+            with opened(served.socket.partition("?")[0], additional_headers={"Cookie": cookie}) as again:
+                again.get("description")
+            before.get("state")
+            with suppress(ConnectionResetError):
+                assert half[0].recv(1) == b""  # the oldest was cut off
+            half[-1].sendall(f"host\r\nCookie: {cookie}\r\n\r\n".encode())
+            assert half[-1].recv(12) == b"HTTP/1.1 200"
+
+
+def test_the_address_that_has_the_most_makes_room_for_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(strangers, "STAY", PATIENCE * 3)
+    with serving() as served, ExitStack() as open_ones:
+        other = socket.create_connection(("127.0.0.1", served.port), PATIENCE, ("127.0.0.2", 0))
+        open_ones.enter_context(other).sendall(b"GET / HTTP/1.1\r\n")
+        halves(served, 2 * strangers.MOST, open_ones)
+        other.sendall(b"Host: localhost\r\n\r\n")
+        assert other.recv(12) == b"HTTP/1.1 401"
+
+
+@pytest.mark.parametrize(
+    "begun", [b"", b"GET / HT", b"POST /login HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9\r\n\r\n"]
+)
+def test_a_connection_that_does_not_show_the_token_is_cut_off(monkeypatch: pytest.MonkeyPatch, begun: bytes) -> None:
+    monkeypatch.setattr(strangers, "STAY", 0.2)
+    with (
+        running(),
+        serving() as served,
+        opened(served.socket) as page,
+        socket.create_connection(("127.0.0.1", served.port), PATIENCE) as half,
+    ):
+        half.sendall(begun)
+        with suppress(ConnectionResetError):
+            assert half.recv(100) == b""
+        page.get("state")  # a page that has it stays
 
 
 @pytest.mark.parametrize("host", ["evil.example", "evil.example:80", "127.0.0.1.evil.example", "", "10.0.0.1", "[::2]"])
@@ -155,6 +234,67 @@ def test_the_websocket_needs_the_token(served: Served) -> None:
     assert caught.value.rcvd.code == 4401
     with opened(served.socket, origin=served.origin) as client:
         assert client.get("server")["hands"]
+
+
+# By TLS -------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def certificate(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A certificate for a name and a family of names, not for addresses; and its key."""
+    if shutil.which("openssl") is None:
+        pytest.skip("a certificate for the test needs openssl")
+    folder = tmp_path_factory.mktemp("certificate")
+    key, certificate = folder / "key.pem", folder / "certificate.pem"
+    subprocess.run(
+        ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-days", "1",
+         "-subj", "/CN=cell", "-addext", "subjectAltName=DNS:Cell.plant.example,DNS:*.line.example",
+         "-addext", "basicConstraints=critical,CA:FALSE", "-keyout", key, "-out", certificate],
+        check=True, capture_output=True,
+    )  # fmt: skip
+    return certificate, key
+
+
+@pytest.fixture(scope="module")
+def secured(certificate: tuple[Path, Path]) -> Iterator[Served]:
+    with serving(certificate=certificate[0], key=certificate[1]) as served:
+        yield served
+
+
+def ask_by_tls(served: Served, trust: Path, name: str, host: str) -> int:
+    """The answer to the right token, from a server that proves this name."""
+    context = ssl.create_default_context(cafile=str(trust))
+    context.verify_flags |= ssl.VERIFY_X509_PARTIAL_CHAIN
+    with (
+        socket.create_connection(("127.0.0.1", served.port), PATIENCE) as plain,
+        context.wrap_socket(plain, server_hostname=name) as tls,
+    ):
+        path = served.url.removeprefix(served.origin)
+        tls.sendall(f"GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n".encode())
+        return int(tls.recv(12).split()[1])
+
+
+@pytest.mark.parametrize("name", ["cell.plant.example", "press.line.example"])
+def test_the_page_is_served_by_the_names_of_its_certificate(
+    secured: Served, certificate: tuple[Path, Path], name: str
+) -> None:
+    assert ask_by_tls(secured, certificate[0], name, name) == 200
+    assert ask_by_tls(secured, certificate[0], name, f"{name.upper()}.:8270") == 200
+    for other in ("line.example", "a.b.line.example", "xcell.plant.example", ".line.example"):
+        assert ask_by_tls(secured, certificate[0], name, other) == 403
+
+
+def test_half_handshakes_do_not_shut_the_page(
+    secured: Served, certificate: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(strangers, "STAY", PATIENCE * 3)
+    with ExitStack() as open_ones:
+        half = [socket.create_connection(("127.0.0.1", secured.port), PATIENCE) for _ in range(2 * strangers.MOST)]
+        for connection in half:
+            open_ones.enter_context(connection).sendall(b"\x16\x03\x01")
+        assert ask_by_tls(secured, certificate[0], "cell.plant.example", "cell.plant.example") == 200
+        with suppress(ConnectionResetError):
+            assert half[0].recv(1) == b""
 
 
 NOTE_CHANGES = """() => {

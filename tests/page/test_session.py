@@ -20,6 +20,7 @@ from umo.frames.history import History
 from umo.frames.layout import Layout, arrange
 from umo.objects import Quality
 from umo.page import feed
+from umo.page.box_words import Box
 from umo.page.feed import Feed
 from umo.page.live import Live
 from umo.page.server import Options, listen, server
@@ -139,6 +140,19 @@ def test_a_page_is_answered_while_something_is_measured(client: Client, monkeypa
         eventually(lambda: client.get("state")["stop"] > stop)
         go_on.set()
         assert client.get("measured")["values"] == [{"waited": True}]
+
+
+def test_a_page_gets_states_while_a_black_box_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    go_on = threading.Event()
+    monkeypatch.setattr("umo.page.feed.newest_box", lambda *given: Box("x", f"read: {go_on.wait(PATIENCE)}"))
+    monkeypatch.setattr("umo.page.feed.BOXES", 0.01)
+    with running() as step, serving() as served, opened(served.socket) as client:
+        client.get("description")
+        stop = client.get("state")["stop"]
+        step(3)
+        eventually(lambda: client.get("state")["stop"] > stop)
+        go_on.set()
+        eventually(lambda: client.get("state")["box"] == "read: True")
 
 
 @pytest.mark.parametrize("span", [10**25, 1e308])

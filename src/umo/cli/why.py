@@ -13,7 +13,7 @@ from umo.errors import FramesError
 from umo.frames import Reader, rings
 from umo.frames.layout import USAGE
 from umo.latency import blackbox
-from umo.latency.causes import AFTER, WAKE, counts, explain, missed_rows, sentence, split, tally
+from umo.latency.causes import AFTER, WAKE, counts, explain_all, sentence, split, tally
 from umo.remote.search import frames_at, reading, station_name
 from umo.text import did_you_mean
 
@@ -70,7 +70,7 @@ def _report(reader: Reader, file: Path) -> None:
     out.print(
         f"the last {len(frames)} periods of {about['period'] * 1e3:g} ms; {reader.missed} missed in the whole run",
     )
-    verdicts = [explain(frames, reader.layout, row) for row in missed_rows(frames)]
+    verdicts = explain_all(frames, reader.layout)
     if not verdicts:
         out.print("no period was missed in these; usual times:")
         out.print(_usual(reader, frames))

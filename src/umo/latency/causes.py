@@ -60,25 +60,55 @@ def missed_rows(frames: Frames) -> list[int]:
     return [int(row) for row in np.flatnonzero(frames["missed"])]
 
 
+class Evidence:
+    """Where the time of each period went, and what was counted in it: found once for all verdicts on some frames."""
+
+    def __init__(self, frames: Frames, layout: Layout) -> None:
+        self._missed = frames["missed"].tolist()
+        self._counted = frames["counted"].tolist()
+        parts = split(frames, layout)
+        excess = np.array([times - np.median(times) for times in parts.values()])
+        self._longest = [list(parts)[number] for number in excess.argmax(axis=0)]
+        """The part of each period with the largest excess over its usual time."""
+        self._excess = excess.max(axis=0).tolist()
+        """ns."""
+        self._parts = parts
+        self._counts = counts(frames)
+        self._tick = 0.5e9 * float(layout.about.get("period", 0.0))
+        """ns above the usual from which a period may have cost a tick."""
+
+    def explain(self, row: int) -> Verdict:
+        """Why periods were missed at this row; UNKNOWN at the first two rows, whose past is not at hand."""
+        first, excess, part = row, 0.0, ""
+        while first >= 2:
+            before = first - 1
+            excess, part = self._excess[before], self._longest[before]
+            if not self._missed[before] or excess >= self._tick:
+                break
+            first = before  # one long period can miss several ticks
+        cause, text = Cause.UNKNOWN, "the periods before it are not in this file"
+        if first >= 2:
+            end = first if part == AFTER else first - 1  # the counters are read when a frame is being written
+            while end + 1 < len(self._counted) and self._counted[end] == self._counted[end - 1]:
+                end += 1  # they were not read for this one
+            happened = {name: int(values[end]) for name, values in self._counts.items()}
+            cause, text = _judge(part, excess, float(self._parts[part][first - 1]), happened)
+        still = "still late: " if first < row else ""
+        return Verdict(row, self._missed[row], cause, still + text, excess * 1e-9 if first >= 2 else 0.0)
+
+
 def explain(frames: Frames, layout: Layout, row: int) -> Verdict:
-    """Why periods were missed at this row; UNKNOWN at the first two rows, whose past is not at hand."""
-    parts = split(frames, layout)
-    usual = {name: float(np.median(times)) for name, times in parts.items()}
-    first, excess, part = row, 0.0, ""
-    while first >= 2:
-        excess, part = max((float(times[first - 1]) - usual[name], name) for name, times in parts.items())
-        if not frames["missed"][first - 1] or excess >= 0.5e9 * float(layout.about.get("period", 0.0)):
-            break
-        first -= 1  # one long period can miss several ticks
-    cause, text = Cause.UNKNOWN, "the periods before it are not in this file"
-    if first >= 2:
-        end = first if part == AFTER else first - 1  # the counters are read when a frame is being written
-        while end + 1 < len(frames) and frames["counted"][end] == frames["counted"][end - 1]:
-            end += 1  # they were not read for this one
-        happened = {name: int(values[end]) for name, values in counts(frames).items()}
-        cause, text = _judge(part, excess, float(parts[part][first - 1]), happened)
-    still = "still late: " if first < row else ""
-    return Verdict(row, int(frames["missed"][row]), cause, still + text, excess * 1e-9 if first >= 2 else 0.0)
+    """Why periods were missed at one row (`Evidence.explain`)."""
+    return Evidence(frames, layout).explain(row)
+
+
+def explain_all(frames: Frames, layout: Layout) -> list[Verdict]:
+    """The verdict on each row that reports missed periods."""
+    rows = missed_rows(frames)
+    if not rows:
+        return []
+    evidence = Evidence(frames, layout)
+    return [evidence.explain(row) for row in rows]
 
 
 def sentence(frames: Frames, verdict: Verdict) -> str:

@@ -1,25 +1,59 @@
-"""The newest black box of a station, in words."""
+"""The newest black box of a run, in words."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from umo.errors import FramesError
 from umo.frames import Reader
 from umo.latency import blackbox
-from umo.latency.causes import explain, missed_rows, sentence, tally
+from umo.latency.causes import explain_all, sentence, tally
 
 OCCASIONS = 3
 """The last missed periods of a black box that are told."""
+SAME = ("pid", "started", "started_monotonic")
+"""Facts that a run and its black boxes have in common, and no other run has."""
 
 
-def newest_box(name: str) -> Path | None:
-    """The newest black box of a station."""
+class Box(NamedTuple):
+    """A black box in words."""
+
+    name: str = ""
+    """Of the file; empty: there is none."""
+    text: str = ""
+
+
+def newest_box(about: Mapping[str, Any], known: Box) -> Box:
+    """The newest black box of the run that `about` describes; `known` where nothing is newer. It opens files and may
+    compute for some 10 ms: call it in a thread."""
     try:
         found = blackbox.boxes(blackbox.folder())
     except (FramesError, OSError):
+        return known
+    run = _identity(about)
+    for path in reversed(found):
+        if path.name == known.name:
+            break
+        if _run_of(path) == run:
+            return Box(path.name, box_in_words(path))
+    return known
+
+
+def _identity(about: Mapping[str, Any]) -> tuple[Any, ...]:
+    return tuple(about.get(name) for name in SAME)
+
+
+@lru_cache(4 * blackbox.KEPT)
+def _run_of(path: Path) -> tuple[Any, ...] | None:
+    """Whose black box it is; None if it cannot be read. The file of a name never changes."""
+    try:
+        with Reader(path) as reader:
+            return _identity(reader.about)
+    except Exception:  # of a damaged file: whatever json, struct, numpy, mmap raise
         return None
-    return next((path for path in reversed(found) if blackbox.station_of(path) == name), None)
 
 
 def box_in_words(path: Path) -> str:
@@ -27,7 +61,7 @@ def box_in_words(path: Path) -> str:
     try:
         with Reader(path) as reader:
             frames, about = reader.read(), reader.about
-            verdicts = [explain(frames, reader.layout, row) for row in missed_rows(frames)]
+            verdicts = explain_all(frames, reader.layout)
             lines = [f"{blackbox.kept_at(about)}: {about.get('reason', '')}"]
             lines += [sentence(frames, verdict) for verdict in verdicts[-OCCASIONS:]]
             if len(verdicts) > 1:

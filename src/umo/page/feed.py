@@ -10,7 +10,7 @@ from pathlib import Path
 
 from umo.errors import FramesError
 from umo.frames import rings
-from umo.page.box_words import box_in_words, newest_box
+from umo.page.box_words import newest_box
 from umo.page.watched import Watched
 from umo.text import cause_of, printable
 
@@ -43,16 +43,20 @@ class Feed:
 
     async def run(self) -> None:
         """Until cancelled."""
-        search = boxes = 0.0
+        boxes = asyncio.create_task(self._look_for_boxes())
+        try:
+            await self._look_at_rings()
+        finally:
+            boxes.cancel()
+
+    async def _look_at_rings(self) -> None:
+        search = 0.0
         looks = 0
         while True:
             now = time.monotonic()
             if now >= search:
                 search = now + SEARCH
                 self.search()
-            if now >= boxes:
-                boxes = now + BOXES
-                await self._look_for_boxes()
             looks += 1
             self.look(states=looks % STATES == 0)
             await asyncio.sleep(max(0.001, now + 1 / (RATE if self.pages else IDLE_RATE) - time.monotonic()))
@@ -112,12 +116,11 @@ class Feed:
         self._refused[path.name] = time.monotonic() + AGAIN
 
     async def _look_for_boxes(self) -> None:
-        """The newest black box of each station, read in a thread."""
-        for watched in list(self.watched.values()):
-            path = newest_box(watched.station)
-            if path is not None and path.name != watched.box_name:
-                watched.box = await asyncio.to_thread(box_in_words, path)
-                watched.box_name = path.name
+        """The newest black box of each run. A thread reads it: pages and hands never wait for that."""
+        while True:
+            for watched in list(self.watched.values()):
+                watched.box = await asyncio.to_thread(newest_box, watched.reader.about, watched.box)
+            await asyncio.sleep(BOXES)
 
     def close(self) -> None:
         for watched in self.watched.values():

@@ -1,7 +1,8 @@
 """Who may see the page: the token, the Host and Origin headers, and the headers that bind the browser.
 
 The token comes with the address (`/?token=...`) or from the form, then a cookie takes its place. Host must be this
-computer's (a name that another site lets point here is refused), Origin must be the page's own.
+computer's or in its certificate (a name that another site lets point here is refused). Origin must be the page's own,
+and another site may open the page, but nothing in the background: it cannot try tokens.
 """
 
 from __future__ import annotations
@@ -20,10 +21,14 @@ from starlette.requests import cookie_parser
 from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from umo.page.certificate import covers
+from umo.page.strangers import Visit
+
 WRONG_TAKES = 0.5
-"""s that the answer to a wrong token takes; the next one waits for it."""
-MOST_WRONG = 10
-"""Answers to wrong tokens that wait at once. With more, every token is refused at once, so that guessing stays slow."""
+"""s that the answer to a wrong token takes."""
+AT_ONCE = 8
+"""Tokens that are judged at once; the others wait in line, the right one too: guessing stays slow. As the connections
+without the token are few (`umo.page.strangers`), the line is short, and nobody is turned away from it."""
 LONGEST = 4096
 """Bytes of a form."""
 FORM_TAKES = 5.0
@@ -58,20 +63,28 @@ def new_token(file: Path) -> str:
 class Guard:
     """An ASGI application around another. Requests without the token do not reach it."""
 
-    def __init__(self, app: ASGIApp, token: str, host: str, port: int, secure: bool, scripts: str) -> None:
+    def __init__(
+        self,
+        app: ASGIApp,
+        token: str,
+        host: str,
+        port: int,
+        scripts: str,
+        certified: frozenset[str] | None = None,
+    ) -> None:
+        """`certified`: the names in the certificate; None: there is none, and no TLS."""
         self._app = app
         self._token = token.encode()
         self._cookie = f"umo-{port}"  # cookies do not know ports
         key = hashlib.scrypt(self._token, salt=b"umo page", n=2**14, r=8, p=1)
         self._session = hmac.new(key, b"session", "sha256").hexdigest()
         """The cookie's value: valid as long as the token is, also after a restart of the server."""
-        self._secure = secure
+        self._secure = certified is not None
+        self._certified = certified or frozenset()
         self._everywhere = not is_loopback(host)
         self._names = {*LOCAL, host.lower(), *((socket.gethostname().lower(),) if self._everywhere else ())}
         self._policy = POLICY.format(scripts=scripts)
-        self._turn = asyncio.Lock()
-        self._wrong = 0
-        """Answers to wrong tokens that wait."""
+        self._line = asyncio.Semaphore(AT_ONCE)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "lifespan":
@@ -79,6 +92,8 @@ class Guard:
             return
         answer = await self._refusal(scope, receive)
         if answer is None:
+            if (visit := _visit(scope)) is not None:
+                visit.welcome()
             await self._app(scope, receive, self._with_headers(scope, send))
         elif scope["type"] == "websocket":
             await _refuse_page(answer.status_code, receive, send)
@@ -93,14 +108,16 @@ class Guard:
         origin = headers.get("origin")
         if origin is not None and origin.lower() != self._own_origin(headers):
             return PlainTextResponse("the Origin header names another site\n", 403)
+        if _is_behind_another_site(headers):
+            return PlainTextResponse("another site asks for this\n", 403)
         if self._has_cookie(headers):
             return None
         if scope["type"] == "http" and scope["path"] == "/login" and scope["method"] == "POST":
-            return await self._login(receive)
+            return await self._login(scope, receive)
         given = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token")
         if given is None:
             return self._ask(headers, again=False)
-        refusal = await self._judge(given[0], self._ask(headers, again=True))
+        refusal = await self._judge(scope, given[0], self._ask(headers, again=True))
         if refusal is None and scope["type"] == "http" and scope["path"] == "/":
             scope["state"] = {**scope.get("state", {}), "set_cookie": True}
         return refusal
@@ -108,7 +125,8 @@ class Guard:
     def _is_our_host(self, text: str) -> bool:
         """By name, or any address as such, which no other site can have."""
         name = text[1 : text.find("]")] if text.startswith("[") else text.partition(":")[0]
-        if name.lower() in self._names:
+        name = name.lower().rstrip(".")
+        if name in self._names or any(covers(known, name) for known in self._certified):
             return True
         try:
             address = ipaddress.ip_address(name)
@@ -123,28 +141,25 @@ class Guard:
         given = cookie_parser(headers.get("cookie", "")).get(self._cookie, "")
         return hmac.compare_digest(given.encode(), self._session.encode())
 
-    async def _judge(self, token: str, refusal: Response) -> Response | None:
-        """None for the right token. Wrong ones are refused one after another, each after a while."""
-        if self._wrong >= MOST_WRONG:
-            return PlainTextResponse("too many wrong tokens; try again in some seconds\n", 429)
-        if hmac.compare_digest(token.encode(errors="replace"), self._token):
-            return None
-        self._wrong += 1
-        try:
-            async with self._turn:
-                await asyncio.sleep(WRONG_TAKES)
-        finally:
-            self._wrong -= 1
+    async def _judge(self, scope: Scope, token: str, refusal: Response) -> Response | None:
+        """None for the right token. A wrong one is refused after a while, during which it keeps its place."""
+        visit = _visit(scope)
+        async with self._line:
+            if visit is not None and visit.over:  # it does not wait for the answer: then there is none
+                return refusal
+            if hmac.compare_digest(token.encode(errors="replace"), self._token):
+                return None
+            await asyncio.sleep(WRONG_TAKES)
         return refusal
 
-    async def _login(self, receive: Receive) -> Response:
+    async def _login(self, scope: Scope, receive: Receive) -> Response:
         try:
             async with asyncio.timeout(FORM_TAKES):
                 form = await _body(receive)
         except TimeoutError:
             return PlainTextResponse("the form did not come in time\n", 408)
         given = parse_qs(form.decode("latin-1"), encoding="utf-8").get("token", [""])[0]
-        refusal = await self._judge(given, self._form(again=True))
+        refusal = await self._judge(scope, given, self._form(again=True))
         if refusal is not None:
             return refusal
         response = RedirectResponse("/", 303)
@@ -179,6 +194,20 @@ class Guard:
             await send(message)
 
         return wrapped
+
+
+def _visit(scope: Scope) -> Visit | None:
+    """The connection of a request; None where the server is another one than ours."""
+    visit = scope.get("state", {}).get("visit")
+    return visit if isinstance(visit, Visit) else None
+
+
+def _is_behind_another_site(headers: Headers) -> bool:
+    """Whether a page of another site lets the browser ask, without the user going there: browsers say so to
+    addresses of this computer and by TLS (Fetch Metadata)."""
+    if headers.get("sec-fetch-site", "none") in ("none", "same-origin"):
+        return False
+    return (headers.get("sec-fetch-mode"), headers.get("sec-fetch-dest")) != ("navigate", "document")
 
 
 async def _refuse_page(status: int, receive: Receive, send: Send) -> None:

@@ -7,6 +7,7 @@ import base64
 import hashlib
 import re
 import socket
+import ssl
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -23,18 +24,21 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
 
-from umo.page import twin
+from umo.page import strangers, twin
+from umo.page.certificate import names_in
 from umo.page.feed import Feed
 from umo.page.guard import Guard
 from umo.page.live import Stretch, made
 from umo.page.samples import csv_of
 from umo.page.session import Session
+from umo.page.strangers import visits
 
 STATIC = Path(__file__).parent / "static"
 LONGEST_MESSAGE = 1 << 16
 """Bytes of a message of a page."""
 MOST_CONNECTIONS = 500
-"""Connections, those of open pages included. With as many, a request is answered by 503."""
+"""Connections that have shown the token. With more, a request is answered by 503. Those that have not are counted apart
+(`umo.page.strangers`)."""
 GRACE = 1
 """s that open pages are given at the end."""
 
@@ -83,8 +87,9 @@ def application(options: Options, feed: Feed, ended: Callable[[asyncio.Task[None
         Mount("/static", StaticFiles(directory=STATIC)),
     ]
     app = Starlette(routes=routes, lifespan=lifespan)
-    secure = options.certificate is not None
-    return Guard(app, options.token, options.host, options.port, secure, _hashes((STATIC / "index.html").read_text()))
+    names = None if options.certificate is None else names_in(options.certificate, options.key)
+    scripts = _hashes((STATIC / "index.html").read_text())
+    return Guard(app, options.token, options.host, options.port, scripts, names)
 
 
 def _twin(feed: Feed) -> Callable[[Request], object]:
@@ -145,13 +150,21 @@ def server(options: Options, ready: Callable[[], None]) -> Server:
     feed = Feed()
     app = application(options, feed, lambda task: serving.feed_ended(task))
     config = uvicorn.Config(
-        app, log_level="error", access_log=False, lifespan="on", server_header=False,
-        ws="websockets-sansio", ws_max_size=LONGEST_MESSAGE, ws_per_message_deflate=False,
-        limit_concurrency=MOST_CONNECTIONS, timeout_graceful_shutdown=GRACE,
-        ssl_certfile=options.certificate, ssl_keyfile=options.key,
+        app, loop="asyncio", http=visits(_tls(options)), log_level="error", access_log=False, lifespan="on",
+        server_header=False, proxy_headers=False, ws="websockets-sansio", ws_max_size=LONGEST_MESSAGE,
+        ws_per_message_deflate=False, limit_concurrency=MOST_CONNECTIONS + strangers.MOST,
+        timeout_graceful_shutdown=GRACE,
     )  # fmt: skip
     serving = Server(config, ready)
     return serving
+
+
+def _tls(options: Options) -> ssl.SSLContext | None:
+    if options.certificate is None:
+        return None
+    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+    context.load_cert_chain(options.certificate, options.key)
+    return context
 
 
 class Server(uvicorn.Server):

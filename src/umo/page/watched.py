@@ -13,6 +13,7 @@ from umo.frames import Reader, Stage
 from umo.frames.frames_table import progress_of
 from umo.frames.history import History
 from umo.objects import Quality
+from umo.page.box_words import Box
 from umo.text import printable
 
 ABOUT = ("station", "wiring", "pid", "period")
@@ -43,9 +44,8 @@ class Watched:
         """Of the state: the next one is made when a page asks for it."""
         self._taken = 0
         """The number of the state that was made last."""
-        self.box = ""
-        """The newest black box in words."""
-        self.box_name = ""
+        self.box = Box()
+        """The newest black box of this run."""
         self.over = False
         """The run has ended, and all its frames are read."""
         self._frame: Any = reader.latest()
@@ -116,7 +116,7 @@ class Watched:
     def _heading(self) -> dict[str, Any]:
         frame, stage = self._frame, str(self.stage)
         told: dict[str, Any] = {
-            "type": "state", "run": self.run, "number": self.number, "stage": stage, "box": self.box,
+            "type": "state", "run": self.run, "number": self.number, "stage": stage, "box": self.box.text,
             "missed": self.reader.missed, "lost": self.reader.lost, "start": self.history.start,
             "stop": self.history.stop, "silent": round(time.monotonic() - self._seen, 1), "ages": self._ages(),
         }  # fmt: skip

@@ -1,0 +1,115 @@
+"""Connections that have not shown the token yet: they are few, and do not stay long.
+
+Half requests, half TLS handshakes and refused pages take room here only. A connection that has shown the token leaves:
+an open page can always come back and stop its machine.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import ssl
+from collections import Counter
+from functools import partial
+from typing import Any
+
+from uvicorn.config import Config
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+STAY = 10.0
+"""s after which a connection that has not shown the token is cut off."""
+MOST = 100
+"""Connections that have not shown the token. With more, the oldest of the address that has the most is cut off."""
+
+
+class Strangers:
+    """The connections of one server that have not shown the token."""
+
+    def __init__(self) -> None:
+        self._addresses: dict[asyncio.Transport, str] = {}
+        """The oldest first."""
+
+    def enter(self, transport: asyncio.Transport) -> None:
+        """A new connection: it has some seconds to show the token."""
+        self._addresses = {known: address for known, address in self._addresses.items() if not known.is_closing()}
+        if len(self._addresses) >= MOST:
+            ((most, _),) = Counter(self._addresses.values()).most_common(1)
+            self._cut_off(next(known for known, address in self._addresses.items() if address == most))
+        self._addresses[transport] = str((transport.get_extra_info("peername") or ("",))[0])
+        asyncio.get_running_loop().call_later(STAY, self._cut_off, transport)
+
+    def leave(self, transport: asyncio.Transport) -> None:
+        """It has shown the token, or has ended."""
+        self._addresses.pop(transport, None)
+
+    def _cut_off(self, transport: asyncio.Transport) -> None:
+        if self._addresses.pop(transport, None) is not None:
+            transport.abort()
+
+
+class Visit(H11Protocol):
+    """One connection. Its requests find it as `visit` in their state. With `context` it speaks TLS."""
+
+    def __init__(
+        self,
+        strangers: Strangers,
+        context: ssl.SSLContext | None,
+        config: Config,
+        server_state: Any,
+        app_state: dict[str, Any],
+        _loop: asyncio.AbstractEventLoop | None = None,
+    ) -> None:
+        super().__init__(config, server_state, app_state | {"visit": self}, _loop)
+        self._strangers = strangers
+        self._context = context
+        self._socket: asyncio.Transport | None = None
+        self._handshake: asyncio.Task[None] | None = None
+        self._early = b""
+        """What came together with the end of the handshake."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        self._socket = transport
+        self._strangers.enter(transport)
+        if self._context is None:
+            super().connection_made(transport)
+        else:
+            transport.pause_reading()
+            self._handshake = asyncio.create_task(self._begin_tls(transport, self._context))
+
+    async def _begin_tls(self, transport: asyncio.Transport, context: ssl.SSLContext) -> None:
+        """The handshake is part of the visit: `Strangers` count it, and end it."""
+        try:
+            secured = await self.loop.start_tls(transport, self, context, server_side=True, ssl_handshake_timeout=STAY)
+        except (OSError, ssl.SSLError):  # the other side speaks no TLS, or has gone
+            transport.abort()
+        else:
+            if secured is not None:
+                super().connection_made(secured)
+                if self._early:
+                    super().data_received(self._early)
+
+    def data_received(self, data: bytes) -> None:
+        if self.transport is None:
+            self._early += data
+        else:
+            super().data_received(data)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        if self._socket is not None:
+            self._strangers.leave(self._socket)
+        if self.transport is not None:
+            super().connection_lost(exc)
+
+    def welcome(self) -> None:
+        """The token was shown: the connection stays as long as it likes."""
+        if self._socket is not None:
+            self._strangers.leave(self._socket)
+
+    @property
+    def over(self) -> bool:
+        """Whether the other side has gone."""
+        return self._socket is None or self._socket.is_closing()
+
+
+def visits(context: ssl.SSLContext | None) -> Any:
+    """What uvicorn makes its connections with (`Config.http`)."""
+    return partial(Visit, Strangers(), context)
