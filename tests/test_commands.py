@@ -571,10 +571,24 @@ def test_a_latched_interlock_inhibits_until_its_condition_has_gone_and_it_was_ac
         assert [event.path for event in connection.machine.events] == ["ram", "lamp"] * 2  # not a third time
 
 
+def test_what_inhibits_while_connecting_latches_only_if_it_still_does_in_the_first_period() -> None:
+    """A simulated fail-safe input reads 0 until a test has set it."""
+    for first, inhibited in ((PassFail.PASS, None), (PassFail.FAIL, "open")):
+        m = latched()
+        with connect(m, wiring(Scripted({"door": 1}))):
+            assert (m.ram.inhibited, m.ram.write(1.0)) == ("open", False)
+            put(m.door, first)
+            periods(m)
+            assert m.ram.inhibited == inhibited
+            put(m.door, PassFail.PASS)
+            periods(m)
+            assert m.ram.inhibited == inhibited
+
+
 def test_an_acknowledgement_of_a_compound_frees_all_in_it_and_one_of_something_else_nothing() -> None:
     m = latched()
-    with connect(m, wiring(Scripted({"door": [1, 0]}))):
-        periods(m)
+    with connect(m, wiring(Scripted({"door": [1, 1, 0]}))):
+        periods(m, 2)
         assert (m.heater.acknowledge(), m.door.acknowledge()) == (True, True)
         assert m.ram.inhibited == m.lamp.inhibited == "open"
         assert m.acknowledge() is True

@@ -217,7 +217,7 @@ def test_the_error_of_the_block_is_the_cause_of_the_stop_error():
 
 @pytest.mark.parametrize(
     ("error", "comes_out"),
-    [(ValueError("cleanup"), ValueError), (SystemExit(1), TaskFailed), (KeyboardInterrupt(), KeyboardInterrupt)],
+    [(ValueError("cleanup"), ValueError), (SystemExit(1), TaskFailed), (KeyboardInterrupt(), TaskFailed)],
 )
 def test_a_sequence_that_fails_while_it_is_cancelled_does_not_keep_the_actuators_from_their_defaults(error, comes_out):
     async def stubborn():

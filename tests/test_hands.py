@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
+import gc
 import json
+import weakref
 from collections import deque
 from collections.abc import Iterator
 from typing import Any, Literal
@@ -29,7 +32,7 @@ from umo import (
 )
 from umo.control import next_period, state_of, wait
 from umo.cycle.commands import FREE, IN_HAND
-from umo.cycle.events import CommandState, Event
+from umo.cycle.events import TEXT, CommandState, Event
 from umo.cycle.hands import HOLD, TAKEN_PER_PERIOD, HandCommand, Hands, Mode
 from umo.objects import actions_of
 from umo.testing import Scripted, VirtualTimer, put
@@ -71,10 +74,13 @@ class Press(Compound):
         self.closed += 1
         return {"force": force, "how": how}
 
-    @action(velocity=Range("mm/s", -5.0, 5.0), release={"velocity": 0.0})
+    @action(velocity=Range("mm/s", -5.0, 5.0), release="halt")
     def jog(self, velocity: float) -> None:
         """Move as long as it is kept up."""
         self.jogging = velocity
+
+    def halt(self) -> None:
+        self.jogging = 0.0
 
     @action(harmless=True)
     def count(self) -> int:
@@ -113,9 +119,9 @@ class Letters:
 class Rig:
     """A connected press with hands."""
 
-    def __init__(self, mode: Mode = Mode.MANUAL, **changes: Any) -> None:
+    def __init__(self, mode: Mode = Mode.MANUAL, kind: type[Press] = Press, **changes: Any) -> None:
         parts: dict[str, Any] = {"ram": actuator(), "lamp": relay(), "heater": actuator()} | changes
-        self.m = Press(timer=timer(), door=switch(), height=sensor(), **parts)
+        self.m = kind(timer=timer(), door=switch(), height=sensor(), **parts)
         names = ("door", "height", "ram", "lamp", "heater")
         wiring = {
             "drivers": {"box": Scripted(), "clock": VirtualTimer()},
@@ -414,6 +420,202 @@ def test_wrong_arguments_are_refused(rig: Rig, arguments: dict[str, Any], said: 
     assert event.text.startswith(said), event.text
 
 
+class Exit(BaseException):
+    """No Exception: nothing of Python's own catches it."""
+
+
+def recurse() -> None:
+    recurse()
+
+
+def hold_itself() -> list[Any]:
+    circle: list[Any] = []
+    circle.append(circle)
+    return circle
+
+
+class Unshowable:
+    def __str__(self) -> str:
+        raise SystemExit(0)
+
+    __repr__ = __str__
+
+
+class Mischief(Press):
+    """Its actions do what none should."""
+
+    def setup(self) -> None:
+        super().setup()
+        self.deed: Any = lambda: None
+
+    @action
+    def at_once(self) -> Any:
+        """It in the call."""
+        return self.deed()
+
+    @action
+    async def later(self) -> Any:
+        """It in a sequence."""
+        await next_period()
+        return self.deed()
+
+    @action
+    async def cleaning_up(self) -> None:
+        """It while it is cancelled."""
+        try:
+            await wait(10.0)
+        finally:
+            self.deed()
+
+    @action(release="stop_holding")
+    def holding(self) -> None:
+        """Until it is released."""
+
+    def stop_holding(self) -> None:
+        self.deed()
+
+
+@pytest.mark.parametrize(
+    "error", [SystemExit(0), KeyboardInterrupt(), Exit(), GeneratorExit(), ValueError(Unshowable())]
+)
+@pytest.mark.parametrize("path", ["at_once", "later", "cleaning_up", "holding"])
+def test_whatever_an_action_raises_is_told_and_ends_nothing_else(path: str, error: BaseException) -> None:
+    def deed() -> None:
+        raise error
+
+    with Rig(kind=Mischief) as rig:
+        rig.do("lease")
+        rig.m.deed = deed  # type: ignore[attr-defined]
+        rig.call(path)
+        rig.periods(3)
+        rig.do("give back")
+        rig.periods(3)
+        assert rig.m.taken and rig.m.running
+        assert any(type(error).__name__ in event.text for event in rig.events)
+        states = [event.state for event in rig.events if event.path == path]
+        told = {"at_once": CommandState.FAILED, "later": CommandState.FAILED}
+        assert states[-1] is told.get(path, CommandState.CANCELLED)
+
+
+@pytest.mark.parametrize("path", ["at_once", "later"])
+def test_an_action_without_an_end_in_itself_is_told(path: str) -> None:
+    with Rig(kind=Mischief) as rig:
+        rig.do("lease")
+        rig.m.deed = recurse  # type: ignore[attr-defined]
+        rig.call(path)
+        rig.periods(2)
+        assert rig.last()[0] is CommandState.FAILED
+        assert rig.last()[1].startswith("RecursionError")
+
+
+@pytest.mark.parametrize("path", ["at_once", "later"])
+@pytest.mark.parametrize(
+    ("deed", "said"),
+    [
+        (lambda: {(1, 2): 3}, "{(1, 2): 3}"),
+        (hold_itself, "[[...]]"),
+        (lambda: float("nan"), "nan"),
+        (lambda: {"of": OnOff.ON}, {"of": "ON"}),
+        (lambda: list(range(100)), list(range(100))),
+        (Unshowable, "<Unshowable, which cannot be shown: "),
+    ],
+)
+def test_a_result_that_is_no_plain_data_arrives_as_its_text(path: str, deed: Any, said: Any) -> None:
+    with Rig(kind=Mischief) as rig:
+        rig.do("lease")
+        rig.m.deed = deed  # type: ignore[attr-defined]
+        rig.call(path)
+        rig.periods(2)
+        state, text = rig.last()
+        result = json.loads(text)
+        assert state is CommandState.DONE
+        assert result == said or (isinstance(said, str) and result.startswith(said)), result
+
+
+@pytest.mark.parametrize(
+    "result", ["x" * 1_000_000, "\N{SNOWMAN}" * 400, list(range(1000)), {"key": "\N{GRINNING FACE}" * 99}]
+)
+def test_a_long_result_is_cut_stays_json_and_says_so(result: Any) -> None:
+    with Rig(kind=Mischief) as rig:
+        rig.do("lease")
+        rig.m.deed = lambda: result  # type: ignore[attr-defined]
+        rig.call("at_once")
+        _, text = rig.last()
+        assert len(text.encode()) <= TEXT
+        whole = result if isinstance(result, str) else repr(result)
+        assert json.loads(text).endswith(f"... (cut: {len(whole):,} characters)")
+        assert json.loads(text)[:10] == whole[:10]
+
+
+def test_an_action_that_has_failed_keeps_nothing_alive() -> None:
+    """The collector is off while a machine runs."""
+
+    class Large:
+        pass
+
+    left: list[weakref.ref[Large]] = []
+
+    def deed() -> None:
+        at_hand = Large()
+        left.append(weakref.ref(at_hand))
+        try:
+            raise KeyError(at_hand.__class__)
+        except KeyError as error:
+            raise ValueError("of a chain") from error
+
+    with Rig(kind=Mischief) as rig:
+        rig.do("lease")
+        rig.m.deed = deed  # type: ignore[attr-defined]
+        gc.disable()
+        try:
+            for path in ("at_once", "later", "holding"):
+                rig.call(path)
+                rig.periods(2)
+            rig.do("let go", "holding")
+            rig.periods(2)
+            assert len(left) == 3
+            assert [each() for each in left] == [None] * 3
+        finally:
+            gc.enable()
+
+
+def test_a_sequence_that_an_action_has_started_is_cancelled_with_it(rig: Rig) -> None:
+    rig.call("start_another")
+    rig.periods()
+    rig.do("cancel", "start_another")
+    assert (rig.m.closed, rig.m.cleaned) == (0, 1)
+    rig.call("begin")  # it has ended, what it has started goes on
+    rig.do("cancel", "begin")
+    assert (rig.m.closed, rig.m.cleaned) == (0, 2)
+
+
+class Guarded(Press):
+    """Its door latches."""
+
+    def interlocks(self) -> Iterator[Interlock]:
+        for each in super().interlocks():
+            yield dataclasses.replace(each, latched=True)
+
+
+def test_a_latched_interlock_is_acknowledged_by_hand_under_the_lease_when_its_cause_is_gone() -> None:
+    with Rig(Mode.AUTOMATIC, kind=Guarded) as rig:
+        put(rig.m.door, PassFail.FAIL)
+        rig.periods()
+        assert "nobody has the lease" in rig.do("acknowledge", "ram").text
+        rig.do("lease")
+        for path in ("", "ram"):
+            refused = rig.do("acknowledge", path)
+            assert refused.state is CommandState.REFUSED
+            assert refused.text.endswith("is still inhibited: the door is open")
+        put(rig.m.door, PassFail.PASS)
+        rig.periods()
+        assert not rig.m.taken
+        assert "no object 'rom'" in rig.do("acknowledge", "rom").text
+        assert rig.do("acknowledge", "ram").state is CommandState.DONE
+        rig.periods()
+        assert rig.m.taken
+
+
 def test_a_jog_ends_when_it_is_not_kept_up(rig: Rig) -> None:
     rig.call("jog", velocity=2.0)
     rig.periods(int(HOLD / PERIOD) - 2)
@@ -471,7 +673,9 @@ def test_an_annotation_that_cannot_be_evaluated_is_a_mistake_of_the_declaration(
         @action
         def go(self) -> Nowhere: ...  # type: ignore[name-defined]  # noqa: F821
 
-    with pytest.raises(DeclarationError, match="action go: its annotations cannot be evaluated: name 'Nowhere'"):
+    with pytest.raises(
+        DeclarationError, match="action go: its annotations cannot be evaluated: NameError: name 'Nowhere'"
+    ):
         actions_of(Wrong(lamp=relay()))
 
 

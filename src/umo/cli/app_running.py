@@ -154,6 +154,21 @@ def tune(
     guarded(lambda: work(station, path, value, take))
 
 
+@command(epilog="Examples: umo acknowledge conveyor  |  umo acknowledge conveyor belt")
+def acknowledge(
+    station: Running,
+    path: Annotated[str | None, typer.Argument(metavar="[PATH]", help="Such as belt; default: all.")] = None,
+    take: Take = False,
+) -> None:
+    """Acknowledge the latched interlocks of a running station, or of one of its objects, in any mode.
+
+    What they inhibit is free again: the program may write it in the next period. Refused while a condition still holds.
+    """
+    from .commanding import acknowledge as work
+
+    guarded(lambda: work(station, path or "", take))
+
+
 @command(epilog="Examples: umo stop ztheta  |  umo stop 4711")
 def stop(station: Running) -> None:
     """End a run safely: every actuator goes to its default. It needs no lease."""

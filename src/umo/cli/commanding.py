@@ -1,4 +1,4 @@
-"""`umo mode`, `umo call`, `umo tune`, `umo stop`, and `umo set` of a station that runs."""
+"""`umo mode`, `umo call`, `umo tune`, `umo acknowledge`, `umo stop`, and `umo set` of a station that runs."""
 
 from __future__ import annotations
 
@@ -55,6 +55,14 @@ def mode(name: str, wanted: str | None, over: bool) -> None:
         title, holder = station.reader.about["station"], printable(station.reader.holder)
         lease = f"  lease: {holder}" if holder and wanted is None else ""
         out.print(f"{title}  {wanted or station.mode or 'takes no commands'}{lease}")
+
+
+def acknowledge(name: str, path: str, over: bool) -> None:
+    """Acknowledge latched interlocks."""
+    with station_of(name) as station:
+        with leased(station, over):
+            station.acknowledge(path)
+        out.print(f"{path or station.reader.about['station']}: acknowledged", markup=False)
 
 
 def stop(name: str) -> None:
@@ -122,7 +130,7 @@ def _actions(reader: Reader) -> Table:
     table = Table("action", "arguments", "", header_style="bold")
     for entry in reader.layout.actions:
         remarks = " (in automatic mode too)" if entry["harmless"] else ""
-        remarks += " (as long as it is kept up)" if entry["release"] is not None else ""
+        remarks += " (as long as it is kept up)" if entry["kept_up"] else ""
         table.add_row(entry["path"], "\n".join(map(_described, entry["arguments"])), entry["help"] + remarks)
     return table
 

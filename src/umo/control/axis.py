@@ -139,18 +139,27 @@ class Axis(Compound):
             self.enable()
             await self.travel(position, speed=speed, duration=duration)
 
-    @action(velocity=lambda axis: Range(_per_second()(axis), -axis.velocity, axis.velocity), release={"velocity": 0.0})
+    @action(velocity=lambda axis: Range(_per_second()(axis), -axis.velocity, axis.velocity), release="halt")
     def jog(self, velocity: float) -> None:
-        """Move at this velocity (units per s) until the next call; 0: decelerate to standstill. A referenced axis stops
-        at the end of its range. Busy during another motion, RangeError for NaN and infinity."""
+        """Move at this velocity (units per s) until the next call; 0: `halt`. A referenced axis stops at the end of its
+        range. Busy during another motion, RangeError for NaN and infinity."""
         if not isfinite(velocity):
             raise RangeError(f"{self.path}: {velocity} is not a velocity")
         if self.claim.holder not in (None, "jog"):
             raise self.claim.busy("jog")
+        if not velocity:
+            self.halt()
+            return
         self._accept = HOMING if self.encoder.quality is Quality.UNREFERENCED else ACCEPTED
         self.enable()
         self._go(lambda: self._jog(velocity))
-        self.claim.holder = "jog" if velocity else None
+        self.claim.holder = "jog"
+
+    def halt(self) -> None:
+        """End a jog: decelerate to standstill. An axis that is not enabled, or does something else, goes on so."""
+        if self.claim.holder == "jog":
+            self._go(lambda: self.profile.at(0.0))
+            self.claim.holder = None
 
     def _jog(self, velocity: float) -> None:
         end = self.encoder.maximum if velocity > 0 else self.encoder.minimum

@@ -49,6 +49,7 @@ class StepperAxis(Axis):
     def control(self) -> None:
         if not self.enabled:
             self.step.write(self.step.default)
+            self.direction.write(self.direction.default)
             return
         if self._interrupted and not self._inhibited:
             self._go_on()

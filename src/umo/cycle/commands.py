@@ -20,7 +20,7 @@ from umo.cycle.inhibition import Inhibition, inhibitions_of
 from umo.cycle.journal import Kind
 from umo.cycle.stop_order import stop_sequence
 from umo.errors import Interlocked
-from umo.objects import BinaryActuator, Compound, DigitalActuator
+from umo.objects import Atomic, BinaryActuator, Compound, DigitalActuator
 
 if TYPE_CHECKING:
     from umo.cycle.image import Image
@@ -227,6 +227,11 @@ class Commands:
         self._states = None
         return all(command.interlocked is None for command in commands)
 
+    def interlocked(self, items: Iterable[Atomic]) -> list[str]:
+        """The reasons of the interlocks that inhibit one of these, each once."""
+        slots = {self._image.slot_of[id(item)] for item in items}
+        return [str(each.reason) for each in self._inhibiting if each.reason is not None and slots & {*each.slots}]
+
     @property
     def states(self) -> bytes:
         """A byte for each slot: `FREE`, `IN_HAND`, or the number, from 1, of the reason for which it is inhibited."""
@@ -273,8 +278,10 @@ class Commands:
             self._image.reset_some([slot for slot in self._order if slot in due])
 
     def _interlocked(self) -> set[int]:
-        """What was free in the period before. All conditions are asked before anything is reset."""
-        begun = [each for each in self._inhibitions if each.ask()]
+        """What was free in the period before. All conditions are asked before anything is reset. Nothing latches before
+        the first period: what is inhibited while the machine is being connected has not acted yet."""
+        latch = self._image.clock.number > 0
+        begun = [each for each in self._inhibitions if each.ask(latch)]
         if begun or self._inhibiting:
             inhibiting = [each for each in self._inhibitions if each.reason is not None]
             if begun or inhibiting != self._inhibiting:

@@ -70,6 +70,8 @@ class connect(Generic[C]):
         """Whether every initialised actuator is at its default, as far as is known."""
         self.reports: dict[str, Mapping[str, Any]] = {}
         """After the run, what each driver reports of its circuit or plant (Driver.report), by the driver's name."""
+        self.afterwards: list[Callable[[], object]] = []
+        """Called when the actuators have been reset and the last period has been shown."""
         self.custody: Custody | None = None
         """The owner of the devices, if not the connection itself."""
         self.wired: Wired
@@ -202,11 +204,13 @@ class connect(Generic[C]):
         """Reset everything, then release everything. Actuators that were not reached are raised at the end."""
         unreached: list[Failure] = [Failure("application", "-", "disconnecting was interrupted")]
         try:
-            self.machine.finish_period()
             stopping = self._cancel_sequences()
             unreached, late = self._reset()
             self.reached = not unreached
-            failures = late + self._ask_reports() + self._finalize() + self._close()
+            try:
+                self._show_last()  # what is shown comes after what is safe
+            finally:
+                failures = late + self._ask_reports() + self._finalize() + self._close()
         finally:
             self.machine.disconnect()
             self._give_back()
@@ -222,6 +226,11 @@ class connect(Generic[C]):
             if cause is None:
                 raise failed
             cause.add_note(str(failed))
+
+    def _show_last(self) -> None:
+        self.machine.finish_period()
+        while self.afterwards:
+            self.afterwards.pop()()
 
     def _give_back(self) -> None:
         """Calibrations, parameters and signal handlers as they were."""

@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 KEPT = 1000
 """The last ones that are kept."""
+TEXT = 448
+"""Bytes of an event's text that others see, UTF-8."""
 
 
 class CommandState(IntEnum):

@@ -10,8 +10,11 @@ from umo.cycle.image import Image
 from umo.cycle.progress import Progress
 from umo.cycle.signals import Signal
 from umo.objects import Atomic
+from umo.user_code import as_json, attempt
 
 log = logging.getLogger("umo")
+SHOWN = 200
+"""Characters of an observer in the log."""
 
 
 class Frame:
@@ -63,8 +66,7 @@ Observer = Callable[[Frame], None]
 def show(frame: Frame, observers: list[Observer]) -> None:
     """Call the observers. One that raises is logged and removed; it does not disturb the loop."""
     for observer in tuple(observers):
-        try:
-            observer(frame)
-        except Exception:
-            observers.remove(observer)
-            log.exception("observer %r failed and was disabled", observer)
+        _, error = attempt(observer, frame)
+        if error is not None:
+            observers[:] = [each for each in observers if each is not observer]
+            log.error("observer %s failed and was disabled: %s", as_json(observer, SHOWN), error.text)

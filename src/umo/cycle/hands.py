@@ -10,20 +10,21 @@ from __future__ import annotations
 
 import json
 import signal
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Coroutine, Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import partial
 from math import isfinite
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from umo.cycle.commands import Source
-from umo.cycle.events import CommandState, Event
+from umo.cycle.events import TEXT, CommandState, Event
 from umo.cycle.lease import Lease
 from umo.cycle.sequences import Sequences, Task
-from umo.errors import CommandRefused, DriverError, PathError, StateError, UmoError
-from umo.objects import Binary, BinaryActuator, DigitalActuator, Range
-from umo.text import did_you_mean, located, text_of
+from umo.errors import CommandRefused, DriverError, PathError, StateError, TaskFailed, UmoError
+from umo.objects import Atomic, Binary, BinaryActuator, Compound, DigitalActuator, Range
+from umo.text import did_you_mean
+from umo.user_code import Told, as_json, attempt
 
 if TYPE_CHECKING:
     from umo.cycle.machine import ConnectedMachine
@@ -94,12 +95,25 @@ class Inbox(Protocol):
         """The next one, None if there is none now. Quick; raises nothing."""
 
 
-@dataclass
-class _Running:
-    """An action that has begun."""
+@dataclass(eq=False)
+class _Action:
+    """An action that has begun, and the sequences that it has started."""
 
     command: HandCommand
-    task: Task
+    task: Task | None = None
+    """None: it has ended, or it is no sequence itself."""
+    started: Sequences = field(default_factory=Sequences)
+
+    @property
+    def is_over(self) -> bool:
+        return self.task is None and not self.started.running
+
+    def cancel(self) -> None:
+        try:
+            if self.task is not None:
+                self.task.cancel()
+        finally:
+            self.started.cancel()
 
 
 @dataclass
@@ -123,11 +137,9 @@ class Hands:
         self.lease = Lease()
         actuators = (item for item in machine.root.atoms() if isinstance(item, BinaryActuator | DigitalActuator))
         self._actuators: dict[str, BinaryActuator[Any] | DigitalActuator] = {item.path: item for item in actuators}
-        self.sequences = Sequences()
-        """Those that actions have started."""
-        self.at_work = False
-        """An action of a hand is being carried out at this moment."""
-        self._running: list[_Running] = []
+        self.at_work: Sequences | None = None
+        """An action of a hand is being carried out at this moment: what it starts belongs here."""
+        self._running: list[_Action] = []
         self._held: dict[str, _Held] = {}
         self._active = False
         self._set_mode(mode)
@@ -154,48 +166,54 @@ class Hands:
             elif now > held.until:
                 self._release(path, "not kept up")
         self._advance()
-        self._active = bool(self._running or self._held or self.lease.holder or self.sequences.running)
+        self._active = bool(self._running or self._held or self.lease.holder)
 
     def _advance(self) -> None:
         for each in self._running.copy():
-            if each not in self._running:  # another one has cancelled it
-                continue
-            try:
-                done = self._at_work(each.task.advance, self._machine.clock)
-            except Exception as error:
-                self._running.remove(each)
-                self._tell(each.command, CommandState.FAILED, _error(error))
-            else:
-                if done:
-                    self._running.remove(each)
-                    self._tell(each.command, CommandState.DONE, _plain(each.task.result))
-        try:
-            self._at_work(self.sequences.advance, self._machine.clock)
-        except Exception as error:
-            self._note(f"a sequence that an action has started failed: {_error(error)}")
+            if each in self._running:  # or another one has cancelled it
+                self._advance_one(each)
 
-    def _at_work(self, call: Callable[..., Any], *arguments: Any) -> Any:
-        self.at_work = True
+    def _advance_one(self, each: _Action) -> None:
+        if each.task is not None:
+            done, error = attempt(self._within, each, each.task.advance, self._machine.clock)
+            if error is not None:
+                each.task = None
+                self._tell(each.command, CommandState.FAILED, str(error))
+                self._end(each, "")
+                return
+            if done:
+                result, each.task = each.task.result, None
+                self._tell(each.command, CommandState.DONE, _plain(result))
+        _, error = attempt(self._within, each, each.started.advance, self._machine.clock)
+        if error is not None:
+            self._note(f"a sequence that {each.command.path} has started failed: {error}")
+        if each.is_over:
+            self._running.remove(each)
+
+    def _within(self, action: _Action, call: Callable[..., Any], *arguments: Any) -> Any:
+        """A part of an action. The sequences that it starts are its own."""
+        self.at_work = action.started
         try:
             return call(*arguments)
         finally:
-            self.at_work = False
+            self.at_work = None
 
     # Commands ------------------------------------------------------------------------------------------
 
     def _answer(self, command: HandCommand) -> None:
-        try:
-            if command.do not in COMMANDS:
-                raise CommandRefused(f"there is no command {command.do!r}{did_you_mean(command.do, COMMANDS)}")
-            state, text = COMMANDS[command.do](self, command)
-        except UmoError as error:
-            failed = isinstance(error, DriverError)
-            state, text = CommandState.FAILED if failed else CommandState.REFUSED, _error(error)
-        except Exception as error:
-            state, text = CommandState.FAILED, _error(error)
+        answer, error = attempt(self._obey, command)
+        if error is not None:
+            refused = issubclass(error.kind, UmoError) and not issubclass(error.kind, DriverError)
+            answer = CommandState.REFUSED if refused else CommandState.FAILED, str(error)
+        state, text = answer
         self._active = True
         if command.do not in QUIET or state is not CommandState.DONE:
             self._tell(command, state, text)
+
+    def _obey(self, command: HandCommand) -> tuple[CommandState, str]:
+        if command.do not in COMMANDS:
+            raise CommandRefused(f"there is no command {command.do!r}{did_you_mean(command.do, COMMANDS)}")
+        return COMMANDS[command.do](self, command)
 
     def _take_lease(self, command: HandCommand) -> tuple[CommandState, str]:
         now = self._machine.clock.now
@@ -266,21 +284,40 @@ class Hands:
         arguments = action.converted(command.arguments)
         if len(self._running) >= RUNNING:
             raise CommandRefused(f"{RUNNING} actions are running already")
-        result = self._at_work(partial(action.call, **arguments))
-        self._held.pop(action.path, None)
-        if action.release is not None and arguments != (release := action.converted(action.release)):
-            until = self._machine.clock.now + HOLD
-            self._held[action.path] = _Held(command, HOLD, until, lambda: action.call(**release))
-        if not hasattr(result, "send"):
-            return CommandState.DONE, _plain(result)
-        self._running.append(_Running(command, Task(result)))
-        return CommandState.BEGUN, ""
+        begun = _Action(command)
+        if action.release is not None:
+            self._held[action.path] = _Held(command, HOLD, self._machine.clock.now + HOLD, action.release)
+        try:
+            result = self._within(begun, partial(action.call, **arguments))
+        except BaseException:  # what it has begun until then ends with it
+            attempt(self._within, begun, begun.cancel)
+            if action.path in self._held:
+                self._release(action.path, "")
+            raise
+        if isinstance(result, Coroutine):
+            begun.task = Task(result)
+        if not begun.is_over:
+            self._running.append(begun)
+        return (CommandState.BEGUN, "") if begun.task is not None else (CommandState.DONE, _plain(result))
 
     def _cancel(self, command: HandCommand) -> tuple[CommandState, str]:
         """The action of this path, or all."""
         self.lease.check(command.key)
-        if not self._cancel_running(f"by {command.who}", command.path):
+        if not any(command.path in ("", each.command.path) for each in self._running):
             raise PathError(f"no action {command.path} is running")
+        self._cancel_running(f"by {command.who}", command.path)
+        return CommandState.DONE, ""
+
+    def _acknowledge(self, command: HandCommand) -> tuple[CommandState, str]:
+        """The latched interlocks of an object, "": of the machine. CommandRefused while one of its actuators is still
+        inhibited."""
+        self.lease.check(command.key)
+        root = self._machine.root
+        item = root.find(command.path) if command.path else root
+        if not item.acknowledge():
+            parts = item.atoms() if isinstance(item, Compound) else (cast(Atomic, item),)
+            reasons = "; ".join(self._machine.commands.interlocked(parts))
+            raise CommandRefused(f"{command.path or 'the machine'} is still inhibited: {reasons}")
         return CommandState.DONE, ""
 
     def _stop(self, command: HandCommand) -> tuple[CommandState, str]:
@@ -299,9 +336,9 @@ class Hands:
             raise CommandRefused(f"{what} in manual mode only; the machine runs in automatic mode")
 
     def cancel(self) -> None:
-        """The machine stops: cancel what runs. The first error of the cleaning up is raised."""
-        self._cancel_running("the machine stops")
-        self.sequences.cancel()
+        """The machine stops: cancel what runs. TaskFailed with the first error of the cleaning up."""
+        if errors := self._cancel_running("the machine stops"):
+            raise TaskFailed(str(errors[0]))
 
     def _end_lease(self, why: str) -> None:
         self._note(why)
@@ -311,31 +348,34 @@ class Hands:
     def _drop(self, why: str) -> None:
         """Whatever the hand has begun ends, and what that has started."""
         self._cancel_running(why)
-        try:
-            self._at_work(self.sequences.cancel)
-        except Exception as error:
-            self._note(f"a sequence that an action has started failed in its cleaning up: {_error(error)}")
         for path in list(self._held):
             self._release(path, why)
 
-    def _cancel_running(self, why: str, path: str = "") -> int:
+    def _cancel_running(self, why: str, path: str = "") -> list[Told]:
+        """The errors of the cleaning up."""
         found = [each for each in self._running if path in ("", each.command.path)]
-        for each in found:
-            self._running.remove(each)
-            text = why
-            try:
-                self._at_work(each.task.cancel)
-            except Exception as error:
-                text = f"{why}; in its cleaning up: {_error(error)}"
-            self._tell(each.command, CommandState.CANCELLED, text)
-        return len(found)
+        return [error for each in found if (error := self._end(each, why)) is not None]
+
+    def _end(self, action: _Action, why: str) -> Told | None:
+        """Cancel an action and what it has started; the error of the cleaning up."""
+        self._running.remove(action)
+        asked = action.task is not None
+        _, error = attempt(self._within, action, action.cancel)
+        if asked:
+            text = why if error is None else f"{why}; in its cleaning up: {error}"
+            self._tell(action.command, CommandState.CANCELLED, text)
+        elif error is not None:
+            self._note(f"a sequence that {action.command.path} has started failed in its cleaning up: {error}")
+        return error
 
     def _release(self, path: str, why: str) -> None:
         held = self._held.pop(path)
-        try:
-            self._at_work(held.release)
-        except Exception as error:
-            self._note(f"{path} could not be released: {_error(error)}")
+        begun = _Action(held.command)
+        _, error = attempt(self._within, begun, held.release)
+        if not begun.is_over:
+            self._running.append(begun)
+        if error is not None:
+            self._note(f"{path} could not be released: {error}")
         if why:
             self._tell(held.command, CommandState.CANCELLED, why)
 
@@ -359,6 +399,7 @@ COMMANDS: Mapping[str, Callable[[Hands, HandCommand], tuple[CommandState, str]]]
     "let go": Hands._let_go,
     "call": Hands._call,
     "cancel": Hands._cancel,
+    "acknowledge": Hands._acknowledge,
     "stop": Hands._stop,
 }
 """What a hand can ask for."""
@@ -381,10 +422,5 @@ def _level(item: BinaryActuator[Any] | DigitalActuator, value: Any) -> float:
 
 
 def _plain(result: Any) -> str:
-    """A result as JSON; "" for None."""
-    return "" if result is None else json.dumps(result, default=str)
-
-
-def _error(error: BaseException) -> str:
-    """Its type, by which a client raises it again, and its text."""
-    return f"{type(error).__name__}: {text_of(error) if isinstance(error, UmoError) else located(error)}"
+    """A result as JSON that an event has room for; "" for None."""
+    return "" if result is None else as_json(result, TEXT)

@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from umo.errors import UmoError
 from umo.objects import Compound, Interlock
 from umo.objects.interlock import interlocks_of
-from umo.text import located, text_of
+from umo.user_code import Told, as_json, attempt
+
+SHOWN = 100
+"""Characters of a result that is not one."""
 
 
 @dataclass(eq=False)
@@ -25,18 +27,23 @@ class Inhibition:
     """The reason while it inhibits; None: it does not."""
     held: bool = False
     """The last result of its condition."""
+    _latched: bool = False
+    """It inhibits until it is acknowledged."""
 
-    def ask(self) -> bool:
-        """Evaluate the condition. True if it starts to inhibit now."""
-        before, found = self.reason, _reason(self.interlock)
+    def ask(self, latch: bool) -> bool:
+        """Evaluate the condition. True if it starts to inhibit now. `latch`: a latched interlock stays from now on."""
+        before, (holds, error) = self.reason, attempt(self.interlock.condition)
+        found = None if holds is False else _reason(self.interlock, holds, error)  # nearly always False
         self.held = found is not None
-        self.reason = before if self.interlock.latched and not self.held else found
+        if self.held or not self._latched:
+            self.reason = found
+        self._latched = self._latched or (self.held and latch and self.interlock.latched)
         return before is None and self.held
 
     def acknowledge(self) -> None:
         """Free its actuators, unless its condition is still true."""
         if not self.held:
-            self.reason = None
+            self.reason, self._latched = None, False
 
 
 def inhibitions_of(root: Compound, slot_of: Mapping[int, int], order: Sequence[int]) -> list[Inhibition]:
@@ -49,15 +56,10 @@ def inhibitions_of(root: Compound, slot_of: Mapping[int, int], order: Sequence[i
     return found
 
 
-def _reason(interlock: Interlock) -> str | None:
+def _reason(interlock: Interlock, holds: Any, error: Told | None) -> str | None:
     """Why it inhibits now, None if it does not. A condition that cannot be evaluated counts as true."""
-    try:
-        holds: Any = interlock.condition()
-        if holds is False:  # nearly always
-            return None
-        if not isinstance(holds, bool | np.bool_):  # None, for want of a return, would never forbid
-            raise TypeError(f"{holds!r} is not True or False")
+    if error is None and isinstance(holds, bool | np.bool_):
         return interlock.reason if holds else None
-    except (Exception, SystemExit) as error:
-        cause = text_of(error) if isinstance(error, UmoError) else located(error)
-        return f"the condition {interlock.reason!r} cannot be evaluated: {cause}"
+    # None, for want of a return, would never forbid
+    cause = error.text if error is not None else f"it gives {as_json(holds, SHOWN)}, which is not True or False"
+    return f"the condition {interlock.reason!r} cannot be evaluated: {cause}"

@@ -22,7 +22,7 @@ from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
 from umo.errors import DriverError
 from umo.objects import Action, Compound, Node, Tunable, actions_of, tunables_of
-from umo.objects.tunable import read_numbers
+from umo.user_code import read_numbers
 from umo.wiring.faults.wrapper import Injection
 from umo.wiring.resolved import AT_NEXT_TICK, AT_ONCE
 
@@ -59,7 +59,7 @@ class ConnectedMachine:
         self._started = 0
         self._unsent = False
         """An `update` waits for the next tick."""
-        self._open = False
+        self.period_open = False
         """A period has begun and its frame was not shown yet."""
         self.clock.on_tick = self._tick
         image.connect(self.commands)
@@ -157,7 +157,7 @@ class ConnectedMachine:
 
     def _finish(self) -> None:
         """The period is over."""
-        self._open = False
+        self.period_open = False
         if self.observers:
             self._show()
 
@@ -199,17 +199,17 @@ class ConnectedMachine:
         return facts_of(stage, mode, holder, self.frame.progress, self.clock.now, self.clock.missed_in_all)
 
     def start(self, sequence: Coroutine[Any, Any, Any]) -> Task:
-        hands = self.hands
-        return (hands.sequences if hands is not None and hands.at_work else self.sequences).start(sequence)
+        by_hand = None if self.hands is None else self.hands.at_work
+        return (self.sequences if by_hand is None else by_hand).start(sequence)
 
     def finish_period(self) -> None:
         """Show the frame of a period whose `sample` or `control` failed, so that no `update` did."""
-        if self._open:
+        if self.period_open:
             self._finish()
 
     def _tick(self) -> None:
         self.finish_period()
-        self._open = True
+        self.period_open = True
         self._started = monotonic_ns()
 
     def _show(self) -> None:

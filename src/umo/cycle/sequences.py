@@ -17,6 +17,7 @@ from typing import Any, Protocol
 from umo.errors import Cancelled, TaskFailed, TimeExpired
 from umo.objects.units import seconds as in_seconds
 from umo.text import in_brackets, located, place_among, shown_path
+from umo.user_code import is_interrupt
 
 
 class Tick(Protocol):
@@ -185,6 +186,7 @@ class Task:
         self.result: Any = None
         self.error: BaseException | None = None
         """What it failed with."""
+        self._cause = ""
         self.limits: list[timeout] = []
         """Of the blocks that it is in, the outermost first."""
 
@@ -200,7 +202,7 @@ class Task:
             self.cancel()
             raise
         if self.error is not None:
-            raise TaskFailed(f"{self._name} failed: {located(self.error)}") from self.error
+            raise TaskFailed(f"{self._name} failed: {self._cause}") from self.error
         if self._cancelled:
             raise TaskFailed(f"{self._name} was cancelled")
         return self.result
@@ -220,7 +222,7 @@ class Task:
             if self._cancelling:
                 self.cancel()
         except BaseException as error:
-            self.error = error
+            self.error, self._cause = error, located(error)
             raise
         return self.done
 
@@ -288,8 +290,8 @@ class Task:
             raise TypeError(f"{self._name} was started twice; call the `async def` function again for each start")
 
     def _refuse_exit(self, error: BaseException) -> None:
-        """These two would end the whole run without a word, `sys.exit(0)` even as if all were well."""
-        if isinstance(error, SystemExit | GeneratorExit):
+        """Whatever is no Exception would end the whole run without a word, `sys.exit(0)` even as if all were well."""
+        if not isinstance(error, Exception | Cancelled) and not is_interrupt(error):
             what = f"{self._name} raised {located(error)}"
             raise TaskFailed(f"{what}; a sequence must end by returning or with an error") from error
 

@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from umo.cycle.events import TEXT
 from umo.cycle.journal import Kind
 from umo.cycle.signals import Signal
 from umo.errors import FramesError
@@ -67,7 +68,7 @@ EVENT_ROW = np.dtype(
         ("who", f"S{NAME}"),
         ("path", "S96"),
         ("asked", "S128"),
-        ("text", "S448"),
+        ("text", f"S{TEXT}"),
     ]
 )
 """An event (`umo.cycle.events`): texts are UTF-8 and cut to their places."""

@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -54,10 +55,11 @@ def published(
             machine.observers.append(ring)
             yield ring
         finally:
-            _end(machine, ring)
-            if path is None:
-                with suppress(OSError):  # then whoever looks next removes it
-                    ring.path.unlink(missing_ok=True)
+            end = partial(_end, machine, ring, path is None)
+            if machine.period_open:  # one that has raised is shown as well, after the actuators have been reset
+                connection.afterwards.append(end)
+            else:
+                end()
     finally:
         phases.remove()
 
@@ -87,8 +89,10 @@ def _layout(machine: ConnectedMachine, phases: Phases, about: dict[str, Any]) ->
     )
 
 
-def _end(machine: ConnectedMachine, ring: Ring) -> None:
-    machine.finish_period()  # a period that raised is one of the frames
+def _end(machine: ConnectedMachine, ring: Ring, remove: bool) -> None:
     if ring in machine.observers:
         machine.observers.remove(ring)
     ring.close()
+    if remove:
+        with suppress(OSError):  # then whoever looks next removes it
+            ring.path.unlink(missing_ok=True)

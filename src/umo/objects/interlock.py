@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Literal
 
-from umo.errors import DeclarationError, UmoError
+from umo.errors import DeclarationError
 from umo.objects.actuators import BinaryActuator, DigitalActuator
 from umo.objects.atomic import Atomic
 from umo.objects.compound import Compound
-from umo.text import located
+from umo.user_code import told_as
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,12 +26,13 @@ class Interlock:
             def interlocks(self):
                 yield Interlock(lambda: self.door.read() is OpenClosed.OPEN, [self.spindle], "the door is open")
 
-    The condition is evaluated once per period, after `sample`. It must be quick and read only synchronous sensors and
-    actuators. If it raises, it counts as true: `state_of` and `value_of` of `umo.control` raise for bad sensors.
+    The condition is evaluated when the machine is connected and once per period, after `sample`. It must be quick and
+    read only synchronous sensors and actuators. If it raises, it counts as true: `state_of` and `value_of` of
+    `umo.control` raise for bad sensors.
     `forbids` names actuators, or compounds for all actuators in them. `latched`: it inhibits until the condition is
     false and `acknowledge()` was called, for one of its actuators or for a compound that contains one. This frees all
-    of its actuators. `effect="stop"`: `write` raises Interlocked instead of returning False; unless it is caught, the
-    run ends. Default: latched=False, effect="inhibit". An interlock is not a safety function.
+    of its actuators. It latches from the first period on; before, it only inhibits. `effect="stop"`: `write` raises
+    Interlocked instead of returning False; unless it is caught, the run ends. Default: latched=False, effect="inhibit". An interlock is not a safety function.
     """
 
     condition: Callable[[], bool]
@@ -79,14 +80,9 @@ def interlocks_of(root: Compound) -> list[Interlock]:
 
 
 def _declared_by(node: Compound) -> list[Interlock]:
-    try:
+    with told_as(DeclarationError, f"{node.path or type(node).__name__}.interlocks failed"):
         declared = node.interlocks()
         each = list(declared) if isinstance(declared, Iterable) else [declared]
-    except (UmoError, KeyboardInterrupt):
-        raise
-    except BaseException as error:  # SystemExit too: without its interlocks a machine does not start
-        owner = node.path or type(node).__name__
-        raise DeclarationError(f"{owner}.interlocks failed: {located(error)}") from error
     for interlock in each:
         if not isinstance(interlock, Interlock):
             owner = node.path or type(node).__name__

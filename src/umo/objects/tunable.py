@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from math import nan
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from umo.errors import DeclarationError
 from umo.objects.compound import Compound
 from umo.objects.range import Range
 from umo.text import did_you_mean
+from umo.user_code import read_numbers, told_as
 
 
 class Tunable(NamedTuple):
@@ -34,18 +34,6 @@ class Tunable(NamedTuple):
         return {"path": self.path, **self.range.describe()}
 
 
-def read_numbers(numbers: Iterable[tuple[str, Any, Any, str]]) -> list[float]:
-    """The values of tunable numbers or signals now: each ends with its owner and the name of the attribute. NaN for one
-    that has no value, or of which reading fails."""
-    values = []
-    for _, _, owner, name in numbers:
-        try:
-            values.append(float(getattr(owner, name)))
-        except Exception:  # of a property of the user's: what is shown must not disturb what is controlled
-            values.append(nan)
-    return values
-
-
 def tunables_of(root: Compound) -> dict[str, Tunable]:
     """What the compounds declare in `tunable`, by path; DeclarationError for an attribute that is missing or not a
     number."""
@@ -54,7 +42,8 @@ def tunables_of(root: Compound) -> dict[str, Tunable]:
 
 
 def _of(node: Compound) -> Iterator[Tunable]:
-    declared = node.tunable
+    with told_as(DeclarationError, f"{node.path or type(node).__name__}.tunable failed"):
+        declared = node.tunable
     if not isinstance(declared, Mapping):
         raise DeclarationError(f"{type(node).__name__}.tunable must be a mapping of names to Ranges, not {declared!r}")
     for name, limits in declared.items():

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import traceback
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -25,6 +24,7 @@ from umo.errors import (
 )
 from umo.process.station import StationError
 from umo.text import Moment, in_brackets, place_of, text_of
+from umo.user_code import as_json
 
 USER_ERRORS = (
     WiringError,
@@ -135,14 +135,7 @@ class Outcome:
 
 def plain(result: Any, longest: int = LONGEST) -> Any:
     """A copy of plain data as JSON has them, if it is of a moderate size; else its text, cut."""
-    with suppress(BaseException):
-        text = json.dumps(result, allow_nan=False)
-        if len(text) <= longest:
-            return json.loads(text)
-    try:
-        return repr(result)[:longest]
-    except BaseException:
-        return f"<{type(result).__name__}, which cannot be shown>"
+    return json.loads(as_json(result, longest))
 
 
 def plain_reports(reports: Mapping[str, Any], longest: int = LONGEST) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from umo.errors import DeclarationError, UmoError
 from umo.objects import Compound
 from umo.system.packages import MARK, SHIPPED, package_of
 from umo.text import did_you_mean, located
+from umo.user_code import is_interrupt, told_as
 
 
 class StationError(UmoError, LookupError):
@@ -37,9 +38,9 @@ class Station:
             return None
         try:
             return importlib.import_module(f"{package_of(self.path)}.{name}")
-        except (UmoError, KeyboardInterrupt):
-            raise
         except BaseException as error:  # SystemExit too: a station that ends Python has not succeeded
+            if isinstance(error, UmoError) or is_interrupt(error):
+                raise
             hint = self._hint(error)
             raise StationError(f"{file} cannot be imported: {located(error)}{hint}") from error
 
@@ -60,13 +61,8 @@ class Station:
     def machine(self, **options: Any) -> Compound:
         """A new machine, declared and not connected. The options are parameters of its `machine`."""
         make = self.make
-        try:
+        with told_as(StationError, f"machine() of {self.path / 'objects.py'} failed"):
             root = make(**options)
-        except (UmoError, KeyboardInterrupt):
-            raise
-        except BaseException as error:
-            text = f"machine() of {self.path / 'objects.py'} failed: {located(error)}"
-            raise StationError(text) from error
         if not isinstance(root, Compound):
             raise DeclarationError(f"machine() of {self.path / 'objects.py'} returned {root!r}, not a Compound")
         return root

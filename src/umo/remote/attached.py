@@ -130,6 +130,11 @@ class RemoteStation(RemotePart):
         """Ask the run to end safely: every actuator goes to its default. It needs no lease."""
         self.ask("stop")
 
+    def acknowledge(self, path: str = "") -> None:
+        """Acknowledge latched interlocks, of an object or compound, or ("") of the machine: what they inhibit is free
+        again. CommandRefused while one of their conditions still holds. Under the lease, in any mode."""
+        self.ask("acknowledge", path)
+
     def send(self, do: str, path: str = "", *, key: str = "", who: str = "", **more: Any) -> int:
         """Send a command; its number. CommandRefused if the queue is full, FramesError if the station has ended."""
         if not self.running:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from inspect import Parameter, Signature
 from typing import TYPE_CHECKING, Any
 
@@ -161,8 +162,7 @@ class RemoteObject:
 
     def release(self) -> None:
         """Let go of the actuator: its default is sent, and the program may write it again."""
-        self._station.let_go(self.path)
-        self._station.ask("let go", self.path)
+        release_action(self._station, self.path)
 
     @never_raises
     def _repr_html_(self) -> str:
@@ -181,17 +181,23 @@ def call_action(
     while_running: Callable[[], object] = lambda: None,
 ) -> Any:
     """Call an action, as described in the frames, and wait for its end; its result. One that lasts only as long as it
-    is kept up is kept up from now on, unless it is called as for its release."""
-    path, release = action["path"], action["release"]
-    if release in (None, given):
-        station.let_go(path)
+    is kept up is kept up from now on, until `release_action`."""
+    path = action["path"]
+    if not action["kept_up"]:
         return station.ask("call", path, arguments=given, while_running=while_running)
     with station.keeping_up(path):
         return station.ask("call", path, arguments=given, while_running=while_running)
 
 
+def release_action(station: RemoteStation, path: str) -> None:
+    """End what is kept up: the machine calls the action's release."""
+    station.let_go(path)
+    station.ask("let go", path)
+
+
 def _caller(station: RemoteStation, action: dict[str, Any]) -> Callable[..., Any]:
-    """A function that calls an action and waits for its end."""
+    """A function that calls an action and waits for its end. If the action is kept up, `release` of the function ends
+    it: `station.z.jog.release()`."""
     arguments = action["arguments"]
     path = action["path"]
     signature = Signature([_parameter(each) for each in arguments])
@@ -207,6 +213,8 @@ def _caller(station: RemoteStation, action: dict[str, Any]) -> Callable[..., Any
     call.__name__ = call.__qualname__ = path.rpartition(".")[2]
     call.__doc__ = action["help"]
     call.__signature__ = signature  # type: ignore[attr-defined]
+    if action["kept_up"]:
+        call.release = partial(release_action, station, path)  # type: ignore[attr-defined]
     return call
 
 

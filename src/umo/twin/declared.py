@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from umo.errors import UmoError
 from umo.frames.layout import Layout
 from umo.process.station import Station, StationError, find
 from umo.system.packages import MARK
-from umo.text import did_you_mean, located
+from umo.text import did_you_mean
 from umo.twin.twin import Twin
+from umo.user_code import told_as
 from umo.wiring.parameters import arguments_for
 
 
@@ -38,12 +38,8 @@ def declared_by(station: Station, options: dict[str, Any] | None = None) -> Twin
     if not callable(make):
         raise StationError(f"{file} has no twin(){did_you_mean('twin', vars(module))}")
     machine = station.machine(**(options or {}))
-    try:
+    with told_as(StationError, f"twin() of {file} failed"):
         twin = make(machine)
-    except (UmoError, KeyboardInterrupt):
-        raise
-    except BaseException as error:
-        raise StationError(f"twin() of {file} failed: {located(error)}") from error
     if not isinstance(twin, Twin):
         raise StationError(f"twin() of {file} returned {twin!r}, not a Twin")
     return twin

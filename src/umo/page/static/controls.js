@@ -169,7 +169,7 @@ export class JogControl {
   constructor(hand, action) {
     this._hand = hand;
     this._action = action;
-    this._about = action.arguments.find(({ kind, name: each }) => kind === "number" && each in action.release) ?? null;
+    this._about = action.arguments.find(({ kind }) => kind === "number") ?? null;
     this._others = new Arguments(action, (about) => about !== this._about);
     this._buttons = this._about && this._about.minimum < 0 ? [this._button("−", -1), this._button("+", 1)] : [this._button("Hold", 1)];
     this._speed = this._about && field(this._about, `${action.path} ${this._about.name}`, this._first());
@@ -212,10 +212,10 @@ export class JogControl {
   }
 
   _stop = () => {
-    const { path, release } = this._action;
+    const { path } = this._action;
     if (!this._hand.holds(path)) return;
     this._ended();
-    this._hand.ask({ do: "call", path, arguments: release }, `release ${path}`);
+    this._hand.ask({ do: "let go", path }, `release ${path}`);
   };
 
   _ended() {

@@ -150,8 +150,8 @@ class Part {
 
   _fill() {
     const { objects, actions, tunables } = this._part;
-    const hold = actions.filter(({ release }) => release);
-    const plain = actions.filter(({ release }) => !release);
+    const hold = actions.filter((action) => action.kept_up);
+    const plain = actions.filter((action) => !action.kept_up);
     const sections = {
       "": objects.filter((entry) => !isActuator(entry) && entry.unit !== "sampling_period").map((entry) => new SensorControl(entry)),
       Actions: [...hold.map((action) => new JogControl(this._hand, action)), ...plain.map((action) => new ActionControl(this._hand, action))],

@@ -77,11 +77,15 @@ class Belt(Compound):
         if self._deviating > self.settling_time:
             raise DriveError(f"the drive runs at {self._speed:.3f} m/s, {commanded:.3f} m/s were commanded")
 
-    @action(speed=lambda belt: Range.of(belt.setpoint), release={"speed": 0.0})
+    @action(speed=lambda belt: Range.of(belt.setpoint), release="brake")
     def run_at(self, speed: float) -> None:
         """Accelerate or brake to `speed` m/s, as fast as the slew rate of the setpoint allows."""
         self.setpoint.write(speed)
         self.run.write(OnOff.ON)
+
+    def brake(self) -> None:
+        """Brake to standstill; a drive that is switched on stays so."""
+        self.setpoint.write(0.0)
 
     @action
     async def halt(self) -> None:

@@ -1,0 +1,122 @@
+"""The user's code, called in one way: whatever it raises or returns becomes an error that is told, and nothing else.
+
+The user's code is what umo calls and did not write: observers, conditions, actions, properties, sequences that clean
+up, what a station declares. Decision 0022 lists the places.
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from math import nan
+from typing import Any, NamedTuple
+
+from umo.errors import UmoError
+from umo.text import located, text_of
+
+LONGEST = 2000
+"""Characters of an error that are told."""
+
+
+class Told(NamedTuple):
+    """An error of the user's code, ready to be told. The exception's own traceback is gone: it would keep alive every
+    object that the code had at hand."""
+
+    kind: type[BaseException]
+    text: str
+    """What it says; with type and place, unless it is one of umo's errors."""
+
+    def __str__(self) -> str:
+        return f"{self.kind.__name__}: {self.text}"
+
+
+def attempt(call: Callable[..., Any], *arguments: Any) -> tuple[Any, Told | None]:
+    """The result of a call of the user's code and None; or None and what it raised, whatever that is.
+
+    Only a Ctrl-C passes: a KeyboardInterrupt in the main thread, while Python's own handler of SIGINT is installed.
+    While a machine is connected it is not: SIGINT asks the machine to stop, and code that raises KeyboardInterrupt has
+    failed like any other."""
+    try:
+        return call(*arguments), None
+    except BaseException as error:
+        if is_interrupt(error):
+            raise
+        return None, told(error)
+
+
+def told(error: BaseException) -> Told:
+    """What to tell of an error that has been caught. It lets go of the frames in which it was raised."""
+    text = text_of(error) if isinstance(error, UmoError) else located(error)
+    _let_go(error)
+    return Told(type(error), text if len(text) <= LONGEST else f"{text[:LONGEST]}...")
+
+
+@contextmanager
+def told_as(kind: type[UmoError], what: str) -> Iterator[None]:
+    """What the block raises becomes an error of this kind, `what` first: for declarations, outside of a run. Errors of
+    umo's and a Ctrl-C pass."""
+    try:
+        yield
+    except BaseException as error:
+        if isinstance(error, UmoError) or is_interrupt(error):
+            raise
+        raise kind(f"{what}: {located(error)}") from error
+
+
+def is_interrupt(error: BaseException) -> bool:
+    """Whether an exception is the user's Ctrl-C, and not raised by code."""
+    return (
+        isinstance(error, KeyboardInterrupt)
+        and threading.current_thread() is threading.main_thread()
+        and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    )
+
+
+def read_numbers(numbers: Iterable[tuple[str, Any, Any, str]]) -> list[float]:
+    """The values of tunable numbers or signals now: each ends with its owner and the name of the attribute. NaN for one
+    that has no value, or of which reading fails."""
+    values = []
+    for _, _, owner, name in numbers:  # not by `attempt`: a call for each in every period is too dear
+        try:
+            values.append(float(getattr(owner, name)))
+        except BaseException as error:
+            if is_interrupt(error):
+                raise
+            values.append(nan)
+    return values
+
+
+def as_json(result: Any, longest: int) -> str:
+    """A result as JSON of at most so many bytes, ASCII. Objects in it that are no plain data become their texts. A
+    result that is too long, holds itself or numbers that are not finite becomes its text, which is cut and says so."""
+    text, error = attempt(partial(json.dumps, result, default=str, allow_nan=False))
+    if error is None and len(text) <= longest:
+        return str(text)
+    shown, error = attempt(lambda: result if isinstance(result, str) else repr(result))
+    return _cut(f"<{type(result).__name__}, which cannot be shown: {error.text}>" if error else shown, longest)
+
+
+def _cut(text: str, longest: int) -> str:
+    """A text as JSON; its end is left out and its length said where it does not fit."""
+    found, room = json.dumps(text[: longest + 1]), longest
+    while len(found) > longest:
+        room = room * 3 // 4
+        found = json.dumps(f"{text[:room]}... (cut: {len(text):,} characters)")
+    return found
+
+
+def _let_go(error: BaseException | None) -> None:
+    """Tracebacks, also those of what led to the error."""
+    waiting: list[BaseException | None] = [error]
+    seen: set[int] = set()
+    while waiting:
+        each = waiting.pop()
+        if each is not None and id(each) not in seen:
+            seen.add(id(each))
+            each.__traceback__ = None
+            waiting += [each.__cause__, each.__context__]
+            waiting += each.exceptions if isinstance(each, BaseExceptionGroup) else ()

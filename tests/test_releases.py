@@ -1,0 +1,88 @@
+"""A release never starts anything: in any order of holding, switching off, release and end of the lease."""
+
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from umo import BinaryActuator, Compound, DigitalActuator, OpenClosed, connect
+from umo.cycle.hands import HandCommand, Hands, Mode
+from umo.stations.conveyor.objects import machine as conveyor
+from umo.stations.furnace.objects import machine as furnace
+from umo.stations.ztheta.objects import machine as ztheta
+from umo.testing import periods, put
+
+HELD: dict[str, tuple[Any, str, dict[str, float], str]] = {
+    "servo axis": (ztheta, "z.jog", {"velocity": 1000.0}, "z.disable"),
+    "stepper axis": (ztheta, "theta.jog", {"velocity": 1.0}, "theta.disable"),
+    "conveyor": (conveyor, "belt.run_at", {"speed": 0.2}, "belt.halt"),
+}
+"""Of what ships: machine, held action, its arguments, and the action that switches off."""
+STEPS = ["hold", "hold the other way", "switch off", "let go", "give back", "wait", "keep"]
+
+
+def test_every_held_action_that_ships_is_tried() -> None:
+    found = set()
+    for make in (ztheta, conveyor, furnace):
+        with connect(make()) as m:
+            actions = m._machine.actions.values()  # type: ignore[attr-defined]
+            found |= {(make, each.path) for each in actions if each.release is not None}
+    assert found == {(make, path) for make, path, _, _ in HELD.values()}
+
+
+class Letters:
+    def __init__(self) -> None:
+        self.waiting: list[HandCommand] = []
+        self.taken = self.dropped = 0
+
+    def take(self) -> HandCommand | None:
+        return self.waiting.pop(0) if self.waiting else None
+
+
+@pytest.mark.parametrize("name", HELD)
+@settings(max_examples=30)
+@given(steps=st.lists(st.sampled_from(STEPS), max_size=8))
+def test_what_is_switched_off_stays_off_whatever_is_released(name: str, steps: list[str]) -> None:
+    make, path, arguments, off = HELD[name]
+    with connect(make()) as m:
+        if make is conveyor:
+            put(m.emergency_stop, OpenClosed.CLOSED)
+        letters = Letters()
+        hands = m._machine.hands = Hands(m._machine, letters, Mode.MANUAL)
+
+        def send(do: str, path: str = "", **more: Any) -> None:
+            letters.waiting.append(HandCommand(1, "hand", "key", do, path, **more))
+            periods(m, 3)
+
+        part = m.find(path.rpartition(".")[0])
+        send("lease", seconds=0.4)
+        for step in [*steps, "switch off", *steps_that_release(steps)]:
+            if not hands.lease.holder:
+                send("lease", seconds=0.4)
+            if step in ("hold", "hold the other way"):
+                sign = -1.0 if step == "hold the other way" and path.endswith("jog") else 1.0
+                send("call", path, arguments={key: sign * value for key, value in arguments.items()})
+            elif step == "switch off":
+                send("call", off)
+            elif step == "let go":
+                send("let go", path)
+            elif step == "give back":
+                send("give back")
+            elif step == "keep":
+                send("keep", held=(path,))
+            else:
+                periods(m, 50)
+        periods(m, 600)  # the lease has ended, and nothing is kept up
+        assert at_defaults(part) == [], part
+        assert not getattr(part, "enabled", False)
+
+
+def steps_that_release(steps: list[str]) -> list[str]:
+    return [step for step in reversed(steps) if not step.startswith("hold")]
+
+
+def at_defaults(part: Compound) -> list[str]:
+    """The actuators below that are not at their defaults."""
+    found = (each for each in part.atoms() if isinstance(each, BinaryActuator | DigitalActuator))
+    return [each.path for each in found if each.read() != each.default]

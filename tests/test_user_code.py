@@ -1,0 +1,185 @@
+"""The user's code, called in one way: whatever it raises is told, and nothing of umo's own work ends by it."""
+
+import math
+import signal
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from helpers.machines import Bench, actuator, relay, sensor, switch, timer, wired
+from umo import DriverError, Frame, Interlock, OnOff, connect, published, run
+from umo.control import next_period
+from umo.frames import Reader
+from umo.testing import Scripted, VirtualTimer, periods
+from umo.user_code import attempt, read_numbers
+
+
+class Exit(BaseException):
+    pass
+
+
+RAISED = [SystemExit(0), KeyboardInterrupt(), GeneratorExit(), Exit(), ValueError()]
+
+
+class Shown(Bench):
+    """A signal that raises what it is given."""
+
+    signals = {"moody": "", "steady": ""}
+    steady = 1.0
+    mood: BaseException | None = None
+
+    @property
+    def moody(self) -> float:
+        if self.mood is not None:
+            raise self.mood
+        return 2.0
+
+
+def shown() -> Shown:
+    return Shown(timer=timer(), motor=actuator(), encoder=sensor(), valve=relay(), limit=switch())
+
+
+async def drive_on(m: Bench) -> None:
+    while True:
+        m.motor.write(5.0)
+        m.valve.write(OnOff.ON)
+        await next_period()
+
+
+def off(box: Scripted) -> bool:
+    """Both outputs are at their defaults, and the box is closed."""
+    return (box.get("motor"), box.get("valve"), box.calls[-1].segment) == (0, 0, "close")
+
+
+@pytest.mark.parametrize("error", RAISED)
+@pytest.mark.parametrize("where", ["observer", "signal", "both"])
+def test_what_shows_a_failed_period_keeps_no_output_on_and_no_driver_open(where: str, error: BaseException) -> None:
+    machine, box = shown(), Scripted()
+    seen = []
+
+    def observer(frame: Frame) -> None:
+        seen.append((box.get("motor"), list(frame.signal_values)))
+        if len(seen) == 5 and where != "signal":
+            raise error
+
+    def fail() -> int:
+        machine.mood = error if where != "observer" else None
+        raise OSError("unplugged")
+
+    clock = VirtualTimer(on_period=lambda number: box.set("encoder", fail) if number == 5 else None)
+    with pytest.raises(DriverError, match="unplugged"):
+        run(machine, wired(machine, box, clock=clock), drive_on, observers=[observer])
+    assert off(box)
+    assert [motor for motor, _ in seen] == [10, 10, 10, 10, 0]  # the failed period was shown, after the reset
+    assert math.isnan(seen[-1][1][0]) == (where != "observer")
+    assert seen[-1][1][1] == 1.0
+
+
+@pytest.mark.parametrize("error", RAISED)
+def test_an_observer_that_raises_is_told_and_disabled_and_the_run_goes_on(
+    error: BaseException, caplog: pytest.LogCaptureFixture
+) -> None:
+    calls = []
+
+    class Odd:
+        def __call__(self, frame: Frame) -> None:
+            calls.append(frame.number)
+            raise error
+
+        def __eq__(self, other: object) -> bool:
+            raise SystemExit(0)
+
+        def __repr__(self) -> str:
+            raise SystemExit(0)
+
+    machine, box = shown(), Scripted()
+    run(machine, wired(machine, box, clock=VirtualTimer(end_after=4)), observers=[Odd(), Odd()])
+    assert calls == [1, 1]
+    assert sum("failed and was disabled" in record.message for record in caplog.records) == 2
+
+
+@pytest.mark.parametrize("error", RAISED)
+def test_a_condition_that_raises_inhibits_and_ends_nothing(error: BaseException) -> None:
+    class Guarded(Shown):
+        def interlocks(self) -> Iterator[Interlock]:
+            yield Interlock(self.forbidden, [self.motor], "it must not")
+
+        def forbidden(self) -> bool:
+            if self.mood is not None:
+                raise self.mood
+            return False
+
+    machine = Guarded(timer=timer(), motor=actuator(), encoder=sensor(), valve=relay(), limit=switch())
+    with connect(machine) as m:
+        periods(m)
+        assert m.motor.inhibited is None
+        m.mood = error
+        periods(m)
+        assert type(error).__name__ in str(m.motor.inhibited)
+        m.mood = None
+        periods(m)
+        assert m.motor.inhibited is None
+
+
+@pytest.mark.parametrize("holds", [None, 1, "yes", [[]], object()])
+def test_a_condition_that_gives_no_bool_inhibits_and_says_so(holds: Any) -> None:
+    class Guarded(Bench):
+        def interlocks(self) -> Iterator[Interlock]:
+            yield Interlock(lambda: holds, [self.motor], "it must not")
+
+    with connect(Guarded(timer=timer(), motor=actuator(), encoder=sensor(), valve=relay(), limit=switch())) as m:
+        assert "which is not True or False" in str(m.motor.inhibited)
+
+
+def test_frames_show_the_failed_period_with_its_resets_and_then_the_end() -> None:
+    machine, box = shown(), Scripted()
+    connection = connect(machine, wired(machine, box))
+    with pytest.raises(DriverError, match="unplugged"), connection as m, published(connection, "bench") as ring:
+        reader = Reader(ring.path)
+        m.motor.write(5.0)
+        periods(m, 3)
+        m.mood = SystemExit(0)
+        box.set("encoder", OSError("unplugged"))
+        periods(m)
+    assert off(box)
+    frame = reader.latest()
+    assert frame is not None
+    assert (int(frame["number"]), reader.values(frame)["motor"]) == (4, 0.0)
+    assert frame["entries"] > 0
+    assert not ring.path.exists()
+    reader.close()
+
+
+@pytest.mark.parametrize("error", RAISED)
+def test_a_number_that_cannot_be_read_is_nan(error: BaseException) -> None:
+    m = shown()
+    m.mood = error
+    assert read_numbers([("steady", "", m, "steady")]) == [1.0]
+    with connect(m):
+        assert math.isnan(read_numbers([("moody", "", m, "moody")])[0])
+
+
+def test_only_a_ctrl_c_passes_an_attempt() -> None:
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            attempt(interrupted)
+        with connect(shown()):
+            _, error = attempt(interrupted)
+            assert error is not None
+            assert error.kind is KeyboardInterrupt
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_a_huge_text_of_an_error_is_cut() -> None:
+    def complain() -> None:
+        raise ValueError("no" * 1_000_000)
+
+    _, error = attempt(complain)
+    assert error is not None
+    assert len(error.text) < 3000
