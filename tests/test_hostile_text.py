@@ -14,12 +14,15 @@ import numpy as np
 import pytest
 
 from helpers.peers.hostile import BEHAVIOURS, fuzz, hostile
+from helpers.tiers import first, some
 from umo.drivers.text import Text
 from umo.errors import ChannelsFailed, DriverError
 
 TIMEOUT = 0.05
 LONGEST = 5.0
 """s that a call may take on a computer that is busy with other things; most end by their timeout."""
+SHORT = {"late", "byte by byte", "cut", "noise before"}
+"""Behaviours with tests of their own in `make test`; there the fuzzed ones have all of them."""
 CHANNELS: dict[str, Any] = {"t{n}": {"ask": "T{n}?", "answer": "T{n}={} C", "scale": 0.01, "set": "T{n} {:.2f}"}}
 TRUTH = {"t1": 10_125, "t2": -20_250, "t3": 31_375}
 _SET = re.compile(rb"T(\d) (\S+)\n")
@@ -101,13 +104,13 @@ def run(script: Iterable[str], calls: int, *, line: bool, seconds: float = 20.0,
             driver.close()
 
 
-@pytest.mark.parametrize("behaviour", [name for name in BEHAVIOURS if name != "right"])
+@pytest.mark.parametrize("behaviour", some(SHORT.__contains__, [name for name in BEHAVIOURS if name != "right"]))
 def test_a_behaviour_over_tcp_never_gives_a_wrong_value(behaviour: str) -> None:
     good, _ = run(["right", "right", behaviour], 16, line=False)
     assert good
 
 
-@pytest.mark.parametrize("behaviour", [name for name in BEHAVIOURS if name != "right"])
+@pytest.mark.parametrize("behaviour", some(SHORT.__contains__, [name for name in BEHAVIOURS if name != "right"]))
 def test_a_behaviour_on_a_serial_line_never_gives_a_wrong_value(behaviour: str) -> None:
     run(
         ["right", "right", "right", behaviour],
@@ -120,10 +123,10 @@ def test_a_behaviour_on_a_serial_line_never_gives_a_wrong_value(behaviour: str) 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("line", [False, True], ids=["tcp", "serial"])
-@pytest.mark.parametrize("seed", [1998, 2026])
+@pytest.mark.parametrize("seed", first(1, [1998, 2026]))
 def test_a_fuzzed_device_never_gives_a_wrong_value(line: bool, seed: int) -> None:
     options: dict[str, Any] = {"identify": {"ask": "*IDN?", "answer": "HOSTILE"}}
-    good, bad = run(fuzz(seed, rights=0.8), 100_000, line=line, seconds=8.0, quiet=0.02 if line else 0.0, **options)
+    good, bad = run(fuzz(seed, rights=0.8), 100_000, line=line, seconds=4.0, quiet=0.02 if line else 0.0, **options)
     assert good and bad
 
 

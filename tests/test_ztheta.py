@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import random
 import tomllib
-from collections.abc import Iterable
 from importlib.resources import files
 from typing import Any
 
 import pytest
 
 import umo
+from helpers.tiers import first
 from umo import AxisError, BinaryActuator, Compound, DigitalActuator, HomingError, TaskFailed, UpDown
 from umo.cycle.progress import Progress
 from umo.objects import Atomic
@@ -95,11 +95,6 @@ OUTPUTS = ["dac:z", "pwm:z", *(f"dio:{line}" for line in ("step", "direction", "
 OUTPUTS += [f"dio:{line}" for line in ("counterweight", "vacuum", "pressure")]
 
 
-def first(count: int, cases: Iterable[Any]) -> list[Any]:
-    """The first `count` cases run always, the others where slow tests do."""
-    return [case if number < count else pytest.param(case, marks=pytest.mark.slow) for number, case in enumerate(cases)]
-
-
 @pytest.mark.parametrize("seed", first(1, range(6)))
 def test_all_parts_are_placed_wherever_everything_starts(seed: int) -> None:
     run = Run(wiring(), seed=seed)
@@ -135,7 +130,7 @@ def test_a_longer_period_than_the_machine_allows_is_refused() -> None:
         Run(slow)
 
 
-@pytest.mark.parametrize("period", first(4, random.Random(1998).sample(range(1, 16_000), 10)))
+@pytest.mark.parametrize("period", first(2, random.Random(1998).sample(range(1, 16_000), 10)))
 def test_stopped_at_any_period_the_arm_stays_where_it_is(period: int) -> None:
     run = Run(wiring(), parts=1, seed=period % 7, stop_at=period)
     assert run.progress.done == 0 or run.progress.text == "done"

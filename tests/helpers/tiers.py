@@ -1,0 +1,22 @@
+"""The cases of a test that `make test` runs; `make test-all` runs all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import pytest
+
+
+def first(count: int, cases: Iterable[Any]) -> list[Any]:
+    """The first `count` cases run always, the others are marked `full`."""
+    return [case if number < count else _full(case) for number, case in enumerate(cases)]
+
+
+def some(chosen: Callable[[Any], bool], cases: Iterable[Any]) -> list[Any]:
+    """The chosen cases run always, the others are marked `full`."""
+    return [case if chosen(case) else _full(case) for case in cases]
+
+
+def _full(case: Any) -> Any:
+    return pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.full)
