@@ -1,5 +1,6 @@
 """What all tests share: hypothesis without deadlines (the machines that run this are shared), image forms, `umo`."""
 
+import gc
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -32,6 +33,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if own is None or not own.args:
             limit = max(limit for mark, limit in LIMITS.items() if mark is None or item.get_closest_marker(mark))
             item.add_marker(pytest.mark.timeout(limit, **(own.kwargs if own else {})), append=False)
+
+
+def pytest_collection_finish() -> None:
+    """What the modules of all tests hold stays: no collection of garbage looks through it again."""
+    gc.collect()
+    gc.freeze()
 
 
 def in_good_order(items: list[pytest.Item]) -> None:

@@ -14,8 +14,12 @@ from typer.testing import CliRunner
 
 from helpers.documents import PAGES, blocks, write_files
 from helpers.patient import patient
+from helpers.tiers import some
 from umo.cli.app import app
 
+LONG = {"furnace.md", "ztheta.md", "howto-late-periods.md", "howto-inject-faults.md", "howto-write-a-driver.md"}
+LONG |= {"howto-command-a-running-machine.md"}
+"""Pages whose blocks take seconds: whole runs of stations, a whole certificate, real time."""
 LINK = re.compile(r"\]\((?!https?:)([^)#]+)")
 
 
@@ -30,7 +34,7 @@ def in_an_empty_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Itera
             del sys.modules[name]
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", some(lambda page: page.name not in LONG, PAGES), ids=lambda page: page.name)
 def test_the_python_of_a_page_runs_from_top_to_bottom(page: Path, tmp_path: Path) -> None:
     """The blocks of a page share a namespace. Those for a notebook are run by tests/test_notebook.py."""
     write_files(page, tmp_path)
@@ -49,7 +53,7 @@ def test_the_toml_of_a_page_is_toml(page: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", some(lambda page: page.name not in LONG, PAGES), ids=lambda page: page.name)
 def test_the_commands_of_a_page_do_what_they_say(page: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Lines `$ umo ...` of ```console blocks, but for those that run on."""
     write_files(page, tmp_path)

@@ -477,7 +477,7 @@ def test_rings_can_be_made_while_others_list_them() -> None:
     try:
         assert lister.stdout is not None
         lister.stdout.readline()
-        for _ in range(100):
+        for _ in range(30):
             with running() as (_, ring, _connection):
                 assert rings() == [ring.path]
         assert lister.poll() is None

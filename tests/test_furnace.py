@@ -297,7 +297,7 @@ def test_the_default_values_are_safe() -> None:
     assert (zone.heater.default, zone.fan.default) == (0.0, OnOff.ON)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_it_runs_in_real_time_with_its_own_options(umo: Any) -> None:
     result = umo("run", "furnace", "--realtime", "--zones", "2", "--peak", "100", "--soak", "1", "--ramp", "4")
     assert result.exit_code == 0, result.stderr

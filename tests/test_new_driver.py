@@ -24,7 +24,7 @@ def test_a_new_driver_passes_its_own_tests(umo, tmp_path: Path) -> None:
     assert "5 passed" in tests.stdout
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_the_tests_of_a_new_driver_fail_if_it_breaks_a_rule(umo, tmp_path: Path) -> None:
     umo("new-driver", "valve_island")
     file = tmp_path / "valve_island.py"
@@ -36,7 +36,7 @@ def test_the_tests_of_a_new_driver_fail_if_it_breaks_a_rule(umo, tmp_path: Path)
     assert "1 failed, 4 passed" in tests.stdout
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_a_new_driver_is_clean_for_ruff_and_mypy(umo, tmp_path: Path) -> None:
     umo("new-driver", "valve_island")
     rules = "E,F,W,I,B,UP,SIM,C4,PIE,RET,RUF,PERF"

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from helpers.machines import actuator
+from helpers.tiers import first
 from umo import BinaryActuator, Compound, DeclarationError, DigitalActuator, OnOff, PassFail, RangeError, connect
 from umo.cli.new import make_station
 
@@ -53,7 +54,7 @@ def pyright() -> list[Finding]:
     ]
 
 
-CHECKERS = pytest.mark.parametrize("checker", [mypy, pyright], ids=["mypy", "pyright"])
+CHECKERS = pytest.mark.parametrize("checker", first(1, [pyright, mypy]), ids=["pyright", "mypy"])
 
 
 @CHECKERS
@@ -89,6 +90,7 @@ def test_what_neither_checker_finds_is_found_at_run_time():
         BinaryActuator(OnOff, one=OnOff.ON, default=PassFail.PASS)
 
 
+@pytest.mark.full
 def test_a_new_station_and_its_tests_pass_pyright(tmp_path: Path) -> None:
     make_station(tmp_path / "tank")
     command = [sys.executable, "-m", "pyright", "--outputjson", "--pythonpath", sys.executable, "tank"]
