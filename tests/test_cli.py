@@ -284,8 +284,26 @@ def test_check_refuses_an_interlock_that_makes_no_sense(umo, tank: Path) -> None
 def test_check_says_how_many_actions_and_tunable_numbers_there_are(umo, tank: Path) -> None:
     control = tank / "control.py"
     control.write_text(re.sub(r" +(@action|tunable).*\n", "", control.read_text()))
-    assert said(umo("check", "tank")).endswith("5 objects on 1 driver, period 50 ms")
-    assert said(umo("check", "conveyor")).endswith("period 2 ms, 3 actions, 4 tunable numbers")
+    assert said(umo("check", "tank", "-w", "simulated")).startswith("ok: ")
+    assert "5 objects on 1 driver, period 50 ms not looked at: modbus" in said(umo("check", "tank"))
+    assert "period 2 ms, 3 actions, 4 tunable numbers" in said(umo("check", "conveyor"))
+
+
+def test_check_says_which_wirings_it_looked_at_and_looks_at_all_on_demand(umo, tank: Path) -> None:
+    result = umo("check", "tank")
+    assert result.exit_code == 0
+    assert result.stdout.splitlines()[1] == "not looked at: modbus (-w NAME, or --all)"
+    broken = tank / "wiring" / "broken.toml"
+    broken.write_text((tank / "wiring" / "simulated.toml").read_text().replace('"adc:level"', '"adc:levl"'))
+    assert umo("check", "tank").exit_code == 0
+    result = umo("check", "tank", "--all")
+    assert result.exit_code == 2
+    assert [line.partition(": ")[0] for line in result.stdout.splitlines()] == ["ok", "ok"]
+    assert "broken.toml: " in said(result)
+    assert "not looked at" not in said(result)
+    broken.unlink()
+    assert umo("check", "tank", "--all").exit_code == 0
+    assert "give --wiring or --all, not both" in said(umo("check", "tank", "--all", "-w", "modbus"))
 
 
 @pytest.mark.parametrize(

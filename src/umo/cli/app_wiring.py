@@ -15,19 +15,26 @@ command_of_new = partial(app.command, rich_help_panel="New stations and drivers"
 
 
 @command(
-    epilog="Examples: umo check ztheta  |  umo check ztheta -w modbus  |  umo check furnace --zones 100",
+    epilog="Examples: umo check ztheta  |  umo check ztheta -w modbus  |  umo check ztheta --all  |  "
+    "umo check furnace --zones 100",
     context_settings=OF_THE_MACHINE,
 )
-def check(context: typer.Context, station: StationName, wiring: WiringName = None) -> None:
+def check(
+    context: typer.Context,
+    station: StationName,
+    wiring: WiringName = None,
+    every: Annotated[bool, typer.Option("--all", help="Look at every wiring of the station.")] = False,
+) -> None:
     """Find every fault of a wiring, and wrong declarations of the machine, without touching hardware.
 
-    Options of the machine follow the station's name.
+    Without -w it looks at the first wiring (simulated), and names those that it did not look at. Options of the machine
+    follow the station's name.
     """
     from umo.process.station import find
 
     from .show import check_station
 
-    guarded(lambda: check_station(find(station), wiring, context.args))
+    guarded(lambda: check_station(find(station), wiring, every, context.args))
 
 
 @command(
@@ -65,7 +72,8 @@ def get(
     unit: Annotated[str | None, typer.Option(help="Show digital values in this unit.")] = None,
     acknowledge: Acknowledge = False,
 ) -> None:
-    """Read objects by path: from the frames if the station is running (its pid, where several runs go on).
+    """Read objects by path: from the frames if the station is running, wherever its folder is (its pid, where several
+    runs go on).
 
     Otherwise its devices are opened for this reading: every actuator goes to its default before and after it. Options
     of the machine follow the station's name.

@@ -1,9 +1,9 @@
-"""`umo mode`, `umo call`, `umo tune`, `umo acknowledge`, `umo stop`, and `umo set` of a station that runs."""
+"""`umo mode`, `call`, `tune`, `acknowledge`, `stop`, and `umo get` and `umo set` of a station that runs."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from math import inf
 from typing import Any
@@ -11,16 +11,18 @@ from typing import Any
 from rich.table import Table
 
 from umo.cycle.stage import Stage
-from umo.errors import LeaseHeld, PathError, RangeError
+from umo.errors import FramesError, LeaseHeld, PathError, RangeError
 from umo.frames import Reader
+from umo.objects import Quality
+from umo.objects.units import convert
 from umo.remote import HeldLease, RemoteStation
-from umo.remote.members import call_action
-from umo.text import did_you_mean, printable
+from umo.remote.members import RemoteObject, RemotePart, call_action
+from umo.text import did_you_mean, printable, some
 
 from .console import err, out
 from .progress_line import OneLine
 from .running import attach
-from .values import argument, number
+from .values import argument, number, state
 
 LOOK = 0.05
 """s between two pictures of the progress."""
@@ -174,9 +176,48 @@ def tune(name: str, path: str | None, text: str | None, over: bool) -> None:
         )
 
 
-def set_running(station: RemoteStation, path: str, value: Any, hold: float | None, over: bool) -> None:
-    """Take one actuator of a station that runs in manual mode, keep it up, and let go of it."""
+def get_running(reader: Reader, paths: Sequence[str], unit: str | None) -> None:
+    """Print objects of a station that runs, all of the same period."""
+    with RemoteStation(reader) as station:
+        items = [_object(station, path) for path in paths]
+        if (frame := reader.latest()) is None:
+            raise FramesError(f"{reader.about['station']} is running but has not finished a period yet")
+        values, width = reader.values(frame), max(map(len, paths))
+        for item in items:
+            value = values[item.path]
+            if item.units:
+                value = f"{convert(float(value), item.units, unit or item.units):.10g} {unit or item.units}"
+            quality = Quality(int(frame["quality"][reader.index(item.path)]))
+            out.print(f"{item.path:{width}}  {value}  {quality}", markup=False)
+        about = reader.about
+        err.print(
+            f"umo: read from the frames of {about['station']}, which is running (pid {about['pid']})", markup=False
+        )
+
+
+def _object(station: RemoteStation, path: str) -> RemoteObject:
+    """An object of a station that runs; PathError if the path is not one's."""
     item = station[path]
+    if isinstance(item, RemoteObject):
+        return item
+    if not isinstance(item, RemotePart):
+        raise PathError(f"{path} is not an object")
+    known = [each for each in station.reader.paths if each.startswith(f"{path}.")]
+    raise PathError(f"{path} is a compound object; name one of its parts: {some(known)}")
+
+
+def set_running(reader: Reader, path: str, text: str, hold: float | None, over: bool) -> None:
+    """Take one actuator of a station that runs in manual mode, keep it up, and let go of it."""
+    with RemoteStation(reader) as station:
+        item = _object(station, path)
+        if not item.actuator:
+            raise PathError(f"{path} is a sensor; only actuators can be set")
+        value = state(path, text, item.states) if item.states else number(path, text, item.units)
+        _take(station, item, value, hold, over)
+
+
+def _take(station: RemoteStation, item: RemoteObject, value: float | str, hold: float | None, over: bool) -> None:
+    path = item.path
     with leased(station, over):
         item.write(value)
         _let_pass(station.reader)

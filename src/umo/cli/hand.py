@@ -1,42 +1,32 @@
-"""`umo get` and `umo set`: read and write single objects by hand. The loop runs without control code."""
+"""`umo get` and `umo set`: read and write single objects by hand. Where the station runs, through its frames and its
+queue; else its devices are opened, and the loop runs without control code."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Sequence
 from functools import cache, partial
 from math import inf
 from pathlib import Path
 from typing import Any
 
 from umo.cycle import connect
-from umo.errors import FramesError, PathError, RangeError, StateError
+from umo.errors import FramesError, OptionError, PathError, RangeError
 from umo.frames import Reader
-from umo.objects import (
-    Atomic,
-    Binary,
-    BinaryActuator,
-    Compound,
-    Digital,
-    DigitalActuator,
-    DigitalSensor,
-    Quality,
-    TwoState,
-)
+from umo.objects import Atomic, Binary, BinaryActuator, Compound, Digital, DigitalActuator, DigitalSensor, TwoState
 from umo.objects.units import convert
 from umo.process.start import LINUX
-from umo.process.station import Station, find
-from umo.remote import RemoteStation
-from umo.remote.search import several_runs
-from umo.text import did_you_mean, printable, some
+from umo.process.station import Station, StationError, find
+from umo.remote.search import is_path, meant_by, several_runs
+from umo.system.packages import MARK
+from umo.text import printable, some
 from umo.wiring import Wired, resolve
 
-from .commanding import set_running
+from .commanding import get_running, set_running
 from .console import err, out
 from .running import attach, readers
 from .station_options import machine_and_words, machine_of
-from .values import number
+from .values import number, state
 
 PAUSE = 0.01
 """Seconds between two looks at a machine that has no timer."""
@@ -45,50 +35,100 @@ PAUSE = 0.01
 def get_values(name: str, wiring: str | None, paths: list[str], unit: str | None, acknowledge: bool = False) -> None:
     """Print each object's value, unit and quality: of a station that runs from its frames, else connected. Options of
     the machine may be among the paths."""
-    station, pid = _named(name)
-    file = station.wiring(wiring)
+    if (running := _running(name, wiring, paths)) is not None:
+        get_running(running, paths, unit)
+        return
+    station = _station(name)
     machine, paths = machine_and_words(station, paths)
     items = [_atomic(machine, path) for path in paths]
+    file = station.wiring(wiring)
+    connection = connect(machine, resolve(machine, file), acknowledge=acknowledge)
+    _announce(connection, station, file, "reading")
     width = max(map(len, paths))
-    wired = resolve(machine, file)
-    with ExitStack() as stack:
-        running = _running(station, file if wiring else None, wired, pid)
-        if running is None:
-            connection = connect(machine, wired, acknowledge=acknowledge)
-            _announce(connection, station, file, "reading")
-            stack.enter_context(connection)
-        shown = _now(items) if running is None else _latest(running)
+    with connection:
         for item in items:
-            value, quality = shown[item.path]
-            out.print(f"{item.path:{width}}  {_text(item, value, unit)}  {quality}", markup=False)
-    if running is not None:
-        err.print(
-            f"umo: read from the frames of {station.name}, which is running (pid {running.about['pid']})", markup=False
-        )
+            out.print(f"{item.path:{width}}  {_text(item, item.read(), unit)}  {item.quality}", markup=False)
 
 
-def _named(name: str) -> tuple[Station, int | None]:
-    """A station by its name or folder, or by the pid of its run."""
-    if not name.isdigit() or Path(name).exists():
-        return find(name), None
-    with attach(name) as reader:
-        return find(reader.about["place"]), int(name)
+def set_value(
+    name: str,
+    wiring: str | None,
+    path: str,
+    text: str,
+    hold: float | None,
+    acknowledge: bool = False,
+    over: bool = False,
+    arguments: Sequence[str] = (),
+) -> int:
+    """Write one actuator, keep the loop going for `hold` s or until a signal, show what is read, reset. Of a station
+    that runs, take the actuator by hand. What will be refused is refused before a device is opened."""
+    if (running := _running(name, wiring, arguments)) is not None:
+        set_running(running, path, text, hold, over)
+        return 0
+    station = _station(name)
+    machine = machine_of(station, arguments)
+    item = _atomic(machine, path)
+    if not isinstance(item, BinaryActuator | DigitalActuator):
+        raise PathError(f"{path} is a sensor; only actuators can be set")
+    file = station.wiring(wiring)
+    realtime = LINUX and "timer" in machine.children()
+    wired = resolve(machine, file, {"realtime": realtime})
+    value = _parse(item, text, wired)
+    connection = connect(machine, wired, acknowledge=acknowledge)
+    _announce(connection, station, file, "write")
+    return _hold(connection, item, value, hold)
 
 
-def _running(station: Station, file: Path | None, wired: Wired, pid: int | None) -> Reader | None:
-    """The frames of this station, if it runs: with this pid; else on one of these devices, with this wiring, or, where
-    none was named, with any. FramesError if several fit, or if the run of the pid has ended."""
-    found = [reader for reader in readers() if reader.about["place"] == str(station.path)]
-    if pid is not None:
-        found = [reader for reader in found if reader.about["pid"] == pid]
-        if not found:
-            raise FramesError(f"{station.name} (pid {pid}) has ended")
-    elif file is not None:
-        devices = set(wired.devices)
-        found = [r for r in found if r.about["wiring"] == file.stem or devices & set(r.about["devices"])]
+# Which station is meant ---------------------------------------------------------------------------------
+
+
+def _running(name: str, wiring: str | None, arguments: Sequence[str]) -> Reader | None:
+    """The run that a name means (`meant_by`), None if the station does not run; with a wiring, if it does not run with
+    this one nor with one of its devices. FramesError if it may mean several, OptionError for options of its machine."""
+    found = meant_by(name, readers())
+    if wiring is not None and not name.isdigit():
+        found = [reader for reader in found if _has_wiring(reader, name, wiring)]
     if len(found) > 1:
-        raise FramesError(several_runs(station.name, found))
-    return found[0] if found else None
+        raise FramesError(several_runs(name, found))
+    if not found:
+        return attach(name) if name.isdigit() and not Path(name).is_dir() else None  # FramesError: it has ended
+    (reader,) = found
+    about = reader.about
+    here = Path(name).resolve()
+    if not (name.isdigit() or is_path(name)) and (here / MARK).is_file() and about["place"] != str(here):
+        raise FramesError(
+            f"{name} is a station in this folder that is not running, and one that runs elsewhere (pid {about['pid']}, "
+            f"{about['place']}): give ./{name}, or the pid"
+        )
+    if given := [each for each in arguments if each.startswith("--")]:
+        raise OptionError(
+            f"{about['station']} is running (pid {about['pid']}): its machine has been made; leave out {given[0]}"
+        )
+    return reader
+
+
+def _has_wiring(reader: Reader, name: str, wiring: str) -> bool:
+    """Whether a run has this wiring of its station, or one of its devices."""
+    if reader.about["wiring"] == Path(wiring).stem:
+        return True
+    try:
+        station = find(name)
+        wired = resolve(station.machine(**reader.about.get("options", {})), station.wiring(wiring))
+    except StationError:  # what runs has no folder of that name
+        return False
+    return bool(set(wired.devices) & set(reader.about["devices"]))
+
+
+def _station(name: str) -> Station:
+    """A station that does not run; StationError names those that run too."""
+    try:
+        return find(name)
+    except StationError as error:
+        running = ", ".join(dict.fromkeys(str(reader.about["station"]) for reader in readers()))
+        raise StationError(f"{error}; running: {running}" if running else str(error)) from error
+
+
+# A station that does not run ----------------------------------------------------------------------------
 
 
 def _announce(connection: connect[Any], station: Station, file: Path | None, what: str) -> None:
@@ -103,47 +143,6 @@ def _announce(connection: connect[Any], station: Station, file: Path | None, wha
         err.print(f"umo: {printable(f'{name} is not running: {does}')}", soft_wrap=True)
 
     connection.on_step = say_once
-
-
-def _now(items: Iterable[Any]) -> dict[str, tuple[Any, Quality]]:
-    return {item.path: (item.read(), item.quality) for item in items}
-
-
-def _latest(reader: Reader) -> dict[str, tuple[Any, Quality]]:
-    frame = reader.latest()
-    if frame is None:
-        raise FramesError(f"{reader.about['station']} is running but has not finished a period yet")
-    values = reader.values(frame)
-    return {path: (values[path], Quality(int(frame["quality"][i]))) for i, path in enumerate(reader.paths)}
-
-
-def set_value(
-    name: str,
-    wiring: str | None,
-    path: str,
-    text: str,
-    hold: float | None,
-    acknowledge: bool = False,
-    over: bool = False,
-    arguments: Sequence[str] = (),
-) -> int:
-    """Write one actuator, keep the loop going for `hold` s or until a signal, show what is read, reset. Of a station
-    that runs, take the actuator by hand."""
-    station, pid = _named(name)
-    file = station.wiring(wiring)
-    machine = machine_of(station, arguments)
-    item = _atomic(machine, path)
-    if not isinstance(item, BinaryActuator | DigitalActuator):
-        raise PathError(f"{path} is a sensor; only actuators can be set")
-    value = _parse(item, text)
-    if (running := _running(station, file if wiring else None, resolve(machine, file), pid)) is not None:
-        with RemoteStation(running) as remote:
-            set_running(remote, path, getattr(value, "name", value), hold, over)
-        return 0
-    realtime = LINUX and "timer" in machine.children()
-    connection = connect(machine, file, acknowledge=acknowledge, realtime=realtime)
-    _announce(connection, station, file, "write")
-    return _hold(connection, item, value, hold)
 
 
 def _hold(connection: connect[Any], item: Any, value: Any, hold: float | None) -> int:
@@ -185,10 +184,10 @@ def _loop(m: Compound, hold: float | None, pause: float, again: Callable[[], obj
         m.update()
 
 
-def _atomic(machine: Compound, path: str) -> Atomic:
-    item = machine.find(path)
+def _atomic(machine: Compound, path: str) -> Any:
+    item: Any = machine.find(path)
     if not isinstance(item, Atomic):
-        raise PathError(f"{path} is a compound object; name one of its parts: {', '.join(item.children())}")  # type: ignore[attr-defined]
+        raise PathError(f"{path} is a compound object; name one of its parts: {', '.join(item.children())}")
     return item
 
 
@@ -198,17 +197,15 @@ def _text(item: Atomic, value: Any, unit: str | None) -> str:
     return f"{convert(value, item.units, unit or item.units):.10g} {unit or item.units}"
 
 
-def _parse(item: Any, text: str) -> float | TwoState:
-    """A state's name, a number in the declared unit, or a number with a unit."""
+def _parse(item: Any, text: str, wired: Wired) -> float | TwoState:
+    """A state's name, a number in the declared unit, or a number with a unit; RangeError outside the wired range."""
     if isinstance(item, Binary):
-        names = {state.name: state for state in item.states}
-        if text.upper() not in names:
-            raise StateError(
-                f"{item.path} has no state {text!r}{did_you_mean(text.upper(), names)}: {', '.join(names)}"
-            )
-        state: TwoState = names[text.upper()]
-        return state
+        states: dict[str, TwoState] = {each.name: each for each in item.states}
+        return states[state(item.path, text, list(states))]
     value = number(item.path, text, item.units)
-    if not item.minimum <= value <= item.maximum and item.limits == "raise":
-        raise RangeError(f"{item.path}: {value:g} {item.units} is outside {item.minimum:g} to {item.maximum:g}")
+    (calibration,) = (wire.calibration for wire in wired.wires if wire.item is item)
+    assert calibration is not None
+    if not calibration.minimum <= value <= calibration.maximum and item.limits == "raise":
+        span = f"{calibration.minimum:g} to {calibration.maximum:g}"
+        raise RangeError(f"{item.path}: {value:g} {item.units} is outside {span}")
     return value

@@ -15,7 +15,7 @@ from urllib.parse import quote
 from umo.errors import FramesError
 from umo.frames.folder import folder
 from umo.process.station import StationError, find, shipped
-from umo.remote.search import station_name
+from umo.remote.search import meant_by, station_name
 from umo.system.realtime import stand_back
 from umo.text import did_you_mean, printable
 
@@ -107,10 +107,10 @@ def _station(choice: ViewOptions) -> str | None:
     """The name of the station to show first: one that runs, or one that can be started."""
     if choice.station is None:
         return None
-    name = station_name(choice.station)
-    running = [str(reader.about["station"]) for reader in readers()]
-    if name in running:
-        return name
+    found = readers()
+    if fitting := meant_by(choice.station, found):
+        return str(fitting[0].about["station"])
+    name, running = station_name(choice.station), [str(reader.about["station"]) for reader in found]
     try:
         find(choice.station)
     except StationError as error:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from rich.text import Text
 
-from umo.errors import Fault
-from umo.objects import actions_of, tunables_of
+from umo.errors import Fault, OptionError
+from umo.objects import Compound, actions_of, tunables_of
 from umo.objects.interlock import interlocks_of
 from umo.process.station import Station
 from umo.wiring import check, resolve
@@ -16,17 +17,26 @@ from .console import err, out
 from .station_options import machine_of
 
 
-def check_station(station: Station, wiring: str | None, arguments: Sequence[str] = ()) -> int:
-    """Print every fault and return 2, or one line on what is wired and return 0."""
-    file = station.wiring(wiring)
+def check_station(station: Station, wiring: str | None, every: bool = False, arguments: Sequence[str] = ()) -> int:
+    """Print every fault of a wiring, or of every one, or a line on what is wired; then which wirings were not looked
+    at. 2 if there is a fault."""
+    if every and wiring is not None:
+        raise OptionError("give --wiring or --all, not both")
     machine = machine_of(station, arguments)
     station.module("application")  # a wiring may be right and the application not import
     interlocks_of(machine)
-    offered = [(len(actions_of(machine)), "action"), (len(tunables_of(machine)), "tunable number")]
-    faults = check(machine, file)
-    if reported(faults):
+    files = list(station.wirings.values()) if every and station.wirings else [station.wiring(wiring)]
+    statuses = [_check_wiring(machine, file) for file in files]
+    if others := [name for name, file in station.wirings.items() if file not in files]:
+        out.print(f"not looked at: {', '.join(others)} (-w NAME, or --all)", soft_wrap=True)
+    return max(statuses)
+
+
+def _check_wiring(machine: Compound, file: Path | None) -> int:
+    if reported(check(machine, file)):
         return 2
     wired = resolve(machine, file)
+    offered = [(len(actions_of(machine)), "action"), (len(tunables_of(machine)), "tunable number")]
     period = "no timer" if wired.period is None else f"period {wired.period * 1e3:g} ms"
     found = [
         f"{_count(len(wired.wires), 'object')} on {_count(len(wired.drivers), 'driver')}",

@@ -2,23 +2,36 @@
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Sequence
 from typing import Any
 
-from umo.errors import RangeError
+from umo.errors import RangeError, StateError
 from umo.objects.units import convert
+from umo.text import did_you_mean
 
 TRUE, FALSE = ("true", "yes", "on", "1"), ("false", "no", "off", "0")
 
 
 def number(name: str, text: str, unit: str) -> float:
-    """A number, or a number with a unit such as "80 mm", in `unit`; RangeError if it is not one."""
+    """A number, or a number with a unit such as "80 mm", in `unit`; RangeError if it is not one, or not finite."""
     match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", text)
     if match is None:
         raise RangeError(f"{name}: {text!r} is not a number{f' in {unit}' if unit else ''}")
     if re.match(r",\d", match[2]):
         raise RangeError(f"{name}: {text!r} is not a number; write {text.strip().replace(',', '.', 1)}")
-    return convert(float(match[1]), match[2] or unit, unit)
+    value = convert(float(match[1]), match[2] or unit, unit)
+    if not math.isfinite(value):
+        raise RangeError(f"{name}: {text!r} is too large for a number{f' in {unit}' if unit else ''}")
+    return value
+
+
+def state(name: str, text: str, states: Sequence[str]) -> str:
+    """The name of a state, in capital letters or small ones; StateError if it is not one."""
+    if (found := text.upper()) not in states:
+        raise StateError(f"{name} has no state {text!r}{did_you_mean(found, states)}: {', '.join(states)}")
+    return found
 
 
 def argument(path: str, about: dict[str, Any], text: str) -> Any:

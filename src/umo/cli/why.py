@@ -10,7 +10,7 @@ import numpy as np
 from rich.table import Table
 
 from umo.errors import FramesError
-from umo.frames import Reader, rings
+from umo.frames import Reader
 from umo.frames.layout import USAGE
 from umo.latency import blackbox
 from umo.latency.causes import AFTER, WAKE, counts, explain_all, sentence, split, tally
@@ -18,6 +18,7 @@ from umo.remote.search import frames_at, reading, station_name
 from umo.text import did_you_mean
 
 from .console import out
+from .running import attach
 
 AROUND = 2
 """Periods shown before the one that reports the miss."""
@@ -51,14 +52,10 @@ def _newest(station: str | None) -> Path:
 
 def _keep(station: str | None) -> Path:
     """A black box of a running station, written by this process from its frames."""
-    for path in reversed(rings()):
-        with frames_at(path) as reader:
-            name = str(reader.about["station"])
-            if station is None or name == station_name(station):
-                file = blackbox.name_for(blackbox.folder(), name, time.time())
-                blackbox.save(reader, file, "on demand")
-                return file
-    raise FramesError("no station runs" if station is None else f"station {station!r} is not running (see `umo ps`)")
+    with attach(station) as reader:
+        file = blackbox.name_for(blackbox.folder(), str(reader.about["station"]), time.time())
+        blackbox.save(reader, file, "on demand")
+        return file
 
 
 def _report(reader: Reader, file: Path) -> None:

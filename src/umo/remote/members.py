@@ -138,6 +138,11 @@ class RemoteObject:
         return Quality(int(self._frame()["quality"][self._number]))
 
     @property
+    def actuator(self) -> bool:
+        """Whether it can be written."""
+        return bool(self._entry.get("actuator"))
+
+    @property
     def units(self) -> str:
         """ "" for a binary object."""
         return str(self._entry.get("unit", ""))

@@ -34,11 +34,10 @@ def reading(path: Path) -> Iterator[None]:
 
 
 def find_running(name: str | None, said: Callable[[str], object] = lambda text: None) -> Reader:
-    """The frames of one running station, by name or pid; FramesError lists those that run. `said` is told of a ring
-    that cannot be read."""
+    """The frames of one running station, by name, folder or pid (`meant_by`); FramesError lists those that run. `said`
+    is told of a ring that cannot be read."""
     found = readers(said)
-    wanted = None if name is None else station_name(name)
-    fitting = [r for r in found if name is None or r.about["station"] in (name, wanted) or str(r.about["pid"]) == name]
+    fitting = found if name is None else meant_by(name, found)
     for reader in found:
         if fitting != [reader]:
             reader.close()
@@ -53,6 +52,23 @@ def find_running(name: str | None, said: Callable[[str], object] = lambda text: 
         raise FramesError(several_runs(name, fitting))
     pids = ", ".join(f"{reader.about['station']} (pid {reader.about['pid']})" for reader in fitting)
     raise FramesError(f"several stations are running; give a name or a pid: {pids}")
+
+
+def meant_by(name: str, found: Sequence[Reader]) -> list[Reader]:
+    """The runs that a name means, in every command and for `umo.attach`: the run of this pid; else those of the station
+    in this folder; else, unless it is a path, those of the stations of this name, wherever their folders are."""
+    if name.isdigit() and not os.path.isdir(name):
+        return [reader for reader in found if str(reader.about["pid"]) == name]
+    place = os.path.realpath(name)
+    here = [reader for reader in found if reader.about["place"] == place]
+    if here or is_path(name):
+        return here
+    return [reader for reader in found if reader.about["station"] == name]
+
+
+def is_path(name: str) -> bool:
+    """Whether a name can be nothing but a folder's: `.`, `./tank`, `/srv/tank`."""
+    return name in (os.curdir, os.pardir) or any(each in name for each in (os.sep, os.altsep) if each)
 
 
 def several_runs(name: str, fitting: Sequence[Reader]) -> str:
