@@ -2,33 +2,37 @@
 
 from __future__ import annotations
 
+import faulthandler
 import gc
 import os
 import signal
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, NoReturn
 
 from umo.cycle import Frame, connect, drive
 from umo.cycle.hands import Hands, Mode
 from umo.cycle.rehearsal import rise_early
 from umo.cycle.stage import Stage
 from umo.cycle.stop_order import stop_sequence
-from umo.cycle.stopping import request_stop
+from umo.cycle.stopping import SIGNALS, request_stop
 from umo.errors import FramesError, StopError
 from umo.frames import Ring, published
 from umo.frames.folder import QUEUE
 from umo.objects import Compound, DigitalSensor
 from umo.process.job import Plan
-from umo.process.life import Life
+from umo.process.last_words import say_last
+from umo.process.life import Life, Who
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome, plain, plain_reports, status_of
+from umo.process.watched import WHERE
 from umo.remote.queue import Receiver
 from umo.system import realtime
 from umo.system.custody import Custody
+from umo.system.processes import name_process
 from umo.text import Moment, in_brackets, text_of
 
 WATCHED_EVERY = 0.5
@@ -54,6 +58,28 @@ class Control:
         self._alarm = ""
         self._order = stop_sequence(plan.machine)
         self._connection: connect[Any] | None = None
+
+    def take_note(self, number: int, frame: object) -> None:
+        """A signal that asks to stop, before the machine is connected."""
+        self._life.ask(number)
+
+    def wait_for_admission(self) -> None:
+        """Until there is a standby guardian. Ends the process if the guardian dies before."""
+        while not self._life.admitted:
+            if self._life.gone(0.0005, Who.GUARDIAN):
+                os._exit(1)
+
+    def say_how_it_ended(self, outcome: Outcome) -> None:
+        """It stands if all who could say more are killed. An unsafe end, without the guardian, is recorded, and said on
+        the terminal if there is no standby guardian to do that."""
+        self._channel.send("left", outcome=outcome.dump())
+        if outcome.unsafe:
+            assert outcome.failure is not None
+            self._custody.stopped(outcome.failure.message, outcome.unreached)
+            if not self.orphaned:  # the guardian was stopped
+                os.kill(self._guardian, signal.SIGKILL)
+            if self._life.gone(0.0, Who.STANDBY):
+                say_last(self._channel, self._plan.name, outcome)
 
     def run(self) -> Outcome:
         """Connect, drive, leave; whatever ends it is in the outcome."""
@@ -196,7 +222,25 @@ class Control:
             request_stop(self._life.asked or None)
 
 
-def end(status: int) -> None:
+def carry_out(control: Control, traces: IO[bytes]) -> NoReturn:
+    """The control process, from its fork to its end. It writes down in `traces` where it stands when it is asked."""
+    try:
+        name_process("umo control")
+        for number in SIGNALS:  # until the machine is connected
+            signal.signal(number, control.take_note)
+        control.wait_for_admission()
+        faulthandler.register(WHERE, file=traces, all_threads=False)
+        outcome = control.run()
+        control.say_how_it_ended(outcome)
+        _end(outcome.status)
+    except BaseException:
+        with suppress(BaseException):
+            sys.excepthook(*sys.exc_info())
+    finally:
+        os._exit(1)
+
+
+def _end(status: int) -> NoReturn:
     """Leave without the exit handlers of the guardian that this process was forked from."""
     for stream in (sys.stdout, sys.stderr):
         try:

@@ -1,57 +1,54 @@
 """The guardian: forks the control process, watches it, and resets the machine if it dies or hangs.
 
-It reserves everything that a reset needs at its start: a standby child, descriptors, shared memory. It resets the
-machine after any error of its own, and whenever the control process has not reported that every actuator is at its
-default.
+It reserves everything that a reset needs at its start: a child that resets, descriptors, shared memory, and the standby
+guardian, which takes its place if it dies (`standby`). It resets the machine after any error of its own, and whenever
+the control process has not reported that every actuator is at its default.
 """
 
 from __future__ import annotations
 
-import faulthandler
 import os
-import re
 import signal
 import socket
-import sys
 import tempfile
+from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
-from time import monotonic, sleep
-from typing import NoReturn
 
 from umo.cycle.stage import Stage
-from umo.cycle.stopping import SIGNALS, signal_name
-from umo.process.control_process import Control, end
+from umo.cycle.stopping import SIGNALS
+from umo.process.conclusion import Conclusion
+from umo.process.control_process import WATCHED_EVERY, Control, carry_out
 from umo.process.job import Job, Plan
 from umo.process.last_words import say_last
-from umo.process.life import Life
+from umo.process.life import Life, Who
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome
-from umo.process.reset import BURIAL, Resetter, summary
+from umo.process.reset import BURIAL
+from umo.process.standby import Standby
+from umo.process.watched import Watched
 from umo.process.watcher import Watcher
 from umo.system import realtime
 from umo.system.custody import Custody
+from umo.system.processes import name_process
 from umo.system.streams import keep_open, log_on_lines
-from umo.text import cause_of, in_brackets, place_among
+from umo.text import cause_of
 
 LOOK = 0.02
 """s between two looks at the starter and at the frames; death is seen at once."""
 LOOKS = 3
-"""The minimum number of looks without a sign of life before the control process counts as hung."""
-WHERE = signal.SIGUSR2
-"""At this signal the control process writes down where its Python code stands."""
+"""The minimum number of looks without a sign of life before the control process counts as hung; the number of looks in
+which listening failed before the machine is stopped."""
 STARTING_LIMIT = 30.0
 """Timeout in s of a step of connecting, in addition to two periods."""
 REPORTING_LIMIT = 5.0
 """s that the control process may take for its report when the machine has been reset."""
-SPARES = 4
-"""Descriptors kept free for the end."""
 
 
 def main(file: int, job_file: int) -> int:
     """A guardian process from its job to its exit status."""
     keep_open()  # what is printed, here or in the control process, cannot end a run
     log_on_lines()
+    name_process("umo guardian")
     channel = MessageSocket(socket.socket(fileno=file))
     custody = guardian = None
     name = "the run"
@@ -62,8 +59,10 @@ def main(file: int, job_file: int) -> int:
         name = plan.name
         custody = Custody(plan.wired.devices, plan.name, plan.wiring_name, acknowledge=job.acknowledge)
         guardian = Guardian(plan, channel, custody)
-        outcome = guardian.run()
+        return guardian.run().status
     except BaseException as error:
+        if guardian is not None and guardian.is_followed:
+            raise  # the standby guardian takes over as soon as this process has ended
         outcome = Outcome(Failed.of(error))
         if custody is not None and (guardian is None or not guardian.forked):  # so nothing was driven
             custody.abandon()
@@ -83,94 +82,89 @@ class Guardian:
         self._life = Life()
         self._stop: int | None = None
         self._asked = False
-        self._pid = 0
-        self._status: int | None = None
-        self._given_up = 0.0
-        """Time at which waiting for a process that cannot be killed ends."""
-        self._spares = [os.open(os.devnull, os.O_RDONLY) for _ in range(SPARES)]
+        self._deaf = 0
+        """The number of looks one after the other in which listening failed."""
+        self._told: set[str] = set()
+        self._is_standby = False
+        self._control: Watched | None = None
         self._traces = tempfile.TemporaryFile()  # noqa: SIM115  (as long as the process)
         self._watcher = Watcher(plan.name)
-        # one below the guardian: a driver that loops for ever in a reset must not keep the guardian from ending it
-        self._resetter = Resetter(
-            plan.machine, plan.wired, lambda: realtime.guard(self._process.priority - 1, self._process.cpu)
-        )
+        self._end = Conclusion(plan, custody, self._life, channel, self._watcher)
+        self._standby = Standby(self._life, max(self._process.hang_timeout, WATCHED_EVERY), self._take_over, self._say)
 
     def run(self) -> Outcome:
         """From fork to the last reset."""
         for number in SIGNALS:
             signal.signal(number, self._ask)
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # ignored, it would leave nobody to wait for
-        self._resetter.stand_by()
-        self._fork()
-        try:
+        self._life.hold(Who.GUARDIAN)
+        self._end.resetter.stand_by()
+        guardian = os.getpid()
+        pid = self._life.fork(Who.CONTROL)
+        if pid == 0:
+            control = Control(self._plan, self._custody, self._life, self._channel, guardian, self._watcher.path)
+            carry_out(control, self._traces)
+        self._control = Watched(pid, self._life, self._traces.fileno())
+        with suppress(Exception):
             realtime.guard(self._process.priority, self._process.cpu)
-            outcome = self._keep()
-        except BaseException as error:  # whatever it is, the machine comes first
-            outcome = self._step_in(f"the guardian failed: {cause_of(error)}")
-        with suppress(Exception):
-            self._resetter.dismiss()
-        with suppress(Exception):
-            self._watcher.finish()
+        self._standby.appoint()
+        self._life.admit()
+        outcome = self._guard()
+        self._standby.dismiss()
         return outcome
 
     @property
     def forked(self) -> bool:
         """Whether there has been a control process."""
-        return self._pid != 0
+        return self._control is not None
 
-    def _keep(self) -> Outcome:
+    @property
+    def is_followed(self) -> bool:
+        """Whether a standby guardian lives that takes over when this process ends."""
+        return self.forked and not self._life.gone(0.0, Who.STANDBY)
+
+    def _guard(self) -> Outcome:
+        """Watch the control process to its end, reset the machine where that is needed, record and tell it."""
+        assert self._control is not None
+        try:
+            outcome = self._keep(self._control)
+        except BaseException as error:  # whatever it is, the machine comes first
+            outcome = self._end.step_in(self._control, f"the {self._end.title} failed: {cause_of(error)}", self._say)
+        with suppress(Exception):
+            self._life.settle(outcome.encode())
+        self._end.tell(outcome)
+        return outcome
+
+    def _take_over(self) -> None:
+        """In the standby guardian, when the guardian is dead. What the guardian had settled is told only."""
+        self._is_standby = True
+        self._end.hand_over()
+        settled = Outcome.decode(self._life.settled())
+        if settled is not None:
+            self._end.tell(settled)
+        else:
+            self._stop = self._stop or signal.SIGTERM  # a control process that is alive stops the machine by itself
+            self._guard()
+
+    def _keep(self, control: Watched) -> Outcome:
         hung = self._watch()
         outcome = Outcome.decode(self._life.reported()) if self._life.stage is Stage.ENDED else None
         if outcome is None:
-            return self._step_in(self._what_hung(hung) if hung else "")
+            why = control.hung(hung, self._watcher.moment) if hung else ""
+            return self._end.step_in(control, why, self._say)
         if hung:  # in code of the application's, when the machine had been reset
-            os.kill(self._pid, signal.SIGKILL)
-        self._is_dead(BURIAL)
-        return self._settle(outcome)
+            control.process.send(signal.SIGKILL)
+        control.is_dead(BURIAL)
+        return self._end.settle(control, outcome, self._say)
 
     # While it runs -------------------------------------------------------------------------------------
-
-    def _fork(self) -> None:
-        guardian = os.getpid()
-        held, holding = os.pipe()
-        self._pid = os.fork()
-        if self._pid == 0:
-            self._life.hold()
-            os.write(holding, b"!")
-            self._in_child(guardian)
-        os.close(holding)
-        os.read(held, 1)  # the child holds its lock, or is dead already
-        os.close(held)
-
-    def _in_child(self, guardian: int) -> NoReturn:
-        """The control process."""
-        try:
-            for number in SIGNALS:  # until the machine is connected
-                signal.signal(number, lambda number, frame: self._life.ask(number))
-            control = Control(self._plan, self._custody, self._life, self._channel, guardian, self._watcher.path)
-            faulthandler.register(WHERE, file=self._traces, all_threads=False)
-            outcome = control.run()
-            self._channel.send("left", outcome=outcome.dump())  # stands if the guardian is killed before it has spoken
-            if outcome.unsafe:  # the guardian is gone or stopped: it is for this process to say so
-                assert outcome.failure is not None
-                self._custody.stopped(outcome.failure.message, outcome.unreached)
-                if not control.orphaned:
-                    os.kill(guardian, signal.SIGKILL)
-                say_last(self._channel, self._plan.name, outcome)
-            end(outcome.status)
-        except BaseException:
-            with suppress(BaseException):
-                sys.excepthook(*sys.exc_info())
-        finally:
-            os._exit(1)
 
     def _watch(self) -> str:
         """Until the control process is gone (""), or hangs: then what is known of it."""
         beat = looks = 0
         while not self._life.gone(LOOK):
             self._life.watch()
-            self._listen()
-            self._watcher.look()
+            self._look_around()
             looks = looks + 1 if beat == self._life.last_beat else 0
             beat, limit = self._life.last_beat, self._limit()
             # several looks: if the whole computer stood still, the control process gets time to report that itself
@@ -184,6 +178,32 @@ class Guardian:
         if self._life.stage is Stage.ENDED:
             return REPORTING_LIMIT
         return self._process.hang_timeout
+
+    def _look_around(self) -> None:
+        """Whatever fails here, the control process is watched on. If nobody can ask for a stop any more, the guardian
+        does."""
+        self._deaf = 0 if self._try(self._listen) else self._deaf + 1
+        if self._deaf == LOOKS:
+            self._stop = self._stop or signal.SIGTERM
+            self._try(self._pass_on)
+        self._try(self._watcher.look)
+        if not self._is_standby:
+            self._try(self._standby.look)
+
+    def _try(self, step: Callable[[], object]) -> bool:
+        """Whether a step succeeded. A failure is told once."""
+        try:
+            step()
+        except Exception as error:
+            self._say(f"the {self._end.title} failed in a step and goes on: {cause_of(error)}")
+            return False
+        return True
+
+    def _say(self, text: str) -> None:
+        """Tell the user once."""
+        if text not in self._told:
+            self._told.add(text)
+            self._channel.send("notice", text=text)
 
     def _ask(self, number: int, frame: object) -> None:
         self._stop = self._stop or number
@@ -199,107 +219,18 @@ class Guardian:
                 self._watcher.keep("on demand")
         if self._channel.ended:
             self._stop = self._stop or signal.SIGTERM
+        self._pass_on()
+
+    def _pass_on(self) -> None:
+        """Ask the control process to stop, once."""
         if self._stop is not None and not self._asked:
+            assert self._control is not None
             self._asked = True
             self._life.ask(self._stop)
-            os.kill(self._pid, signal.SIGTERM)  # it ends a wait; what was asked stands in the shared memory
-
-    # Its end -------------------------------------------------------------------------------------------
-
-    def _what_hung(self, hung: str) -> str:
-        stopped = " (it was stopped by a signal)" if _is_stopped(self._pid) else ""
-        return f"the control process hung: {hung}{stopped}{in_brackets(self._watcher.moment, self._where())}"
-
-    def _step_in(self, why: str) -> Outcome:
-        """The control process died without resetting the machine, or hangs: make sure that it is dead, then reset."""
-        while self._spares:
-            os.close(self._spares.pop())
-        with suppress(ProcessLookupError):
-            os.kill(self._pid, signal.SIGKILL)
-        left = self._reset(self._resetter.paths)
-        what = why or f"the control process {_ending(self._status)}{in_brackets(self._watcher.moment)}"
-        self._watcher.keep(what)
-        told = f"not reached: {summary(left)}" if left else "the guardian reset every actuator"
-        unwritten = self._custody.stopped(what, list(left))
-        message = "; ".join(filter(None, [what, told, unwritten]))
-        return Outcome(Failed("ControlLost", message, 1), unsafe=True, unreached=list(left))
-
-    def _settle(self, outcome: Outcome) -> Outcome:
-        """The control process has ended by itself. Retry the actuators that it could not reset."""
-        if outcome.unreached:
-            left = self._reset(self._resetter.paths)  # all of them: the list may have been cut, and the order counts
-            outcome.unsafe, outcome.unreached = True, list(left)
-            outcome.failure = outcome.failure or Failed("StopError", "not brought to their defaults", 3)
-            told = f"not reached: {summary(left)}" if left else "reset by the guardian afterwards"
-            outcome.failure.message = "\n".join([outcome.failure.message.partition("\n")[0], told])
-            outcome.failure.status = 3 if left else 1
-        if outcome.unsafe:
-            what = outcome.failure.message.partition("\n")[0] if outcome.failure else "it was stopped"
-            unwritten = self._custody.stopped(what, outcome.unreached)
-            if unwritten and outcome.failure:
-                outcome.failure.message += f"; {unwritten}"
-        elif outcome.driven:
-            self._custody.finish()
-        else:
-            self._custody.abandon()
-        if outcome.failure is not None:
-            self._watcher.keep(outcome.failure.message.partition("\n")[0])
-        return outcome
-
-    def _reset(self, paths: list[str]) -> dict[str, str]:
-        return self._resetter.reset(
-            paths,
-            self._process.reset_for,
-            is_dead=self._is_dead,
-            said=lambda text: self._channel.send("notice", text=text),
-        )
-
-    def _is_dead(self, within: float = 0.0) -> bool:
-        """Whether the control process has ended: its connections are closed then. One that sticks in the kernel, in a
-        call of its device, counts as dead after a while: it cannot be waited for."""
-        if self._status is not None:
-            return True
-        until = monotonic() + within
-        self._given_up = self._given_up or monotonic() + BURIAL
-        while True:
-            self._life.watch()
-            with suppress(ChildProcessError):
-                pid, status = os.waitpid(self._pid, os.WNOHANG)
-                if pid:
-                    self._status = status
-                    return True
-            if monotonic() >= until:
-                return monotonic() >= self._given_up
-            sleep(0.0005)
-
-    def _where(self) -> str:
-        """Where the Python code of a hanging process stands, as far as it can still tell."""
-        with suppress(OSError):
-            os.kill(self._pid, WHERE)
-            sleep(0.003)
-            text = os.pread(self._traces.fileno(), 1 << 16, 0).decode(errors="replace")
-            frames = re.findall(r'^  File "(.+)", line (\d+) in (.+)$', text, re.MULTILINE)  # the innermost first
-            return place_among((file, int(line), function) for file, line, function in reversed(frames))
-        return ""
+            self._control.process.send(signal.SIGTERM)  # it ends a wait; what was asked stands in the shared memory
 
 
 def _signal(number: object) -> int:
     """A number that a message names, if it is a signal that asks to stop."""
     known = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     return number if isinstance(number, int) and number in known else signal.SIGTERM
-
-
-def _is_stopped(pid: int) -> bool:
-    with suppress(OSError):
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] in "Tt"
-    return False
-
-
-def _ending(status: int | None) -> str:
-    if status is None:
-        return "cannot be killed: it is blocked in a kernel call"
-    if os.WIFSIGNALED(status):
-        number = os.WTERMSIG(status)
-        what = "was killed" if number in (signal.SIGKILL, *SIGNALS) else "crashed"
-        return f"{what} ({signal_name(number)})"
-    return f"ended with status {os.WEXITSTATUS(status)} without resetting the machine"

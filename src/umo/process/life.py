@@ -1,6 +1,6 @@
-"""Memory shared by guardian and control process: a lock that reports the death of its owner, and signs of life.
+"""Memory shared by the processes of a run: locks that report the death of their owners, signs of life, reports.
 
-The lock is a process-shared, robust pthread mutex: the kernel hands it on with EOWNERDEAD while the dead process is
+A lock is a process-shared, robust pthread mutex: the kernel hands it on with EOWNERDEAD while the dead process is
 still being taken apart, 0.2 ms after a SIGKILL, where waiting for the exit took up to 30 ms with locked memory
 (POSIX.1-2017, pthread_mutexattr_setrobust). Nothing here needs a descriptor, so nothing that the control process does
 with its own can spoil it.
@@ -11,21 +11,40 @@ from __future__ import annotations
 import ctypes
 import errno
 import mmap
+import os
 import time
+from enum import IntEnum
 
 from umo.cycle.stage import Stage
 
 MUTEX = 64
 """Bytes set aside for a pthread_mutex_t: 40 on x86-64, 48 on AArch64."""
-STAGE, BEAT, ASKED, WATCH, LENGTH = range(5)
-CELLS = 8
-REPORT = MUTEX + 8 * CELLS
-LARGEST = 1 << 16
-"""Bytes of a report."""
 CLOCK_MONOTONIC = 1
 PROCESS_SHARED = ROBUST = 1
 CLOCK = getattr(time, "CLOCK_BOOTTIME", getattr(time, "CLOCK_MONOTONIC", 0))
 """Goes on while the computer is suspended."""
+
+
+class Who(IntEnum):
+    """The processes that hold a lock as long as they live."""
+
+    CONTROL = 0
+    GUARDIAN = 1
+    STANDBY = 2
+    RESET = 3
+    """The child of the guardian that resets the machine, while it works."""
+
+
+STAGE, BEAT, ASKED, WATCH, ADMITTED, RESETTING, REPORTED, SETTLED = range(8)
+CELLS = 8
+TABLE = MUTEX * len(Who)
+LARGEST = 1 << 16
+"""Bytes of a report."""
+HOLD_LIMIT = 1.0
+"""Timeout in s for a lock of one's own; others hold it for microseconds to see whether it is free."""
+REPORT = TABLE + 8 * CELLS
+SETTLEMENT = REPORT + LARGEST
+LENGTH = SETTLEMENT + LARGEST
 
 
 class _Timespec(ctypes.Structure):
@@ -42,22 +61,70 @@ class Life:
 
     def __init__(self) -> None:
         self._libc = ctypes.CDLL(None, use_errno=True)
-        self._memory = mmap.mmap(-1, REPORT + LARGEST)  # anonymous and shared
-        self._mutex = ctypes.c_char.from_buffer(self._memory)
-        self._cells = memoryview(self._memory)[MUTEX:REPORT].cast("q")
+        self._memory = mmap.mmap(-1, LENGTH)  # anonymous and shared
+        self._locks = [ctypes.c_char.from_buffer(self._memory, MUTEX * who) for who in Who]
+        self._cells = memoryview(self._memory)[TABLE:REPORT].cast("q")
         attributes = ctypes.create_string_buffer(64)
         self._libc.pthread_mutexattr_init(attributes)
         self._libc.pthread_mutexattr_setpshared(attributes, PROCESS_SHARED)
         self._libc.pthread_mutexattr_setrobust(attributes, ROBUST)
-        self._libc.pthread_mutex_init(ctypes.byref(self._mutex), attributes)
+        for lock in self._locks:
+            self._libc.pthread_mutex_init(ctypes.byref(lock), attributes)
         self.watch()
         self.enter(Stage.STARTING)
 
-    # The control process -------------------------------------------------------------------------------
+    # Every process -------------------------------------------------------------------------------------
 
-    def hold(self) -> None:
-        """Take the lock: from now on the guardian detects the death of this thread."""
-        self._libc.pthread_mutex_lock(ctypes.byref(self._mutex))
+    def fork(self, who: Who) -> int:
+        """Fork a process in a session of its own, that holds its lock when this returns in its parent; 0 in the child.
+        OSError where no process or pipe can be had."""
+        held, holding = os.pipe()
+        try:
+            pid = os.fork()
+        except OSError:
+            os.close(held)
+            os.close(holding)
+            raise
+        if pid:
+            os.close(holding)
+            os.read(held, 1)  # until the child closes its end, or is dead already
+            os.close(held)
+            return pid
+        os.close(held)
+        os.setsid()  # a signal to the group or session of another does not reach it
+        self.hold(who)
+        os.close(holding)
+        return 0
+
+    def hold(self, who: Who) -> None:
+        """Take a lock: from now on the others detect the death of this thread. It does not wait for a former holder
+        that cannot be killed."""
+        self._taken(who, self._lock_until(who, HOLD_LIMIT))
+
+    def gone(self, within: float, who: Who = Who.CONTROL) -> bool:
+        """Wait up to `within` s for the holder of a lock to die; whether it did. True too if nobody ever held it."""
+        if not self._taken(who, self._lock_until(who, within)):
+            return False
+        self._libc.pthread_mutex_unlock(ctypes.byref(self._locks[who]))
+        return True
+
+    def _taken(self, who: Who, answer: int) -> bool:
+        if answer == errno.EOWNERDEAD:
+            self._libc.pthread_mutex_consistent(ctypes.byref(self._locks[who]))
+        elif answer not in (0, errno.ETIMEDOUT):
+            raise OSError(answer, f"the lock of {who.name} failed")
+        return answer != errno.ETIMEDOUT
+
+    def _lock_until(self, who: Who, within: float) -> int:
+        """On the monotonic clock, which nobody sets (glibc from 2.30 on); else on the wall clock."""
+        mutex, lock = ctypes.byref(self._locks[who]), getattr(self._libc, "pthread_mutex_clocklock", None)
+        until = (time.time() if lock is None else time.monotonic()) + within
+        limit = ctypes.byref(_Timespec(int(until), int(until % 1 * 1e9)))
+        if lock is None:
+            return int(self._libc.pthread_mutex_timedlock(mutex, limit))
+        return int(lock(mutex, CLOCK_MONOTONIC, limit))
+
+    # The control process -------------------------------------------------------------------------------
 
     def enter(self, stage: Stage) -> None:
         self._cells[STAGE] = stage
@@ -71,6 +138,11 @@ class Life:
         return (now - before) * 1e-9
 
     @property
+    def admitted(self) -> bool:
+        """Whether the control process may begin: every process that can reset the machine is there."""
+        return bool(self._cells[ADMITTED])
+
+    @property
     def unwatched(self) -> float:
         """Seconds since the guardian last looked."""
         return (clock() - self._cells[WATCH]) * 1e-9
@@ -82,14 +154,22 @@ class Life:
 
     def report(self, text: bytes) -> None:
         """Write the report of the end. A report that is too long is dropped; the guardian then treats it as invalid."""
-        self._memory[REPORT : REPORT + min(len(text), LARGEST)] = text[:LARGEST]
-        self._cells[LENGTH] = len(text)
+        self._put(REPORT, REPORTED, text)
 
     # The guardian --------------------------------------------------------------------------------------
 
     def watch(self) -> None:
         """The guardian's own sign of life."""
         self._cells[WATCH] = clock()
+
+    def admit(self) -> None:
+        """Let the control process begin."""
+        self._cells[ADMITTED] = 1
+
+    @property
+    def last_watch(self) -> int:
+        """Time of the guardian's last sign of life, in ns on `clock`."""
+        return int(self._cells[WATCH])
 
     def ask(self, number: int) -> None:
         """Ask the control process to stop, like this signal does."""
@@ -114,25 +194,30 @@ class Life:
 
     def reported(self) -> bytes:
         """What the control process said at its end."""
-        return bytes(self._memory[REPORT : REPORT + min(max(self._cells[LENGTH], 0), LARGEST)])
+        return self._get(REPORT, REPORTED)
 
-    def gone(self, within: float) -> bool:
-        """Wait up to `within` s for the holder of the lock to die; whether it did."""
-        answer = self._lock_until(within)
-        if answer == errno.ETIMEDOUT:
-            return False
-        if answer == errno.EOWNERDEAD:
-            self._libc.pthread_mutex_consistent(ctypes.byref(self._mutex))
-        if answer in (0, errno.EOWNERDEAD):
-            self._libc.pthread_mutex_unlock(ctypes.byref(self._mutex))
-            return True
-        raise OSError(answer, "the lock of the control process failed")
+    def begin_reset(self) -> None:
+        """The guardian resets the machine from now on: its signs of life may be far apart."""
+        self.watch()
+        self._cells[RESETTING] = 1
 
-    def _lock_until(self, within: float) -> int:
-        """On the monotonic clock, which nobody sets (glibc from 2.30 on); else on the wall clock."""
-        mutex, lock = ctypes.byref(self._mutex), getattr(self._libc, "pthread_mutex_clocklock", None)
-        until = (time.time() if lock is None else time.monotonic()) + within
-        limit = ctypes.byref(_Timespec(int(until), int(until % 1 * 1e9)))
-        if lock is None:
-            return int(self._libc.pthread_mutex_timedlock(mutex, limit))
-        return int(lock(mutex, CLOCK_MONOTONIC, limit))
+    @property
+    def resetting(self) -> bool:
+        """Whether the guardian has begun to reset the machine."""
+        return bool(self._cells[RESETTING])
+
+    def settle(self, text: bytes) -> None:
+        """The machine is reset as far as possible, with this outcome. It stands if the guardian dies before it has
+        recorded and told it."""
+        self._put(SETTLEMENT, SETTLED, text)
+
+    def settled(self) -> bytes:
+        """The outcome, empty before there is one."""
+        return self._get(SETTLEMENT, SETTLED)
+
+    def _put(self, at: int, length: int, text: bytes) -> None:
+        self._memory[at : at + min(len(text), LARGEST)] = text[:LARGEST]
+        self._cells[length] = len(text)
+
+    def _get(self, at: int, length: int) -> bytes:
+        return bytes(self._memory[at : at + min(max(self._cells[length], 0), LARGEST)])

@@ -1,0 +1,107 @@
+"""The end of a run: reset the machine where that is needed, record it, tell it."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable
+from contextlib import suppress
+
+from umo.process.job import Plan
+from umo.process.last_words import say_last
+from umo.process.life import Life, Who
+from umo.process.messages import MessageSocket
+from umo.process.outcome import Failed, Outcome
+from umo.process.reset import Resetter, summary
+from umo.process.watched import Watched
+from umo.process.watcher import Watcher
+from umo.system import realtime
+from umo.system.custody import Custody
+from umo.text import in_brackets
+
+STANDBY = "standby guardian"
+SPARES = 16
+"""Descriptors kept free for the end: the drivers need them."""
+
+
+class Conclusion:
+    """What a guardian does when the control process has ended or hangs."""
+
+    def __init__(self, plan: Plan, custody: Custody, life: Life, channel: MessageSocket, watcher: Watcher) -> None:
+        self._plan = plan
+        self._custody = custody
+        self._life = life
+        self._channel = channel
+        self._watcher = watcher
+        self.title = "guardian"
+        self.resetter = self._new_resetter()
+        self._spares = [os.open(os.devnull, os.O_RDONLY) for _ in range(SPARES)]
+
+    def hand_over(self) -> None:
+        """In the standby guardian: from now on it is the one who resets. The guardian's child is not one of its own."""
+        self.title = STANDBY
+        self.resetter = self._new_resetter()
+
+    def _new_resetter(self) -> Resetter:
+        return Resetter(self._plan.machine, self._plan.wired, self._begin_reset)
+
+    def _begin_reset(self) -> None:
+        """In the child that resets."""
+        self._life.hold(Who.RESET)
+        process = self._plan.wired.process
+        # one below the guardian: a driver that loops for ever must not keep the guardian from ending it
+        realtime.guard(process.priority - 1, process.cpu)
+
+    def step_in(self, control: Watched, why: str, said: Callable[[str], object]) -> Outcome:
+        """The control process died without resetting the machine, or hangs: make sure that it is dead, then reset."""
+        control.process.send(signal.SIGKILL)
+        left = self._reset(control, said)
+        what = why or f"{self._who_died(control)}{in_brackets(self._watcher.moment)}"
+        told = f"not reached: {summary(left)}" if left else f"the {self.title} reset every actuator"
+        return Outcome(Failed("ControlLost", f"{what}\n{told}", 1), unsafe=True, unreached=list(left))
+
+    def _who_died(self, control: Watched) -> str:
+        return (
+            "guardian and control process were killed" if self._standby else f"the control process {control.ending()}"
+        )
+
+    def settle(self, control: Watched, outcome: Outcome, said: Callable[[str], object]) -> Outcome:
+        """The control process has ended by itself. Retry the actuators that it could not reset."""
+        if outcome.unreached:
+            left = self._reset(control, said)  # all of them: the list may have been cut, and the order counts
+            outcome.unsafe, outcome.unreached = True, list(left)
+            outcome.failure = outcome.failure or Failed("StopError", "not brought to their defaults", 3)
+            told = f"not reached: {summary(left)}" if left else f"reset by the {self.title} afterwards"
+            outcome.failure.message = "\n".join([outcome.failure.message.partition("\n")[0], told])
+            outcome.failure.status = 3 if left else 1
+        return outcome
+
+    def _reset(self, control: Watched, said: Callable[[str], object]) -> dict[str, str]:
+        """Reset every actuator, in stop order; what was not reached, with the cause."""
+        self._life.begin_reset()
+        while self._spares:
+            os.close(self._spares.pop())
+        lasting = self._plan.wired.process.reset_for
+        return self.resetter.reset(self.resetter.paths, lasting, is_dead=control.is_dead, said=said)
+
+    def tell(self, outcome: Outcome) -> None:
+        """Record and tell how the run ended. The standby guardian does it again if the guardian is killed meanwhile."""
+        failure = outcome.failure
+        what = failure.message.partition("\n")[0] if failure is not None else "it was stopped"
+        with suppress(Exception):
+            if outcome.unsafe:
+                unwritten = self._custody.stopped(what, outcome.unreached)
+                if unwritten and failure is not None:
+                    failure.message += f"; {unwritten}"
+            elif outcome.driven:
+                self._custody.finish()
+            else:
+                self._custody.abandon()
+        if failure is not None:
+            self._watcher.keep(what)
+        with suppress(Exception):
+            self.resetter.dismiss()
+        with suppress(Exception):
+            self._watcher.finish()
+        self._channel.send("ended", outcome=outcome.dump())
+        say_last(self._channel, self._plan.name, outcome)

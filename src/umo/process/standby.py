@@ -1,0 +1,110 @@
+"""The standby guardian: a second guardian that waits until the first one dies or gives no sign of life.
+
+It is forked by the guardian before anything is driven, in a session of its own, and does nothing else meanwhile. When
+it takes over it is the only guardian: the first one and its child that resets are dead by then.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from time import monotonic, sleep
+from typing import NoReturn
+
+from umo.process.life import Life, Who
+from umo.process.reset import BURIAL, IGNORED
+from umo.system.processes import Process, name_process
+from umo.text import cause_of
+
+LOOK = 0.1
+"""s between two looks at the guardian's signs of life; its death is seen at once."""
+RESET_LIMIT = 30.0
+"""Timeout in s for the guardian's signs of life while it resets the machine: a call of a driver may take long there."""
+PAUSE = 1.0
+"""s from one standby guardian that could not be forked to the next try."""
+
+
+class Standby:
+    """The standby guardian of the process that makes this. `limit`: timeout in s for that one's signs of life.
+    `take_over` is carried out in the standby guardian. `say` tells the user what went wrong."""
+
+    def __init__(self, life: Life, limit: float, take_over: Callable[[], object], say: Callable[[str], object]) -> None:
+        self._life = life
+        self._limit = limit
+        self._take_over = take_over
+        self._say = say
+        self._guardian = Process(os.getpid())
+        self._pid = 0
+        self._due = 0.0
+        """Time at which another one is forked, if there is none."""
+
+    def appoint(self) -> None:
+        """Fork it. When this returns it is on its guard; if it cannot be forked the user is told."""
+        try:
+            self._pid = self._life.fork(Who.STANDBY)
+        except OSError as error:
+            self._due = monotonic() + PAUSE
+            self._say(
+                f"no standby guardian: {cause_of(error)}; if the guardian is killed too, nothing resets the machine"
+            )
+            return
+        if self._pid == 0:
+            self._stand_by()
+
+    def look(self) -> None:
+        """Fork another one if it has died or was stopped by a signal."""
+        if self._pid:
+            pid, _ = os.waitpid(self._pid, os.WNOHANG | os.WUNTRACED)
+            if not pid:
+                return
+            self.dismiss()
+            self._say("the standby guardian was killed or stopped; another one takes its place")
+        if monotonic() >= self._due:
+            self._due = monotonic() + PAUSE
+            self.appoint()
+
+    def dismiss(self) -> None:
+        """End it: the run is over, recorded and told."""
+        if self._pid:
+            with suppress(ProcessLookupError):
+                os.kill(self._pid, signal.SIGKILL)
+            with suppress(ChildProcessError):  # it had ended, and has been waited for
+                os.waitpid(self._pid, 0)
+            self._pid = 0
+
+    # The standby guardian ------------------------------------------------------------------------------
+
+    def _stand_by(self) -> NoReturn:
+        try:
+            name_process("umo standby")
+            for number in IGNORED:
+                signal.signal(number, signal.SIG_IGN)
+            self._wait()
+            self._make_sure()
+            self._take_over()
+            os._exit(0)
+        except BaseException:
+            with suppress(BaseException):
+                sys.excepthook(*sys.exc_info())
+        finally:
+            os._exit(1)
+
+    def _wait(self) -> None:
+        """Until the guardian is dead, or has given no sign of life in so many looks: the whole computer may stand still
+        for a while."""
+        seen = looks = 0
+        while not self._life.gone(LOOK, Who.GUARDIAN):
+            looks = looks + 1 if self._life.last_watch == seen else 0
+            seen = self._life.last_watch
+            if looks * LOOK > (RESET_LIMIT if self._life.resetting else self._limit):
+                return
+
+    def _make_sure(self) -> None:
+        """That no other process can write to a device beside the control process."""
+        self._guardian.send(signal.SIGKILL)
+        until = monotonic() + BURIAL
+        while not (self._guardian.ended and self._life.gone(0.0, Who.RESET)) and monotonic() < until:
+            sleep(0.0005)

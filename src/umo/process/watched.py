@@ -1,0 +1,78 @@
+"""The control process as its guardian sees it: whether it lives, where it stands, how it ended."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+from contextlib import suppress
+from time import monotonic, sleep
+
+from umo.cycle.stopping import SIGNALS, signal_name
+from umo.process.life import Life
+from umo.process.reset import BURIAL
+from umo.system.processes import Process, is_stopped
+from umo.text import in_brackets, place_among
+
+WHERE = signal.SIGUSR2
+"""At this signal the control process writes down where its Python code stands."""
+
+
+class Watched:
+    """The control process, from its fork to its end. `traces` is the file in which it writes down where it stands."""
+
+    def __init__(self, pid: int, life: Life, traces: int) -> None:
+        self.process = Process(pid)
+        self._life = life
+        self._traces = traces
+        self._status: int | None = None
+        self._dead = False
+        self._given_up = 0.0
+        """Time at which waiting for a process that cannot be killed ends."""
+
+    def is_dead(self, within: float = 0.0) -> bool:
+        """Whether it has ended: its connections are closed then. One that sticks in the kernel, in a call of its
+        device, counts as dead after a while: it cannot be waited for. Gives the guardian's signs of life meanwhile."""
+        until = monotonic() + within
+        self._given_up = self._given_up or monotonic() + BURIAL
+        while not self._has_ended():
+            self._life.watch()
+            if monotonic() >= until:
+                return monotonic() >= self._given_up
+            sleep(0.0005)
+        return True
+
+    def _has_ended(self) -> bool:
+        if not self._dead:
+            with suppress(ChildProcessError):  # the standby guardian is not its parent
+                pid, status = os.waitpid(self.process.pid, os.WNOHANG)
+                if pid:
+                    self._status, self._dead = status, True
+            self._dead = self._dead or self.process.ended
+        return self._dead
+
+    def ending(self) -> str:
+        """How it ended, in words."""
+        status = self._status
+        if status is None:
+            return "has ended" if self._dead else "cannot be killed: it is blocked in a kernel call"
+        if os.WIFSIGNALED(status):
+            number = os.WTERMSIG(status)
+            what = "was killed" if number in (signal.SIGKILL, *SIGNALS) else "crashed"
+            return f"{what} ({signal_name(number)})"
+        return f"ended with status {os.WEXITSTATUS(status)} without resetting the machine"
+
+    def hung(self, how: str, moment: str) -> str:
+        """That it hangs, where and when, in words."""
+        stopped = " (it was stopped by a signal)" if is_stopped(self.process.pid) else ""
+        return f"the control process hung: {how}{stopped}{in_brackets(moment, self._where())}"
+
+    def _where(self) -> str:
+        """Where its Python code stands, as far as it can still tell."""
+        with suppress(OSError):
+            self.process.send(WHERE)
+            sleep(0.003)
+            text = os.pread(self._traces, 1 << 16, 0).decode(errors="replace")
+            frames = re.findall(r'^  File "(.+)", line (\d+) in (.+)$', text, re.MULTILINE)  # the innermost first
+            return place_among((file, int(line), function) for file, line, function in reversed(frames))
+        return ""

@@ -1,0 +1,64 @@
+"""Other processes: whether they live, are stopped, or have ended; and the name of this one in lists of processes."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import select
+import signal
+from contextlib import suppress
+from pathlib import Path
+
+PR_SET_NAME = 15
+LONGEST_NAME = 15
+"""Bytes of the name of a process (prctl(2), PR_SET_NAME)."""
+
+
+class Process:
+    """A process, known by a descriptor: no other process can take its place, as with its id (pidfd_open(2), Linux 5.3;
+    by its id alone where that is refused)."""
+
+    def __init__(self, pid: int) -> None:
+        self.pid = pid
+        self._poll: select.poll | None = None
+        with suppress(OSError):
+            self._file = os.pidfd_open(pid)
+            self._poll = select.poll()
+            self._poll.register(self._file, select.POLLIN)
+
+    def send(self, number: int) -> None:
+        """Send a signal, if the process has not ended."""
+        with suppress(ProcessLookupError):
+            if self._poll is None:
+                os.kill(self.pid, number)
+            else:
+                signal.pidfd_send_signal(self._file, number)
+
+    @property
+    def ended(self) -> bool:
+        """Whether it has ended: its files and connections are closed then."""
+        if self._poll is not None:
+            return bool(self._poll.poll(0))
+        try:
+            os.kill(self.pid, 0)
+        except ProcessLookupError:
+            return True
+        return False
+
+
+def is_stopped(pid: int) -> bool:
+    """Whether a process was stopped by a signal, or by a debugger."""
+    return state(pid) in "Tt"
+
+
+def state(pid: int) -> str:
+    """R, S, D, T, t, Z as in proc_pid_stat(5); X where there is no such process."""
+    with suppress(OSError, IndexError):
+        return Path(f"/proc/{pid}/stat").read_text(errors="replace").rpartition(")")[2].split()[0]
+    return "X"
+
+
+def name_process(text: str) -> None:
+    """Name this process for lists of processes (`ps -o comm`)."""
+    with suppress(OSError):
+        ctypes.CDLL(None).prctl(PR_SET_NAME, text.encode()[:LONGEST_NAME], 0, 0, 0)
