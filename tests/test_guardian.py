@@ -19,19 +19,22 @@ from helpers.process_box import Cells
 from helpers.runs import Run, assert_safe, standing
 from umo import DeviceTimeout, DriverError, connect
 from umo.cycle import transfer
-from umo.process import control_process, guardian, reset
+from umo.cycle.stage import Stage
+from umo.process import control_process, reset, silence
 from umo.process import life as life_module
 from umo.process import outcome as outcome_module
 from umo.process.board import Board as ResetBoard
 from umo.process.board import Reached
 from umo.process.control_process import Control
-from umo.process.job import Job
+from umo.process.job import Job, Plan
 from umo.process.life import LARGEST, Life
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome, plain
 from umo.process.reset import Resetter
+from umo.process.silence import LOOK, Silence
+from umo.process.start import vanished
+from umo.process.watcher import Watcher
 from umo.system import realtime
-from umo.system.custody import Custody
 from umo.testing import Scripted, periods
 from umo.wiring import resolve
 
@@ -78,7 +81,7 @@ def test_an_exception_that_is_shown_slowly_does_not_count_as_hanging(tmp_path: P
 def test_a_report_that_never_ends_is_cut_off_and_the_end_stays_as_it_was(
     tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(guardian, "REPORTING_LIMIT", 0.1)
+    monkeypatch.setattr(silence, "REPORTING_LIMIT", 0.1)
     outcome = Run(process_box.wiring(tmp_path / "box"), "returns_the_slow").outcome()
     assert (outcome.status, outcome.unsafe, outcome.result) == (0, False, None)
     assert standing() == []
@@ -156,16 +159,45 @@ def test_without_a_child_the_guardian_resets_the_machine_itself(
     assert_safe(cells)
 
 
-def test_a_guardian_that_fails_itself_resets_the_machine(
+def test_a_guardian_that_cannot_watch_any_more_resets_the_machine(
     tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(self: guardian.Guardian) -> None:
+    def fail(self: Silence) -> str:
         raise MemoryError("no room")
 
-    monkeypatch.setattr(guardian.Guardian, "_listen", fail)
+    monkeypatch.setattr(Silence, "look", fail)
     outcome = Run(process_box.wiring(tmp_path / "box"), "forever").outcome()
     assert outcome.failure is not None
     assert "the guardian failed: MemoryError: no room" in outcome.failure.message
+    assert_safe(cells)
+
+
+def test_a_guardian_that_fails_in_a_step_goes_on_watching(
+    tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(self: Watcher) -> None:
+        raise OSError("no frames")
+
+    monkeypatch.setattr(Watcher, "look", fail)
+    run = Run(process_box.wiring(tmp_path / "box"), "forever").until_running()
+    os.kill(run.control, signal.SIGKILL)
+    outcome = run.outcome()
+    assert "the guardian reset every actuator" in str(outcome.failure)
+    assert run.notices == ["the guardian failed in a step and goes on: no frames"]  # told once
+    assert_safe(cells)
+
+
+def test_a_guardian_that_cannot_be_asked_to_stop_any_more_stops_the_machine(
+    tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(self: MessageSocket, timeout: float = 0.0) -> None:
+        raise MemoryError("no room")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(MessageSocket, "receive", fail)
+        run = Run(process_box.wiring(tmp_path / "box"), "forever")
+    outcome = run.outcome()
+    assert (outcome.status, outcome.unsafe) == (128 + signal.SIGTERM, False)
     assert_safe(cells)
 
 
@@ -204,43 +236,51 @@ def test_a_signal_that_the_application_ignores_is_asked_again_in_shared_memory(t
     assert_safe(cells)
 
 
-def watched(gap: float = 0.0, asked: int = 0, unwatched: float = 0.0, limit: float = 0.1) -> Control:
-    """A control process's look at itself, with what it finds."""
+class Found:
+    """What a control process finds when it looks at itself at the end of a period."""
 
-    class Found:
-        def __init__(self) -> None:
-            self.asked, self.unwatched = asked, unwatched
+    def __init__(self, gap: float = 0.0, unwatched: float = 0.0, asked: int = 0) -> None:
+        self.gap, self.unwatched, self.asked = gap, unwatched, asked
 
-        def beat(self) -> float:
-            return gap
-
-    found = Control.__new__(Control)
-    found._life, found._hang, found._gap, found._alarm = cast(Life, Found()), 0.1, limit, ""
-    return found
+    def beat(self) -> float:
+        return self.gap
 
 
-def test_a_gap_longer_than_the_hang_limit_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+def plan_of(folder: Path, **process: object) -> Plan:
+    return Plan(Job(machine="helpers.process_box:machine", wiring=process_box.wiring(folder / "box", process=process)))
+
+
+@pytest.mark.parametrize(
+    ("found", "stops"),
+    [
+        (Found(gap=0.05), False),
+        (Found(gap=0.3), True),
+        (Found(unwatched=0.4), False),
+        (Found(unwatched=0.6), True),
+        (Found(asked=15), True),
+    ],
+)
+def test_a_control_process_stops_after_a_gap_without_a_guardian_or_when_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, found: Found, stops: bool
+) -> None:
     stopped: list[object] = []
     monkeypatch.setattr(control_process, "request_stop", lambda number=None: stopped.append(number))
-    one = watched(gap=3.0)
-    one._each_period(cast(Any, None))
-    assert stopped == [None]
-    assert "no period ended for 3.0 s, limit" in one._alarm
-    watched(gap=0.05)._each_period(cast(Any, None))
-    assert len(stopped) == 1
-    watched(unwatched=0.6)._each_period(cast(Any, None))
-    assert len(stopped) == 2
-    watched(unwatched=0.4)._each_period(cast(Any, None))
-    assert len(stopped) == 2
+    plan = plan_of(tmp_path, hang_timeout="100 ms")
+    Control(plan, cast(Any, None), cast(Life, found), cast(Any, None), 0, None).each_period(cast(Any, None))
+    assert bool(stopped) is stops
 
 
-def test_a_gap_longer_than_the_watchdog_of_a_circuit_ends_the_run(tmp_path: Path) -> None:
-    plan = guardian.Plan(Job(machine="helpers.process_box:machine", wiring=process_box.wiring(tmp_path / "box")))
-    found = []
-    for watchdogs in ({}, {"box": 0.06}):
-        plan.wired = dataclasses.replace(plan.wired, watchdogs=watchdogs)
-        found.append(Control(plan, cast(Any, None), cast(Any, None), cast(Any, None), 0, None)._gap)
-    assert found == [5.0, 0.06]  # hang_timeout; the watchdog
+@pytest.mark.parametrize(("watchdogs", "stops"), [({}, False), ({"box": 0.06}, True)])
+def test_a_gap_longer_than_the_watchdog_of_a_circuit_ends_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, watchdogs: dict[str, float], stops: bool
+) -> None:
+    stopped: list[object] = []
+    monkeypatch.setattr(control_process, "request_stop", lambda number=None: stopped.append(number))
+    plan = plan_of(tmp_path, hang_timeout="100 ms")
+    plan.wired = dataclasses.replace(plan.wired, watchdogs=watchdogs)
+    life = cast(Life, Found(gap=0.07))
+    Control(plan, cast(Any, None), life, cast(Any, None), 0, None).each_period(cast(Any, None))
+    assert bool(stopped) is stops
 
 
 def test_a_driver_that_hangs_while_leaving_is_noticed_after_the_limit_for_a_hang(tmp_path: Path, cells: Cells) -> None:
@@ -329,51 +369,45 @@ def test_what_is_not_a_message_is_passed_over(text: bytes) -> None:
     here.close()
 
 
+class Time:
+    """The clock of the signs of life, which goes on by the guardian's looks only."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now = 10**12
+        monkeypatch.setattr(life_module, "clock", lambda: self.now)
+        monkeypatch.setattr(life_module.time, "clock_gettime_ns", lambda clock: self.now)
+
+    def hung_after(self, silence: Silence, every: float, most: int = 100) -> tuple[str, float]:
+        """What is known, and after how many s, of a process that gives no sign of life; looks come `every` s."""
+        for look in range(1, most + 1):
+            self.now += int(every * 1e9)
+            if hung := silence.look():
+                return hung, look * every
+        return "", most * every
+
+
 def test_a_period_longer_than_the_limit_for_a_step_of_starting_does_not_count_as_hanging() -> None:
-    life = guardian.Guardian.__new__(guardian.Guardian)
-    life._life = Life()
-    life._plan = cast(Any, type("P", (), {"wired": type("W", (), {"period": 60.0})}))
-    assert life._limit() > 60.0
+    assert Silence(Life(), 0.1, period=60.0).limit > 60.0
 
 
 def test_a_suspended_computer_is_not_taken_for_a_hanging_control_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    now, looks = [10**12], [0]
-    monkeypatch.setattr(life_module, "clock", lambda: now[0])
-    monkeypatch.setattr(life_module.time, "clock_gettime_ns", lambda clock: now[0])
-    life = Life()
-
-    def look(within: float) -> bool:
-        looks[0] += 1
-        now[0] += int(3600e9) if looks[0] == 3 else int(within * 1e9)
-        return looks[0] > 5
-
-    life.gone = look  # type: ignore[method-assign]
-    life.enter(guardian.Stage.RUNNING)
-    assert watching(life)._watch() == ""
+    time, life = Time(monkeypatch), Life()
+    life.enter(Stage.RUNNING)
+    silence = Silence(life, 0.1, 0.001)
+    assert time.hung_after(silence, 3600.0, most=1)[0] == ""
+    assert time.hung_after(silence, LOOK, most=2)[0] == ""
 
 
-@pytest.mark.parametrize(("late", "after"), [(0.0, 0.12), (0.08, 0.6)])
+@pytest.mark.parametrize(("every", "after"), [(LOOK, 0.12), (LOOK + 0.08, 0.6)])
 def test_a_hang_is_noticed_also_by_a_guardian_whose_looks_come_late(
-    monkeypatch: pytest.MonkeyPatch, late: float, after: float
+    monkeypatch: pytest.MonkeyPatch, every: float, after: float
 ) -> None:
     """As in a container with a CPU quota that the hanging process uses up."""
-    now = [10**12]
-    monkeypatch.setattr(life_module, "clock", lambda: now[0])
-    monkeypatch.setattr(life_module.time, "clock_gettime_ns", lambda clock: now[0])
-    life = Life()
-    life.gone = lambda within: bool(now.__setitem__(0, now[0] + int((within + late) * 1e9)))  # type: ignore[method-assign]
-    life.enter(guardian.Stage.RUNNING)
-    assert watching(life)._watch() == "no sign of life for 100 ms while running"
-    assert (now[0] - 10**12) * 1e-9 == pytest.approx(after)
-
-
-def watching(life: Life) -> guardian.Guardian:
-    """A guardian of a control process that is only this."""
-    watch = guardian.Guardian.__new__(guardian.Guardian)
-    watch._life, watch._process = life, cast(Any, type("P", (), {"hang_timeout": 0.1}))
-    watch._listen = lambda: None  # type: ignore[method-assign]
-    watch._watcher = cast(Any, type("W", (), {"look": staticmethod(lambda: None)}))
-    return watch
+    time, life = Time(monkeypatch), Life()
+    life.enter(Stage.RUNNING)
+    hung, late = time.hung_after(Silence(life, 0.1, 0.001), every)
+    assert hung == "no sign of life for 100 ms while running"
+    assert late == pytest.approx(after)
 
 
 @pytest.mark.parametrize("number", [signal.SIGCHLD])
@@ -593,44 +627,37 @@ def test_a_board_keeps_what_was_reached_and_why_not() -> None:
     assert board.reached(0) is Reached.UNTRIED
 
 
-def test_the_starter_takes_the_guardians_status_where_its_last_words_were_lost() -> None:
-    from umo.process.start import Started
-
-    class Ended:
-        def __init__(self, status: int) -> None:
-            self._status = status
-
-        def wait(self) -> int:
-            return self._status
-
-    def vanished(status: int, left: Outcome | None = None) -> Outcome:
-        started = Started.__new__(Started)
-        started.pid = 1
-        started._guardian = cast(Any, Ended(status))
-        started._left = left
-        return started._vanished()
-
-    assert vanished(0).status == 0
-    assert vanished(143).status == 143
-    assert vanished(1).status == 1
-    assert "without resetting the actuators" in str(vanished(-9).failure)
-    assert (vanished(-9).status, vanished(-9, Outcome()).status) == (3, 1)
-    assert "killed (SIGKILL) after the control process had ended" in str(vanished(-9, Outcome()).failure)
-    assert vanished(-9, Outcome(unreached=["motor"])).status == 3
-
-
-def test_the_child_that_resets_stands_below_the_guardian_so_that_a_driver_that_loops_cannot_starve_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("status", "left", "expected"),
+    [
+        (0, None, 0),
+        (143, None, 143),
+        (1, None, 1),
+        (-9, None, 3),
+        (-9, Outcome(), 1),
+        (-9, Outcome(unreached=["m"]), 3),
+    ],
+)
+def test_the_starter_takes_the_guardians_status_where_nobody_told_the_outcome(
+    status: int, left: Outcome | None, expected: int
 ) -> None:
-    asked: list[tuple[int, int | None]] = []
-    monkeypatch.setattr(guardian.realtime, "guard", lambda priority, cpu: asked.append((priority, cpu)))
-    monkeypatch.syspath_prepend(str(Path(__file__).parent))
-    wiring = process_box.wiring(tmp_path / "box", process={"priority": 60})
-    plan = guardian.Plan(Job(machine="helpers.process_box:machine", wiring=wiring))
-    here, there = MessageSocket.pair()
-    watch = guardian.Guardian(plan, here, Custody([], "test"))
-    watch._traces.close()
-    watch._resetter._guard()
-    assert asked == [(59, None)]  # `guard` gives one more than the priority of the control process
-    there.close()
-    here.close()
+    outcome = vanished(status, left, running=True)
+    assert outcome.status == expected
+    if status < 0:
+        assert outcome.unsafe
+        assert ("after the control process had ended" in str(outcome.failure)) is (left is not None)
+        assert ("all ended without resetting the actuators" in str(outcome.failure)) is (left is None)
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root is granted a priority")
+def test_the_child_that_resets_stands_below_the_guardian_so_that_a_driver_that_loops_cannot_starve_it(
+    tmp_path: Path, cells: Cells
+) -> None:
+    wiring = process_box.wiring(tmp_path / "box", type="helpers.process_box:NotesPriority", process={"priority": 60})
+    run = Run(wiring, "forever").until_running()
+    if not os.sched_getparam(run.guardian).sched_priority:
+        pytest.skip("not granted here")
+    assert os.sched_getparam(run.guardian).sched_priority == 61
+    os.kill(run.control, signal.SIGKILL)
+    run.outcome()
+    assert cells.numbers[process_box.PRIORITY] == 60

@@ -20,7 +20,7 @@ from helpers.process_box import CALLS, Cells
 from helpers.runs import Run, assert_safe, standing
 from helpers.tiers import first, some
 from umo.cycle import transfer
-from umo.process import guardian, reset
+from umo.process import reset, silence
 from umo.system import record
 
 AT_ONCE = 6
@@ -43,7 +43,7 @@ def cells(tmp_path: Path) -> Cells:
 def impatient(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
     """For drivers that never answer: the limits that end the waiting, as small as a shared machine allows. What the
     wiring's [process] has of them."""
-    monkeypatch.setattr(guardian, "STARTING_LIMIT", 0.5)
+    monkeypatch.setattr(silence, "STARTING_LIMIT", 0.5)
     monkeypatch.setattr(reset, "GRACE", 0.2)
     return {"hang_timeout": "100 ms"}
 
@@ -195,13 +195,10 @@ def test_what_survives_its_starter_says_on_stderr_how_the_run_ended(
     tmp_path: Path, cells: Cells, capfd: pytest.CaptureFixture[str], killed: str, text: str
 ) -> None:
     run = Run(process_box.wiring(tmp_path / "box"), "forever").until_running()
-    control = os.pidfd_open(run.control)
     if killed != "nobody":
         os.kill({"control": run.control, "guardian": run.guardian}[killed], signal.SIGKILL)
     run.channel.close()
-    os.waitpid(run.guardian, 0)
-    assert select.select([control], [], [], 20)[0], "the control process goes on"
-    os.close(control)
+    run.until_all_ended()
     (line,) = [line for line in capfd.readouterr().err.splitlines() if "umo:" in line]
     assert line.startswith("umo: Machine: the process that started it is gone; ")
     assert text in line
@@ -248,22 +245,6 @@ def test_a_machine_that_was_stopped_unsafely_wants_to_be_acknowledged(tmp_path: 
     assert cells.levels == {"motor": 0, "valve": 0}
     assert Run(wiring, acknowledge=True).outcome().status == 0
     assert Run(wiring).outcome().status == 0
-
-
-def test_both_processes_killed_at_once_are_noticed_at_the_next_start(tmp_path: Path) -> None:
-    wiring = process_box.wiring(tmp_path / "box")
-    run = Run(wiring, "forever").until_running()
-    control = os.pidfd_open(run.control)
-    os.kill(run.guardian, signal.SIGSTOP)
-    os.kill(run.control, signal.SIGKILL)
-    os.kill(run.guardian, signal.SIGKILL)
-    os.waitpid(run.guardian, 0)
-    assert select.select([control], [], [], 30)[0]
-    os.close(control)
-    run.channel.close()
-    refused = Run(wiring).outcome()
-    assert refused.failure is not None
-    assert "ended without a report" in refused.failure.message
 
 
 def test_while_a_machine_runs_it_cannot_be_started_again(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ import umo
 from umo.cycle.sequences import next_period
 from umo.drivers import Channel, Direction, Driver
 
-CALLS, STRUCK, LEVELS = 0, 1, 2
+CALLS, STRUCK, LEVELS, PRIORITY = 0, 1, 2, 10
 OUTPUTS = ("motor", "valve")
 
 
@@ -427,3 +427,10 @@ class HangsInReset(Box):
             self._called()[STRUCK] = 1
             _hang()
         super().reset(channel, default)
+
+
+class NotesPriority(Box):
+    """Notes the priority of the process that opened it last."""
+
+    def open(self) -> None:
+        self._called()[PRIORITY] = os.sched_getparam(0).sched_priority

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import sys
 import tempfile
 from pathlib import Path
@@ -30,8 +31,11 @@ class Run:
         file = tempfile.TemporaryFile()  # noqa: SIM115  (the guardian's)
         file.write(job.dump())
         file.seek(0)
+        self._rest, held = os.pipe()
         self.guardian = os.fork()
         if self.guardian == 0:
+            os.setsid()
+            os.close(self._rest)
             self.channel.close()
             try:
                 os._exit(guardian.main(there.detach(), os.dup(file.fileno())))
@@ -39,17 +43,40 @@ class Run:
                 os._exit(99)
         there.close()
         file.close()
+        os.close(held)
         self.notices: list[str] = []
-        self.control = 0
+        self.control = self.standby = 0
 
     def until_running(self) -> Run:
-        """Until the control process says so; its pid is known then."""
+        """Until the control process says so; its pid and that of the standby guardian are known then."""
+        while not self.control:
+            message = self._next()
+            if message["kind"] == "standby":
+                self.standby = message["pid"]
+            elif message["kind"] == "notice":
+                self.notices.append(message["text"])
+            else:
+                assert message["kind"] == "running", message
+                self.control = message["pid"]
+        return self
+
+    def message(self, kind: str) -> dict[str, Any]:
+        """The next message, which is of this kind."""
+        message = self._next()
+        assert message["kind"] == kind, message
+        return message
+
+    def _next(self) -> dict[str, Any]:
         message = self.channel.receive(30)
         assert message is not None
-        assert message["kind"] == "running", message
         self._close(message)
-        self.control = message["pid"]
-        return self
+        return message
+
+    def until_all_ended(self) -> None:
+        """Until every process of the run has ended."""
+        assert select.select([self._rest], [], [], 30)[0], "a process of the run goes on"
+        os.close(self._rest)
+        os.waitpid(self.guardian, 0)
 
     def outcome(self) -> Outcome:
         """How it ended: what was said, which is the guardian's exit status as well."""

@@ -61,9 +61,8 @@ class Conclusion:
         return Outcome(Failed("ControlLost", f"{what}\n{told}", 1), unsafe=True, unreached=list(left))
 
     def _who_died(self, control: Watched) -> str:
-        return (
-            "guardian and control process were killed" if self._standby else f"the control process {control.ending()}"
-        )
+        both = "guardian and control process were killed"
+        return both if self.title == STANDBY else f"the control process {control.ending()}"
 
     def settle(self, control: Watched, outcome: Outcome, said: Callable[[str], object]) -> Outcome:
         """The control process has ended by itself. Retry the actuators that it could not reset."""

@@ -145,7 +145,7 @@ class Control:
         with connection as machine:
             try:
                 with self._published(connection) as ring, self._commanded(connection, ring):
-                    connection.machine.observers.append(self._each_period)
+                    connection.machine.observers.append(self.each_period)
                     self._ready(machine, ring, refusals)
                     outcome.result = drive(machine, plan.application)
             finally:
@@ -182,7 +182,7 @@ class Control:
                     self._channel.send("notice", text=f"this run takes no commands: {text_of(error)}")
             yield
 
-    def _each_period(self, frame: Frame) -> None:
+    def each_period(self, frame: Frame) -> None:
         """Give a sign of life. Check whether this process was suspended, asked to stop, or lost its guardian."""
         life = self._life
         gap = life.beat()

@@ -24,6 +24,7 @@ from umo.process.life import Life, Who
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome
 from umo.process.reset import BURIAL
+from umo.process.silence import LOOK, Silence
 from umo.process.standby import Standby
 from umo.process.watched import Watched
 from umo.process.watcher import Watcher
@@ -33,15 +34,8 @@ from umo.system.processes import name_process
 from umo.system.streams import keep_open, log_on_lines
 from umo.text import cause_of
 
-LOOK = 0.02
-"""s between two looks at the starter and at the frames; death is seen at once."""
-LOOKS = 3
-"""The minimum number of looks without a sign of life before the control process counts as hung; the number of looks in
-which listening failed before the machine is stopped."""
-STARTING_LIMIT = 30.0
-"""Timeout in s of a step of connecting, in addition to two periods."""
-REPORTING_LIMIT = 5.0
-"""s that the control process may take for its report when the machine has been reset."""
+DEAF = 3
+"""The number of looks in which listening failed before the machine is stopped."""
 
 
 def main(file: int, job_file: int) -> int:
@@ -90,7 +84,8 @@ class Guardian:
         self._traces = tempfile.TemporaryFile()  # noqa: SIM115  (as long as the process)
         self._watcher = Watcher(plan.name)
         self._end = Conclusion(plan, custody, self._life, channel, self._watcher)
-        self._standby = Standby(self._life, max(self._process.hang_timeout, WATCHED_EVERY), self._take_over, self._say)
+        limit = max(self._process.hang_timeout, WATCHED_EVERY)
+        self._standby = Standby(self._life, limit, self._take_over, channel, self._say)
 
     def run(self) -> Outcome:
         """From fork to the last reset."""
@@ -161,29 +156,19 @@ class Guardian:
 
     def _watch(self) -> str:
         """Until the control process is gone (""), or hangs: then what is known of it."""
-        beat = looks = 0
+        silence = Silence(self._life, self._process.hang_timeout, self._plan.wired.period or 0.0)
         while not self._life.gone(LOOK):
             self._life.watch()
             self._look_around()
-            looks = looks + 1 if beat == self._life.last_beat else 0
-            beat, limit = self._life.last_beat, self._limit()
-            # several looks: if the whole computer stood still, the control process gets time to report that itself
-            if self._life.silence > limit and looks >= max(LOOKS, limit / LOOK):
-                return f"no sign of life for {limit * 1e3:g} ms while {self._life.stage}"
+            if hung := silence.look():
+                return hung
         return ""
-
-    def _limit(self) -> float:
-        if self._life.stage is Stage.STARTING:
-            return STARTING_LIMIT + 2 * (self._plan.wired.period or 0.0)
-        if self._life.stage is Stage.ENDED:
-            return REPORTING_LIMIT
-        return self._process.hang_timeout
 
     def _look_around(self) -> None:
         """Whatever fails here, the control process is watched on. If nobody can ask for a stop any more, the guardian
         does."""
         self._deaf = 0 if self._try(self._listen) else self._deaf + 1
-        if self._deaf == LOOKS:
+        if self._deaf == DEAF:
             self._stop = self._stop or signal.SIGTERM
             self._try(self._pass_on)
         self._try(self._watcher.look)

@@ -15,6 +15,7 @@ from time import monotonic, sleep
 from typing import NoReturn
 
 from umo.process.life import Life, Who
+from umo.process.messages import MessageSocket
 from umo.process.reset import BURIAL, IGNORED
 from umo.system.processes import Process, name_process
 from umo.text import cause_of
@@ -29,12 +30,21 @@ PAUSE = 1.0
 
 class Standby:
     """The standby guardian of the process that makes this. `limit`: timeout in s for that one's signs of life.
-    `take_over` is carried out in the standby guardian. `say` tells the user what went wrong."""
+    `take_over` is carried out in the standby guardian. The starter is told its pid; `say` tells the user what went
+    wrong."""
 
-    def __init__(self, life: Life, limit: float, take_over: Callable[[], object], say: Callable[[str], object]) -> None:
+    def __init__(
+        self,
+        life: Life,
+        limit: float,
+        take_over: Callable[[], object],
+        channel: MessageSocket,
+        say: Callable[[str], object],
+    ) -> None:
         self._life = life
         self._limit = limit
         self._take_over = take_over
+        self._channel = channel
         self._say = say
         self._guardian = Process(os.getpid())
         self._pid = 0
@@ -53,6 +63,7 @@ class Standby:
             return
         if self._pid == 0:
             self._stand_by()
+        self._channel.send("standby", pid=self._pid)
 
     def look(self) -> None:
         """Fork another one if it has died or was stopped by a signal."""

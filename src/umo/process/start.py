@@ -148,7 +148,7 @@ class Started:
             timeout = 0.0
             self._note(message)
         if self._channel.ended and self._outcome is None:
-            self._outcome = self._vanished()
+            self._outcome = vanished(self._guardian.wait(), self._left, running=self.pid is not None)
         if self._outcome is not None:
             self._guardian.wait()
 
@@ -206,25 +206,25 @@ class Started:
         for file in message["files"]:
             os.close(file)
 
-    def _vanished(self) -> Outcome:
-        """The guardian did not say how it ended: its exit status does, if it had one, or the control process did."""
-        status = self._guardian.wait()
-        if status < 0 and self._left is not None:
-            outcome = self._left
-            what = f"the guardian was killed ({signal_name(-status)}) after the control process had ended"
-            outcome.failure = outcome.failure or Failed("GuardianLost", what, 1)
-            outcome.unsafe = True
-            return outcome
-        if status == 0:
-            return Outcome()
-        if status > 128:
-            return Outcome(stopped_by=status - 128)
-        if status > 0 or self.pid is None:
-            when = "" if self.pid is not None else " before the machine was started"
-            text = f"the guardian ended with status {status}{when}; its report was lost"
-            return Outcome(Failed("Lost", text, max(status, 1)), unsafe=status == 3)
-        text = (
-            "guardian and control process have both ended without resetting the actuators; "
-            "only watchdogs of the circuits can have reset them"
-        )
-        return Outcome(Failed("Vanished", text, 3), unsafe=True)
+
+def vanished(status: int, left: Outcome | None, *, running: bool) -> Outcome:
+    """The outcome where nobody told it: from the guardian's exit status, and from what the control process told of its
+    own end, if it did. `running`: whether the machine had been started."""
+    if status < 0 and left is not None:
+        what = f"the guardian was killed ({signal_name(-status)}) after the control process had ended"
+        left.failure = left.failure or Failed("GuardianLost", what, 1)
+        left.unsafe = True
+        return left
+    if status == 0:
+        return Outcome()
+    if status > 128:
+        return Outcome(stopped_by=status - 128)
+    if status > 0 or not running:
+        when = "" if running else " before the machine was started"
+        text = f"the guardian ended with status {status}{when}; its report was lost"
+        return Outcome(Failed("Lost", text, max(status, 1)), unsafe=status == 3)
+    text = (
+        "guardian, standby guardian and control process have all ended without resetting the actuators; "
+        "only watchdogs of the circuits can have reset them"
+    )
+    return Outcome(Failed("Vanished", text, 3), unsafe=True)

@@ -62,3 +62,10 @@ def name_process(text: str) -> None:
     """Name this process for lists of processes (`ps -o comm`)."""
     with suppress(OSError):
         ctypes.CDLL(None).prctl(PR_SET_NAME, text.encode()[:LONGEST_NAME], 0, 0, 0)
+
+
+def name_of(pid: int) -> str:
+    """The name of a process in such lists; empty where there is no such process."""
+    with suppress(OSError):
+        return Path(f"/proc/{pid}/comm").read_text(errors="replace").strip()
+    return ""

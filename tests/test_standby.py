@@ -1,0 +1,216 @@
+"""Whoever of guardian, control process and standby guardian dies: the machine is reset, recorded and told, once."""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from helpers import process_box
+from helpers.process_box import Cells
+from helpers.runs import Run, assert_safe, standing
+from umo.cycle import transfer
+from umo.process import conclusion, guardian
+from umo.process.life import Life, Who
+from umo.system import processes
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="processes of their own need Linux")
+
+
+@pytest.fixture
+def cells(tmp_path: Path) -> Cells:
+    return Cells(tmp_path / "box")
+
+
+@pytest.fixture(autouse=True)
+def soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a device may still have under way is over at once."""
+    monkeypatch.setattr(transfer, "SETTLE", 0.01)
+
+
+def running(folder: Path, application: str = "forever", **options: Any) -> Run:
+    return Run(process_box.wiring(folder / "box", **options), application).until_running()
+
+
+def until_dead(pid: int) -> None:
+    """Until a process that was killed has ended."""
+    try:
+        file = os.pidfd_open(pid)
+    except ProcessLookupError:
+        return
+    assert select.select([file], [], [], 20)[0]
+    os.close(file)
+
+
+ORDERS = [("guardian", "control"), ("control", "guardian")]
+
+
+@pytest.mark.parametrize("dead", [True, False], ids=["one after the other", "at once"])
+@pytest.mark.parametrize("order", ORDERS, ids=["guardian first", "control first"])
+def test_guardian_and_control_process_killed_together_leave_one_that_resets(
+    tmp_path: Path, cells: Cells, order: tuple[str, str], dead: bool
+) -> None:
+    run = running(tmp_path)
+    for which in order:
+        pid = getattr(run, which)
+        os.kill(pid, signal.SIGKILL)
+        if dead:
+            until_dead(pid)
+    outcome = run.outcome()
+    assert (outcome.status, outcome.unreached, outcome.unsafe) == (1, [], True)
+    assert outcome.failure is not None
+    if order == ORDERS[1]:  # else the control process may have stopped the machine by itself
+        assert "guardian reset every actuator" in outcome.failure.message
+    assert_safe(cells)
+    (ended,) = standing()
+    assert ended.state == "stopped"
+
+
+@pytest.mark.parametrize("group", ["guardian", "control", "standby"])
+def test_the_group_of_one_process_is_not_that_of_another(tmp_path: Path, cells: Cells, group: str) -> None:
+    run = running(tmp_path)
+    pids = {run.guardian, run.control, run.standby}
+    assert {os.getpgid(pid) for pid in pids} == {os.getsid(pid) for pid in pids} == pids
+    os.killpg(getattr(run, group), signal.SIGKILL)
+    if group == "standby":
+        assert run.message("notice")["text"].startswith("the standby guardian was killed")
+        run.channel.send("stop")
+    outcome = run.outcome()
+    assert outcome.unsafe is (group != "standby")
+    assert_safe(cells)
+
+
+def test_a_standby_guardian_that_died_is_replaced_and_the_next_one_resets(tmp_path: Path, cells: Cells) -> None:
+    run = running(tmp_path)
+    for number in (signal.SIGKILL, signal.SIGSTOP):
+        os.kill(run.standby, number)
+        while (message := run.channel.receive(30)) and message["kind"] == "notice":
+            run.notices.append(message["text"])
+        assert message is not None
+        assert message["kind"] == "standby"
+        assert message["pid"] != run.standby
+        run.standby = message["pid"]
+    assert run.notices == ["the standby guardian was killed or stopped; another one takes its place"]
+    for pid in (run.control, run.guardian):
+        os.kill(pid, signal.SIGKILL)
+    assert "standby guardian" in str(run.outcome().failure)
+    assert_safe(cells)
+
+
+def test_all_three_killed_at_once_are_noticed_at_the_next_start(tmp_path: Path) -> None:
+    run = running(tmp_path)
+    for number in (signal.SIGSTOP, signal.SIGKILL):
+        for pid in (run.guardian, run.standby, run.control):
+            os.kill(pid, number)
+    run.until_all_ended()
+    run.channel.close()
+    refused = Run(process_box.wiring(tmp_path / "box")).outcome()
+    assert refused.failure is not None
+    assert "ended without a report" in refused.failure.message
+
+
+def test_a_guardian_that_was_stopped_does_not_keep_a_dead_control_process_from_being_reset(
+    tmp_path: Path, cells: Cells
+) -> None:
+    run = running(tmp_path, process={"hang_timeout": "200 ms"})
+    os.kill(run.guardian, signal.SIGSTOP)
+    os.kill(run.control, signal.SIGKILL)
+    outcome = run.outcome()
+    assert outcome.failure is not None
+    assert "standby guardian reset every actuator" in outcome.failure.message
+    assert_safe(cells)
+
+
+def test_guardian_and_control_process_stopped_together_are_ended_and_reset(tmp_path: Path, cells: Cells) -> None:
+    run = running(tmp_path, process={"hang_timeout": "200 ms"})
+    for pid in (run.guardian, run.control):
+        os.kill(pid, signal.SIGSTOP)
+    outcome = run.outcome()
+    assert outcome.failure is not None
+    assert "hung: no sign of life for 200 ms while running (it was stopped by a signal)" in outcome.failure.message
+    assert "standby guardian reset every actuator" in outcome.failure.message
+    assert_safe(cells)
+
+
+def test_a_guardian_killed_while_it_resets_is_followed_by_the_standby_guardian(
+    tmp_path: Path, cells: Cells, away: Path
+) -> None:
+    """Its child that resets dies with it."""
+    run = running(tmp_path, at=25, action="kill", away=str(away))
+    assert "not reached yet" in run.message("notice")["text"]
+    os.kill(run.guardian, signal.SIGKILL)
+    assert "not reached yet" in run.message("notice")["text"]
+    away.unlink()
+    outcome = run.outcome()
+    assert (outcome.status, outcome.unreached) == (1, [])
+    assert_safe(cells)
+
+
+@pytest.fixture
+def away(tmp_path: Path) -> Path:
+    file = tmp_path / "away"
+    file.touch()
+    return file
+
+
+@pytest.mark.parametrize("step", ["record", "tell", "end"])
+@pytest.mark.parametrize(("application", "status"), [("drive", 0), ("fail_at", 1)])
+def test_a_guardian_killed_when_all_was_reset_changes_nothing_of_the_end(
+    tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch, step: str, application: str, status: int
+) -> None:
+    def lethal(call: Callable[..., object]) -> Callable[..., object]:
+        def instead(*arguments: object, **named: object) -> object:
+            if processes.name_of(os.getpid()) == "umo guardian":
+                os.kill(os.getpid(), signal.SIGKILL)
+            return call(*arguments, **named)
+
+        return instead
+
+    monkeypatch.setattr(
+        *{
+            "record": (guardian.Custody, "finish", lethal(guardian.Custody.finish)),
+            "tell": (guardian.Watcher, "finish", lethal(guardian.Watcher.finish)),
+            "end": (conclusion, "say_last", lethal(conclusion.say_last)),
+        }[step]
+    )
+    outcome = Run(process_box.wiring(tmp_path / "box"), application).outcome()
+    assert (outcome.status, outcome.unsafe, outcome.unreached) == (status, False, [])
+    assert standing() == []
+
+
+def test_a_guardian_that_cannot_fork_a_standby_guardian_says_so_and_goes_on(
+    tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fork = Life.fork
+
+    def refused(self: Life, who: Who) -> int:
+        if who is Who.STANDBY:
+            raise BlockingIOError(11, "Resource temporarily unavailable")
+        return fork(self, who)
+
+    monkeypatch.setattr(Life, "fork", refused)
+    run = Run(process_box.wiring(tmp_path / "box"), "forever")
+    assert run.message("notice")["text"].startswith("no standby guardian: ")
+    run.control = run.message("running")["pid"]
+    os.kill(run.control, signal.SIGKILL)
+    assert run.outcome().unsafe
+    assert_safe(cells)
+
+
+def test_a_control_process_without_any_guardian_says_and_records_how_it_ended(
+    tmp_path: Path, cells: Cells, capfd: pytest.CaptureFixture[str]
+) -> None:
+    run = running(tmp_path)
+    os.kill(run.guardian, signal.SIGSTOP)  # so it forks no other one
+    os.kill(run.standby, signal.SIGKILL)
+    os.kill(run.guardian, signal.SIGKILL)
+    run.channel.close()
+    run.until_all_ended()
+    assert "the guardian has ended; the control process stopped the machine" in capfd.readouterr().err
+    assert [ended.state for ended in standing()] == ["stopped"]
+    assert_safe(cells)
