@@ -477,6 +477,30 @@ def test_the_folder_lives_from_open_to_close(tank, unpacked):
     tank.close()
 
 
+def test_a_wrong_model_identifier_is_told_as_such(folder, version, tmp_path):
+    renamed = tmp_path / "renamed.fmu"
+    with zipfile.ZipFile(tank_fmu(folder, version)) as archive, zipfile.ZipFile(renamed, "w") as copy:
+        for name in archive.namelist():
+            copy.writestr(name, archive.read(name).replace(b'modelIdentifier="tank"', b'modelIdentifier="Tank_1"'))
+    words = r"renamed\.fmu: its modelIdentifier is 'Tank_1', but its code for \S+ is tank\.so$"
+    with pytest.raises(DriverError, match=words):
+        Fmu(model=renamed).open()
+
+
+def test_every_channel_that_is_listed_is_taken(folder, version, umo):
+    driver = Fmu(model=tank_fmu(folder, version))
+    with pytest.raises(ChannelError) as error:
+        driver.channel("?")
+    listed = str(error.value).partition("the forms are: ")[2].split(", ")
+    for text in listed:
+        driver.channel(text.replace("SCALE", "0.001"))
+    assert {"inflow:SCALE", "doubled", "gain:SCALE", "tick"} < set(listed)
+    assert not {"time_constant:SCALE", "label"} & set(listed), "a fixed parameter, a text"
+    with pytest.raises(ChannelError) as error:
+        driver.channel("time_constan:0.1")
+    assert "time_constant" not in str(error.value).partition("the forms are: ")[2]
+
+
 def test_an_fmu_without_code_for_this_platform_names_those_that_it_has(folder, version, unpacked):
     driver = Fmu(model=tank_fmu(folder, version, platform="win99"))
     with pytest.raises(DriverError, match=r"tank.win99\.fmu has no code for \S+; it has: win99$"):

@@ -65,9 +65,37 @@ def test_a_driver_is_imported_only_when_it_is_named():
 
 def test_a_registered_driver_that_cannot_be_imported_is_not_replaced(monkeypatch):
     point = types.SimpleNamespace(module="no_such_module", attr="Driver")
-    monkeypatch.setattr(registry, "known", lambda: {"simulated": point})
+    monkeypatch.setattr(registry, "known", lambda: {"simulated": [point]})
     with pytest.raises(WiringError, match="driver 'simulated' cannot be imported"):
         registry.find("simulated")
+
+
+def installed(folder, distribution, *drivers):
+    """A distribution as pip leaves it, with these entry points."""
+    metadata = folder / f"{distribution.replace('-', '_')}-1.0.dist-info"
+    metadata.mkdir(parents=True)
+    (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {distribution}\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text("\n".join([f"[{registry.GROUP}]", *drivers]))
+
+
+def test_a_name_that_two_distributions_register_is_an_error_that_names_both(tmp_path, monkeypatch, umo):
+    installed(tmp_path, "acme-drivers", "psu = umo.testing:Scripted", "same = umo.testing:Scripted")
+    installed(tmp_path, "other-drivers", "psu = umo.drivers.simulated:Simulated", "same = umo.testing:Scripted")
+    monkeypatch.syspath_prepend(tmp_path)
+    registry.known.cache_clear()
+    try:
+        text = (
+            "driver 'psu' is registered by other-drivers (umo.drivers.simulated:Simulated) and "
+            "acme-drivers (umo.testing:Scripted); remove one, or name module:Class"
+        )
+        with pytest.raises(WiringError) as error:
+            registry.find("psu")
+        assert str(error.value) == text
+        assert registry.find("same") is Scripted
+        assert registry.find("simulated") is Simulated
+        assert "driver 'psu' is registered by" in umo("drivers").output
+    finally:
+        registry.known.cache_clear()
 
 
 @given(st.text(max_size=20).filter(lambda text: ":" not in text))

@@ -20,11 +20,14 @@ GROUP = "umo.drivers"
 
 
 @cache
-def known() -> dict[str, EntryPoint]:
-    """The registered drivers by name; none is imported."""
+def known() -> dict[str, list[EntryPoint]]:
+    """The registered drivers by name; none is imported. A name with several entry points stands for none of them."""
     from importlib.metadata import entry_points  # a sixth of what importing umo took
 
-    return {point.name: point for point in sorted(entry_points(group=GROUP))}
+    found: dict[str, dict[str, EntryPoint]] = {}
+    for point in sorted(entry_points(group=GROUP)):
+        found.setdefault(point.name, {})[point.value] = point
+    return {name: list(points.values()) for name, points in found.items()}
 
 
 def find(name: str) -> type[Driver]:
@@ -32,7 +35,12 @@ def find(name: str) -> type[Driver]:
     if ":" in name:
         module, _, attribute = name.partition(":")
     elif name in (points := known()):
-        module, attribute = points[name].module, points[name].attr
+        if len(points[name]) > 1:
+            both = " and ".join(
+                f"{each.dist.name if each.dist else 'a package'} ({each.value})" for each in points[name]
+            )
+            raise WiringError(f"driver {name!r} is registered by {both}; remove one, or name module:Class")
+        module, attribute = points[name][0].module, points[name][0].attr
     else:
         names = ", ".join(points)
         raise WiringError(f"no driver {name!r}{did_you_mean(name, points)}; known: {names}, or module:Class")

@@ -160,8 +160,13 @@ class FmuInstance:
         platform = fmpy.platform_tuple if self._is3 else fmpy.platform
         with zipfile.ZipFile(file) as archive:
             names = archive.namelist()
-        if f"binaries/{platform}/{name}{fmpy.sharedLibraryExtension}" not in names:
+        folder, library = f"binaries/{platform}/", f"{name}{fmpy.sharedLibraryExtension}"
+        code = [each.removeprefix(folder) for each in names if each.startswith(folder) and not each.endswith("/")]
+        if not code:
             raise DriverError(f"{file} has no code for {platform}; it has: {_platforms(names)}")
+        if library not in code:
+            others = ", ".join(code)
+            raise DriverError(f"{file}: its modelIdentifier is {name!r}, but its code for {platform} is {others}")
         here = os.getcwd()
         try:
             fmpy.extract(file, self._folder.name)

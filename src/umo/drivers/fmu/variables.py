@@ -112,8 +112,9 @@ def channel_of(description: Any, text: str) -> FmuChannel:
     name, scale = (text, None) if text in variables else _parted(text)
     variable = variables.get(name)
     if variable is None:
-        near, others = (list(variables), []) if text == ALL else (_nearest(name, variables), _others(variables))
-        forms = [f"{each}:SCALE" if variables[each].type in FLOATS else each for each in near]
+        taken = {each: known for each, known in variables.items() if _is_channel(description, known)}
+        near, others = (list(taken), []) if text == ALL else (_nearest(name, taken), _others(taken))
+        forms = [f"{each}:SCALE" if taken[each].type in FLOATS else each for each in near]
         raise ChannelError(text, [*forms, *others, TICK])
     kind, bits, signed = _raw(description, variable, text)
     if kind in FLOATS and scale is None:
@@ -218,6 +219,16 @@ def _raw(description: Any, variable: Any, text: str) -> tuple[str, int, bool]:
     if kind not in INTEGERS:
         raise WiringError(f"{text} is a {kind}; umo takes floats, integers, booleans and enumerations")
     return kind, *INTEGERS[kind]
+
+
+def _is_channel(description: Any, variable: Any) -> bool:
+    """Whether a channel can name it."""
+    try:
+        _raw(description, variable, variable.name)
+        _direction(variable, variable.name)
+    except WiringError:
+        return False
+    return True
 
 
 def _direction(variable: Any, text: str) -> Direction:
