@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from umo import (
     OnOff,
     OpenClosed,
     Quality,
+    StandsStopped,
     StopError,
     Thermocouple,
     WiringError,
@@ -130,7 +132,8 @@ def test_an_actuator_is_stuck_at_what_was_written_before():
         assert circuit.get("motor") == 300
         assert m.motor.read() == 5.0  # nothing says so
         raise AssertionError("stop")
-    assert circuit.get("motor") == 300
+    resets = [call.raws for call in circuit.segments("reset") if call.channels == ("motor",)]
+    assert resets == [(300,), (0,)]  # with the fault, and when it has ended
 
 
 def test_a_binary_object_is_stuck_in_a_state():
@@ -214,11 +217,41 @@ def test_out_of_range_is_beyond_the_declared_range():
 
 
 def test_a_binary_channel_out_of_range_reads_what_is_not_a_level():
+    circuit = Scripted()  # of any width
     with (
         pytest.raises(DriverError, match="read 2, but a binary channel reads 0 or 1"),
-        connected("door out of range at 1 ms") as (m, _),
+        connect(bench(), wiring(circuit, "door out of range at 1 ms")) as m,
     ):
         periods(m)
+
+
+def test_out_of_range_without_an_amount_is_as_far_as_the_channel_goes():
+    def beyond(bits: int) -> int:
+        circuit = Scripted(channels=[replace(box().channel(name), bits=bits) for name in WIDTHS])
+        with connect(bench(), wiring(circuit, "height out of range at 1 ms")) as m:
+            periods(m)
+            return m.height.raw
+
+    assert (beyond(16), beyond(11)) == (1050, 1023)
+
+
+@pytest.mark.parametrize(
+    ("fault", "bits", "why"),
+    [
+        ("door out of range", 1, "door has no level but 0 and 1 in channel 'door'"),
+        ("valve out of range", 1, "valve has no level but 0 and 1"),
+        ("height out of range 10 mm", 11, "'10 mm' above the range is beyond channel 'height': -97.4 to 107.3 mm (raw"),
+        ("motor out of range 400", 11, "'400' above the range is beyond channel 'motor': -10.24 to 10.23 V (raw"),
+        ("slow out of range", 11, "slow has no level above its range in channel 'slow'"),
+    ],
+)
+def test_a_level_that_the_channel_cannot_have_is_refused_in_words(fault, bits, why):
+    circuit = Scripted(channels=[Channel(name, Direction.BOTH, bits if width > 1 else 1, signed=width > 1)
+                                 for name, width in WIDTHS.items()])  # fmt: skip
+    table = wiring(circuit, fault)
+    table["wire"]["slow"]["zero_offset"] = -2.3  # 100 mm is raw 1023, the last one of 11 bits
+    faults = umo.check(bench(), table)
+    assert [why in each.message for each in faults if fault in each.message] == [True], faults
 
 
 @pytest.mark.parametrize("kind", ["disconnect", "drop-out 100 %"])
@@ -240,17 +273,75 @@ def test_drop_out_loses_a_share_of_the_transfers():
         assert lost == pytest.approx(300, abs=60)
 
 
-def test_an_actuator_that_is_cut_off_is_named_as_not_reached_and_the_others_are_reset():
+def test_an_actuator_that_is_cut_off_is_named_and_reset_when_the_fault_has_ended():
     circuit = box()
-    with (
-        pytest.raises(StopError, match=r"motor .*disconnected \(injected fault\)|disconnected .* motor") as caught,
-        connect(bench(), wiring(circuit, "motor disconnect at 2 ms")) as m,
-    ):
+    what = r"^not brought to their defaults until the injected faults ended: .*disconnected \(injected fault\)"
+    connection = connect(bench(), wiring(circuit, "motor disconnect at 2 ms"))
+    with pytest.raises(StopError, match=what) as caught, connection as m:
         m.motor.write(3.0)
         m.valve.write(OnOff.ON)
         periods(m, 3)
     assert [failure.path for failure in caught.value.failures] == ["motor"]
-    assert (circuit.get("motor"), circuit.get("valve")) == (300, 0)
+    assert (circuit.get("motor"), circuit.get("valve")) == (0, 0)
+    resets = [(call.channels, call.raws) for call in circuit.segments("reset")]
+    assert resets == [(("valve",), (0,)), (("motor",), (0,)), (("valve",), (0,))]
+    assert connection.reached
+
+
+@pytest.mark.parametrize("fault", ["motor stuck 4 V", "motor noise 1 V", "motor bit flip 3", "motor out of range"])
+def test_an_actuator_with_a_wrong_level_is_at_its_default_in_the_end(fault):
+    circuit = box()
+    with connect(bench(), wiring(circuit, f"{fault} at 2 ms")) as m:
+        periods(m, 3)
+    assert [call.raws for call in circuit.segments("reset") if call.channels == ("motor",)][-1] == (0,)
+    assert circuit.get("motor") == 0
+
+
+class Card(Scripted):
+    """On a device of its own; it takes no level beyond 1,000."""
+
+    def devices(self) -> list[str]:
+        return ["card 7"]
+
+    def write_many(self, channels, raws):
+        if max(map(abs, raws.tolist())) > 1000:
+            raise DriverError(f"{max(raws.tolist())} is too much")
+        super().write_many(channels, raws)
+
+
+class Clock(VirtualTimer):
+    """Virtual time beside a device, which is not one."""
+
+    realtime = True
+
+
+def on_device(*faults: str) -> tuple[Card, dict[str, Any]]:
+    card = Card(channels=[box().channel(name) for name in WIDTHS])
+    table = wiring(card, *faults)
+    table["drivers"]["clock"] = Clock()
+    return card, table
+
+
+@pytest.mark.parametrize("fault", ["motor disconnect", "box disconnect", "motor out of range", "motor stuck 20 V"])
+def test_an_injected_fault_is_nothing_to_acknowledge(fault):
+    """The device is at its defaults, and its record says so."""
+    circuit, table = on_device(f"{fault} at 2 ms")
+    with pytest.raises(DriverError, match=r"\(injected fault\)"), connect(bench(), table) as m:
+        m.motor.write(3.0)
+        periods(m, 3)
+    assert circuit.get("motor") == 0
+    with connect(bench(), on_device()[1]):
+        pass
+
+
+def test_a_device_that_is_away_is_still_to_be_acknowledged_beside_an_injected_fault():
+    circuit, table = on_device("motor stuck 4 V at 2 ms")
+    with pytest.raises(StopError, match=r"^not brought to their defaults: .*cut off"), connect(bench(), table) as m:
+        periods(m, 2)
+        circuit.broken = OSError("cut off")
+    circuit, table = on_device()
+    with pytest.raises(StandsStopped), connect(bench(), table):
+        pass
 
 
 def test_a_whole_driver_is_disconnected_for_a_time():
@@ -406,6 +497,8 @@ def test_the_delays_of_several_objects_pass_at_the_same_time(monkeypatch):
 def test_several_faults_of_one_object_act_one_after_another():
     with connected("height stuck 100 at 1 ms", "height drift 1000/s at 1 ms") as (m, _):
         assert raws(m, 3) == [100, 101, 102]
+    with connected("height drift 1000/s at 1 ms", "height stuck 100 at 1 ms") as (m, _):
+        assert raws(m, 3) == [100, 100, 100]
 
 
 def test_a_pattern_stands_for_each_object_that_matches():
@@ -511,6 +604,17 @@ def noisy(seed: int, *others: str) -> list[int]:
 def test_a_run_repeats_exactly_by_its_seed():
     assert noisy(1) == noisy(1)
     assert noisy(1) != noisy(2)
+
+
+def test_the_same_words_twice_have_numbers_of_their_own():
+    def noise(*faults: str) -> list[int]:
+        with connected(*faults) as (m, _):
+            return raws(m, 20)
+
+    one, two = noise("height noise 2 mm"), noise("height noise 2 mm", "height noise 2 mm")
+    doubled = [450 + 2 * (raw - 450) for raw in one]
+    assert len(set(one)) > 5 and two != doubled
+    assert two == noise("height noise 2 mm", "height noise 2 mm")
 
 
 def test_the_numbers_of_a_fault_do_not_depend_on_other_faults():

@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from umo import StopError, UmoError
+from umo import StopError, UmoError, WiringError
 from umo.cycle import connect, drive
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Channel, Direction
@@ -52,6 +52,8 @@ SLOWER = 10
 SLOW = "slow drift"
 """Of a ten-thousandth of the range in a second; `drift` is a hundredth."""
 COLUMNS = [kind for known in KINDS for kind in ((known, SLOW) if known == "drift" else (known,))]
+NO_ROOM = "out of range"
+"""Refused where the channel has no level beyond the range of the object."""
 DRIFTS = ("drift", SLOW)
 """Binary objects have none."""
 LOUD = OF_DRIVERS
@@ -65,8 +67,8 @@ WORDS = {
     "degraded": "the work was done in part, or in another way; the result says which part; the plant agrees",
     "stopped": "the run failed with one clear message; every actuator is at its default (an actuator with the fault "
     "was sent its default)",
-    "not reached": "the same, but an actuator on the faulty connection could not be sent its default: the message "
-    "names it, exit status 3",
+    "not reached": "the same, but an actuator on the faulty connection could not be sent its default while the "
+    "fault lasted: the message names it, exit status 3",
     "not seen": "the result is not true, and nothing that the machine measures shows it; the reasons are below",
 }
 """How a cell may end. Anything else is a defect, and fails the test."""
@@ -91,7 +93,9 @@ class Run:
     stopped: bool = False
     """Whether it took too many periods."""
     sent: dict[str, int] = field(default_factory=dict)
-    """By object: the raw integer that was last sent without an error."""
+    """By object: the raw integer that was last sent without an error, when the faults ended."""
+    levels: dict[str, int] = field(default_factory=dict)
+    """By actuator: the raw integer that the plant had then."""
 
 
 @dataclass(frozen=True)
@@ -191,7 +195,7 @@ CONVEYOR = Trial(
     watch=_watch_conveyor,
     unseen={
         "diverter": (
-            ("stuck", "bit flip", "out of range", "wrong length"),
+            ("stuck", "bit flip", "wrong length"),
             "no sensor sees the diverter, or the parts behind it",
         ),
     },
@@ -260,6 +264,20 @@ def carried_out(
     connection = connect(machine, wired)
     run = Run(machine, wired, connection.stop)
 
+    injection = wired.injection
+    assert injection is not None
+    ended = injection.end
+
+    def end() -> bool:
+        """The machine was reset with its faults; it is again without them."""
+        image = connection.machine.image
+        run.sent = {item.path: image.raws[slot] for slot, item in enumerate(image.items)}
+        outputs = [wire for wire in wired.wires if wire.item.direction is Direction.OUTPUT]
+        run.levels = {wire.item.path: trial.level(run.plant, wire.channel) for wire in outputs}
+        return ended()
+
+    injection.end = end  # type: ignore[method-assign]
+
     def observe(frame: Any) -> None:
         run.periods += 1
         trial.watch(run)
@@ -275,13 +293,11 @@ def carried_out(
             run.result = drive(m, lambda m: main(m, **for_main))
     except Exception as error:
         run.error = error
-    image = connection.machine.image
-    run.sent = {item.path: image.raws[slot] for slot, item in enumerate(image.items)}
     run.reports = dict(connection.reports)
     return run
 
 
-def not_at_default(trial: Trial, run: Run, path: str, kind: str) -> list[str]:
+def not_at_default(run: Run, path: str, kind: str) -> list[str]:
     """The actuators that are not at their defaults in the plant. The one with the fault may be elsewhere if it was sent
     there, and, as all of a faulty driver, if the message names it."""
     named = {failure.path for failure in run.error.failures} if isinstance(run.error, StopError) else set()
@@ -292,7 +308,7 @@ def not_at_default(trial: Trial, run: Run, path: str, kind: str) -> list[str]:
         item, own = wire.item.path, wire.item.path == path
         if item in named and (own or path == DRIVER):
             continue
-        level = run.sent[item] if own and kind not in LOUD else trial.level(run.plant, wire.channel)
+        level = run.sent[item] if own and kind not in LOUD else run.levels[item]
         if item in named or level != wire.raw(wire.item._default_value()):  # type: ignore[attr-defined]
             found.append(item)
     return found
@@ -300,7 +316,7 @@ def not_at_default(trial: Trial, run: Run, path: str, kind: str) -> list[str]:
 
 def judged(trial: Trial, run: Run, path: str, kind: str) -> tuple[str, str]:
     """The verdict of a cell, and the detail."""
-    if left := not_at_default(trial, run, path, kind):
+    if left := not_at_default(run, path, kind):
         return "UNSAFE", f"not at the default: {', '.join(left)}"
     if run.stopped:
         return "HANG", f"after {run.periods} periods"
@@ -440,9 +456,21 @@ def cells(station: str, *paths: str) -> Iterator[Cell]:
         for kind in COLUMNS if item else OF_DRIVERS:
             if isinstance(item, Binary) and kind in DRIFTS:
                 continue
+            if kind == NO_ROOM and _refused(trial, f"{path} {kind}"):
+                continue
             slow = f"{(item.maximum - item.minimum) / 10_000:.3g} {item.units}/s" if kind == SLOW else ""  # type: ignore[union-attr]
             for moment in list(trial.moments)[: 1 if kind in LOUD else None]:
                 yield Cell(station, path, kind, moment, amount=slow)
+
+
+def _refused(trial: Trial, fault: str) -> bool:
+    """Whether the channel has no such level."""
+    station = find(trial.name)
+    try:
+        resolve(station.machine(**trial.machine), station.wiring(None), {"fault": fault})
+    except WiringError:
+        return True
+    return False
 
 
 def normal(station: str) -> int:

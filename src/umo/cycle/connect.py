@@ -203,9 +203,14 @@ class connect(Generic[C]):
     def _leave(self, cause: BaseException | None) -> None:
         """Reset everything, then release everything. Actuators that were not reached are raised at the end."""
         unreached: list[Failure] = [Failure("application", "-", "disconnecting was interrupted")]
+        hindered: list[Failure] = []
         try:
             stopping = self._cancel_sequences()
-            unreached, late = self._reset()
+            found, late = self._reset()
+            if self.wired.injection is not None and self.wired.injection.end():
+                hindered = found  # this is told; the machine is not left there
+                found, late = self._reset()
+            unreached = found
             self.reached = not unreached
             try:
                 self._show_last()  # what is shown comes after what is safe
@@ -217,6 +222,9 @@ class connect(Generic[C]):
             self._end_custody(unreached, cause)
         if unreached:
             raise StopError("not brought to their defaults", [*unreached, *failures]) from cause or stopping
+        if hindered:
+            what = "not brought to their defaults until the injected faults ended"
+            raise StopError(what, [*hindered, *failures]) from cause or stopping
         if stopping is not None:
             if cause is None:
                 raise stopping

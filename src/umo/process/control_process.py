@@ -113,11 +113,10 @@ class Control:
                 type(error).__name__, f"{type(error).__name__} (its text was lost)", status_of(error)
             )
         outcome.driven = self._connection is not None and self._connection.started
-        if isinstance(error, StopError):
-            actuators = {item.path for item in self._order}
-            outcome.unreached = sorted({failure.path for failure in error.failures} & actuators)
-        if not (self._connection is None or self._connection.reached or outcome.unreached):
-            outcome.unreached = [item.path for item in self._order]  # leaving itself failed: nothing is known
+        if self._connection is not None and not self._connection.reached:
+            actuators = [item.path for item in self._order]
+            named = {failure.path for failure in error.failures} if isinstance(error, StopError) else set()
+            outcome.unreached = sorted(named & set(actuators)) or actuators  # leaving itself failed: nothing is known
         if self.orphaned or self._life.unwatched > self._unwatched_limit:
             self._alarm = self._alarm or "the guardian has ended"
             outcome.unsafe = True

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from math import inf
 from typing import Any
 
-from umo.drivers.contract import INT64, Direction, Driver
+from umo.drivers.contract import Direction, Driver
 from umo.errors import DeclarationError
 from umo.objects.atomic import Binary
 from umo.objects.scaling import to_raw
@@ -113,11 +113,7 @@ class _Binding:
         if kind == "bit flip":
             return effects.BitFlip(**about, bit=self._bit(wire) if self.given else None)
         if kind == "out of range":
-            if binary and self.given:
-                raise DeclarationError(
-                    f"{wire.item.path} is binary: its level beyond the range is 2, not {self.given!r}"
-                )
-            return effects.OutOfRange(**about, level=2 if binary else self._beyond(wire))
+            return effects.OutOfRange(**about, level=self._no_state(wire) if binary else self._beyond(wire))
         if kind == "noise" and binary:
             return effects.Chatter(**about, share=self._share())
         if binary:
@@ -162,11 +158,7 @@ class _Binding:
         number, unit = self._number(f'a level; write for example "5 {item.units}"')  # type: ignore[attr-defined]
         level = number if not unit else wire.nearest(convert(number, unit, item.units))  # type: ignore[attr-defined]
         if round(level) != (nearest := limited(level, wire.channel)):
-            channel = wire.channel
-            low, high = sorted((wire.value(limited(-inf, channel)), wire.value(limited(inf, channel))))
-            raws = f"raw {limited(-inf, channel)} to {limited(inf, channel)}"
-            has = f"{low:.6g} to {high:.6g} {item.units} ({raws})"  # type: ignore[attr-defined]
-            raise DeclarationError(f"{self.given!r} is beyond channel {channel.text!r}: {has}")
+            raise DeclarationError(f"{self.given!r} is beyond {_carried(wire)}")
         return nearest
 
     def _difference(self, wire: Wire) -> tuple[float, bool]:
@@ -188,18 +180,44 @@ class _Binding:
         return number, _by_steps(wire) if steps else _by_value(wire)
 
     def _beyond(self, wire: Wire) -> int:
-        """A raw integer whose value is above the range, also if the channel cannot have it."""
+        """A raw integer of the channel whose value is above the range. Without an amount the next one that the channel
+        has."""
         assert wire.calibration is not None
         if not self.given:  # of the electrical range
             low, high = wire.ends
-            return _whole(to_raw(high + PART["out of range"] * (high - low), *wire.scale))
+            top, wanted = to_raw(high, *wire.scale), to_raw(high + PART["out of range"] * (high - low), *wire.scale)
+            level = limited(wanted, wire.channel)
+            if level == top or (level > top) is not (wanted > top):
+                raise DeclarationError(f"{wire.item.path} has no level above its range in {_carried(wire)}")
+            return level
         distance, steps = self._difference(wire)
         if distance <= 0:
             raise DeclarationError(f"a distance from the range is above 0, not {self.given!r}")
-        if not steps:
-            return _whole(wire.nearest(wire.calibration.maximum + distance))
-        upwards = math.copysign(distance, wire.scale[0] * (wire.ends[1] - wire.ends[0]))
-        return _whole(wire.nearest(wire.calibration.maximum) + round(upwards))
+        if steps:
+            upwards = math.copysign(distance, wire.scale[0] * (wire.ends[1] - wire.ends[0]))
+            wanted = wire.nearest(wire.calibration.maximum) + round(upwards)
+        else:
+            wanted = wire.nearest(wire.calibration.maximum + distance)
+        if limited(wanted, wire.channel) != wanted:
+            raise DeclarationError(f"{self.given!r} above the range is beyond {_carried(wire)}")
+        return wanted
+
+    def _no_state(self, wire: Wire) -> int:
+        """A raw integer of a binary object's channel that is neither 0 nor 1."""
+        if self.given:
+            raise DeclarationError(f"{wire.item.path} is binary: its level beyond the range is 2, not {self.given!r}")
+        if wire.channel.highest < 2:
+            raise DeclarationError(f"{wire.item.path} has no level but 0 and 1 in channel {wire.channel.text!r}")
+        return 2
+
+
+def _carried(wire: Wire) -> str:
+    """The channel, with the levels that it can have."""
+    channel = wire.channel
+    lowest, highest = limited(-inf, channel), limited(inf, channel)
+    low, high = sorted((wire.value(lowest), wire.value(highest)))
+    units = wire.item.units  # type: ignore[attr-defined]
+    return f"channel {channel.text!r}: {low:.6g} to {high:.6g} {units} (raw {lowest} to {highest})"
 
 
 def _by_value(wire: Wire) -> Shift:
@@ -214,8 +232,3 @@ def _by_steps(wire: Wire) -> Shift:
         return limited(raw + difference, wire.channel)
 
     return by_steps
-
-
-def _whole(raw: int) -> int:
-    """The nearest raw integer that a transfer can have."""
-    return int(min(max(raw, INT64.min), INT64.max))

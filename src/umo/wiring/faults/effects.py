@@ -31,9 +31,11 @@ class Effect:
         """Whether a block transfer ends before this channel."""
         return False
 
-    def start(self, seed: int) -> None:
-        """A run begins. The numbers are the same for the same seed, whatever other faults there are."""
-        self.random.seed(f"{seed} {self.text} {self.channel.text if self.channel else ''} {self.output}")
+    def start(self, seed: int, again: int = 0) -> None:
+        """A run begins. The numbers are the same for the same seed, whatever other faults there are; `again` tells
+        faults of the same words on one channel apart."""
+        words = f"{seed} {self.text} {self.channel.text if self.channel else ''} {self.output}"
+        self.random.seed(f"{words} {again}" if again else words)
 
     def set_in(self, level: int | None) -> None:
         """The fault begins. `level` is the raw integer that the output has; None: an input, or never written."""
@@ -108,8 +110,8 @@ class BitFlip(Effect):
 
     bit: int | None = None
 
-    def start(self, seed: int) -> None:
-        super().start(seed)
+    def start(self, seed: int, again: int = 0) -> None:
+        super().start(seed, again)
         assert self.channel is not None
         self._mask = 1 << (self.random.randrange(self.channel.bits) if self.bit is None else self.bit)
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from operator import index
 from typing import Any, Protocol
 
@@ -38,6 +40,12 @@ class Injection:
     def active(self) -> int:
         """How many faults are in effect now, counted on each channel; shown as a signal."""
         return sum(len(driver.active()) for driver in self.drivers)
+
+    def end(self) -> bool:
+        """All of them end, at the end of the run; whether one was in effect that concerns outputs."""
+        ended = [effect for driver in self.drivers for effect in driver.end()]
+        self.clock = None
+        return any(effect.output or effect.channel is None for effect in ended)
 
 
 class Faulty(Driver[Any]):
@@ -118,6 +126,13 @@ class Faulty(Driver[Any]):
         self._acting = acting
         return acting
 
+    def end(self) -> list[Effect]:
+        """None is in effect from now on; those that were."""
+        acting, self._acting = self._acting, []
+        for effect in acting:
+            _tell("ends", effect, self._now)
+        return acting
+
     def _concerning(self, channels: Sequence[Channel], output: bool) -> list[Effect]:
         acting = self.active()
         if not acting:
@@ -157,8 +172,11 @@ class Faulty(Driver[Any]):
 
     def open(self) -> None:
         self.levels, self._acting, self._now = {}, [], -1.0
+        counts: Counter[tuple[str, str, bool]] = Counter()
         for effect in self.effects:
-            effect.start(self._injection.seed)
+            same = effect.text, _text(effect), effect.output
+            effect.start(self._injection.seed, counts[same])
+            counts[same] += 1
         self._begin([each for each in self.active() if each.channel is None])
         self.driver.open()
 
@@ -189,9 +207,10 @@ class Faulty(Driver[Any]):
         if raw is None:
             getattr(self.driver, segment)(channel, None)
         elif not any(effect.short for effect in effects):
-            raw = self._changed(raw, effects, channel.text)
-            getattr(self.driver, segment)(channel, raw)
-            self.levels[channel.text] = raw
+            changed = self._changed(raw, effects, channel.text)
+            with _told(changed != raw):
+                getattr(self.driver, segment)(channel, changed)
+            self.levels[channel.text] = changed
 
     def _lose(self, effects: Sequence[Effect]) -> None:
         for cause in self._begin(effects).values():
@@ -219,9 +238,11 @@ class Faulty(Driver[Any]):
         lost = self._begin(effects)
         kept = self._kept(channels, effects, lost)
         moved = tuple(channels[i] for i in kept) if effects else channels
-        changed = [self._changed(raw, effects, each.text) for each, raw in zip(moved, raws[kept].tolist(), strict=True)]
+        meant = raws[kept].tolist()
+        changed = [self._changed(raw, effects, each.text) for each, raw in zip(moved, meant, strict=True)]
         if changed:
-            lost |= _partly(lambda: self.driver.write_many(moved, np.array(changed, np.int64)))
+            with _told(changed != meant):
+                lost |= _partly(lambda: self.driver.write_many(moved, np.array(changed, np.int64)))
         self.levels |= {each.text: raw for each, raw in zip(moved, changed, strict=True) if each.text not in lost}
         if lost:
             raise ChannelsFailed(lost)
@@ -236,6 +257,17 @@ class Faulty(Driver[Any]):
 def bare(driver: Driver[Any]) -> Driver[Any]:
     """The driver itself, without injected faults."""
     return driver.driver if isinstance(driver, Faulty) else driver
+
+
+@contextmanager
+def _told(changed: bool) -> Iterator[None]:
+    """A level that a fault has `changed` may be one that the driver or the device refuses: then that says so."""
+    try:
+        yield
+    except DriverError as error:
+        if not changed or isinstance(error, TimeoutError):
+            raise
+        raise DriverError(f"{error} {MARK}") from error
 
 
 def _partly(transfer: Any) -> Mapping[str, str]:
