@@ -246,10 +246,8 @@ def forget_frames(error: BaseException) -> None:
     A frame that holds an exception of its own traceback is a circle, which only the garbage collector frees, and that
     is off while a machine runs.
     """
-    waiting: list[BaseException | None] = [error]
-    while waiting:
-        one = waiting.pop()
-        if one is not None and one.__traceback__ is not None:
-            clear_frames(one.__traceback__)  # those that still run stay as they are
-            one.__traceback__ = None
-            waiting += one.__cause__, one.__context__
+    cause: BaseException | None = error
+    while cause is not None and cause.__traceback__ is not None:  # not its context: that may be the end of the run
+        clear_frames(cause.__traceback__)  # those that still run stay as they are
+        cause.__traceback__ = None
+        cause = cause.__cause__
