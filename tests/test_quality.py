@@ -18,13 +18,17 @@ from umo import (
     DigitalActuator,
     DigitalSensor,
     DriverError,
+    Interlock,
     OnOff,
     PassFail,
     Quality,
     RangeError,
+    Vector,
     connect,
+    published,
 )
 from umo.control import HOMING, state_of, value_of
+from umo.frames import Reader
 from umo.testing import Scripted, VirtualTimer, put
 
 GOOD, OUT_OF_RANGE, STALE, BAD = Quality.GOOD, Quality.OUT_OF_RANGE, Quality.STALE, Quality.BAD
@@ -33,6 +37,11 @@ HOLD = {"on_error": "hold", "max_age": "3 ms"}
 
 
 pytestmark = pytest.mark.usefixtures("each_form")
+
+
+class Motors(Compound):
+    timer: DigitalSensor
+    motors: Sequence[DigitalActuator]
 
 
 class Inputs(Compound):
@@ -651,3 +660,69 @@ def test_the_timer_is_never_only_marked(box):
     machine = Inputs(timer=timer(), one=sensor(), two=switch())
     machine.timer._marks = True
     assert ["timer must have" in fault.message for fault in check(machine, wired(machine, box))] == [True]
+
+
+@pytest.mark.parametrize("synchronous", [True, False])
+def test_what_was_never_read_has_no_value(box, synchronous):
+    """A guard that was never read is neither open nor closed."""
+    machine = inputs(
+        sensor(minimum=2.0, synchronous=synchronous, **MARK), switch(synchronous=synchronous, **MARK, max_age="1 s")
+    )
+    box.set("one", OPEN)
+    box.set("two", OSError("unplugged"))
+    with connect(machine, wired(machine, box)) as m:
+        for _ in range(2):
+            assert math.isnan(m.one.read())
+            with pytest.raises(BadInput, match="two is BAD: it was never read"):
+                m.two.read()
+            for law_reads in (lambda: value_of(m.one), lambda: state_of(m.two), lambda: state_of(m.two, Quality.BAD)):
+                with pytest.raises(BadInput):
+                    law_reads()
+            period(m)
+        assert (m.one.quality, m.two.quality) == (BAD, BAD)
+        assert repr(m.two).startswith("<BinarySensor two = - BAD")
+        assert all(map(math.isnan, (*Vector([m.one]).read(), *Vector([m.two]).read())))
+        box.set("one", 20)
+        box.set("two", 1)
+        period(m)
+        assert (m.one.read(), m.two.read(), m.two.quality) == (10.0, PassFail.FAIL, GOOD)
+        box.set("two", OSError("unplugged"))
+        period(m)
+        assert m.two.read() is PassFail.FAIL  # once read, the last state stands; its quality tells
+
+
+def test_what_was_never_read_inhibits_and_has_no_value_in_frames(box, caplog):
+    class Guarded(Inputs):
+        motor: DigitalActuator
+
+        def interlocks(self):
+            yield Interlock(lambda: self.two.read() is PassFail.FAIL, [self.motor], "the door is open")
+
+    machine = Guarded(one=sensor(**MARK), two=switch(**MARK), motor=actuator(), timer=timer())
+    for name in ("one", "two"):
+        box.set(name, OSError("unplugged"))
+    connection = connect(machine, wired(machine, box))
+    with connection as m, published(connection, "guarded") as ring:
+        period(m)
+        m.update()
+        assert "two is BAD: it was never read" in m.motor.inhibited
+        with Reader(ring.path) as reader:
+            frame = reader.latest()
+            values = reader.values(frame)
+            assert math.isnan(values["one"])
+            assert math.isnan(values["two"])
+
+
+def test_a_default_that_a_vector_could_not_send_is_sent_again(box):
+    """As that of a single asynchronous actuator."""
+    machine = Motors(motors=[actuator(synchronous=False), actuator(synchronous=False)], timer=timer())
+    with connect(machine, wired(machine, box)) as m:
+        motors = Vector(m.motors)
+        motors.write(4.0)
+        box.broken = OSError("cut")
+        with pytest.raises(DriverError):
+            motors.write(0.0)
+        box.broken = None
+        period(m)
+        assert [box.get("motors.0"), box.get("motors.1")] == [0, 0]
+        assert list(motors.read()) == [0.0, 0.0]

@@ -13,7 +13,7 @@ UmoError
 |   |-- DeviceTimeout (TimeoutError) a call did not end within the driver's timeout
 |   |-- ChannelsFailed               some channels of a block transfer; the others stand
 |   `-- StopError                    outputs that could not be brought to their defaults
-|-- BadInput (RuntimeError)          a control law read a sensor whose quality it does not accept
+|-- BadInput (RuntimeError)          the input of a control law has no accepted quality, or a state was never read
 |-- Interlocked (RuntimeError)       an interlock with effect="stop" forbids the write
 |-- CommandRefused (RuntimeError)    a command from outside: without the lease, or not in this mode
 |   `-- LeaseHeld                    another hand has the lease
@@ -177,11 +177,12 @@ class StopError(DriverError):
 
 
 class BadInput(UmoError, RuntimeError):
-    """A control law read a sensor whose quality it does not accept. For a Vector: the first, and how many others."""
+    """A control law read a sensor whose quality it does not accept, or code the state of a sensor that has none: it was
+    never read (`why`). For a Vector: the first, and how many others."""
 
-    def __init__(self, path: str, quality: object, others: int = 0) -> None:
+    def __init__(self, path: str, quality: object, others: int = 0, *, why: str = "") -> None:
         more = f", and {others} more of the Vector {'is' if others == 1 else 'are'} not accepted" if others else ""
-        super().__init__(f"{path} is {quality}{more}")
+        super().__init__(f"{path} is {quality}{why and f': {why}'}{more}")
         self.path = path
         self.quality = quality
 

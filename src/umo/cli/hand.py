@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from umo.cycle import connect
-from umo.errors import FramesError, OptionError, PathError, RangeError
+from umo.errors import BadInput, FramesError, OptionError, PathError, RangeError
 from umo.frames import Reader
 from umo.objects import Atomic, Binary, BinaryActuator, Compound, Digital, DigitalActuator, DigitalSensor, TwoState
 from umo.objects.units import convert
@@ -47,7 +47,7 @@ def get_values(name: str, wiring: str | None, paths: list[str], unit: str | None
     width = max(map(len, paths))
     with connection:
         for item in items:
-            out.print(f"{item.path:{width}}  {_text(item, item.read(), unit)}  {item.quality}", markup=False)
+            out.print(f"{item.path:{width}}  {_read(item, unit)}  {item.quality}", markup=False)
 
 
 def set_value(
@@ -189,6 +189,13 @@ def _atomic(machine: Compound, path: str) -> Any:
     if not isinstance(item, Atomic):
         raise PathError(f"{path} is a compound object; name one of its parts: {', '.join(item.children())}")
     return item
+
+
+def _read(item: Any, unit: str | None) -> str:
+    try:
+        return _text(item, item.read(), unit)
+    except BadInput:  # it was never read: it has no state
+        return "-"
 
 
 def _text(item: Atomic, value: Any, unit: str | None) -> str:

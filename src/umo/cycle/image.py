@@ -11,6 +11,7 @@ import logging
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
+from math import nan
 from typing import Any, cast
 
 import numpy as np
@@ -86,7 +87,8 @@ class Image(ABC):
                 self._set_quality(slot, Quality.GOOD)
                 self.set_default(slot)
             else:
-                self._set_quality(slot, Quality.BAD)  # nothing was read yet
+                self.values[slot] = nan  # nothing was read yet
+                self._set_quality(slot, Quality.BAD)
 
     def connect(self, commands: Commands) -> None:
         """The objects find their values here from now on."""
@@ -246,6 +248,7 @@ class Image(ABC):
                 self._accepted(slot)
             else:
                 self._fail_output(slot, cause, failures)
+                self.commands.failed(slot)
         self.commands.aim()
         if failures:
             raise DriverError("could not be written", failures)

@@ -6,6 +6,7 @@ import mmap
 import os
 import struct
 import zlib
+from math import isnan
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -238,7 +239,8 @@ class Reader:
         return self._copy(max(0, head - min(count, self.slots)), head)
 
     def values(self, frame: Any) -> dict[str, float | str]:
-        """The value of every object in a frame by path: a number in its unit, or the name of a state."""
+        """The value of every object in a frame by path: a number in its unit, or the name of a state; NaN: it was never
+        read."""
         numbers = frame["values"].tolist()
         return {entry["path"]: _shown(entry, value) for entry, value in zip(self.layout.objects, numbers, strict=True)}
 
@@ -339,6 +341,6 @@ def _text(data: bytes) -> str:
 
 
 def _shown(entry: dict[str, Any], value: float) -> float | str:
-    if "one" in entry:
+    if "one" in entry and not isnan(value):
         return str(entry["one"] if value else entry["zero"])
     return value

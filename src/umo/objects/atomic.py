@@ -134,11 +134,9 @@ class Binary(Atomic, Generic[S]):
             f"({self._one} or {self._zero})"
         )
 
-    def _state(self, level: float) -> S:
-        return self._one if level else self._zero
-
     def _shown(self) -> str:
-        return str(self._state(self._image.values[self._slot]))
+        level = self._image.values[self._slot]
+        return "-" if level != level else str(self._one if level else self._zero)  # NaN: never read
 
 
 class Calibration(NamedTuple):

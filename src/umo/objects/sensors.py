@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from typing import Literal, TypeAlias, get_args
 
 from umo.drivers.contract import Direction
-from umo.errors import DeclarationError
+from umo.errors import BadInput, DeclarationError
 from umo.objects.atomic import Binary, Digital, S
 from umo.objects.linearization import Linearization
+from umo.objects.quality import Quality
 from umo.objects.units import seconds
 
 OnError: TypeAlias = Literal["raise", "hold", "mark"]
@@ -39,10 +40,15 @@ class BinarySensor(Binary[S]):
         return self._image.sample_some((self._slot,)) if self._synchronous else True
 
     def read(self) -> S:
-        """Synchronous: the state kept by the last `sample`. Asynchronous: reads the hardware now."""
+        """Synchronous: the state kept by the last `sample`. Asynchronous: reads the hardware now. BadInput for a sensor
+        that was never read (`on_error="mark"`): it has no state."""
         image = self._image
         level = image.values[self._slot] if self._synchronous else image.read_now(self._slot)
-        return self._one if level else self._zero
+        if level == 1.0:
+            return self._one
+        if level == 0.0:
+            return self._zero
+        raise BadInput(self.path, Quality.BAD, why="it was never read")
 
 
 class DigitalSensor(Digital):
@@ -56,8 +62,8 @@ class DigitalSensor(Digital):
     `on_error` is what a failed reading does. "raise" (default): the quality is BAD, DriverError. "hold": the last value
     is kept for `max_age` (s, or a text such as "50 ms") with the quality STALE, which control laws accept; then as
     "raise". "mark": with or without such a `max_age` before it, the quality is BAD, and nothing is raised: control laws
-    refuse the value, `quality` tells, the other sensors and the run go on. `read` then returns the last value: in
-    conditions, such as those of interlocks, use `value_of` of `umo.control`, which raises.
+    refuse the value, `quality` tells, the other sensors and the run go on. `read` then returns the last value, NaN if
+    there was none: in conditions, such as those of interlocks, use `value_of` of `umo.control`, which raises.
     """
 
     __slots__ = ("_incremental", "_marks", "_max_age")
@@ -92,7 +98,8 @@ class DigitalSensor(Digital):
         return self._image.sample_some((self._slot,)) if self._synchronous else True
 
     def read(self) -> float:
-        """The value in `units`. Synchronous: kept by the last `sample`. Asynchronous: reads the hardware now."""
+        """The value in `units`; NaN if it was never read. Synchronous: kept by the last `sample`. Asynchronous: reads
+        the hardware now."""
         image = self._image
         value: float = image.values[self._slot] if self._synchronous else image.read_now(self._slot)
         return value

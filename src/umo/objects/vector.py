@@ -59,7 +59,8 @@ class Vector(Generic[A]):
         return self._objects[index]
 
     def read(self) -> FloatArray:
-        """The values, a new array of shape (n,); asynchronous sensors are read from the hardware now."""
+        """The values, a new array of shape (n,), NaN where one was never read; asynchronous sensors are read from the
+        hardware now."""
         slots = self._located()
         if not self._objects[0].synchronous and self._objects[0].direction is Direction.INPUT:
             slots.image.sample_some(slots.all_slots)

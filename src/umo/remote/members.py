@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from inspect import Parameter, Signature
+from math import isnan
 from typing import TYPE_CHECKING, Any
 
 from umo.cycle.hands import HOLD
-from umo.errors import PathError, RangeError
+from umo.errors import BadInput, PathError, RangeError
 from umo.frames import Reader
 from umo.frames.frames_table import html_of_frames
 from umo.objects import Quality
@@ -123,8 +124,11 @@ class RemoteObject:
         return frame
 
     def read(self, unit: str | None = None) -> float | str:
-        """The value: a number in `unit` (default: its own), or the name of a state."""
+        """The value: a number in `unit` (default: its own), or the name of a state. What was never read: NaN, BadInput
+        for a state."""
         value = float(self._frame()["values"][self._number])
+        if "one" in self._entry and isnan(value):
+            raise BadInput(self.path, Quality.BAD, why="it was never read")
         if "one" in self._entry:
             return str(self._entry["one"] if value else self._entry["zero"])
         return value if unit is None else convert(value, self.units, unit)
@@ -174,8 +178,8 @@ class RemoteObject:
         return html_of_frames(self._station.reader, [self.path])
 
     def __repr__(self) -> str:
-        value = self.read()
-        shown = value if isinstance(value, str) else f"{value:g} {self.units}"
+        value = self._station.reader.values(self._frame())[self.path]
+        shown = value if isinstance(value, str) else f"{value:g} {self.units}".rstrip()
         return f"<{self._entry['kind']} {self.path} = {shown} {self.quality}>"
 
 

@@ -136,7 +136,7 @@ class Furnace(Compound):
         self._clear()
         self.say("heating up", done=0)
         places = np.linspace(0.0, 1.0, len(self.zones)) if len(self.zones) > 1 else np.array([0.5])
-        self.setpoints = self.temperatures.read()
+        self.setpoints = np.nan_to_num(self.temperatures.read())  # NaN: a zone that was never read is faulted
         self.targets, self.ramp = peak * np.interp(places, PLACES, SHARES), ramp
         try:
             await until(lambda: not self._away().any(), timeout=peak / ramp + 60.0, stays="5 s")
