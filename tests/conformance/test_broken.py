@@ -54,6 +54,17 @@ def test_the_careful_driver_keeps_every_rule() -> None:
 
 
 @pytest.mark.parametrize("driver", broken.BREAKS, ids=lambda driver: driver.__name__)
+def test_a_rule_that_is_broken_fails(driver: type[Careful]) -> None:
+    """Of several, one may be seen by what the driver does in the trial of others only."""
+    rules = broken.BREAKS[driver]
+    with careful(driver) as subject:
+        certificate = conform(subject, only=rules, cycles=ENOUGH_TO_GROW if driver is broken.Grows else QUICK)
+    assert certificate.failed, str(certificate)
+    assert {each.rule for each in certificate.failed} <= rules, str(certificate)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("driver", broken.BREAKS, ids=lambda driver: driver.__name__)
 def test_the_kit_names_the_rule_that_is_broken_and_no_other(driver: type[Careful]) -> None:
     with careful(driver) as subject:
         certificate = conform(subject, cycles=ENOUGH_TO_GROW if driver is broken.Grows else QUICK)

@@ -39,6 +39,7 @@ def subject(name: str, model: Path, loops: tuple[tuple[str, str], ...], refused:
 
 
 @pytest.mark.parametrize(("version", "loops"), [(2, LOOPS_2), (3, LOOPS_3)], ids=["fmi2", "fmi3"])
+@pytest.mark.full
 def test_the_driver_of_a_model_in_c_conforms(tmp_path: Path, version: int, loops: tuple[tuple[str, str], ...]) -> None:
     model = tank_fmu(tmp_path, version)
     certificate = conform(subject(f"fmu, FMI {version}.0", model, loops, ("broken:1",)), cycles=2000)
@@ -46,7 +47,7 @@ def test_the_driver_of_a_model_in_c_conforms(tmp_path: Path, version: int, loops
     assert certificate.finding("block failures").verdict == "passed", certificate
 
 
-def test_the_driver_of_a_model_of_pythonfmu_conforms(tmp_path: Path) -> None:
+def test_the_driver_of_a_model_of_pythonfmu_conforms(tmp_path: Path, rules: list[str] | None) -> None:
     model = python_fmu(tmp_path, PYTHON_LOOPS, "python_loops_of_the_tests")
-    certificate = conform(subject("fmu, PythonFMU", model, LOOPS_PYTHON), cycles=500)
+    certificate = conform(subject("fmu, PythonFMU", model, LOOPS_PYTHON), cycles=500, only=rules)
     assert certificate.passed, certificate

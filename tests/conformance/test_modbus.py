@@ -119,23 +119,23 @@ def on_a_line() -> Iterator[Subject]:
         )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("options", [{}, {"read_write": True}])
-def test_the_driver_conforms_on_tcp(options: dict[str, bool], request: pytest.FixtureRequest) -> None:
+def test_the_driver_conforms_on_tcp(
+    options: dict[str, bool], rules: list[str] | None, request: pytest.FixtureRequest
+) -> None:
     cycles = 10_000 if request.config.getoption("--certificates", default=None) and not options else FEW
     with on_tcp(**options) as subject:
-        certificate = conform(subject, cycles=cycles)
+        certificate = conform(subject, cycles=cycles, only=rules)
     assert certificate.passed, certificate
 
 
-@pytest.mark.slow
-def test_the_driver_conforms_on_a_serial_line() -> None:
+def test_the_driver_conforms_on_a_serial_line(rules: list[str] | None) -> None:
     with on_a_line() as subject:
-        certificate = conform(subject, cycles=FEW)
+        certificate = conform(subject, cycles=FEW, only=rules)
     assert certificate.passed, certificate
 
 
-def test_wide_outputs_conform() -> None:
+def test_wide_outputs_conform(rules: list[str] | None) -> None:
     with running("quiet") as peer:
         subject = Subject(
             name="modbus, TCP, 32 bits",
@@ -146,5 +146,5 @@ def test_wide_outputs_conform() -> None:
             timeout=0.1,
             device="libmodbus on TCP",
         )
-        certificate = conform(subject, cycles=FEW)
+        certificate = conform(subject, cycles=FEW, only=rules)
     assert certificate.passed, certificate

@@ -41,8 +41,7 @@ def scpi() -> Iterator[Supply]:
         pytest.skip(str(error))
 
 
-@pytest.mark.slow
-def test_an_emulated_avr_on_a_serial_line(board: str) -> None:
+def test_an_emulated_avr_on_a_serial_line(board: str, rules: list[str] | None) -> None:
     with PtyTap(board) as tap:
         certificate = conform(
             Subject(
@@ -64,13 +63,13 @@ def test_an_emulated_avr_on_a_serial_line(board: str) -> None:
                 line=tap,
             ),
             cycles=50,  # 40 ms each
+            only=rules,
         )
     assert certificate.passed, str(certificate)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("together", [None, ";"])
-def test_a_scpi_supply_behind_socat(scpi: Supply, together: str | None) -> None:
+def test_a_scpi_supply_behind_socat(scpi: Supply, together: str | None, rules: list[str] | None) -> None:
     with TcpTap("127.0.0.1", scpi.port) as tap:
         certificate = conform(
             Subject(
@@ -93,5 +92,6 @@ def test_a_scpi_supply_behind_socat(scpi: Supply, together: str | None) -> None:
                 line=tap,
             ),
             cycles=200,  # a process of the shell for each measurement
+            only=rules,
         )
     assert certificate.passed, str(certificate)
