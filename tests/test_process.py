@@ -357,3 +357,23 @@ def test_a_signal_without_a_name_is_told_by_its_number(tmp_path: Path, cells: Ce
     assert outcome.failure is not None
     assert f"the control process crashed (signal {int(number)})" in outcome.failure.message
     assert_safe(cells)
+
+
+@pytest.mark.parametrize(("application", "status"), [("forks", 1), ("forks_for_work", 7)])
+def test_a_process_that_control_code_forked_drives_nothing(
+    tmp_path: Path, cells: Cells, capfd: pytest.CaptureFixture[str], application: str, status: int
+) -> None:
+    outcome = Run(process_box.wiring(tmp_path / "box"), application).outcome()
+    assert (outcome.status, outcome.result) == (0, status)
+    assert ("control code forked process" in capfd.readouterr().err) is (status == 1)
+    assert_safe(cells)
+
+
+def test_short_of_memory_the_kernel_takes_the_control_process_before_a_guardian(tmp_path: Path, cells: Cells) -> None:
+    def score(pid: int) -> int:
+        return int(Path(f"/proc/{pid}/oom_score_adj").read_text())
+
+    run = Run(process_box.wiring(tmp_path / "box"), "forever").until_running()
+    assert score(run.control) > max(score(run.guardian), score(run.standby))
+    run.channel.send("stop")
+    run.outcome()

@@ -218,6 +218,22 @@ def test_another_users_unsafe_end_is_told_with_their_name_and_acknowledged_once(
 
 
 @pytest.mark.skipif(not ROOT, reason="writing as another user needs root")
+@pytest.mark.parametrize(
+    "content", [b"not JSON", b'{"device": "bus 1", "station": "", "wiring": "", "state": "x", "when": 1}']
+)
+def test_another_users_record_without_an_id_is_acknowledged_once_until_it_is_written_again(content: bytes) -> None:
+    file = others()
+    file.write_bytes(content)
+    run = Record([DEVICE], "press", "")
+    run.begin(True)
+    run.finish()
+    Record([DEVICE], "press", "").begin(False)
+    os.utime(file, ns=(1, 1))
+    with pytest.raises(StandsStopped, match="by user 65534"):
+        Record([DEVICE], "press", "").begin(False)
+
+
+@pytest.mark.skipif(not ROOT, reason="writing as another user needs root")
 def test_another_user_cannot_forge_a_safe_end_over_this_users_record() -> None:
     Record([DEVICE], "press", "").begin(False)
     others("ended")

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -121,4 +122,31 @@ def test_a_program_that_is_killed_takes_its_machine_along_safely(tmp_path: Path)
     for file in files:
         assert select.select([file], [], [], 30)[0], "it goes on running"
         os.close(file)
+    assert Cells(tmp_path / "box").levels == {"motor": 0, "valve": 0}
+
+
+def test_any_thread_may_ask_for_the_outcome(tmp_path: Path) -> None:
+    with umo.start(process_box.machine, process_box.wiring(tmp_path / "box"), process_box.forever) as machine:
+        with ThreadPoolExecutor(4) as pool:
+            asked = [pool.submit(lambda: [machine.outcome for _ in range(500)]) for _ in range(4)]
+            machine.poll(0.5)
+            assert all(outcome is None for each in asked for outcome in each.result(30))
+        assert machine.stop().failure is None
+
+
+def test_processes_that_were_all_stopped_are_named_and_go_on_to_be_stopped(tmp_path: Path) -> None:
+    with umo.start(process_box.machine, process_box.wiring(tmp_path / "box"), process_box.forever) as machine:
+        while not (machine.pid and machine.values):
+            machine.poll(0.1)
+        pids = [machine.pid, machine.standby, machine.guardian]
+        for pid in pids:
+            os.kill(pid, signal.SIGSTOP)
+        while not machine.notices:
+            machine.poll(0.1)
+        (notice,) = machine.notices
+        assert notice.startswith("nothing can stop the machine: stopped by a signal: guardian (")
+        assert all(str(pid) in notice for pid in pids)
+        assert "kill -CONT" in notice
+        outcome = machine.stop()
+    assert outcome.unreached == []
     assert Cells(tmp_path / "box").levels == {"motor": 0, "valve": 0}

@@ -9,8 +9,9 @@ from typing import Any
 
 import pytest
 
-from helpers.machines import bench, wired
+from helpers.machines import Board, bench, on, wired
 from umo import OnOff, connect, run
+from umo.system.record import Record, standing
 from umo.testing import Scripted, VirtualTimer, periods
 
 SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
@@ -177,3 +178,18 @@ def test_a_stop_can_be_requested_without_a_signal():
         connection.stop.request()
         assert m.running is False
         assert connection.stop.signal is None
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_signal_while_the_safe_end_is_recorded_changes_nothing_of_the_record(tmp_path, monkeypatch, number):
+    finish = Record.finish
+
+    def interrupted(self: Record) -> None:
+        cut(number)
+        finish(self)
+
+    monkeypatch.setattr(Record, "finish", interrupted)
+    machine, device = bench(), f"test {tmp_path}"
+    with connect(machine, on(Board(device), machine)) as m:
+        periods(m, 1)
+    assert standing(device) == []

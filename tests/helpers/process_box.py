@@ -434,3 +434,22 @@ class NotesPriority(Box):
 
     def open(self) -> None:
         self._called()[PRIORITY] = os.sched_getparam(0).sched_priority
+
+
+async def forks(m: Machine) -> int:
+    """A child that goes on as the control process does; its exit status."""
+    await drive(m)
+    child = os.fork()
+    if child == 0:
+        m.motor.write(9.0)
+        return -1
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
+async def forks_for_work(m: Machine) -> int:
+    """A child that does something else."""
+    await drive(m)
+    child = os.fork()
+    if child == 0:
+        os._exit(7)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])

@@ -217,9 +217,11 @@ class connect(Generic[C]):
             finally:
                 failures = late + self._ask_reports() + self._finalize() + self._close()
         finally:
-            self.machine.disconnect()
-            self._give_back()
-            self._end_custody(unreached, cause)
+            try:
+                self.machine.disconnect()
+            finally:
+                self._end_custody(unreached, cause)  # while signals are still only noted: it is not to be interrupted
+                self._give_back()
         if unreached:
             raise StopError("not brought to their defaults", [*unreached, *failures]) from cause or stopping
         if hindered:

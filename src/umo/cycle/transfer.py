@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from math import inf
 from operator import index
 from time import monotonic
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, NoReturn, TypeVar
 
 import numpy as np
 
@@ -39,6 +39,19 @@ def _nothing(*_: object) -> None:
     pass
 
 
+class _Refused(Sequence[Wire]):
+    """Wires that lead nowhere: whoever asks for one calls `instead`, which does not return."""
+
+    def __init__(self, instead: Callable[..., NoReturn]) -> None:
+        self._instead = instead
+
+    def __getitem__(self, slot: Any) -> NoReturn:
+        self._instead()
+
+    def __len__(self) -> NoReturn:
+        self._instead()
+
+
 class Transfer:
     """The drivers of one machine. A slot is an index into `wires` and `raws`."""
 
@@ -63,6 +76,7 @@ class Transfer:
         """Called before each call that is not part of a period: a sign of life."""
         self.tick: Callable[[Channel], int]
         """How the timer is read."""
+        self._blocks: list[Block] = []
         self._late: dict[int, float] = {}
         """Drivers (by id) that timed out, with the time of the timeout."""
         self.unsure = False
@@ -103,12 +117,21 @@ class Transfer:
 
     def bind(self, inputs: Iterable[Block], outputs: Iterable[Block]) -> None:
         """The blocks' `transfer` and the timer's `tick` are the drivers' own."""
+        inputs, outputs = list(inputs), list(outputs)
         for block in inputs:
             block.transfer = block.driver.read_many
         for block in outputs:
             block.transfer = block.driver.write_many
+        self._blocks = inputs + outputs
         if self.timer >= 0:
             self.tick = self.wires[self.timer].driver.read
+
+    def refuse(self, instead: Callable[..., NoReturn]) -> None:
+        """From now on no call reaches a driver: in its place `instead` is called, which does not return."""
+        self.on_call = self.tick = instead
+        self.wires = _Refused(instead)
+        for block in self._blocks:
+            block.transfer = instead
 
     def block_failed(self, block: Block, error: Exception, inputs: bool) -> list[tuple[int, str]]:
         """The slots of a block that failed, each with its cause; the others stand."""

@@ -32,11 +32,15 @@ from umo.process.watched import WHERE
 from umo.remote.queue import Receiver
 from umo.system import realtime
 from umo.system.custody import Custody
-from umo.system.processes import name_process
+from umo.system.processes import adjust_oom_score, name_process
+from umo.system.streams import say_without_waiting
 from umo.text import Moment, in_brackets, text_of
 
 WATCHED_EVERY = 0.5
 """Minimum time in s without a sign of life before the guardian counts as lost: a busy computer delays it."""
+
+SOONER = 100
+"""Change of the control process's score for the kernel's choice when memory runs out: a guardian is left to reset."""
 
 
 class Control:
@@ -68,6 +72,23 @@ class Control:
         while not self._life.admitted:
             if self._life.gone(0.0005, Who.GUARDIAN):
                 os._exit(1)
+
+    def stand_aside(self) -> None:
+        """In a process that control code forked: it gives up the devices, and ends as soon as it would use one."""
+
+        def end(*_: object) -> NoReturn:
+            say_without_waiting(
+                f"umo: {self._plan.name}: control code forked process {os.getpid()}, which was ended when it was to "
+                "drive the machine too; start programs with subprocess"
+            )
+            os._exit(1)
+
+        self._custody.hold.release()
+        self._channel.close()
+        if self._connection is not None:
+            self._connection.on_step = end
+            if self._connection.started:
+                self._connection.image.transfer.refuse(end)
 
     def say_how_it_ended(self, outcome: Outcome) -> None:
         """It stands if all who could say more are killed. An unsafe end, without the guardian, is recorded, and said on
@@ -225,6 +246,8 @@ def carry_out(control: Control, traces: IO[bytes]) -> NoReturn:
     """The control process, from its fork to its end. It writes down in `traces` where it stands when it is asked."""
     try:
         name_process("umo control")
+        adjust_oom_score(SOONER)
+        os.register_at_fork(after_in_child=control.stand_aside)
         for number in SIGNALS:  # until the machine is connected
             signal.signal(number, control.take_note)
         control.wait_for_admission()

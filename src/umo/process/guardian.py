@@ -30,10 +30,12 @@ from umo.process.watched import Watched
 from umo.process.watcher import Watcher
 from umo.system import realtime
 from umo.system.custody import Custody
-from umo.system.processes import name_process
+from umo.system.processes import adjust_oom_score, name_process
 from umo.system.streams import keep_open, log_on_lines
 from umo.text import cause_of
 
+SPARED = -500
+"""Change of the guardian's score for the kernel's choice when memory runs out, where that is permitted."""
 DEAF = 3
 """The number of looks in which listening failed before the machine is stopped."""
 
@@ -43,6 +45,7 @@ def main(file: int, job_file: int) -> int:
     keep_open()  # what is printed, here or in the control process, cannot end a run
     log_on_lines()
     name_process("umo guardian")
+    adjust_oom_score(SPARED)
     channel = MessageSocket(socket.socket(fileno=file))
     custody = guardian = None
     name = "the run"

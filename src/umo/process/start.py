@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Coroutine, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -25,11 +26,17 @@ from umo.objects.html_table import html_table, never_raises
 from umo.process.job import Job, reference
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome
+from umo.system.processes import is_stopped
 from umo.system.realtime import Refusal
 
 LINUX = sys.platform.startswith("linux")
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """The loop's process holds one thread; numpy's own would be started with it."""
+
+STOPPED_LOOK = 0.5
+"""s between two looks for processes that were stopped by a signal."""
+ENDING = 1.0
+"""Timeout in s for the end of a standby guardian that has told the outcome."""
 
 
 class RunFailed(TaskFailed):
@@ -88,6 +95,13 @@ class Started:
         self._outcome: Outcome | None = None
         self._left: Outcome | None = None
         """The outcome that the control process sent at its end. The guardian's is the last word."""
+        self.standby = 0
+        """The standby guardian's pid, once it is known; 0 before."""
+        self._asked = False
+        """Whether a stop was asked for."""
+        self._due = 0.0
+        """Time of the next look for stopped processes."""
+        self._lock = threading.RLock()
         text = job.dump()
         self._channel, there = MessageSocket.pair()
         with there, tempfile.TemporaryFile() as file:
@@ -143,14 +157,39 @@ class Started:
         return html_table("machine", facts, []) if self.frames is None else html_of_frames(self.frames, more=facts)
 
     def poll(self, timeout: float = 0.0) -> None:
-        """Process messages of the other processes; wait up to `timeout` s for one."""
-        while self._outcome is None and (message := self._channel.receive(timeout)) is not None:
-            timeout = 0.0
-            self._note(message)
-        if self._channel.ended and self._outcome is None:
-            self._outcome = vanished(self._guardian.wait(), self._left, running=self.pid is not None)
-        if self._outcome is not None:
-            self._guardian.wait()
+        """Process messages of the other processes; wait up to `timeout` s for one. Any thread may call it."""
+        with self._lock:
+            while self._outcome is None and (message := self._channel.receive(timeout)) is not None:
+                timeout = 0.0
+                self._note(message)
+            if self._outcome is None and self._channel.ended:
+                self._outcome = vanished(self._guardian.wait(), self._left, running=self.pid is not None)
+            if self._outcome is None:
+                self._look_for_stopped()
+            elif self._guardian.returncode is None:
+                self._guardian.wait()
+                self._channel.peer_is_gone(ENDING)  # the standby guardian holds the devices until it ends
+
+    def _look_for_stopped(self) -> None:
+        """Say that no guardian can stop the machine, as they were all stopped by a signal. They go on as soon as a stop
+        is asked for."""
+        if monotonic() < self._due:
+            return
+        self._due = monotonic() + STOPPED_LOOK
+        pids = {"guardian": self.guardian, "standby guardian": self.standby, "control process": self.pid or 0}
+        stopped = {name: str(pid) for name, pid in pids.items() if pid and is_stopped(pid)}
+        if "guardian" not in stopped or (self.standby and "standby guardian" not in stopped):
+            return
+        told = ", ".join(f"{name} ({pid})" for name, pid in stopped.items())
+        hint = f"to let them go on: kill -CONT {' '.join(stopped.values())}"
+        if self._asked:
+            hint = "they go on now, to stop it"
+            for pid in reversed(stopped.values()):
+                with suppress(ProcessLookupError):
+                    os.kill(int(pid), signal.SIGCONT)
+        text = f"nothing can stop the machine: stopped by a signal: {told}; {hint}"
+        if text not in self.notices:
+            self.notices.append(text)
 
     def wait(self, timeout: float | None = None) -> Outcome:
         """Wait for the end and return the outcome. TimeoutError after `timeout` s; RunFailed if the run failed."""
@@ -165,6 +204,7 @@ class Started:
 
     def ask_to_stop(self, number: int = signal.SIGTERM) -> None:
         """Request a safe stop, like this signal does. Returns at once."""
+        self._asked = True
         self._channel.send("stop", signal=number)
 
     def stop(self) -> Outcome:
@@ -197,6 +237,8 @@ class Started:
             with suppress(OSError, FramesError):
                 for file in message["files"]:
                     self.frames = Reader(f"/proc/self/fd/{file}")
+        elif message["kind"] == "standby":
+            self.standby = message["pid"]
         elif message["kind"] == "notice":
             self.notices.append(message["text"])
         elif message["kind"] == "left":

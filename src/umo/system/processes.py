@@ -46,6 +46,14 @@ class Process:
         return False
 
 
+def adjust_oom_score(change: int) -> None:
+    """Make the kernel take this process sooner, or (as far as permitted) later, when memory runs out: by so many
+    thousandths of the memory (proc_pid_oom_score_adj(5))."""
+    file = Path("/proc/self/oom_score_adj")
+    with suppress(OSError, ValueError):
+        file.write_text(str(max(-1000, min(1000, int(file.read_text()) + change))))
+
+
 def is_stopped(pid: int) -> bool:
     """Whether a process was stopped by a signal, or by a debugger."""
     return state(pid) in "Tt"

@@ -53,6 +53,7 @@ class Ended:
     what: str = ""
     unreached: list[str] = field(default_factory=list)
     id: str = ""
+    """Changes with each record."""
     seen: list[str] = field(default_factory=list)
     """Records of other users that the writer has acknowledged."""
     user: str = ""
@@ -104,12 +105,13 @@ class Record:
         """Record the start of a run. StandsStopped if the last run on a device ended unsafely and was not acknowledged.
         UmoError if the record cannot be written: an unsafe end could then not be distinguished from a safe one."""
         try:
-            before = [ended for device in self._devices for ended in standing(device)]
-            for device in self._devices:
-                self._note(device, before)
+            found = {device: standing(device) for device in self._devices}
+            for device, ended in found.items():
+                self._note(device, ended)
         except OSError as error:
             text = f"the records of earlier runs cannot be read: {error.filename}: {error.strerror or error}"
             raise UmoError(text) from None
+        before = [each for ended in found.values() for each in ended]
         if before and not acknowledged:
             told = "\n".join(dict.fromkeys(f"{ended}." for ended in before))
             raise StandsStopped(f"{told}\nInspect the machine, then start it with --acknowledge (acknowledge=True)")
@@ -123,8 +125,7 @@ class Record:
     def _note(self, device: str, before: Iterable[Ended]) -> None:
         """What stands on a device, and what is acknowledged by this run."""
         mine = _own(device)
-        others = [ended.id for ended in before if ended.device == device and not ended.mine and ended.id]
-        self._seen[device] = [*(mine.seen if mine else []), *others]
+        self._seen[device] = [*(mine.seen if mine else []), *(ended.id for ended in before if not ended.mine)]
         if mine:
             self._former[device] = mine
 
@@ -162,7 +163,7 @@ def standing(device: str) -> list[Ended]:
     """How the last runs on a device ended, if not safely: this user's, and others' that were not acknowledged yet."""
     mine = _own(device)
     seen = [] if mine is None else mine.seen
-    return [ended for ended in _all(_file(device)) if ended.state != "ended" and (not ended.id or ended.id not in seen)]
+    return [ended for ended in _all(_file(device)) if ended.state != "ended" and (ended.mine or ended.id not in seen)]
 
 
 def all_standing() -> list[Ended]:
@@ -182,7 +183,7 @@ def _all(pattern: str) -> Iterator[Ended]:
         except (FileNotFoundError, NotADirectoryError):
             continue
         except OSError as error:
-            yield _unknown("an unknown device", status.st_uid, error.strerror or str(error))
+            yield _unknown("an unknown device", devices, status.st_uid, error.strerror or str(error))
             continue
         for name in fnmatch.filter(names, pattern):
             ended = _read(devices / name, status.st_uid)
@@ -197,7 +198,7 @@ def _read(path: Path, owner: int) -> Ended | None:
     except FileNotFoundError:
         return None
     except OSError as error:
-        return _unknown(f"device {path.stem}", owner, error.strerror or str(error))
+        return _unknown(f"device {path.stem}", path, owner, error.strerror or str(error))
     with open(file, "rb") as opened:
         status = os.fstat(file)
         if status.st_uid != owner or not stat.S_ISREG(status.st_mode):
@@ -209,16 +210,25 @@ def _read(path: Path, owner: int) -> Ended | None:
                 raise TypeError("texts")
             time.localtime(ended.when)
         except (OSError, ValueError, TypeError, OverflowError, RecursionError):
-            return _unknown(f"device {path.stem}", owner, "its record cannot be read")
+            return _unknown(f"device {path.stem}", path, owner, "its record cannot be read")
     ended.mine = not hasattr(os, "getuid") or owner == os.getuid()
     ended.user = "" if ended.mine else f"user {owner}"
+    ended.id = ended.id or _id_of(path)
     return ended
 
 
-def _unknown(device: str, owner: int, why: str) -> Ended:
+def _unknown(device: str, path: Path, owner: int, why: str) -> Ended:
     mine = not hasattr(os, "getuid") or owner == os.getuid()
     user = "" if mine else f"user {owner}"
-    return Ended(device, "", "", "unknown", 0.0, why, user=user, mine=mine)
+    return Ended(device, "", "", "unknown", 0.0, why, id=_id_of(path), user=user, mine=mine)
+
+
+def _id_of(path: Path) -> str:
+    """The id of a record that tells none: another one when the file was written again."""
+    written = 0
+    with suppress(OSError):
+        written = path.lstat().st_mtime_ns
+    return hashlib.sha256(f"{path} {written}".encode(errors="surrogateescape")).hexdigest()[:16]
 
 
 def _folder() -> Path:
