@@ -214,7 +214,7 @@ def test_a_plot_that_cannot_be_drawn_costs_the_plot_alone(
     monkeypatch.setattr("umo.cli.plot.save_plot", fail)
     result = umo("run", "tank")
     assert result.exit_code == 0
-    assert "the results of the run are incomplete: ValueError: $z_ is not mathematics" in said(result)
+    assert "umo: the plot could not be drawn: ValueError: $z_ is not mathematics" in said(result)
 
 
 def test_runs_that_end_in_the_same_second_have_a_folder_each(
@@ -225,10 +225,9 @@ def test_runs_that_end_in_the_same_second_have_a_folder_each(
         def now(cls, tz: object = None) -> Stopped:
             return cls(2026, 1, 2, 3, 4, 5)
 
-    monkeypatch.setattr("umo.cli.run.datetime", Stopped)
-    monkeypatch.setattr("umo.cli.plot.save_plot", lambda *args: None)
+    monkeypatch.setattr("umo.cli.run_folder.datetime", Stopped)
     for _ in range(3):
-        assert umo("run", "tank").exit_code == 0
+        assert umo("run", "tank", "--no-plot").exit_code == 0
     names = sorted(path.name for path in (tmp_path / "runs").iterdir())
     assert names == ["tank-20260102-030405", "tank-20260102-030405-2", "tank-20260102-030405-3"]
     assert all((tmp_path / "runs" / name / "trace.csv").exists() for name in names)

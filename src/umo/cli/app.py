@@ -126,9 +126,15 @@ def run(
         bool,
         typer.Option("--manual", help="Start in manual mode, in wall-clock time: see umo mode, umo call, umo set."),
     ] = False,
+    until: Annotated[
+        str | None,
+        typer.Option(metavar="TIME", help="End the run at this time on the machine's clock: in s, or such as '5 min'."),
+    ] = None,
     summary: Annotated[
         Path | None, typer.Option(metavar="FILE.json", help="Write a summary of the run to this file.")
     ] = None,
+    no_record: Annotated[bool, typer.Option("--no-record", help="Write nothing to runs/.")] = False,
+    no_plot: Annotated[bool, typer.Option("--no-plot", help="Draw no plot at the end.")] = False,
     fault: Faults = None,
     fault_seed: FaultSeed = None,
     acknowledge: Acknowledge = False,
@@ -144,6 +150,10 @@ def run(
 
     In real time the loop runs in its own process. A guardian process resets the machine if the loop dies or hangs.
     Trace (CSV) and plot (PNG) go to runs/. Ctrl-C stops safely: every actuator goes to its default.
+
+    Exit status: 1 the machine or its code failed; 2 a mistake, nothing ran; 3 an actuator is not at its default;
+    4 runs/ cannot be written: nothing ran, or the record is not complete; 124 ended by --until; 130 by Ctrl-C (128 and
+    the number of the signal).
     """
     name = _named(context, help_, station, wiring)
 
@@ -151,13 +161,15 @@ def run(
         from umo.process.job import Job
         from umo.process.station import find
 
-        from .run import run_station
+        from .run import Recording, run_station
         from .station_options import parse
+        from .values import duration
 
         options = parse(find(name), wiring, context.args) | _injected(fault, fault_seed)
         options |= {"realtime": True} if realtime or manual else {}
-        job = Job(name, wiring=wiring, options=options, acknowledge=acknowledge, manual=manual)
-        return run_station(job, summary=summary, full_traceback=full_traceback)
+        end = None if until is None else duration("--until", until)
+        job = Job(name, wiring=wiring, options=options, acknowledge=acknowledge, manual=manual, until=end)
+        return run_station(job, Recording(not no_record, not no_plot, summary), full_traceback=full_traceback)
 
     guarded(work)
 

@@ -3,56 +3,93 @@
 from __future__ import annotations
 
 import time
-from datetime import datetime
+from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import Any
 
 from umo.cycle import connect, drive
-from umo.cycle.stopping import signal_name
+from umo.cycle.stopping import TimeLimit, signal_name
 from umo.cycle.trace import Statistics, Trace
 from umo.process.job import Job, Plan
-from umo.process.outcome import Failed, Outcome, plain, plain_reports
+from umo.process.outcome import NOT_RECORDED, Failed, Outcome, plain, plain_reports
 from umo.process.start import LINUX
 from umo.process.station import StationError
 from umo.text import cause_of
 
 from .console import err, out
 from .follow import Seen, follow
+from .interruption import Interruptions
 from .progress_line import Shown
 from .result import Result
+from .run_folder import NotRecorded, RunFolder, TraceFile, whole
+from .stillness import Stillness
 
-RUNS = Path("runs")
+
+@dataclass(frozen=True)
+class Recording:
+    """What a run leaves behind."""
+
+    record: bool = True
+    """A folder in runs/."""
+    plot: bool = True
+    summary: Path | None = None
+    """A file for the summary."""
 
 
-def run_station(job: Job, *, summary: Path | None, full_traceback: bool = False) -> int:
+def run_station(job: Job, recording: Recording, *, full_traceback: bool = False) -> int:
     """Run a station's application to its end; the exit status.
 
     In real time it runs in processes of its own (`umo.process`), in virtual time in this one.
     """
+    summary = recording.summary
     if summary is not None and (summary.is_dir() or not summary.parent.is_dir()):
         what = "is a folder" if summary.is_dir() else f"there is no folder {summary.parent}"
         raise StationError(f"--summary {summary}: {what}")
     plan = Plan(job)
     if job.options.get("realtime") and not plan.wired.paced:
         err.print("umo: --realtime has no effect: the timer of this wiring is a real-time timer")
-    result = Result(Statistics(), faults=() if plan.wired.injection is None else plan.wired.injection.texts)
-    seen = Seen(plan.machine)
+    try:
+        folder = RunFolder.make(plan.name, job) if recording.record else None
+    except NotRecorded as error:
+        return _fail(Failed("NotRecorded", str(error), NOT_RECORDED), full_traceback)
     trace = Trace()
+    result = _run(plan, trace, folder)
+    with Interruptions() as signals:
+        if result.outcome.failure is not None and not result.statistics.periods:
+            if folder is not None:
+                folder.discard()
+            return _fail(result.outcome.failure, full_traceback)  # nothing ran: there is nothing to show
+        _say_how_it_ended(result.outcome, full_traceback)
+        written = summary is None or _write_summary(result, summary)
+        if folder is not None:
+            folder.save(result, trace)
+        name = f"{plan.name}, {plan.wiring_name}" if plan.wiring_name else plan.name
+        out.print(result.table(f"umo run {name}"))
+        if folder is not None:
+            title = f"umo run {plan.name}: {result.progress.text or 'done'}"
+            rest = _plot(title, trace, folder, signals) if recording.plot else ""
+            names = (("trace", "csv"), ("plot", "png"))
+            kept = [name for name, end in names if (folder.path / f"{name}.{end}").exists()]
+            out.print(f"{' and '.join(kept) or 'results'}: {folder.path}{rest}", soft_wrap=True)
+            written &= folder.complete
+    return result.outcome.status if written else result.outcome.status or NOT_RECORDED
+
+
+def _run(plan: Plan, trace: Trace, folder: RunFolder | None) -> Result:
+    """The run itself, with what is told of it. Its error is in the result; the actuators are reset."""
+    result = Result(Statistics(), faults=() if plan.wired.injection is None else plan.wired.injection.texts)
     with Shown(err) as shown:
-        if plan.wired.realtime and LINUX:
-            result.outcome, result.elapsed = follow(job, seen, [result.statistics, trace, shown])
-            result.progress = seen.progress
-        else:
-            _drive(plan, result, [result.statistics, trace, shown])
-    outcome = result.outcome
-    if outcome.failure is not None and not result.statistics.periods:
-        return _fail(outcome.failure, full_traceback)  # nothing ran: there is nothing to show
-    _say_how_it_ended(outcome, full_traceback)  # at once: the plot takes seconds
-    written = summary is None or _write_summary(result, summary)
-    _leave_behind(plan.name, result, trace)
-    name = f"{plan.name}, {plan.wiring_name}" if plan.wiring_name else plan.name
-    out.print(result.table(f"umo run {name}"))
-    return outcome.status if written else max(outcome.status, 1)
+        observers: list[Any] = [result.statistics, trace, shown]
+        if not (plan.wired.realtime and LINUX):
+            _drive(plan, result, observers)
+            return result
+        if folder is not None:
+            observers.append(TraceFile(trace, folder.path / "trace.csv"))
+        seen = Seen(plan.machine)
+        result.outcome, result.elapsed = follow(plan.job, seen, observers)
+        result.progress = seen.progress
+    return result
 
 
 def _say_how_it_ended(outcome: Outcome, full_traceback: bool) -> None:
@@ -60,6 +97,8 @@ def _say_how_it_ended(outcome: Outcome, full_traceback: bool) -> None:
         _fail(outcome.failure, full_traceback)
     elif outcome.stopped_by is not None:
         err.print(f"umo: stopped by {signal_name(outcome.stopped_by)}; every actuator is at its default")
+    elif outcome.time_over:
+        err.print(f"umo: ended at {outcome.simulated:g} s (--until); every actuator is at its default")
 
 
 def _fail(failure: Failed, full_traceback: bool) -> int:
@@ -73,9 +112,12 @@ def _drive(plan: Plan, result: Result, observers: list[Any]) -> None:
     """The run itself, in this process. Its error is stored in the result; the actuators are reset before it returns."""
     connection = connect(plan.machine, plan.wired, acknowledge=plan.job.acknowledge)
     outcome = result.outcome
+    limit = TimeLimit(inf if plan.job.until is None else plan.job.until, connection.stop.request)
     try:
         with connection as machine:
-            connection.machine.observers += observers
+            connection.machine.observers += [*observers, limit]
+            if not plan.wired.realtime:
+                connection.machine.observers.append(Stillness(_say, lambda: connection.machine.sequences.places))
             begun = time.perf_counter()
             try:
                 outcome.result = plain(drive(machine, plan.application))
@@ -84,11 +126,16 @@ def _drive(plan: Plan, result: Result, observers: list[Any]) -> None:
                 outcome.simulated = machine.now
                 result.progress = connection.machine.frame.progress
                 outcome.stopped_by = connection.stop.signal
+                outcome.time_over = limit.reached and outcome.stopped_by is None
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # SystemExit too: the run did not come to its end
         outcome.failure = Failed.of(error)
     outcome.reports = plain_reports(connection.reports)
+
+
+def _say(text: str) -> None:
+    err.print(f"umo: {text}", soft_wrap=True)
 
 
 def _write_summary(result: Result, summary: Path) -> bool:
@@ -100,35 +147,21 @@ def _write_summary(result: Result, summary: Path) -> bool:
     return True
 
 
-def _leave_behind(name: str, result: Result, trace: Trace) -> None:
-    """Write trace, plot and summary. A failure is printed and does not change the exit status."""
-    failure = result.outcome.failure
+def _plot(title: str, trace: Trace, folder: RunFolder, signals: Interruptions) -> str:
+    """Draw the plot, which takes seconds; what it does not show. A failure, or Ctrl-C, costs the plot alone."""
+    err.print("umo: drawing the plot; Ctrl-C leaves it out (--no-plot: always)")
     try:
-        folder = _new_folder(f"{name}-{datetime.now():%Y%m%d-%H%M%S}")
-        trace.save(folder / "trace.csv")
-        result.save(folder / "summary.json")
-        if failure is not None:
-            text = f"{failure.message}\n{failure.traceback}"
-            (folder / "failure.txt").write_text(text, encoding="utf-8", errors="backslashreplace")
-        from .plot import save_plot
+        with whole(folder.path / "plot.png") as file, signals.allowed():
+            from .plot import save_plot
 
-        rest = save_plot(trace, folder / "plot.png", f"umo run {name}: {result.progress.text or 'done'}")
+            rest = save_plot(trace, file, title)
+        return f"; the plot does not show {rest}" if rest else ""
+    except KeyboardInterrupt:
+        err.print("umo: the plot was left out")
     except ImportError:
-        err.print(f'umo: no plot: matplotlib is not installed (pip install "umo[plot]"); the trace is in {folder}')
-    except Exception as error:  # a full disk; a name that the plot cannot show
-        err.print(f"umo: the results of the run are incomplete: {cause_of(error)}", soft_wrap=True)
-    else:
-        out.print(f"trace and plot: {folder}" + (f"; the plot does not show {rest}" if rest else ""), soft_wrap=True)
-
-
-def _new_folder(name: str) -> Path:
-    """A folder of its own in runs/, also for the second run that ends within a second."""
-    RUNS.mkdir(exist_ok=True)
-    folder, number = RUNS / name, 1
-    while True:
-        try:
-            folder.mkdir()
-            return folder
-        except FileExistsError:
-            number += 1
-            folder = RUNS / f"{name}-{number}"
+        err.print('umo: no plot: matplotlib is not installed (pip install "umo[plot]")')
+    except OSError as error:
+        folder.lost("plot.png", error)
+    except Exception as error:  # a name that it cannot show
+        err.print(f"umo: the plot could not be drawn: {cause_of(error)}", soft_wrap=True)
+    return ""

@@ -27,6 +27,14 @@ def number(name: str, text: str, unit: str) -> float:
     return value
 
 
+def duration(name: str, text: str) -> float:
+    """A time in s, from a number of seconds or a text such as "5 min"; RangeError if it is none, or not above 0."""
+    value = number(name, text, "s")
+    if value <= 0:
+        raise RangeError(f"{name}: {text} is not a time above 0 s")
+    return value
+
+
 def state(name: str, text: str, states: Sequence[str]) -> str:
     """The name of a state, in capital letters or small ones; StateError if it is not one."""
     if (found := text.upper()) not in states:

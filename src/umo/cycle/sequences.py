@@ -331,6 +331,11 @@ class Sequences:
         """Whether there are any."""
         return bool(self._tasks)
 
+    @property
+    def places(self) -> list[str]:
+        """Where each waits, in the user's code."""
+        return [task._place for task in self._tasks]
+
     def start(self, sequence: Sequence) -> Task:
         task = Task(sequence)
         self._tasks.append(task)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import signal
 import threading
+from collections.abc import Callable
 from types import FrameType
-from typing import Any
+from typing import Any, Protocol
 
 SIGNALS = [signal.SIGINT, signal.SIGTERM]
 if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # ignored: under nohup
@@ -53,6 +54,27 @@ class StopFlag:
     def request(self, number: int | None = None) -> None:
         self.signal = self.signal or number
         self.requested = True
+
+
+class TimeLimit:
+    """An observer that asks the machine to stop at a time on its clock, in s."""
+
+    def __init__(self, seconds: float, stop: Callable[[], object]) -> None:
+        self._seconds = seconds
+        self._stop = stop
+        self.reached = False
+
+    def __call__(self, frame: Timed) -> None:
+        if frame.time >= self._seconds and not self.reached:
+            self.reached = True
+            self._stop()
+
+
+class Timed(Protocol):
+    """A finished period."""
+
+    @property
+    def time(self) -> float: ...
 
 
 def request_stop(number: int | None = None) -> None:

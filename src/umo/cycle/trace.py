@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterator, Sequence
+from io import StringIO
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -128,9 +128,22 @@ class Trace:
     def save(self, path: Path) -> None:
         """As CSV; OSError when the disk is full."""
         with path.open("w", newline="", encoding="utf-8", errors="backslashreplace") as file:
-            writer = csv.writer(file)
-            writer.writerow(self.columns)
-            writer.writerows(_texts(self.rows))
+            file.writelines(lines(self))
+
+
+def lines(trace: Trace, after: float | None = None) -> Iterator[str]:
+    """The lines of its CSV file: the columns, then a row a line; if `after` is given, only the rows later than this
+    time in s."""
+    text = StringIO(newline="")
+    writer = csv.writer(text)
+    rows = trace.rows
+    if after is None:
+        writer.writerow(trace.columns)
+        yield text.getvalue()
+    else:
+        rows = rows[np.searchsorted(rows[:, 0], after, side="right") :]
+    for row in rows:
+        yield ",".join([f"{value:.10g}" for value in row]) + "\r\n"
 
 
 def _column(item: Atomic) -> str:
@@ -138,8 +151,3 @@ def _column(item: Atomic) -> str:
         return f"{item.path}[{item.units}]"
     assert isinstance(item, Binary)
     return f"{item.path}[{item.one}=1]"
-
-
-def _texts(rows: npt.NDArray[np.float64]) -> Iterator[list[Any]]:
-    for row in rows:
-        yield [f"{value:.10g}" for value in row]

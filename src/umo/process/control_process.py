@@ -10,6 +10,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from math import inf
 from pathlib import Path
 from typing import IO, Any, NoReturn
 
@@ -18,7 +19,7 @@ from umo.cycle.hands import Hands, Mode
 from umo.cycle.rehearsal import rise_early
 from umo.cycle.stage import Stage
 from umo.cycle.stop_order import stop_sequence
-from umo.cycle.stopping import SIGNALS, request_stop
+from umo.cycle.stopping import SIGNALS, TimeLimit, request_stop
 from umo.errors import FramesError, StopError
 from umo.frames import Ring, published
 from umo.frames.folder import QUEUE
@@ -59,6 +60,7 @@ class Control:
         self._gap = min([self._hang, *plan.wired.watchdogs.values()])
         """s without a period after which a circuit may have reset its outputs by itself, or this process counts as
         hung."""
+        self._limit = TimeLimit(inf if plan.job.until is None else plan.job.until, request_stop)
         self._alarm = ""
         self._order = stop_sequence(plan.machine)
         self._connection: connect[Any] | None = None
@@ -171,6 +173,7 @@ class Control:
             finally:
                 self._life.enter(Stage.STOPPING)
                 outcome.stopped_by = None if self._alarm else self._life.asked or connection.stop.signal
+                outcome.time_over = self._limit.reached and outcome.stopped_by is None
                 outcome.simulated = machine.now
 
     @contextmanager
@@ -205,6 +208,7 @@ class Control:
     def each_period(self, frame: Frame) -> None:
         """Give a sign of life. Check whether this process was suspended, asked to stop, or lost its guardian."""
         life = self._life
+        self._limit(frame)
         gap = life.beat()
         if gap > self._gap:
             self._stop(

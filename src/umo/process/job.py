@@ -39,6 +39,8 @@ class Job:
     acknowledge: bool = False
     manual: bool = False
     """Start in manual mode: the application waits until the mode is automatic."""
+    until: float | None = None
+    """s on the machine's clock at which it is stopped."""
     path: list[str] = field(default_factory=lambda: list(sys.path))
     script: str | None = None
     """The file that `__main__` came from, if a function of it is meant."""

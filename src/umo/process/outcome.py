@@ -39,7 +39,9 @@ USER_ERRORS = (
     FramesError,
     CommandRefused,
 )
-FAILED, MISTAKE, UNREACHED = 1, 2, 3
+FAILED, MISTAKE, UNREACHED, NOT_RECORDED = 1, 2, 3, 4
+TIME_OVER = 124
+"""As timeout(1)."""
 LONGEST = 12_000
 """Characters of a traceback, of a message or of a result that are passed on."""
 LARGEST = 60_000
@@ -77,6 +79,8 @@ class Outcome:
     failure: Failed | None = None
     stopped_by: int | None = None
     """The signal that requested the stop."""
+    time_over: bool = False
+    """Whether its time limit (`umo run --until`) ended it."""
     driven: bool = False
     """Whether the machine was connected whole: every object initialised."""
     unsafe: bool = False
@@ -91,14 +95,14 @@ class Outcome:
 
     @property
     def status(self) -> int:
-        """The exit status: 0, or 1, 2, 3 as `Failed.status`, or 128 and the signal."""
+        """The exit status: 0, or 1, 2, 3 as `Failed.status`, or 124 at its time limit, or 128 and the signal."""
         if self.unreached:
             return UNREACHED
         if self.failure is not None:
             return self.failure.status
         if self.stopped_by is not None:
             return 128 + self.stopped_by
-        return 0
+        return TIME_OVER if self.time_over else 0
 
     def dump(self) -> dict[str, Any]:
         """As plain data, at most `LARGEST` bytes as JSON, whatever the application returned. Long texts are cut, and of

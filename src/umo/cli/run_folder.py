@@ -1,0 +1,149 @@
+"""The folder of a run in `runs/`: `run.json` and the trace from its beginning, at its end summary, failure and plot.
+
+Every file is there whole or not at all. Only the trace of a run whose `umo run` was killed ends before the run did.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from umo.cycle import Frame
+from umo.cycle.trace import Trace, lines
+from umo.errors import UmoError
+from umo.process.job import Job
+from umo.text import cause_of
+from umo.wiring.parameters import as_plain
+
+from .console import err
+from .result import Result
+
+RUNS = Path("runs")
+EVERY = 1.0
+"""s on the machine's clock between two writings of the trace while the run goes on."""
+
+
+class NotRecorded(UmoError, OSError):
+    """A run cannot be recorded: `runs/` is full, read-only or not a folder."""
+
+
+class RunFolder:
+    """The folder of one run."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.complete = True
+        """Whether all was written."""
+
+    @classmethod
+    def make(cls, name: str, job: Job) -> RunFolder:
+        """A new one, with what is run in `run.json`; NotRecorded if it cannot be written."""
+        now = datetime.now()
+        about: dict[str, Any] = {"station": name, "wiring": job.wiring, "options": job.options, "manual": job.manual}
+        about |= {"started": now.astimezone().isoformat(), "pid": os.getpid(), "command": sys.argv}
+        folder = None
+        try:
+            folder = cls(_new_folder(f"{name}-{now:%Y%m%d-%H%M%S}"))
+            with whole(folder.path / "run.json") as file:
+                _write(file, json.dumps(about, indent=2, default=as_plain) + "\n")
+        except OSError as error:
+            if folder is not None:
+                folder.discard()
+            why = "it is not a folder" if RUNS.is_file() else error.strerror or cause_of(error)
+            raise NotRecorded(f"{RUNS}/ cannot be written: {why}; --no-record runs without a record") from error
+        return folder
+
+    def discard(self) -> None:
+        """Nothing ran: there is nothing to keep."""
+        shutil.rmtree(self.path, ignore_errors=True)
+        with suppress(OSError):  # others are in it
+            RUNS.rmdir()
+
+    def save(self, result: Result, trace: Trace) -> None:
+        """Write all but the plot. What fails is said and makes the record incomplete."""
+        failure = result.outcome.failure
+        if failure is not None:
+            text = f"{failure.message}\n{failure.traceback}"
+            self._save("failure.txt", lambda file: _write(file, text))
+        self._save("summary.json", result.save)
+        if not self._save("trace.csv", trace.save):
+            (self.path / "trace.csv").unlink(missing_ok=True)  # it ends before the run did
+
+    def _save(self, name: str, write: Callable[[Path], object]) -> bool:
+        try:
+            with whole(self.path / name) as file:
+                write(file)
+        except OSError as error:
+            self.lost(name, error)
+            return False
+        return True
+
+    def lost(self, name: str, error: OSError) -> None:
+        """Say that a file could not be written: the record is not complete."""
+        self.complete = False
+        err.print(f"umo: {self.path / name} could not be written: {cause_of(error)}", style="red", soft_wrap=True)
+
+
+class TraceFile:
+    """An observer that writes the rows of a trace as they come: a run whose `umo run` is killed leaves them behind."""
+
+    def __init__(self, trace: Trace, path: Path) -> None:
+        self._trace = trace
+        self._path = path
+        self._next = self._written = float("-inf")
+        """Times on the machine's clock: of the next writing, and of the last row written."""
+        self._failed = False
+
+    def __call__(self, frame: Frame) -> None:
+        if frame.time < self._next or self._failed:
+            return
+        first = self._written == float("-inf")
+        try:
+            with self._path.open("a", newline="", encoding="utf-8", errors="backslashreplace") as file:
+                file.writelines(lines(self._trace, after=None if first else self._written))
+        except OSError as error:
+            self._failed = True
+            self._path.unlink(missing_ok=True)  # it may end in the middle of a row
+            err.print(
+                f"umo: {self._path} cannot be written: {cause_of(error)}; the run goes on, and its trace is written at "
+                "its end, if it can be",
+                style="red",
+                soft_wrap=True,
+            )
+        self._written, self._next = frame.time, frame.time + EVERY
+
+
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """A file to write that gets its name when it is complete; none is left if writing it fails or is interrupted."""
+    new = path.with_name(f".new-{path.name}")
+    try:
+        yield new
+        if new.exists():
+            new.replace(path)
+    finally:
+        new.unlink(missing_ok=True)
+
+
+def _write(file: Path, text: str) -> None:
+    file.write_text(text, encoding="utf-8", errors="backslashreplace")
+
+
+def _new_folder(name: str) -> Path:
+    """A folder of its own in runs/, also for the second run that begins within a second."""
+    RUNS.mkdir(exist_ok=True)
+    folder, number = RUNS / name, 1
+    while True:
+        try:
+            folder.mkdir()
+            return folder
+        except FileExistsError:
+            number += 1
+            folder = RUNS / f"{name}-{number}"
