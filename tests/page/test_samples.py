@@ -17,8 +17,10 @@ from umo.page.samples import csv_of
 from .conftest import TOKEN, Served, opened, running, serving
 
 
-def stretch(history: History, entries: list[dict[str, str]], start: float, stop: float) -> Stretch:
-    watched: Any = SimpleNamespace(history=history, entries=entries)
+def stretch(
+    history: History, entries: list[dict[str, str]], start: float, stop: float, utc: float | None = None
+) -> Stretch:
+    watched: Any = SimpleNamespace(history=history, entries=entries, utc=utc)
     return Stretch(watched, list(range(len(entries))), start, stop)
 
 
@@ -33,6 +35,14 @@ def test_numbers_states_and_missing_values_are_told() -> None:
     lines = "".join(csv_of(stretch(history, entries, 0.001, 0.003))).splitlines()
     assert lines[0] == "time [s],motor [V],valve,clock"
     assert lines[1:] == ["0.001,0.1,ON,5.0", "0.002,,OFF,6.0", "0.003,2.0,,7.0"]
+
+
+def test_of_a_run_in_real_time_each_sample_has_its_utc() -> None:
+    history = History(1, 0.001)
+    history.add(np.array([0.0, 1.5]), np.zeros((2, 1)))
+    lines = "".join(csv_of(stretch(history, [{"path": "motor"}], 0.0, 2.0, utc=1_700_000_000.25))).splitlines()
+    assert lines[0] == "time [s],UTC,motor"
+    assert lines[1:] == ["0.0,2023-11-14T22:13:20.250000Z,0.0", "1.5,2023-11-14T22:13:21.750000Z,0.0"]
 
 
 def test_only_the_samples_between_the_times_are_told() -> None:

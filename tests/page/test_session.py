@@ -144,8 +144,8 @@ def test_a_page_is_answered_while_something_is_measured(client: Client, monkeypa
 
 def test_a_page_gets_states_while_a_black_box_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
     go_on = threading.Event()
-    monkeypatch.setattr("umo.page.feed.newest_box", lambda *given: Box("x", f"read: {go_on.wait(PATIENCE)}"))
-    monkeypatch.setattr("umo.page.feed.BOXES", 0.01)
+    monkeypatch.setattr("umo.page.watched.newest_box", lambda *given: Box("x", f"read: {go_on.wait(PATIENCE)}"))
+    monkeypatch.setattr("umo.page.feed.AROUND", 0.01)
     with running() as step, serving() as served, opened(served.socket) as client:
         client.get("description")
         stop = client.get("state")["stop"]

@@ -54,7 +54,7 @@ def _keep(station: str | None) -> Path:
     """A black box of a running station, written by this process from its frames."""
     with attach(station) as reader:
         file = blackbox.name_for(blackbox.folder(), str(reader.about["station"]), time.time())
-        blackbox.save(reader, file, "on demand")
+        blackbox.save(reader, file, blackbox.ON_DEMAND)
         return file
 
 

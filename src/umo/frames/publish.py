@@ -16,6 +16,7 @@ from umo.cycle.machine import ConnectedMachine
 from umo.cycle.phases import Phases
 from umo.cycle.stage import Stage
 from umo.errors import FramesError
+from umo.frames.ending import tell_end
 from umo.frames.folder import new_path
 from umo.frames.layout import Layout, describe_objects, describe_signals
 from umo.frames.ring import Ring
@@ -50,13 +51,17 @@ def published(
     try:
         layout = _layout(machine, phases, about | {"options": dict(options)} | _about(connection))
         ring = Ring(machine, phases, layout, path or new_path(station), tunables=list(machine.tunables.values()))
+        error: BaseException | None = None
         try:
             ring.state(Stage.RUNNING)
             machine.observers.append(ring)
             yield ring
+        except BaseException as caught:
+            error = caught
+            raise
         finally:
-            end = partial(_end, machine, ring, path is None)
-            if machine.period_open:  # one that has raised is shown as well, after the actuators have been reset
+            end = partial(_end, connection, ring, path is None, error)
+            if machine.period_open or error is not None:  # it is shown when the actuators have been reset
                 connection.afterwards.append(end)
             else:
                 end()
@@ -73,6 +78,7 @@ def _about(connection: connect[Any]) -> dict[str, Any]:
         "started": time.time(),
         "started_monotonic": time.monotonic_ns(),
         "period": wired.period or 0.0,
+        "realtime": wired.realtime,
     }
     return about if wired.injection is None else about | {"injected_faults": list(wired.injection.texts)}
 
@@ -89,7 +95,9 @@ def _layout(machine: ConnectedMachine, phases: Phases, about: dict[str, Any]) ->
     )
 
 
-def _end(machine: ConnectedMachine, ring: Ring, remove: bool) -> None:
+def _end(connection: connect[Any], ring: Ring, remove: bool, error: BaseException | None) -> None:
+    machine = connection.machine
+    tell_end(connection, error)
     if ring in machine.observers:
         machine.observers.remove(ring)
     ring.close()

@@ -22,6 +22,8 @@ from umo.system import folders
 PERIODS = 1000
 KEPT = 10
 SUFFIX = ".box"
+MISSED_ONE, ON_DEMAND = "a period was missed", "on demand"
+"""Reasons for a black box that are no end of a run; any other reason is one."""
 
 
 def folder() -> Path:

@@ -24,6 +24,8 @@ class Box(NamedTuple):
     name: str = ""
     """Of the file; empty: there is none."""
     text: str = ""
+    reason: str = ""
+    """Why it was written."""
 
 
 def newest_box(about: Mapping[str, Any], known: Box) -> Box:
@@ -38,7 +40,7 @@ def newest_box(about: Mapping[str, Any], known: Box) -> Box:
         if path.name == known.name:
             break
         if _run_of(path) == run:
-            return Box(path.name, box_in_words(path))
+            return _read(path)
     return known
 
 
@@ -56,17 +58,18 @@ def _run_of(path: Path) -> tuple[Any, ...] | None:
         return None
 
 
-def box_in_words(path: Path) -> str:
-    """When and why the black box was written, and the causes of the last missed periods in it."""
+def _read(path: Path) -> Box:
+    """When and why it was written, and the causes of the last missed periods in it."""
     try:
         with Reader(path) as reader:
             frames, about = reader.read(), reader.about
             verdicts = explain_all(frames, reader.layout)
-            lines = [f"{blackbox.kept_at(about)}: {about.get('reason', '')}"]
+            reason = str(about.get("reason", ""))
+            lines = [f"{blackbox.kept_at(about)}: {reason}"]
             lines += [sentence(frames, verdict) for verdict in verdicts[-OCCASIONS:]]
             if len(verdicts) > 1:
                 counts = ", ".join(f"{cause} {count}" for cause, count in tally(verdicts).items())
                 lines.append(f"all {len(verdicts)} occasions: {counts}")
-            return "\n".join(lines)
+            return Box(path.name, "\n".join(lines), reason)
     except Exception as error:  # of a damaged file: whatever json, struct, numpy, mmap raise
-        return f"{path.name} cannot be read ({type(error).__name__})"
+        return Box(path.name, f"{path.name} cannot be read ({type(error).__name__})")

@@ -10,7 +10,6 @@ from pathlib import Path
 
 from umo.errors import FramesError
 from umo.frames import rings
-from umo.page.box_words import newest_box
 from umo.page.watched import Watched
 from umo.text import cause_of, printable
 
@@ -22,8 +21,8 @@ STATES = 3
 """Looks from one state to the next."""
 SEARCH = 1.0
 """s from one search for new rings to the next."""
-BOXES = 5.0
-"""s from one search for new black boxes to the next."""
+AROUND = 1.0
+"""s from one search for new black boxes, and for what is known of ended runs, to the next."""
 AGAIN = 10.0
 """s after which a ring that could not be read is tried again."""
 ENDED = 4
@@ -43,11 +42,11 @@ class Feed:
 
     async def run(self) -> None:
         """Until cancelled."""
-        boxes = asyncio.create_task(self._look_for_boxes())
+        around = asyncio.create_task(self._look_around())
         try:
             await self._look_at_rings()
         finally:
-            boxes.cancel()
+            around.cancel()
 
     async def _look_at_rings(self) -> None:
         search = 0.0
@@ -115,12 +114,12 @@ class Feed:
             print(f"umo: {printable(path.name)} is not shown: {printable(cause_of(error))}", file=sys.stderr)
         self._refused[path.name] = time.monotonic() + AGAIN
 
-    async def _look_for_boxes(self) -> None:
-        """The newest black box of each run. A thread reads it: pages and hands never wait for that."""
+    async def _look_around(self) -> None:
+        """What lies on the disk of each run. A thread reads it: pages and hands never wait for that."""
         while True:
             for watched in list(self.watched.values()):
-                watched.box = await asyncio.to_thread(newest_box, watched.reader.about, watched.box)
-            await asyncio.sleep(BOXES)
+                await asyncio.to_thread(watched.look_around)
+            await asyncio.sleep(AROUND)
 
     def close(self) -> None:
         for watched in self.watched.values():

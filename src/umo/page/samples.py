@@ -8,6 +8,8 @@ from collections.abc import Iterable, Iterator
 from itertools import chain
 from typing import Any
 
+import numpy as np
+
 from umo.page.live import Stretch
 
 ROWS = 256
@@ -15,21 +17,28 @@ ROWS = 256
 
 
 def csv_of(stretch: Stretch) -> Iterator[str]:
-    """A line of names with units, then a line for each sample: time in s, numbers in their units, names of states;
-    nothing where there is no value."""
+    """A line of names with units, then a line for each sample: time in s, UTC of a run in real time, numbers in their
+    units, names of states; nothing where there is no value."""
     watched, columns = stretch.watched, stretch.columns
     entries = [watched.entries[column] for column in columns]
-    yield _lines([["time [s]", *map(_head, entries)]])
+    utc = watched.utc
+    yield _lines([["time [s]", *(["UTC"] if utc is not None else []), *map(_head, entries)]])
     for times, values in watched.history.parts(stretch.start, stretch.stop):
         for first in range(0, len(times), ROWS):
             rows = slice(first, first + ROWS)
             cells = (_cells(entry, values[column, rows]) for entry, column in zip(entries, columns, strict=True))
-            yield _lines(zip(*chain([times[rows].tolist()], cells), strict=True))
+            moments = [times[rows].tolist(), *([_moments(times[rows] + utc)] if utc is not None else [])]
+            yield _lines(zip(*chain(moments, cells), strict=True))
 
 
 def _head(entry: dict[str, Any]) -> str:
     unit = entry.get("unit")
     return f"{entry['path']} [{unit}]" if unit and unit != "sampling_period" else str(entry["path"])
+
+
+def _moments(times: Any) -> list[str]:
+    """Such as 2026-11-22T21:30:05.123456Z."""
+    return [f"{text}Z" for text in np.datetime_as_string((times * 1e6).astype("datetime64[us]"))]
 
 
 def _cells(entry: dict[str, Any], values: Any) -> list[Any]:

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import json
 import time
+from collections import deque
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from umo.cycle.commands import IN_HAND
+from umo.cycle.events import Event
 from umo.frames import Reader, Stage
+from umo.frames.ending import is_end
 from umo.frames.frames_table import progress_of
 from umo.frames.history import History
 from umo.objects import Quality
-from umo.page.box_words import Box
+from umo.page.box_words import Box, newest_box
+from umo.page.ending import UNKNOWN, Ending, ending_of
 from umo.text import printable
 
 ABOUT = ("station", "wiring", "pid", "period")
@@ -21,7 +26,9 @@ ABOUT = ("station", "wiring", "pid", "period")
 OF_THE_RING = ("objects", "signals", "actions", "tunables")
 """What a page is told of the description of a ring."""
 MOST_EVENTS = 100
-"""The last ones that a page is told of."""
+"""The last ones that a page is told of, and the last missed periods."""
+TELLING = 5.0
+"""s after the last frame in which the guardian of a run that did not tell its end may still do so."""
 
 
 class Watched:
@@ -46,6 +53,8 @@ class Watched:
         """The number of the state that was made last."""
         self.box = Box()
         """The newest black box of this run."""
+        self.ending: Ending | None = None
+        """How the run ended; None: it has not, or that is still being found out."""
         self.over = False
         """The run has ended, and all its frames are read."""
         self._frame: Any = reader.latest()
@@ -57,6 +66,12 @@ class Watched:
         self._event = 0
         """The number of the next event, when the events were told last."""
         self._new_events = False
+        self._missed = 0
+        self._new_misses = False
+        self._last_event: Event | None = None
+        """That tells the end."""
+        self._misses: deque[tuple[float, int]] = deque(maxlen=MOST_EVENTS)
+        """The last periods before which others were missed: when, and how many."""
 
     @classmethod
     def at(cls, path: Path) -> Watched:
@@ -72,15 +87,29 @@ class Watched:
         """Take all new frames."""
         self.stage = self.reader.state  # before the frames: the last ones are read in any case
         frames = self.reader.read()
-        self.over = self.ended
+        if self.ended and not self.over:
+            self.over = True
+            ends = [each.event for each in self.reader.events() if is_end(each.event)]
+            self._last_event = ends[-1] if ends else None
         if not len(frames):
             return
         self._seen = time.monotonic()
         self._frame = frames[-1]
+        late = np.flatnonzero(frames["missed"])
+        self._misses.extend(zip(frames["time"][late].tolist(), frames["missed"][late].tolist(), strict=True))
         self.history.add_frames(frames)
         usable = frames["quality"] < Quality.STALE
         last = len(frames) - 1 - np.argmax(usable[::-1], axis=0)
         self._good = np.where(usable.any(axis=0), frames["time"][last], self._good)
+
+    def look_around(self) -> None:
+        """See what lies on the disk of this run: its newest black box, and how it ended. For a thread."""
+        self.box = newest_box(self.reader.about, self.box)
+        if self.over:
+            found = ending_of(self.reader.about, self._last_event, self.box)
+            if found is None and time.monotonic() - self._seen > TELLING:
+                found = Ending(True, UNKNOWN)
+            self.ending = found and Ending(found.failed, printable(found.text))
 
     # What pages are told -------------------------------------------------------------------------------
 
@@ -101,6 +130,8 @@ class Watched:
         self._texts = {}
         before_event, self._event = self._event, self.reader.next_event
         self._new_events = self._event != before_event
+        before_missed, self._missed = self._missed, self.reader.missed
+        self._new_misses = self._missed != before_missed
 
     def state(self, full: bool) -> str:
         """The state as JSON: all values, or only those that have changed since the last number. Made once for all
@@ -109,7 +140,9 @@ class Watched:
             self._take_state()
         if full not in self._texts:
             values = dict(enumerate(self._shown)) if full else self._changed
-            events = {"events": self._events()} if full or self._new_events else {}
+            events: dict[str, Any] = {"events": self._events()} if full or self._new_events else {}
+            if full or self._new_misses:
+                events["misses"] = list(self._misses)
             self._texts[full] = json.dumps(self._heading() | events | {"full": full, "values": values})
         return self._texts[full]
 
@@ -119,6 +152,7 @@ class Watched:
             "type": "state", "run": self.run, "number": self.number, "stage": stage, "box": self.box.text,
             "missed": self.reader.missed, "lost": self.reader.lost, "start": self.history.start,
             "stop": self.history.stop, "silent": round(time.monotonic() - self._seen, 1), "ages": self._ages(),
+            "ending": self.ending and self.ending._asdict(), "utc": self.utc,
         }  # fmt: skip
         if frame is not None:
             text, done, total = progress_of(frame)
@@ -127,12 +161,16 @@ class Watched:
         return told | self._hands()
 
     def _hands(self) -> dict[str, Any]:
-        """Mode, lease and tunable numbers, if the station takes commands; which actuators are inhibited."""
+        """Mode, lease and tunable numbers, if the station takes commands; which actuators are inhibited, or in hand."""
         reader, frame = self.reader, self._frame
         told: dict[str, Any] = {}
         if frame is not None:
             taken = np.flatnonzero(frame["commands"]).tolist()
-            told["inhibited"] = {reader.paths[slot]: reader.inhibited(frame, slot) for slot in taken}
+            by_hand = [slot for slot in taken if frame["commands"][slot] == IN_HAND]
+            told["by_hand"] = [reader.paths[slot] for slot in by_hand]
+            told["inhibited"] = {
+                reader.paths[slot]: reader.inhibited(frame, slot) for slot in taken if slot not in by_hand
+            }
         if reader.mode is not None:
             tuned = {path: value if np.isfinite(value) else None for path, value in reader.tunables().items()}
             told |= {"mode": str(reader.mode), "tuned": tuned}
@@ -161,7 +199,17 @@ class Watched:
 
     def line(self) -> dict[str, Any]:
         """For the list of stations."""
-        return {"name": self.name, "stage": str(self.stage), "wiring": self.about["wiring"]}
+        told = {"name": self.name, "stage": str(self.stage), "wiring": self.about["wiring"]}
+        return told | ({} if self.ending is None else {"ending": self.ending._asdict()})
+
+    @property
+    def utc(self) -> float | None:
+        """s since 1970 at the cycle's time 0; None for a run that does not keep the pace of the wall clock."""
+        about, frame = self.reader.about, self._frame
+        if frame is None or not about.get("realtime"):
+            return None
+        since = (int(frame["began"]) - int(about["started_monotonic"])) * 1e-9
+        return round(float(about["started"]) + since - float(frame["time"]), 3)
 
     @property
     def ended(self) -> bool:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import IO, Any, NoReturn
 
 from umo.cycle import Frame, connect, drive
+from umo.cycle.events import CommandState
 from umo.cycle.hands import Hands, Mode
 from umo.cycle.rehearsal import rise_early
 from umo.cycle.stage import Stage
@@ -22,6 +23,7 @@ from umo.cycle.stop_order import stop_sequence
 from umo.cycle.stopping import SIGNALS, TimeLimit, request_stop
 from umo.errors import FramesError, StopError
 from umo.frames import Ring, published
+from umo.frames.ending import tell
 from umo.frames.folder import QUEUE
 from umo.objects import Compound, DigitalSensor
 from umo.process.job import Plan
@@ -169,7 +171,12 @@ class Control:
                 with self._published(connection) as ring, self._commanded(connection, ring):
                     connection.machine.observers.append(self.each_period)
                     self._ready(machine, ring, refusals)
-                    outcome.result = drive(machine, plan.application)
+                    try:
+                        outcome.result = drive(machine, plan.application)
+                    finally:
+                        connection.stop.signal = self._life.asked or connection.stop.signal
+                        if self._alarm:
+                            tell(connection.machine, CommandState.FAILED, self._alarm)
             finally:
                 self._life.enter(Stage.STOPPING)
                 outcome.stopped_by = None if self._alarm else self._life.asked or connection.stop.signal

@@ -1,0 +1,58 @@
+"""The last event of a run: why it ends, for whoever watches it."""
+
+from __future__ import annotations
+
+from types import WrapperDescriptorType
+from typing import Any
+
+from umo.cycle import connect
+from umo.cycle.events import CommandState, Event
+from umo.cycle.machine import ConnectedMachine
+from umo.cycle.stopping import signal_name
+from umo.errors import UmoError
+from umo.text import in_brackets, located, place_of, text_of
+
+END = "end"
+"""`Event.asked` of the last event of a run. Its state is DONE (the application has ended), CANCELLED (the run was
+stopped) or FAILED; it has no number of a command."""
+
+
+PLAIN = (str, int, float, bool, type(None))
+"""Types of arguments of exceptions whose text is umo's or Python's own work."""
+
+
+def is_end(event: Event) -> bool:
+    return event.asked == END and not event.command
+
+
+def tell_end(connection: connect[Any], error: BaseException | None) -> None:
+    """Add the last event, unless the run has told its end before. `error` is what ended the run, if it failed."""
+    machine = connection.machine
+    if machine.events and is_end(machine.events[-1]):
+        return
+    if error is not None:
+        tell(machine, CommandState.FAILED, _text(error))
+    elif connection.stop.requested:
+        tell(machine, CommandState.CANCELLED, f"stopped by {_stopper(connection)}")
+    else:
+        tell(machine, CommandState.DONE, "the application has ended")
+
+
+def tell(machine: ConnectedMachine, state: CommandState, text: str) -> None:
+    machine.events.add(Event(machine.clock.now, "", text, state=state, asked=END))
+
+
+def _stopper(connection: connect[Any]) -> str:
+    """Who has asked for it: a client by name, a signal, or else the program itself."""
+    stops = (event for event in reversed(connection.machine.events) if event.asked == "stop")
+    who = next((event.who for event in stops if event.state is CommandState.DONE), "")
+    signal = connection.stop.signal
+    return who or ("the program" if signal is None else signal_name(signal))
+
+
+def _text(error: BaseException) -> str:
+    """What an exception says, as far as that calls no code of the user's: the outcome is not reported yet."""
+    written, plain = type(error).__str__, all(type(arg) in PLAIN for arg in error.args)
+    if not plain or not (isinstance(written, WrapperDescriptorType) or written.__module__.startswith("umo.")):
+        return type(error).__name__ + in_brackets(place_of(error))
+    return text_of(error) if isinstance(error, UmoError) else located(error)
