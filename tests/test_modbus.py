@@ -462,6 +462,37 @@ def test_a_write_that_was_not_confirmed_as_sent_has_failed(
     assert len(peer.requests()) == 2, "the failed write was not repeated by itself"
 
 
+@pytest.mark.parametrize("answers_as", [0, 255])
+def test_a_gateway_that_answers_as_another_unit_is_believed_when_it_is_told(
+    start: Start, connected: Connect, answers_as: int
+) -> None:
+    peer = start(f"0:unit={answers_as}")
+    driver = connected(peer, answers_as=answers_as)
+    assert read(driver, "holding:1", "coil:3") == [holding(1), coil(3)]
+    write(driver, holding_1=7)
+    driver = connected(peer)
+    with pytest.raises(DriverError, match=f"an answer of unit {answers_as} in place of 1"):
+        read(driver, "holding:1")
+
+
+def test_a_gateway_that_was_to_answer_as_another_unit_and_does_not_is_refused(start: Start, connected: Connect) -> None:
+    driver = connected(start(), answers_as=255)
+    with pytest.raises(DriverError, match="an answer of unit 1 in place of 255"):
+        read(driver, "holding:1")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"answers_as": 256}, "answers_as must be a whole number from 0 to 255, not 256"),
+        ({"answers_as": 0, "serial": "/dev/ttyUSB0"}, "answers_as is for a gateway on TCP"),
+    ],
+)
+def test_answers_as_is_a_unit_of_a_gateway_on_tcp(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(WiringError, match=words):
+        Modbus(**options)
+
+
 # Blocks of several requests --------------------------------------------------------------------
 
 MIXED = ["input:0", "input:1:int32", "discrete:0", "coil:3", "coil:9", "holding:5"]

@@ -300,6 +300,41 @@ def test_the_late_answer_itself_ends_the_recovery(start: Start, connected: Unit)
     pytest.fail("the unit is still recovering, long after its late answer")
 
 
+@pytest.mark.parametrize("fault", ["crc", "truncate=6", "before=1", "before=3", "tail"])
+def test_an_answer_that_came_damaged_is_not_waited_for(start: Start, connected: Unit, fault: str) -> None:
+    """On a noisy line each hit costs one reading, and not all that fall into the time of a recovery."""
+    peer = start(f"2:{fault}")
+    driver = connected(peer)
+    assert read(driver, *READING) == [input_register(i) for i in range(4)]
+    driver._connection._transport._recovery = 60.0  # type: ignore[union-attr]
+    driver.timeout = HASTY
+    with pytest.raises(DriverError):
+        read(driver, *READING)
+    driver.timeout = PATIENT
+    until = time.monotonic() + PATIENT
+    while True:
+        try:
+            assert read(driver, *READING) == [input_register(i) for i in range(4)]
+            break
+        except DriverError as error:  # the rest of the answer is still on its way
+            assert "recovering" in str(error) and time.monotonic() < until
+    assert len(peer.requests()) == 3
+
+
+@pytest.mark.parametrize("fault", ["silent", "unit=2", "fewer", "odd", "function=3", "garbage"])
+def test_what_is_not_known_for_the_answer_leaves_the_unit_recovering(start: Start, connected: Unit, fault: str) -> None:
+    driver = connected(start(f"2:{fault}"))
+    read(driver, *READING)
+    driver._connection._transport._recovery = 60.0  # type: ignore[union-attr]
+    driver.timeout = HASTY
+    with pytest.raises(DriverError):
+        read(driver, *READING)
+    driver.timeout = PATIENT
+    for _ in range(3):
+        with pytest.raises(DriverError, match="recovering: a late answer may still come"):
+            read(driver, *READING)
+
+
 def test_a_line_that_was_opened_again_begins_with_a_recovery(start: Start, connected: Unit) -> None:
     peer = start("1:late=150")
     driver = connected(peer)

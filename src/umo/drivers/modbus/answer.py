@@ -48,6 +48,12 @@ def check_start(request: bytes, answer: bytes) -> None:
         raise Lost(f"a byte count of {answer[2]} in place of {_data_size(request)}")
 
 
+def answer_starts(request: bytes) -> tuple[bytes, bytes]:
+    """The first bytes of the answer to a request, and of an exception answer to it."""
+    third = _data_size(request) if _reads(request) else request[2]
+    return bytes([*request[:2], third]), bytes([request[0], request[1] | 0x80])
+
+
 def _reads(request: bytes) -> bool:
     return request[1] <= 4 or request[1] == READ_WRITE
 

@@ -17,7 +17,7 @@ from umo.drivers.modbus.plan import Request, Requests, plan_reads, plan_writes
 from umo.drivers.modbus.unchanged import Unchanged
 from umo.drivers.streams import Host, Serial, place_of
 from umo.drivers.streams.place import Parity
-from umo.errors import ChannelsFailed, DriverError
+from umo.errors import ChannelsFailed, DriverError, WiringError
 
 if TYPE_CHECKING:
     from umo.drivers.modbus.unit import Unit
@@ -60,6 +60,7 @@ class Modbus(Driver[ModbusChannel]):
         stop_bits: of a character on the serial line, 1 or 2. Default: 1.
         rs485: the kernel switches the direction of the line, for a UART whose circuit does not.
         unit: 1 to 247. TCP takes 0 to 255: a device that is not a gateway often has 0 or 255.
+        answers_as: the unit in the answers of a gateway on TCP that does not repeat the one that was asked, 0 or 255.
         word_order: which word of a wider value has the lowest address, the "big" (high) or the "little".
         watchdog_register: the holding register that takes the watchdog's time in ms, if there is one.
         bridge_gaps: read over up to 16 unused registers or 64 unused bits where that saves a request. Default:
@@ -97,6 +98,7 @@ class Modbus(Driver[ModbusChannel]):
         stop_bits: Literal[1, 2] | None = None,
         rs485: bool = False,
         unit: int = 1,
+        answers_as: int | None = None,
         word_order: Literal["big", "little"] = "big",
         watchdog_register: int | None = None,
         bridge_gaps: bool = False,
@@ -110,10 +112,14 @@ class Modbus(Driver[ModbusChannel]):
             within("unit", unit, 0, 255)
         else:
             within("unit", unit, 1, 247, " on a serial line (0 is a broadcast, which no unit confirms)")
+        if answers_as is not None:
+            within("answers_as", answers_as, 0, 255)
+            if not isinstance(self.place, Host):
+                raise WiringError("answers_as is for a gateway on TCP: on a serial line the unit tells answers apart")
         one_of("word_order", word_order, ("big", "little"))
         if watchdog_register is not None:
             within("watchdog_register", watchdog_register, 0, HIGHEST_ADDRESS)
-        self._unit = unit
+        self._unit, self._answers_as = unit, answers_as
         self._little = word_order == "little"
         self.watchdog_register = watchdog_register
         self._bridge_gaps = bridge_gaps
@@ -138,7 +144,7 @@ class Modbus(Driver[ModbusChannel]):
         if self._unit_type is None:
             library = "pymodbus" if isinstance(self.place, Host) else "pymodbus and pyserial"
             raise DriverError(f'the modbus driver needs {library}: pip install "umo[modbus]"')
-        self._connection = self._unit_type(self.place, self._unit, self._recovery)
+        self._connection = self._unit_type(self.place, self._unit, self._recovery, self._answers_as)
         self._connection.open(self.timeout)
 
     def close(self) -> None:

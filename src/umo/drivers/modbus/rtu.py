@@ -1,8 +1,9 @@
 """The units of a serial line (Modbus over Serial Line V1.02, RTU).
 
 A frame has no number, so nothing in it tells a late answer from the answer to the next request of the same kind.
-Therefore a unit whose answer did not come in time, or came damaged, is not asked for the same function again for its
-`recovery` time. What comes in meanwhile is discarded; the late answer itself ends the time early. Other functions and
+Therefore a unit whose answer did not come in time is not asked for the same function again for its `recovery` time.
+What comes in meanwhile is discarded; the late answer itself ends the time early, and so does an answer that came
+damaged, if it is known for the answer (`has_come`): nothing else is to come then. Other functions and
 other units go on: an answer names both, so a late one is known from theirs. Functions 5 and 6 go on too, as their
 answer repeats address and value. When the line is opened, the time runs for every unit: another process, which has
 ended, may have asked it.
@@ -19,7 +20,7 @@ from pymodbus.framer import FramerRTU
 from pymodbus.pdu import DecodePDU, ModbusPDU
 
 from umo.drivers.modbus.answer import Recovering, answer_size
-from umo.drivers.modbus.rtu_frame import SUM, answer_end, is_answer
+from umo.drivers.modbus.rtu_frame import SUM, answer_end, has_come, is_answer
 from umo.drivers.streams import Gone, Lost, Serial, Stream, TimedOut
 from umo.errors import DriverError
 
@@ -63,7 +64,9 @@ class SerialLine:
         self._last = 0.0
         """When the last byte was on the line."""
         self._stray = b""
-        """What came in unasked since the line was last silent."""
+        """What came in since the last request was sent."""
+        self._asked: UnitFunction | None = None
+        """What that request was for."""
 
     @classmethod
     def join(cls, place: Serial) -> SerialLine:
@@ -93,6 +96,7 @@ class SerialLine:
             self._port = self._dial(deadline)
             self.opened = self._last = monotonic()
             self._owed.clear()
+            self._asked = None
 
     def close(self) -> None:
         if self._port is not None:
@@ -114,11 +118,13 @@ class SerialLine:
         self._wait_for_silence(deadline)
         request, asked = frame[:-SUM], (frame[0], frame[1])
         self._last = monotonic() + len(frame) * self.place.character  # it is on its way for so long
+        self._asked, self._stray = asked, b""
         try:
             self.port.send(frame, deadline)
             answer = self._answer(request, deadline)
         except BaseException:
             self._owed[asked] = Owed(request, monotonic())
+            self._take(b"")
             raise
         self.settle(asked)
         return answer
@@ -130,10 +136,15 @@ class SerialLine:
             if not data:
                 return
             self._last = monotonic()
-            self._stray = (self._stray + data)[-_LONGEST:]
-            for asked, owed in self._owed.items():
-                if owed is not None and is_answer(owed.request, self._stray):
-                    self._owed[asked] = None
+            self._take(data)
+
+    def _take(self, data: bytes) -> None:
+        """What came in unasked may be an answer that is owed."""
+        self._stray = (self._stray + data)[-_LONGEST:]
+        for asked, owed in self._owed.items():
+            came = has_come if asked == self._asked else is_answer
+            if owed is not None and owed.request and came(owed.request, self._stray):
+                self._owed[asked] = None
 
     def _wait_for_silence(self, deadline: float) -> None:
         """Until nobody has sent anything for 3.5 characters."""
@@ -143,7 +154,6 @@ class SerialLine:
                 raise TimedOut("the line was not silent")
             sleep(pause)
             self.discard()
-        self._stray = b""
 
     def _answer(self, request: bytes, deadline: float) -> bytes:
         data = b""
@@ -174,6 +184,7 @@ class SerialLine:
             size = answer_size(request) + SUM
             raise TimedOut(f"{len(data)} of {size} bytes of an answer came" if data else "") from None
         self._last = monotonic()
+        self._stray += more
         return more
 
 

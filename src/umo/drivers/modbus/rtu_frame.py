@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from operator import eq
+
 from pymodbus.framer import FramerRTU
 
-from umo.drivers.modbus.answer import EXCEPTION_SIZE, answer_size, check, check_start
+from umo.drivers.modbus.answer import EXCEPTION_SIZE, answer_size, answer_starts, check, check_start
 from umo.drivers.streams import Lost
 
 SUM = 2
@@ -20,7 +22,7 @@ def answer_end(request: bytes, data: bytes) -> int:
     size = EXCEPTION_SIZE if data[1] & 0x80 else answer_size(request)
     if len(data) < size + SUM:
         return 0
-    if not FramerRTU.check_CRC(data[:size], int.from_bytes(data[size : size + SUM], "big")):
+    if not _is_intact(data[: size + SUM]):
         raise Lost("an answer with a wrong check sum")
     check(request, data[:size])
     return size + SUM
@@ -28,7 +30,31 @@ def answer_end(request: bytes, data: bytes) -> int:
 
 def is_answer(request: bytes, data: bytes) -> bool:
     """Whether the data is the answer to the request and nothing else."""
+    return 0 < _end(request, data) == len(data)
+
+
+def has_come(request: bytes, data: bytes) -> bool:
+    """Whether what has come since the request is its answer, damaged on its way, so that the unit owes none any more:
+    the answer beside other bytes; the beginning of one, with unit, function and a third byte; or as many bytes as one
+    has, with two of these. An intact frame that is not the answer is that of another unit, or to another request."""
+    if any(_end(request, data[at:]) for at in range(len(data))):
+        return True
+    for start in answer_starts(request):
+        size = SUM + (answer_size(request) if len(start) > 2 else EXCEPTION_SIZE)
+        right = sum(map(eq, data, start))
+        if (right == 3 or (right == 2 and len(data) == size)) and not _is_intact(data[:size]):
+            return True
+    return False
+
+
+def _end(request: bytes, data: bytes) -> int:
+    """As `answer_end`; 0 also if the data begins with anything else."""
     try:
-        return answer_end(request, data) == len(data)
+        return answer_end(request, data)
     except Lost:
-        return False
+        return 0
+
+
+def _is_intact(frame: bytes) -> bool:
+    """Whether the check sum at its end is right."""
+    return bool(FramerRTU.check_CRC(frame[:-SUM], int.from_bytes(frame[-SUM:], "big")))

@@ -19,7 +19,8 @@ _SHORTEST, _LONGEST = 2, 254  # what may follow the header: unit, function and u
 class Tcp:
     """A connection of one driver. After Lost it is closed, by `failed`."""
 
-    def __init__(self, place: Host) -> None:
+    def __init__(self, place: Host, answers_as: int | None) -> None:
+        self._answers_as = answers_as
         self.framer = FramerSocket(DecodePDU(False))
         self._dial = place.dial()
         self._deadline = 0.0
@@ -62,7 +63,8 @@ class Tcp:
         frame = self.framer.buildFrame(request)
         self._stream.send(frame, self._deadline)
         answer = self._answer(self._stream)
-        check(frame[_HEADER.size :], answer)
+        asked = frame[_HEADER.size :]
+        check(asked if self._answers_as is None else bytes([self._answers_as, *asked[1:]]), answer)
         return answer
 
     def _answer(self, stream: Stream) -> bytes:

@@ -76,12 +76,12 @@ class Unit:
     """One unit. After any failure but an exception answer the transport makes sure that an answer that comes late is
     never taken for a later one."""
 
-    def __init__(self, place: Place, unit: int, recovery: float) -> None:
+    def __init__(self, place: Place, unit: int, recovery: float, answers_as: int | None) -> None:
         _be_quiet()
         self._unit = unit
         self._name = f"unit {unit}"
         self._timeout = 0.0
-        self._transport: Transport = Tcp(place) if isinstance(place, Host) else Rtu(place, unit, recovery)
+        self._transport: Transport = Tcp(place, answers_as) if isinstance(place, Host) else Rtu(place, unit, recovery)
         client = self._client = _Client(self._transport)
         self._readers = {
             COIL: client.read_coils,
