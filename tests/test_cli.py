@@ -282,6 +282,20 @@ def test_check_says_how_many_actions_and_tunable_numbers_there_are(umo, tank: Pa
     assert "period 2 ms, 3 actions, 4 tunable numbers" in said(umo("check", "conveyor"))
 
 
+def test_check_says_what_a_timeout_above_a_second_costs(umo, tank: Path) -> None:
+    assert "note:" not in umo("check", "tank", "-w", "modbus").output
+    file = tank / "wiring" / "modbus.toml"
+    file.write_text(re.sub(r'timeout = ".*?"', 'timeout = "5 s"', file.read_text()))
+    result = umo("check", "tank", "-w", "modbus")
+    assert result.exit_code == 0, result.stderr
+    (note,) = [line for line in result.output.splitlines() if line.startswith("note: ")]
+    assert re.fullmatch(
+        r"note: drivers\.\w+\.timeout is 5 s, more than 1 s: if nothing answers, a period takes up to 10\.\d+ s, "
+        r"and so does a stop; a process that hangs is found after 12\.\d+ s \(process\.hang_timeout\)",
+        note,
+    )
+
+
 def test_check_says_which_wirings_it_looked_at_and_looks_at_all_on_demand(umo, tank: Path) -> None:
     result = umo("check", "tank")
     assert result.exit_code == 0

@@ -396,6 +396,14 @@ def test_every_driver_learns_its_timeout_and_period():
     assert drivers["card"].period == pytest.approx(0.001)
 
 
+def test_a_timeout_that_nobody_gave_is_at_most_a_second():
+    """However long the period is."""
+    wiring = simulated(bench())
+    wiring["wire"]["timer"]["period"] = "6 s"
+    assert resolve(bench(), wiring).drivers["simulated"].timeout == 1.0
+    assert Scripted().timeout <= 1.0
+
+
 def test_options_of_connect_go_to_the_drivers_that_take_them():
     wiring = simulated(bench())
     wiring["drivers"] = {"card": {"type": CARD, "host": "here", "port": 1}}

@@ -23,7 +23,7 @@ from .station_options import options_of_driver, values_of
 FUNCTIONS = [name for name, value in vars(Driver).items() if inspect.isfunction(value)]
 """Of a driver, in the order of the contract."""
 OF_ALL = {
-    "timeout": ("duration = 10 periods", "of one call of the driver"),
+    "timeout": ("duration = 10 periods, at most 1 s", "of one call of the driver"),
     "watchdog": ("duration", "of the circuit: its outputs go to safe levels after this time without a request"),
 }
 """Options that the wiring has for every driver; the last one for those with a watchdog."""

@@ -12,6 +12,7 @@ from umo.objects import Compound, actions_of, tunables_of
 from umo.objects.interlock import interlocks_of
 from umo.process.station import Station
 from umo.wiring import check, resolve
+from umo.wiring.process_table import remarks
 
 from .console import err, out
 from .station_options import machine_of
@@ -44,6 +45,8 @@ def _check_wiring(machine: Compound, file: Path | None) -> int:
         *(_count(number, what) for number, what in offered if number),
     ]
     out.print(f"ok: {file or 'everything simulated'}: {', '.join(found)}", soft_wrap=True)
+    for remark in remarks(wired):
+        out.print(f"note: {remark}", soft_wrap=True)
     return 0
 
 

@@ -23,6 +23,9 @@ UNREAD = -0x7EAD_7EAD_7EAD_7EAD
 """What a place of a buffer has before the driver fills it; it counts as not read. A channel of 64 bits that reads
 exactly this loses the reading: one raw integer of 2**64."""
 
+LONGEST_TIMEOUT = 1.0
+"""s; a longer timeout is given in the wiring. Those of a period add up, and a stop and the guardian wait for them."""
+
 
 class Direction(Flag):
     """What a channel can do, seen from the computer."""
@@ -83,9 +86,9 @@ class Driver(ABC, Generic[C]):
     input are such failures, and change nothing. Use `Driver[MyChannel]` for a derived channel class.
     """
 
-    timeout: float = 1.0
-    """Timeout of one call in s; set from the wiring before `open`. Default: 10 periods. It is longer while objects are
-    initialised and reset."""
+    timeout: float = LONGEST_TIMEOUT
+    """Timeout of one call in s; set from the wiring before `open`. Default: 10 periods, at most 1 s. It is longer while
+    objects are initialised and reset."""
     period: float = 0.0
     """Sampling period of the machine in s; 0: no timer. Set from the wiring before `open`."""
     forms: Sequence[str] = ()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+from umo.drivers.contract import LONGEST_TIMEOUT
 from umo.errors import DeclarationError
 from umo.objects.units import seconds
 from umo.wiring.resolved import AT_NEXT_TICK, AT_ONCE, Process, Wired
@@ -70,6 +71,17 @@ def _outputs(source: WiringSource, given: Any, wired: Wired) -> str:
     if given == AT_NEXT_TICK and wired.timer is None:
         source.fault("process.outputs", f'"{AT_NEXT_TICK}": the machine has no timer')
     return str(given)
+
+
+def remarks(wired: Wired) -> list[str]:
+    """What a wiring may have, and what it costs, in words."""
+    period = f"a period takes up to {longest_period(wired):g} s, and so does a stop"
+    costs = f"{period}; a process that hangs is found after {wired.process.hang_timeout:g} s (process.hang_timeout)"
+    return [
+        f"drivers.{name}.timeout is {driver.timeout:g} s, more than {LONGEST_TIMEOUT:g} s: if nothing answers, {costs}"
+        for name, driver in wired.drivers.items()
+        if driver.timeout > LONGEST_TIMEOUT
+    ]
 
 
 def longest_period(wired: Wired) -> float:

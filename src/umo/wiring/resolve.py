@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from umo.drivers import registry
-from umo.drivers.contract import INT64, Channel, Direction, Driver
+from umo.drivers.contract import INT64, LONGEST_TIMEOUT, Channel, Direction, Driver
 from umo.errors import DeclarationError, Fault, WiringError
 from umo.objects import Atomic, BinaryActuator, Compound, Digital, DigitalActuator, DigitalSensor, Node
 from umo.objects.atomic import Calibration
@@ -113,7 +113,7 @@ class _Resolver:
                 continue
             driver.period = period or 0.0
             timeout = self.source.duration(f"drivers.{name}.timeout", table.get("timeout"))
-            driver.timeout = timeout or 10 * (period or 0.1)
+            driver.timeout = timeout or min(10 * (period or 0.1), LONGEST_TIMEOUT)
             watchdog = self.source.duration(f"drivers.{name}.watchdog", table.get("watchdog"))
             if watchdog is not None and type(driver).watchdog is Driver.watchdog:
                 self.source.fault(f"drivers.{name}.watchdog", f"{table['type']} has no watchdog of its own")
