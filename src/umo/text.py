@@ -6,6 +6,7 @@ import difflib
 import inspect
 import os
 import re
+import time
 from collections.abc import Iterable, Sequence
 from itertools import islice
 from pathlib import Path
@@ -115,8 +116,17 @@ def some(names: Sequence[str]) -> str:
 
 
 def printable(text: str) -> str:
-    """Without control characters: a terminal obeys them."""
-    return "".join(c if c.isprintable() else "?" for c in text)
+    """Without control characters: a terminal obeys them. For every text in one line that comes from another process,
+    from a file or over a network."""
+    return text if text.isprintable() else "".join(c if c.isprintable() else "?" for c in text)
+
+
+def time_of_day(seconds: object, form: str = "%Y-%m-%d %H:%M:%S") -> str:
+    """A local time from the s since 1970 that another process has told, whatever that is."""
+    try:
+        return time.strftime(form, time.localtime(seconds))  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError, OSError):
+        return "an unknown time"
 
 
 def options_in(doc: str) -> dict[str, str]:

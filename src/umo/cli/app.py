@@ -94,7 +94,9 @@ def guarded(work: Callable[[], int | None]) -> None:
 
 
 def _said(text: str, status: int) -> int:
-    typer.echo(f"umo: {text}", err=True)
+    from .console import err
+
+    err.print(f"umo: {text}", soft_wrap=True)
     return status
 
 

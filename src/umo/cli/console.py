@@ -1,10 +1,39 @@
-"""The two consoles; what is piped is not cut to 80 columns, and brackets in a user's names are not markup."""
+"""The two consoles, by which all text reaches the terminal. What is piped is not cut to 80 columns, and brackets in a
+user's names are not markup.
+
+Texts come from other processes and users too: names of stations and devices, records, holders of a lease, errors. None
+of them reaches the terminal raw.
+"""
+
+from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
 
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.segment import Segment
+
+from umo.text import printable
 
 WIDE = 160
 
-out = Console(highlight=False, markup=False, emoji=False, width=None if sys.stdout.isatty() else WIDE)
-err = Console(highlight=False, markup=False, emoji=False, stderr=True, width=None if sys.stderr.isatty() else WIDE)
+
+class PrintableConsole(Console):
+    """A console that shows control characters of a text as `?`: a terminal would obey them."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        for segment in super().render(renderable, options):
+            if segment.control or segment.text.isprintable():
+                yield segment
+            else:
+                text = "\n".join(map(printable, segment.text.split("\n")))
+                yield Segment(text, segment.style, segment.control)
+
+
+def _console(stderr: bool) -> Console:
+    stream = sys.stderr if stderr else sys.stdout
+    width = None if stream.isatty() else WIDE
+    return PrintableConsole(highlight=False, markup=False, emoji=False, width=width, stderr=stderr)
+
+
+out, err = _console(stderr=False), _console(stderr=True)

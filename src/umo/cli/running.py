@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Iterator
 from typing import Any
 
 from rich import box
@@ -15,18 +16,22 @@ from umo.objects.families import ANY
 from umo.remote import search
 from umo.system.hold import is_held
 from umo.system.record import Ended, all_standing
-from umo.text import printable
+from umo.text import printable, time_of_day
 from umo.wiring.patterns import chosen
 
 from .console import err, out
 
+LONGEST = 1e10
+"""s: 300 years."""
+
 
 def ps(as_json: bool) -> None:
     """List what runs, and the devices that stand stopped."""
-    found = [_line(reader) for reader in readers()]
+    found = list(_lines())
     stopped = standing()
     if as_json:
-        out.print_json(json.dumps({"running": found, "stopped": [vars(ended) for ended in stopped]}))
+        listed = {"running": found, "stopped": [vars(ended) for ended in stopped]}
+        out.print_json(json.dumps(listed), ensure_ascii=True)
         return
     if found:
         out.print(_table(found))
@@ -36,6 +41,16 @@ def ps(as_json: bool) -> None:
         out.print(f"stands stopped: {ended.brief}", no_wrap=True, overflow="ellipsis")
     if stopped:
         out.print("Inspect it, then start it with --acknowledge; `umo ps --json` has the causes.", soft_wrap=True)
+
+
+def _lines() -> Iterator[dict[str, Any]]:
+    """A line for each run; one whose frames are damaged does not hide the others."""
+    for reader in readers():
+        try:
+            with reader, search.reading(reader.path):
+                yield _line(reader)
+        except FramesError as error:
+            _say(str(error))
 
 
 def attach_first(words: list[str]) -> tuple[Reader, list[str]]:
@@ -103,7 +118,7 @@ def _table(found: list[dict[str, Any]]) -> Table:
         if held or title != "lease":
             table.add_column(title, overflow="fold", no_wrap=title in ("pid", "period", "periods", "missed"))
     for line in found:
-        since = time.strftime("%H:%M:%S", time.localtime(line["since"]))
+        since = time_of_day(line["since"], "%H:%M:%S")
         table.add_row(
             f"{line['station']} ({line['wiring']})" if line["wiring"] else line["station"],
             str(line["pid"]),
@@ -119,7 +134,9 @@ def _table(found: list[dict[str, Any]]) -> Table:
 
 
 def lasting(seconds: float) -> str:
-    """`12 s`, `3 min`, `2 h 05 min`, `3 d 4 h`."""
+    """`12 s`, `3 min`, `2 h 05 min`, `3 d 4 h`; `?` for what no run has lasted."""
+    if not -LONGEST < seconds < LONGEST:
+        return "?"
     minutes, hours, days = seconds / 60, seconds / 3600, seconds / 86400
     if minutes < 2:
         return f"{seconds:.0f} s"

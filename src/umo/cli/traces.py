@@ -11,6 +11,8 @@ TRACE = 16
 """Stretches of time, the newest last."""
 SPAN = 16.0
 """s that they cover on the machine's clock."""
+LATEST = 1e12
+"""s: a frame with a later time is damaged."""
 BLOCKS = "▁▂▃▄▅▆▇█"
 
 Floats = npt.NDArray[np.float64]
@@ -25,7 +27,9 @@ class Traces:
         self._stretch: int | None = None
 
     def add(self, times: Floats, values: Floats) -> None:
-        """Take some frames: a time and a row of values for each."""
+        """Take some frames: a time and a row of values for each; those without a time are passed over."""
+        known = np.isfinite(times) & (np.abs(times) < LATEST)
+        times, values = times[known], values[known]
         stretches = (times * (TRACE / SPAN)).astype(np.int64)
         for number in np.unique(stretches)[-TRACE:]:
             seen = values[stretches == number]

@@ -18,6 +18,7 @@ from rich.text import Text
 from umo.frames import Reader, Stage
 from umo.objects import Quality
 from umo.objects.families import in_words
+from umo.remote.search import reading
 from umo.text import printable
 from umo.wiring.patterns import chosen
 
@@ -43,7 +44,7 @@ def watch(words: list[str], once: bool, seconds: float | None) -> None:
     """Show a running station until it ends, until q or Ctrl-C, or for `seconds` s. `words`: its name or pid, then paths
     and patterns; only these if one station is running."""
     reader, paths = attach_first(words)
-    with reader:
+    with reader, reading(reader.path):
         rows = chosen(reader.paths + reader.signals, paths, reader.about["station"])
         picture = Picture(reader, rows)
         if once or not sys.stdout.isatty():

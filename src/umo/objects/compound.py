@@ -246,8 +246,9 @@ def _parts(name: str, value: object) -> tuple[object, dict[str, Node]]:
     parts = {key: item for key, item in named.items() if isinstance(item, Node)}
     if len(parts) < len(named) and any(map(_holds_objects, named.values())):
         raise DeclarationError(f"{name} contains objects and other values: {next(k for k in named if k not in parts)}")
-    if parts and (len(parts) < len(value) or any("." in key.removeprefix(f"{name}.") for key in parts)):
-        raise DeclarationError(f"{name}: the keys of parts are different texts without a dot")
+    keys = [key.removeprefix(f"{name}.") for key in parts]
+    if parts and (len(parts) < len(value) or any("." in key or not key.isprintable() for key in keys)):
+        raise DeclarationError(f"{name}: the keys of parts are different texts without dots and control characters")
     return (frozen, parts) if parts else (value, {})
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from umo.errors import FramesError, UmoError
 from umo.frames import Reader, rings
@@ -17,7 +19,16 @@ def frames_at(path: Path) -> Reader:
     if not path.is_file():
         raise FramesError(f"{path} is not a file" if path.exists() else f"no frames at {path}: no such file")
     with reading(path):
-        return Reader(path)
+        reader = Reader(path)
+        _check(reader.about)
+        return reader
+
+
+def _check(about: Mapping[str, Any]) -> None:
+    """What is used to tell stations apart and to list them; any exception if it is not what it should be."""
+    "".join([about["station"], about["wiring"], about["place"], *about["devices"]])
+    if not (math.isfinite(about["started"]) and math.isfinite(about["period"]) and about["pid"] == int(about["pid"])):
+        raise ValueError("numbers")
 
 
 @contextmanager

@@ -19,6 +19,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from umo.errors import DeviceHeld, UmoError
+from umo.text import printable, time_of_day
 
 LINUX = sys.platform.startswith("linux")
 LONGEST = 107
@@ -69,7 +70,7 @@ def is_held(device: str) -> bool:
 
 
 def holder(device: str) -> str:
-    """The owner of a device, its purpose and start time, as far as the kernel tells."""
+    """The owner of a device, its purpose and start time, as far as the kernel tells. Other users choose these texts."""
     pid, uid = _peer(device) or (0, 0)
     if not pid:
         return "another process"
@@ -77,8 +78,8 @@ def holder(device: str) -> str:
     who = "this program itself" if pid == os.getpid() else f"pid {pid} of {_user(uid)}"
     if not Path(f"/proc/{pid}").exists():
         who += ", which has ended; one of its child processes still holds it"
-    when = "" if since is None else f", since {time.strftime('%Y-%m-%d %H:%M:%S', time.localtime(since))}"
-    return f"{who}{f' ({what})' if what else ''}{when}"
+    when = "" if since is None else f", since {time_of_day(since)}"
+    return printable(f"{who}{f' ({what})' if what else ''}{when}")
 
 
 def _peer(device: str) -> tuple[int, int] | None:

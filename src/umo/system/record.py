@@ -23,7 +23,7 @@ from typing import Any
 
 from umo.errors import StandsStopped, UmoError
 from umo.system import folders
-from umo.text import printable, some
+from umo.text import printable, some, time_of_day
 
 FOLDER = "devices"
 SUFFIX = ".json"
@@ -71,11 +71,11 @@ class Ended:
             return printable(f"{self.device}, how its last run ended is unknown")
         reached = f"not reached: {some(self.unreached)}" if self.unreached else "every actuator was reset"
         state = "ended without a report" if self.state == "running" else reached
-        when = time.strftime("%Y-%m-%d %H:%M", time.localtime(self.when))
+        when = time_of_day(self.when, "%Y-%m-%d %H:%M")
         return printable(", ".join(filter(None, [name, state, self.device, when, self.user])))
 
     def _text(self) -> str:
-        when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(self.when))
+        when = time_of_day(self.when)
         name = f"{self.station} ({self.wiring})" if self.wiring else self.station
         name = f"{name} on {self.device}"
         by = f" by {self.user}" if self.user else ""
