@@ -143,6 +143,14 @@ def unpacked(message: bytes) -> tuple[dict[str, Any], Any, Any, Any]:
     return head, rows[0], low, low if head["same"] else rows[1 + head["traces"] :]
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Of the tests in a browser, make test runs those with the mark smoke; make test-page and make test-all run all."""
+    for item in items:
+        if "chromium" in getattr(item, "fixturenames", ()) and not item.get_closest_marker("smoke"):
+            item.add_marker(pytest.mark.full)
+
+
 @pytest.fixture(scope="package")
 def chromium() -> Iterator[Any]:
     """It ends with the tests of the page: while Playwright runs, asyncio.run cannot be called in its thread."""

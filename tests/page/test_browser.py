@@ -21,6 +21,7 @@ def cell(page: Any, path: str, column: str) -> str:
     return str(page.locator(f'tr[data-path="{path}"] .{column}').inner_text())
 
 
+@pytest.mark.smoke
 def test_the_values_on_the_page_are_those_of_the_station(page: Any) -> None:
     with running() as step, serving() as served:
         page.goto(served.url + "#view=machine&raw=1")

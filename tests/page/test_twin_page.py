@@ -141,6 +141,7 @@ def rotated(quaternion: Any, vector: Any) -> Any:
     return vector + 2 * np.cross(u, np.cross(u, vector) + w * vector)
 
 
+@pytest.mark.smoke
 def test_the_bodies_of_z_theta_stand_where_mujoco_puts_them_for_the_values_of_the_encoders(shown: Any) -> None:
     mujoco = pytest.importorskip("mujoco")
     viewer = shown("ztheta")
