@@ -15,7 +15,8 @@ from umo.cli.app import app
 from umo.system import packages
 
 pytest.register_assert_rewrite("helpers")
-from helpers.image_forms import FORMS, choose  # noqa: E402
+from helpers.image_forms import CHOSEN_FIRST, choose  # noqa: E402
+from helpers.tiers import first  # noqa: E402
 
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # hundreds of processes import umo: it is compiled once
 settings.register_profile("umo", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -55,9 +56,10 @@ def in_good_order(items: list[pytest.Item]) -> None:
     items[:] = [*ordered, *quick]
 
 
-@pytest.fixture(params=FORMS)
+@pytest.fixture(params=first(1, CHOSEN_FIRST))
 def each_form(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The test runs with each form of the process image."""
+    """The test runs with each form of the process image: with that of this computer in make test, where
+    test_image_forms.py finds the others equal to it; with all of them in make test-all."""
     choose(monkeypatch, request.param)
 
 

@@ -16,6 +16,8 @@ FORMS: list[Any] = [
     pytest.param(ArrayImage, id="arrays"),
     pytest.param(CompiledImage, id="compiled", marks=BUILT),
 ]
+CHOSEN_FIRST = FORMS if forms.extension is None else FORMS[::-1]
+"""The form that a machine has here comes first. The others are the subject of test_image_forms.py."""
 
 
 def choose(patch: pytest.MonkeyPatch, form: type[Image]) -> None:

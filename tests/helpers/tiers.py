@@ -19,4 +19,6 @@ def some(chosen: Callable[[Any], bool], cases: Iterable[Any]) -> list[Any]:
 
 
 def _full(case: Any) -> Any:
+    if hasattr(case, "marks"):  # made by pytest.param
+        return pytest.param(*case.values, marks=[*case.marks, pytest.mark.full], id=case.id)
     return pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.full)
