@@ -1,20 +1,28 @@
-# make demo | test | test-all | lint | bench | docs | kernel | test-kernel; each but kernel makes .venv first.
+# make demo | test | test-page | test-all | lint | bench | docs | kernel | test-kernel; each but kernel makes .venv first.
 # PYTHON=python3.12 make test picks another Python.
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/installed
 
-.PHONY: demo test test-all lint bench docs kernel test-kernel clean
+.PHONY: demo test test-page test-all lint bench docs kernel test-kernel clean
 
 demo: $(STAMP)
 	$(BIN)/umo run ztheta
 
-test: $(STAMP)
-	$(BIN)/python -m pytest -n auto --dist worksteal -m "not full"
+PYTEST := $(BIN)/python -m pytest -n auto --dist worksteal
 
-# Every test, also the grids, seeds, matrices and campaigns: before a release.
+# At most 5 minutes on two cores. ARGS goes to pytest here and below: make test ARGS="tests/test_pid.py -v".
+test: $(STAMP)
+	$(PYTEST) -m "not full" $(ARGS)
+
+# The page in a browser; make test runs three of these tests.
+test-page: $(STAMP)
+	$(PYTEST) tests/page $(ARGS)
+
+# Every test, also the grids, seeds, matrices and campaigns: before a release. make test-all ARGS="--shard 2/4" runs the
+# second of four parts.
 test-all: $(STAMP)
-	$(BIN)/python -m pytest -n auto --dist worksteal
+	$(PYTEST) $(ARGS)
 
 # A user-mode Linux kernel with simulated GPIO, I2C, SPI, IIO, counters, CAN: built once, in 5 to 10 minutes, into ~/.cache/umo.
 kernel:
@@ -30,6 +38,7 @@ lint: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
+	$(BIN)/python tools/lint.py
 
 # About two minutes; python -m bench --help for the longer ones (--live, --kills).
 bench: $(STAMP)

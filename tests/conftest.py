@@ -27,7 +27,15 @@ LIMITS = {None: 60, "slow": 180, "full": 900}
 """s that a test with this mark may take on a busy computer (pytest-timeout)."""
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--shard", metavar="K/N", default="1/1", help="run the K-th of N parts of the test modules")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    part, parts = map(int, config.getoption("--shard").split("/"))
+    files = sorted({item.path for item in items})[part - 1 :: parts]
+    config.hook.pytest_deselected(items=[item for item in items if item.path not in files])
+    items[:] = [item for item in items if item.path in files]
     in_good_order(items)
     for item in items:
         own = item.get_closest_marker("timeout")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from typer.testing import CliRunner, Result
 
 import umo
 from helpers import patient
+from helpers.waiting import until
 from umo.cli.app import app
 from umo.process.start import LINUX
 
@@ -32,7 +32,7 @@ def started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[umo.Star
         with umo.start(
             "conveyor", patient.conveyor(tmp_path_factory.mktemp("wiring")), manual=True, realtime=True
         ) as started:
-            _until(lambda: started.frames is not None and started.frames.head > 5, started)
+            until(lambda: started.poll(0.01) or (started.frames is not None and started.frames.head > 5))
             yield started, folders
 
 
@@ -41,15 +41,6 @@ def conveyor(started: tuple[umo.Started, dict[str, str]], monkeypatch: pytest.Mo
     for name, folder in started[1].items():
         monkeypatch.setenv(name, folder)
     return started[0]
-
-
-def _until(condition: Any, started: umo.Started | None = None) -> None:
-    end = time.monotonic() + 20.0
-    while not condition():
-        if started is not None:
-            started.poll(0.01)
-        assert time.monotonic() < end
-        time.sleep(0.01)
 
 
 def run(*words: str) -> Result:
@@ -102,7 +93,7 @@ def test_a_number_is_tuned_and_how_to_keep_it_is_said(conveyor: umo.Started) -> 
     assert result.exit_code == 0, said(result)
     assert result.stdout == "window  20 -> 30 mm\n"
     assert "put window = 30 under [parameters] of the wiring" in said(result)
-    _until(lambda: run("tune", "conveyor", "window").stdout == "window  30 mm\n")
+    until(lambda: run("tune", "conveyor", "window").stdout == "window  30 mm\n")
     assert "1 to 100" in run("tune", "conveyor").stdout
 
 
@@ -140,7 +131,7 @@ def test_ps_and_watch_show_the_mode_and_who_has_the_lease(conveyor: umo.Started)
 
 def test_a_station_is_stopped(tmp_path: Path) -> None:
     with umo.start("conveyor", patient.conveyor(tmp_path), manual=True, realtime=True) as started:
-        _until(lambda: started.frames is not None and started.frames.head > 5, started)
+        until(lambda: started.poll(0.01) or (started.frames is not None and started.frames.head > 5))
         result = run("stop", "conveyor")
         assert (result.exit_code, result.stdout) == (0, "conveyor has ended\n"), said(result)
         assert started.wait(20).failure is None

@@ -126,14 +126,5 @@ def test_directions_contain_each_other():
     assert Direction.INPUT not in Direction.OUTPUT
 
 
-def test_drivers_know_nothing_of_objects():
-    import umo.drivers.contract
-    import umo.drivers.simulated
-    import umo.drivers.timerfd
-
-    for module in (umo.drivers.contract, umo.drivers.simulated, umo.drivers.timerfd):
-        assert "umo.objects" not in inspect.getsource(module)
-
-
 def test_the_simulated_driver_is_a_driver_like_any_other():
     assert issubclass(Simulated, Driver)

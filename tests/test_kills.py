@@ -18,6 +18,7 @@ from bench.kills.campaign import Row, Try
 from bench.kills.kinds import FAULTS, KINDS, possible
 from bench.kills.run import How
 from helpers.tiers import first
+from helpers.waiting import until
 
 needs_box = pytest.mark.skipif(box.missing() is not None, reason=str(box.missing()))
 SHORT = [
@@ -101,8 +102,7 @@ def test_a_stalled_box_carries_out_a_stale_write_after_a_newer_one(own_box):
         write_coil(old, 0, False)
         write_coil(new, 0, False)
         own_box.fault("stall", 300)
-        while not own_box.met:
-            pass
+        until(lambda: own_box.met)
         write_coil(old, 7, True, answered=False)
         assert len(write_coil(new, 7, False)) == 12
         assert old.recv(64)
@@ -132,8 +132,7 @@ def test_a_fault_that_is_not_carried_out_changes_no_output(own_box, name):
     own_box.fault(name, 4)
     with connect(own_box) as connection:
         write_coil(connection, 2, True, answered=name != "silent")
-        while not own_box.met:
-            pass
+        until(lambda: own_box.met)
         own_box.heal()
         write_coil(connection, 1, True)
         assert own_box.values[:4] == [0, 1, 0, 0]

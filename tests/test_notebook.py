@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from html.parser import HTMLParser
 from pathlib import Path
@@ -23,6 +23,7 @@ import umo
 from helpers.documents import ROOT, blocks
 from helpers.machines import bench, relay, sensor, switch, wired
 from helpers.patient import conveyor
+from helpers.waiting import until
 from umo import Compound, DigitalSensor, FramesError, PathError, Range, RangeError, Vector, connect, published
 from umo.cycle.hands import Hands, Mode
 from umo.frames import Reader
@@ -79,13 +80,6 @@ def running(m: Compound | None = None, box: Scripted | None = None, count: int =
         periods(m, count)
         with umo.attach("press") as station:
             yield m, station
-
-
-def until(condition: Callable[[], object], patience: float = 20.0) -> None:
-    end = time.monotonic() + patience
-    while not condition():
-        assert time.monotonic() < end, "it did not come true"
-        time.sleep(0.005)
 
 
 # Declarations and connected machines --------------------------------------------------------------------

@@ -9,8 +9,7 @@ import signal
 import struct
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager, nullcontext
 from pathlib import Path
 from random import Random
@@ -20,6 +19,7 @@ import pytest
 import umo
 from helpers.machines import bench, wired
 from helpers.patient import conveyor
+from helpers.waiting import until
 from umo import CommandRefused, FramesError, RangeError, connect, published
 from umo.cycle.hands import HOLD, TAKEN_PER_PERIOD, Hands, Mode
 from umo.frames import Reader, rings
@@ -315,13 +315,6 @@ def test_a_ring_keeps_its_place_when_a_hand_has_written_to_it(monkeypatch: pytes
 
 
 # A running station --------------------------------------------------------------------------------------
-
-
-def until(condition: Callable[[], object], patience: float = 20.0) -> None:
-    end = time.monotonic() + patience
-    while not condition():
-        assert time.monotonic() < end, "it did not come true"
-        time.sleep(0.005)
 
 
 def test_a_program_commands_a_running_station(tmp_path: Path) -> None:

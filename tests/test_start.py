@@ -14,6 +14,7 @@ import pytest
 import umo
 from helpers import process_box
 from helpers.process_box import Cells
+from helpers.waiting import until
 from umo.cycle.stage import Stage
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux")
@@ -34,11 +35,9 @@ def test_a_wiring_of_any_size_starts(tmp_path: Path) -> None:
 def test_a_handle_has_status_values_frames_and_an_end(tmp_path: Path) -> None:
     wiring = process_box.wiring(tmp_path / "box")
     with umo.start(process_box.machine, wiring, process_box.forever) as machine:
-        while not machine.values:
-            machine.poll(0.1)
+        until(lambda: machine.poll(0) or machine.values)
         assert machine.stage is Stage.RUNNING
-        while machine.values["motor"] != 5.0:
-            pass
+        until(lambda: machine.values["motor"] == 5.0)
         assert machine.values["valve"] == "ON"
         assert machine.frames is not None
         assert len(machine.frames.read()) > 0

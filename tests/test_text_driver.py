@@ -384,13 +384,17 @@ def test_the_quiet_time_is_doubled_with_each_failure_in_succession() -> None:
         start = monotonic()
         assert read(driver, "a") == [1]
         assert monotonic() - start >= 0.15
-        driver.timeout = HASTY
-        with pytest.raises(DeviceTimeout):
-            read(driver, "q")
-        driver.timeout = PATIENT
-        start = monotonic()
-        assert read(driver, "a") == [1]
-        assert monotonic() - start < 0.15
+
+        def after_one_failure() -> float:
+            driver.timeout = HASTY
+            with pytest.raises(DeviceTimeout):
+                read(driver, "q")
+            driver.timeout = PATIENT
+            start = monotonic()
+            assert read(driver, "a") == [1]
+            return monotonic() - start
+
+        assert any(after_one_failure() < 0.15 for _ in range(20)), "a busy computer is not late 20 times"
 
 
 @contextmanager

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable
 from decimal import Decimal
 from fractions import Fraction
-from time import monotonic
+from time import thread_time
 from typing import Any
 
 import pytest
@@ -100,9 +100,9 @@ def test_what_surrounds_the_value_does_not_matter(text: str, number: int) -> Non
 
 def test_a_pattern_of_many_stars_takes_linear_time() -> None:
     pattern = Pattern("*a" * 30 + "b", "errors")
-    start = monotonic()
+    start = thread_time()
     assert pattern.match("a" * 100_000 + "c") is None
-    assert monotonic() - start < 1.0
+    assert thread_time() - start < 1.0
 
 
 # Numbers ------------------------------------------------------------------------------------------

@@ -1,0 +1,93 @@
+"""The lints of this tree that no linter has: `make lint`.
+
+One name stands for one module and for one class or type; nothing in the package imports the package itself (a circle);
+test modules import what they share from tests/helpers, never each other.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+TREE, TESTS = ROOT / "src" / "umo", ROOT / "tests"
+SHOWN_TO_THE_OBJECTS = TREE / "objects" / "link.py"
+"""Protocols of the parts above, under the names that those parts have."""
+ROLES = {"__init__", "application", "control", "objects", "plant", "run", "errors", "driver", "channel", "twin"}
+"""Modules with one part in many places: a station's files, a driver's, a command of the command line, its errors."""
+ROLES_OF_CLASSES = {"Plant"}
+"""Classes that each station has."""
+
+
+def main() -> int:
+    """Print each problem in a line; 1 if there is one."""
+    files = [file for file in sorted(TREE.rglob("*.py")) if "template" not in file.parts]
+    parsed = {file: ast.parse(file.read_text("utf-8")) for file in files}
+    tests = {file: ast.parse(file.read_text("utf-8")) for file in sorted(TESTS.rglob("*.py"))}
+    problems = [*same_modules(files), *same_classes(parsed), *circles(parsed), *tests_importing_tests(tests)]
+    print("\n".join(problems) or "All checks passed!")
+    return bool(problems)
+
+
+def same_modules(files: list[Path]) -> Iterator[str]:
+    found = defaultdict(list)
+    for file in files:
+        found[file.stem].append(file)
+    for name, each in found.items():
+        if len(each) > 1 and name not in ROLES:
+            yield f"modules of one name: {_places(each)}"
+
+
+def same_classes(parsed: dict[Path, ast.Module]) -> Iterator[str]:
+    found = defaultdict(list)
+    for file, module in parsed.items():
+        for name in _types(module) if file != SHOWN_TO_THE_OBJECTS else ():
+            found[name].append(file)
+    for name, each in found.items():
+        if len(each) > 1:
+            yield f"classes or types of one name, {name}: {_places(each)}"
+
+
+def _types(module: ast.Module) -> Iterator[str]:
+    """Public classes, and assignments that look like the name of a type."""
+    for node in module.body:
+        names = [node.name] if isinstance(node, ast.ClassDef) else []
+        if isinstance(node, ast.Assign):
+            names = [each.id for each in node.targets if isinstance(each, ast.Name) and each.id[1:].islower()]
+            names = [name for name in names if name[0].isupper() and len(name) > 1]
+        yield from (name for name in names if not name.startswith("_") and name not in ROLES_OF_CLASSES)
+
+
+def circles(parsed: dict[Path, ast.Module]) -> Iterator[str]:
+    """`umo/__init__.py` imports the others."""
+    for file, module in parsed.items():
+        outside = TREE / "stations" in file.parents or file.parent == TREE / "cli"
+        if not outside and any(name == "umo" for name, _ in _imports(module)):
+            yield f"{_places([file])} imports the package itself"
+
+
+def tests_importing_tests(tests: dict[Path, ast.Module]) -> Iterator[str]:
+    for file, module in tests.items():
+        for name, line in _imports(module):
+            if name.rpartition(".")[2].startswith("test_"):
+                yield f"{_places([file])}:{line} imports {name}: what tests share stands in tests/helpers"
+
+
+def _imports(module: ast.Module) -> Iterator[tuple[str, int]]:
+    """The name of each module that is imported, and the line."""
+    for node in ast.walk(module):
+        if isinstance(node, ast.Import):
+            yield from ((each.name, node.lineno) for each in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield node.module or "", node.lineno
+
+
+def _places(files: list[Path]) -> str:
+    return ", ".join(str(file.relative_to(ROOT)) for file in files)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
