@@ -31,6 +31,7 @@ from umo.process.life import LARGEST, Life
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome, plain
 from umo.process.reset import Resetter
+from umo.process.share import Share
 from umo.process.silence import LOOK, Silence
 from umo.process.start import vanished
 from umo.process.watcher import Watcher
@@ -239,8 +240,8 @@ def test_a_signal_that_the_application_ignores_is_asked_again_in_shared_memory(t
 class Found:
     """What a control process finds when it looks at itself at the end of a period."""
 
-    def __init__(self, gap: float = 0.0, unwatched: float = 0.0, asked: int = 0) -> None:
-        self.gap, self.unwatched, self.asked = gap, unwatched, asked
+    def __init__(self, gap: float = 0.0, unwatched: float = 0.0, asked: int = 0, excused: float = 0.0) -> None:
+        self.gap, self.unwatched, self.asked, self.excused = gap, unwatched, asked, excused
 
     def beat(self) -> float:
         return self.gap
@@ -255,6 +256,8 @@ def plan_of(folder: Path, **process: object) -> Plan:
     [
         (Found(gap=0.05), False),
         (Found(gap=0.3), True),
+        (Found(gap=0.25, excused=0.2), False),
+        (Found(gap=0.35, excused=0.3), True),  # nobody controlled the machine for three times the limit
         (Found(unwatched=0.4), False),
         (Found(unwatched=0.6), True),
         (Found(asked=15), True),
@@ -278,7 +281,7 @@ def test_a_gap_longer_than_the_watchdog_of_a_circuit_ends_the_run(
     monkeypatch.setattr(control_process, "request_stop", lambda number=None: stopped.append(number))
     plan = plan_of(tmp_path, hang_timeout="100 ms")
     plan.wired = dataclasses.replace(plan.wired, watchdogs=watchdogs)
-    life = cast(Life, Found(gap=0.07))
+    life = cast(Life, Found(gap=0.07, excused=0.07))
     Control(plan, cast(Any, None), life, cast(Any, None), 0, None).each_period(cast(Any, None))
     assert bool(stopped) is stops
 
@@ -369,6 +372,26 @@ def test_what_is_not_a_message_is_passed_over(text: bytes) -> None:
     here.close()
 
 
+class OfShare:
+    """What a guardian knows of its control process's share of a processor: it was kept waiting for that part of each
+    look."""
+
+    by_whom = "press (pid 12) had core 1"
+
+    def __init__(self, part: float = 0.0) -> None:
+        self._part = part
+        self.kept_waiting = 0.0
+
+    def begin(self) -> None:
+        self.kept_waiting = 0.0
+
+    def look(self) -> None:
+        self.kept_waiting += self._part * LOOK
+
+
+IDLE = cast(Share, OfShare())
+
+
 class Time:
     """The clock of the signs of life, which goes on by the guardian's looks only."""
 
@@ -387,13 +410,13 @@ class Time:
 
 
 def test_a_period_longer_than_the_limit_for_a_step_of_starting_does_not_count_as_hanging() -> None:
-    assert Silence(Life(), 0.1, period=60.0).limit > 60.0
+    assert Silence(Life(), IDLE, 0.1, period=60.0).limit > 60.0
 
 
 def test_a_suspended_computer_is_not_taken_for_a_hanging_control_process(monkeypatch: pytest.MonkeyPatch) -> None:
     time, life = Time(monkeypatch), Life()
     life.enter(Stage.RUNNING)
-    silence = Silence(life, 0.1, 0.001)
+    silence = Silence(life, IDLE, 0.1, 0.001)
     assert time.hung_after(silence, 3600.0, most=1)[0] == ""
     assert time.hung_after(silence, LOOK, most=2)[0] == ""
 
@@ -405,9 +428,26 @@ def test_a_hang_is_noticed_also_by_a_guardian_whose_looks_come_late(
     """As in a container with a CPU quota that the hanging process uses up."""
     time, life = Time(monkeypatch), Life()
     life.enter(Stage.RUNNING)
-    hung, late = time.hung_after(Silence(life, 0.1, 0.001), every)
-    assert hung == "no sign of life for 100 ms while running"
+    hung, late = time.hung_after(Silence(life, IDLE, 0.1, 0.001), every)
+    assert hung == "hung: no sign of life for 100 ms while running"
     assert late == pytest.approx(after)
+
+
+@pytest.mark.parametrize(
+    ("part", "after", "what"),
+    [
+        (0.4, 0.16, "hung: no sign of life for 100 ms while running"),  # 0.1 s in which it could run
+        (0.9, 0.32, "was kept from running for 0.27 s while running: press (pid 12) had core 1"),  # three times 0.1 s
+    ],
+)
+def test_time_for_which_others_had_the_processor_is_not_counted_up_to_three_times_the_limit(
+    monkeypatch: pytest.MonkeyPatch, part: float, after: float, what: str
+) -> None:
+    time, life = Time(monkeypatch), Life()
+    life.enter(Stage.RUNNING)
+    how, late = time.hung_after(Silence(life, cast(Share, OfShare(part)), 0.1, 0.001), LOOK)
+    assert (how, late) == (what, pytest.approx(after))
+    assert life.excused == pytest.approx(part * late, abs=0.03)
 
 
 @pytest.mark.parametrize("number", [signal.SIGCHLD])

@@ -186,7 +186,6 @@ class Task:
         self.result: Any = None
         self.error: BaseException | None = None
         """What it failed with."""
-        self._cause = ""
         self.limits: list[timeout] = []
         """Of the blocks that it is in, the outermost first."""
 
@@ -202,7 +201,7 @@ class Task:
             self.cancel()
             raise
         if self.error is not None:
-            raise TaskFailed(f"{self._name} failed: {self._cause}") from self.error
+            raise TaskFailed(f"{self._name} failed: {located(self.error)}") from self.error
         if self._cancelled:
             raise TaskFailed(f"{self._name} was cancelled")
         return self.result
@@ -222,7 +221,7 @@ class Task:
             if self._cancelling:
                 self.cancel()
         except BaseException as error:
-            self.error, self._cause = error, located(error)
+            self.error = error  # its text is asked for by who needs it: it may take long
             raise
         return self.done
 

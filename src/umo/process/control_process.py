@@ -31,6 +31,7 @@ from umo.process.last_words import say_last
 from umo.process.life import Life, Who
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome, plain, plain_reports, status_of
+from umo.process.silence import STARVED
 from umo.process.watched import WHERE
 from umo.remote.queue import Receiver
 from umo.system import realtime
@@ -59,9 +60,9 @@ class Control:
         self._guardian = guardian
         self._path = ring
         self._hang = plan.wired.process.hang_timeout
-        self._gap = min([self._hang, *plan.wired.watchdogs.values()])
-        """s without a period after which a circuit may have reset its outputs by itself, or this process counts as
-        hung."""
+        self._watchdog = min(plan.wired.watchdogs.values(), default=inf)
+        """s without a period after which a circuit may have reset its outputs by itself."""
+        self._gap = min(self._hang, self._watchdog)
         self._limit = TimeLimit(inf if plan.job.until is None else plan.job.until, request_stop)
         self._alarm = ""
         self._order = stop_sequence(plan.machine)
@@ -217,15 +218,19 @@ class Control:
         life = self._life
         self._limit(frame)
         gap = life.beat()
-        if gap > self._gap:
+        if gap > self._gap and (gap > self._watchdog or gap - self._excused() > self._hang):
             self._stop(
-                f"no period ended for {gap:.1f} s, limit {self._gap:g} s: control code or a driver took too long, or "
-                "the processes or the computer were suspended"
+                f"no period ended for {gap:.1f} s, limit {self._gap:g} s: control code or a driver took too long, "
+                "others had the processors, or the processes or the computer were suspended"
             )
         elif life.asked:
             request_stop(life.asked)
         elif life.unwatched > self._unwatched_limit:
             self._stop(f"no sign of life from the guardian for {life.unwatched:.1f} s")
+
+    def _excused(self) -> float:
+        """s for which other processes kept this one from running, as far as that is borne."""
+        return min(self._life.excused, (STARVED - 1) * self._hang)
 
     def _stop(self, why: str) -> None:
         self._alarm = self._alarm or why

@@ -13,6 +13,7 @@ import socket
 import tempfile
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 
 from umo.cycle.stage import Stage
 from umo.cycle.stopping import SIGNALS
@@ -24,11 +25,13 @@ from umo.process.life import Life, Who
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome
 from umo.process.reset import BURIAL
+from umo.process.share import Share
 from umo.process.silence import LOOK, Silence
 from umo.process.standby import Standby
 from umo.process.watched import Watched
 from umo.process.watcher import Watcher
 from umo.system import realtime
+from umo.system.cores import Place
 from umo.system.custody import Custody
 from umo.system.processes import adjust_oom_score, name_process
 from umo.system.streams import keep_open, log_on_lines
@@ -75,6 +78,9 @@ class Guardian:
         self._plan = plan
         self._channel = channel
         self._custody = custody
+        self._core: int | None = None
+        """The core of its own that the control process has under SCHED_FIFO."""
+        self._place = self._take_core()
         self._process = plan.wired.process
         self._life = Life()
         self._stop: int | None = None
@@ -89,6 +95,17 @@ class Guardian:
         self._end = Conclusion(plan, custody, self._life, channel, self._watcher)
         limit = max(self._process.hang_timeout, WATCHED_EVERY)
         self._standby = Standby(self._life, limit, self._take_over, channel, self._say)
+
+    def _take_core(self) -> Place | None:
+        """The core that the wiring names; without one, under SCHED_FIFO, the core with the fewest other stations."""
+        process = self._plan.wired.process
+        fifo = realtime.use_fifo(process.priority + 1) is None
+        if not fifo and process.cpu is None:
+            return None
+        place = Place(process.cpu)
+        self._plan.wired = replace(self._plan.wired, process=replace(process, cpu=place.core))
+        self._core = place.core if fifo else None
+        return place
 
     def run(self) -> Outcome:
         """From fork to the last reset."""
@@ -145,10 +162,10 @@ class Guardian:
             self._guard()
 
     def _keep(self, control: Watched) -> Outcome:
-        hung = self._watch()
+        hung = self._watch(control)
         outcome = Outcome.decode(self._life.reported()) if self._life.stage is Stage.ENDED else None
         if outcome is None:
-            why = control.hung(hung, self._watcher.moment) if hung else ""
+            why = control.silent(hung, self._watcher.moment) if hung else ""
             return self._end.step_in(control, why, self._say)
         if hung:  # in code of the application's, when the machine had been reset
             control.process.send(signal.SIGKILL)
@@ -157,9 +174,10 @@ class Guardian:
 
     # While it runs -------------------------------------------------------------------------------------
 
-    def _watch(self) -> str:
+    def _watch(self, control: Watched) -> str:
         """Until the control process is gone (""), or hangs: then what is known of it."""
-        silence = Silence(self._life, self._process.hang_timeout, self._plan.wired.period or 0.0)
+        share = Share(control.process.pid, self._core, self._say)
+        silence = Silence(self._life, share, self._process.hang_timeout, self._plan.wired.period or 0.0)
         while not self._life.gone(LOOK):
             self._life.watch()
             self._look_around()

@@ -35,8 +35,8 @@ class Who(IntEnum):
     """The child of the guardian that resets the machine, while it works."""
 
 
-STAGE, BEAT, ASKED, WATCH, ADMITTED, RESETTING, REPORTED, SETTLED = range(8)
-CELLS = 8
+STAGE, BEAT, ASKED, WATCH, ADMITTED, RESETTING, REPORTED, SETTLED, EXCUSED = range(9)
+CELLS = 16
 TABLE = MUTEX * len(Who)
 LARGEST = 1 << 16
 """Bytes of a report."""
@@ -143,6 +143,12 @@ class Life:
         return bool(self._cells[ADMITTED])
 
     @property
+    def excused(self) -> float:
+        """Seconds since the last sign of life for which other processes kept this one from running, as the guardian saw
+        it."""
+        return self._cells[EXCUSED] * 1e-9
+
+    @property
     def unwatched(self) -> float:
         """Seconds since the guardian last looked."""
         return (clock() - self._cells[WATCH]) * 1e-9
@@ -165,6 +171,10 @@ class Life:
     def admit(self) -> None:
         """Let the control process begin."""
         self._cells[ADMITTED] = 1
+
+    def excuse(self, seconds: float) -> None:
+        """The control process was kept from running by others for so long."""
+        self._cells[EXCUSED] = round(seconds * 1e9)
 
     @property
     def last_watch(self) -> int:

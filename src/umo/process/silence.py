@@ -1,14 +1,18 @@
-"""The signs of life of the control process, as its guardian sees them: when is it hung?"""
+"""The signs of life of the control process, as its guardian sees them: when is it hung, when kept from running?"""
 
 from __future__ import annotations
 
 from umo.cycle.stage import Stage
 from umo.process.life import Life
+from umo.process.share import Share
 
 LOOK = 0.02
 """s between two looks of the guardian."""
 LOOKS = 3
 """The minimum number of looks without a sign of life before the control process counts as hung."""
+STARVED = 3
+"""The number of hang limits after which a control process is ended that others kept from running: nobody controls the
+machine meanwhile."""
 STARTING_LIMIT = 30.0
 """Timeout in s of a step of connecting, in addition to two periods."""
 REPORTING_LIMIT = 5.0
@@ -16,22 +20,37 @@ REPORTING_LIMIT = 5.0
 
 
 class Silence:
-    """How long the control process has given no sign of life. `hang`: limit in s while it runs; `period` in s."""
+    """How long the control process has given no sign of life. `hang`: limit in s while it runs; `period` in s. The
+    time for which other processes kept it from running is not counted, up to `STARVED` times the limit."""
 
-    def __init__(self, life: Life, hang: float, period: float) -> None:
+    def __init__(self, life: Life, share: Share, hang: float, period: float) -> None:
         self._life = life
+        self._share = share
         self._hang = hang
         self._period = period
         self._beat = self._looks = 0
 
     def look(self) -> str:
         """One look, every `LOOK` s: empty, or in words that the control process hangs."""
-        self._looks = self._looks + 1 if self._beat == self._life.last_beat else 0
-        self._beat, limit = self._life.last_beat, self.limit
+        life, share = self._life, self._share
+        if self._beat != life.last_beat:
+            self._beat, self._looks = life.last_beat, 0
+            share.begin()
+            life.excuse(0.0)
+            return ""
+        self._looks += 1
+        share.look()
+        life.excuse(share.kept_waiting)
+        silence, limit = life.silence, self.limit
         # several looks: if the whole computer stood still, the control process gets time to report that itself
-        if self._life.silence > limit and self._looks >= max(LOOKS, limit / LOOK):
-            return f"no sign of life for {limit * 1e3:g} ms while {self._life.stage}"
-        return ""
+        if silence <= limit or self._looks < max(LOOKS, limit / LOOK):
+            return ""
+        waited = share.kept_waiting
+        if silence - waited <= limit and silence <= STARVED * limit:
+            return ""
+        if waited > silence / 2:
+            return f"was kept from running for {waited:.2f} s while {life.stage}: {share.by_whom}"
+        return f"hung: no sign of life for {limit * 1e3:g} ms while {life.stage}"
 
     @property
     def limit(self) -> float:

@@ -62,10 +62,10 @@ class Watched:
             return f"{what} ({signal_name(number)})"
         return f"ended with status {os.WEXITSTATUS(status)} without resetting the machine"
 
-    def hung(self, how: str, moment: str) -> str:
-        """That it hangs, where and when, in words."""
+    def silent(self, how: str, moment: str) -> str:
+        """That it hangs or was kept from running (`how`), where and when, in words."""
         stopped = " (it was stopped by a signal)" if is_stopped(self.process.pid) else ""
-        return f"the control process hung: {how}{stopped}{in_brackets(moment, self._where())}"
+        return f"the control process {how}{stopped}{in_brackets(moment, self._where())}"
 
     def _where(self) -> str:
         """Where its Python code stands, as far as it can still tell."""

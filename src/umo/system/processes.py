@@ -6,10 +6,16 @@ import ctypes
 import os
 import select
 import signal
+from collections.abc import Collection
 from contextlib import suppress
 from pathlib import Path
 
+from umo.text import printable
+
 PR_SET_NAME = 15
+FLAGS, PROCESSOR, PRIORITY = 6, 36, 37
+"""Places in proc_pid_stat(5), counted from the state: flags, processor, rt_priority."""
+KERNEL_THREAD = 0x200000
 LONGEST_NAME = 15
 """Bytes of the name of a process (prctl(2), PR_SET_NAME)."""
 
@@ -61,9 +67,36 @@ def is_stopped(pid: int) -> bool:
 
 def state(pid: int) -> str:
     """R, S, D, T, t, Z as in proc_pid_stat(5); X where there is no such process."""
-    with suppress(OSError, IndexError):
-        return Path(f"/proc/{pid}/stat").read_text(errors="replace").rpartition(")")[2].split()[0]
-    return "X"
+    return (_stat(pid) or ["X"])[0]
+
+
+def running_on(cores: Collection[int], but: Collection[int]) -> int | None:
+    """A process under SCHED_FIFO or SCHED_RR, none of the kernel's, that now runs on one of these cores; the one of
+    the highest priority. `but`: processes that are passed over."""
+    found: list[tuple[int, int]] = []
+    for pid in (int(name) for name in os.listdir("/proc") if name.isdigit()):
+        fields = _stat(pid) if pid not in but else []
+        if len(fields) < PRIORITY or fields[0] != "R" or int(fields[FLAGS]) & KERNEL_THREAD:
+            continue
+        if int(fields[PROCESSOR]) in cores and int(fields[PRIORITY]):
+            found.append((int(fields[PRIORITY]), pid))
+    return max(found)[1] if found else None
+
+
+def title_of(pid: int) -> str:
+    """The station that a process drives, else its name; and its pid."""
+    words: list[str] = []
+    with suppress(OSError):
+        words = Path(f"/proc/{pid}/cmdline").read_text(errors="replace").split("\0")[:-1]
+    name = words[-1] if "umo.process" in words else name_of(pid)
+    return printable(f"{name or 'a process'} (pid {pid})")
+
+
+def _stat(pid: int) -> list[str]:
+    """The fields of proc_pid_stat(5) from the state on; empty where there is no such process."""
+    with suppress(OSError):
+        return Path(f"/proc/{pid}/stat").read_text(errors="replace").rpartition(")")[2].split()
+    return []
 
 
 def name_process(text: str) -> None:
