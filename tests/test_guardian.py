@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
@@ -237,6 +238,9 @@ def test_a_signal_that_the_application_ignores_is_asked_again_in_shared_memory(t
     assert_safe(cells)
 
 
+FRAME = cast(Any, SimpleNamespace(time=0.0))
+
+
 class Found:
     """What a control process finds when it looks at itself at the end of a period."""
 
@@ -269,7 +273,7 @@ def test_a_control_process_stops_after_a_gap_without_a_guardian_or_when_asked(
     stopped: list[object] = []
     monkeypatch.setattr(control_process, "request_stop", lambda number=None: stopped.append(number))
     plan = plan_of(tmp_path, hang_timeout="100 ms")
-    Control(plan, cast(Any, None), cast(Life, found), cast(Any, None), 0, None).each_period(cast(Any, None))
+    Control(plan, cast(Any, None), cast(Life, found), cast(Any, None), 0, None).each_period(FRAME)
     assert bool(stopped) is stops
 
 
@@ -282,7 +286,7 @@ def test_a_gap_longer_than_the_watchdog_of_a_circuit_ends_the_run(
     plan = plan_of(tmp_path, hang_timeout="100 ms")
     plan.wired = dataclasses.replace(plan.wired, watchdogs=watchdogs)
     life = cast(Life, Found(gap=0.07, excused=0.07))
-    Control(plan, cast(Any, None), life, cast(Any, None), 0, None).each_period(cast(Any, None))
+    Control(plan, cast(Any, None), life, cast(Any, None), 0, None).each_period(FRAME)
     assert bool(stopped) is stops
 
 
