@@ -436,7 +436,7 @@ def test_a_new_station_is_accepted_by_check_and_pytest(umo, tank: Path) -> None:
     command = [sys.executable, "-m", "pytest", "-q", "-W", "error", "-p", "no:cacheprovider"]
     ended = subprocess.run(command, cwd=tank, env=environment, capture_output=True, text=True, check=False)
     assert ended.returncode == 0, ended.stdout
-    assert "5 passed" in ended.stdout
+    assert "6 passed" in ended.stdout
 
 
 def test_a_new_station_has_actions_a_tunable_number_and_a_twin_that_fits(umo, tank: Path) -> None:

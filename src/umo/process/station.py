@@ -44,6 +44,15 @@ class Station:
             hint = self._hint(error)
             raise StationError(f"{file} cannot be imported: {located(error)}{hint}") from error
 
+    def load(self, name: str) -> Any:
+        """One of its modules, the same that the station itself imports: so its tests get its own classes
+        (`Tank = station(__file__).load("control").Tank`). StationError if there is none."""
+        found = self.module(name)
+        if found is None:
+            known = [file.stem for file in sorted(self.path.glob("*.py"))]
+            raise StationError(f"{self.path} has no {name}.py{did_you_mean(name, known)}")
+        return found
+
     def _hint(self, error: BaseException) -> str:
         name = error.name if isinstance(error, ModuleNotFoundError) else None
         if name is None or not (self.path / f"{name}.py").is_file():

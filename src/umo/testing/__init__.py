@@ -19,7 +19,7 @@ In a wiring given as a dict, a driver object may replace its table, or be the `t
 `watchdog`. Tests do not sleep: the timer is a wired device.
 """
 
-from umo.process.station import find as station
+from umo.testing.own_station import station
 from umo.testing.periods import periods, put
 from umo.testing.scripted import Call, Scripted
 from umo.testing.virtual import VirtualTimer

@@ -1,7 +1,6 @@
 """The station's own tests: `pytest` in its folder. No test sleeps: time is a wired device."""
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -9,8 +8,9 @@ import pytest
 from umo import OpenClosed, PassFail, TaskFailed, check, connect, drive, run
 from umo.testing import periods, put, station
 
-TANK = station(Path(__file__).parents[1])
+TANK = station(__file__)
 SIMULATED = TANK.wirings["simulated"]
+Plant = TANK.load("plant").Plant  # a class of the station: `from ..plant import Plant` works in its own modules only
 main = TANK.main
 machine: Callable[[], Any] = TANK.machine  # a Tank; imported at run time, so a type checker does not know it
 
@@ -28,6 +28,13 @@ def test_the_level_is_kept_and_the_tank_drained_at_the_end() -> None:
         drive(m, main)
     assert max(levels) == pytest.approx(308.0, abs=3.0)
     assert levels[-1] <= 50.0
+
+
+def test_the_plant_fills_and_leaks() -> None:
+    plant = Plant(level=100.0, leak=2.0)
+    plant.write(plant.channel("out:inlet"), 1)
+    plant.advance(0.5)
+    assert plant.level == pytest.approx(109.0)
 
 
 def test_an_overflow_stops_the_machine_with_both_valves_closed() -> None:
