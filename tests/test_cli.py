@@ -346,13 +346,6 @@ def test_the_drivers_are_listed_with_options_and_channels(umo) -> None:
         assert words in text
 
 
-def test_help_has_examples(umo) -> None:
-    for command in ("run", "check", "tree", "get", "set", "drivers", "plant", "new"):
-        result = umo(command, "--help")
-        assert result.exit_code == 0
-        assert "Examples: umo" in said(result)
-
-
 # By hand ----------------------------------------------------------------------------------------------
 
 

@@ -6,9 +6,8 @@ import math
 import os
 import signal
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import typer
 
@@ -24,7 +23,25 @@ app = typer.Typer(
     help="Universal Mechatronic Objects: run, check and try out machines.\n\n"
     "Examples:  umo run ztheta  |  umo check my-machine  |  umo new my-machine",
 )
-command = partial(app.command, rich_help_panel="Stations")
+F = TypeVar("F", bound=Callable[..., Any])
+USUAL = "0 done; 1 the machine, a device or code failed; 2 a mistake, told on stderr; 130 Ctrl-C"
+"""Exit statuses of most commands (docs/command-line.md)."""
+
+
+class Panel:
+    """A panel of the help. Makes commands in it, whose own help ends with examples and exit statuses."""
+
+    def __init__(self, title: str) -> None:
+        self._title = title
+
+    def __call__(
+        self, name: str | None = None, *, epilog: str, status: str = USUAL, **options: Any
+    ) -> Callable[[F], F]:
+        end = f"{epilog}\n\nExit status: {status}"
+        return app.command(name, epilog=end, rich_help_panel=self._title, **options)
+
+
+command = Panel("Stations")
 
 _STATION = typer.Argument(
     metavar="STATION", help="Directory of a station, or the name of a shipped one (ztheta, conveyor, furnace)."
@@ -114,6 +131,9 @@ def finite(value: float | None) -> float | None:
 @command(
     epilog="Examples: umo run ztheta  |  umo run ztheta --parts 2 --turn 45  |  umo run ztheta -w modbus  |  "
     "umo run ztheta --fault 'z.encoder stuck at 5 s'  |  umo run ztheta --help",
+    status="0 the application has returned; 1 the machine, a device or code failed; 2 a mistake, nothing ran; 3 an "
+    "actuator is not at its default; 4 runs/ cannot be written: nothing ran, or the record is not complete; 124 ended "
+    "by --until; 128 and its number: ended by a signal, 130 by Ctrl-C",
     context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
     add_help_option=False,
 )
@@ -145,17 +165,13 @@ def run(
     ] = False,
     help_: Help = False,
 ) -> None:
-    """Run a station. Exit status 0: its application has returned.
+    """Run a station until its application returns.
 
     The options of the station are the parameters of its machine, its application and its drivers. They follow its
     name.
 
     In real time the loop runs in its own process. A guardian process resets the machine if the loop dies or hangs.
     Trace (CSV) and plot (PNG) go to runs/. Ctrl-C stops safely: every actuator goes to its default.
-
-    Exit status: 1 the machine or its code failed; 2 a mistake, nothing ran; 3 an actuator is not at its default;
-    4 runs/ cannot be written: nothing ran, or the record is not complete; 124 ended by --until; 130 by Ctrl-C (128 and
-    the number of the signal).
     """
     name = _named(context, help_, station, wiring)
 
@@ -206,6 +222,7 @@ def _show_options(station: str | None, wiring: str | None, application: bool) ->
 @command(
     epilog="Examples: umo plant ztheta  |  umo plant ztheta --port 1502 --seed 7 --faults leaky-cup  |  "
     "umo plant my-machine -w modbus --help",
+    status="0 ended by Ctrl-C; 1 the plant failed; 2 a mistake, told on stderr",
     context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
     add_help_option=False,
 )

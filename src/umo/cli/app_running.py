@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from .app import Take, app, finite, guarded
+from .app import Panel, Take, finite, guarded
 
-command = partial(app.command, rich_help_panel="Running stations")
+command = Panel("Running stations")
 
 Running = Annotated[
     str, typer.Argument(metavar="STATION", help="Name or pid of a station that runs in real time (see `umo ps`).")
@@ -53,7 +52,8 @@ def watch(
 
 @command(
     epilog="Examples: umo view  |  umo view ztheta --open  |  umo view --port 8300  |  "
-    "umo view --host 0.0.0.0 --certificate cell.pem --key cell.key (with UMO_TOKEN in the environment)",
+    "umo view --host 0.0.0.0 --certificate cell.pem --key cell.key",
+    status="0 ended by Ctrl-C; 2 a mistake, told on stderr",
 )
 def view(
     station: Annotated[

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from .app import OF_THE_MACHINE, Acknowledge, StationName, Take, WiringName, app, finite, guarded
+from .app import OF_THE_MACHINE, Acknowledge, Panel, StationName, Take, WiringName, finite, guarded
 
-command = partial(app.command, rich_help_panel="Machines, wirings, drivers")
-command_of_new = partial(app.command, rich_help_panel="New stations and drivers")
+command = Panel("Machines, wirings, drivers")
+command_of_new = Panel("New stations and drivers")
+BY_HAND = "0 done; 1 a device failed; 2 a mistake, told on stderr; 3 an actuator is not at its default; 130 Ctrl-C"
+"""Exit statuses of the commands that open devices."""
 
 
 @command(
     epilog="Examples: umo check ztheta  |  umo check ztheta -w modbus  |  umo check ztheta --all  |  "
     "umo check furnace --zones 100",
+    status="0 no fault; 2 faults, or a mistake, told on stderr",
     context_settings=OF_THE_MACHINE,
 )
 def check(
@@ -63,6 +65,7 @@ def tree(
 
 @command(
     epilog="Examples: umo get ztheta z.encoder  |  umo get ztheta z.encoder gripper.pressure --unit mm",
+    status=BY_HAND,
     context_settings={"ignore_unknown_options": True},
 )
 def get(
@@ -86,6 +89,7 @@ def get(
 @command(
     "set",
     epilog="Examples: umo set ztheta gripper.vacuum ON --hold 2  |  umo set ztheta z.motor '500 mV' --hold 1",
+    status=BY_HAND,
     context_settings=OF_THE_MACHINE,
 )
 def set_(
