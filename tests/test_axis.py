@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Coroutine
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -469,6 +470,102 @@ def test_axes_that_move_together_arrive_together(make: Callable[..., Axis]) -> N
         umo.drive(m, work)
     assert (a.position, b.position) == pytest.approx((40.0, 50.0), abs=0.06)
     assert arrived["a"] == pytest.approx(arrived["b"], abs=0.05)
+
+
+def test_axes_move_together_within_the_limits_that_were_tuned() -> None:
+    slow, fast = servo(), servo()
+    timer = DigitalSensor("sampling_period", minimum=0.0, maximum=1e9, resolution=1.0, synchronous=False)
+
+    class Two(Compound):
+        a: Axis
+        b: Axis
+        timer: DigitalSensor
+
+    with umo.connect(Two(a=slow, b=fast, timer=timer)) as m:
+        m.a.encoder.referenced(at=0.0)
+        before = m.a.time_to(100.0)
+        m.a.profile.velocity, m.a.profile.acceleration, m.a.profile.jerk = 20.0, 200.0, 5_000.0
+        ahead = m.a.time_to(100.0)
+        assert ahead > 4 * before
+        m.a.enable()
+        assert m.a.profile.to(100.0) == pytest.approx(ahead)
+
+
+# Missed periods ----------------------------------------------------------------------------------------
+
+
+class Late(Slide):
+    """Now and then many periods are missed. `still`: the slide stands meanwhile, as a plant in virtual time may."""
+
+    def __init__(self, missed: dict[int, int], still: bool) -> None:
+        super().__init__(10.0)
+        self.missed, self.still, self.number = missed, still, 0
+        self.rates: list[float] = []
+
+    def read(self, channel: Channel) -> int:
+        if channel.text != "tick":
+            return super().read(channel)
+        self.number += 1
+        missed = self.missed.get(self.number, 0)
+        for _ in range(1 if self.still else max(1, missed)):
+            self.advance()
+        self.rates.append(self.rate)
+        return missed
+
+
+@pytest.mark.parametrize("still", [False, True])
+@pytest.mark.parametrize("at", [20, 60, 130, 200, 300, 330, 420])
+def test_a_motion_keeps_its_limits_after_missed_periods_and_arrives(at: int, still: bool) -> None:
+    m, slide = machine(servo(inertia=1 / 50 * 0.01, acceleration=1_000.0)), Late({at: 100}, still)
+    setpoints: list[Any] = []
+
+    async def work(m: Machine) -> None:
+        await next_period()
+        m.x.encoder.referenced(at=10.0)
+        await m.x.move_to(70.0)
+
+    def watch(m: Machine) -> None:
+        if m.x.enabled:
+            setpoints.append(m.x.profile.setpoint)
+
+    run(m, slide, work, watch)
+    assert slide.position == pytest.approx(70.0, abs=0.06)
+    assert max(abs(each.velocity) for each in setpoints) <= 200.0 * 1.001
+    assert max(abs(each.acceleration) for each in setpoints) <= 1_000.0 * 1.001
+    speeds = [each.velocity for each in setpoints]
+    steps = [abs(after - before) for before, after in pairwise(speeds)]
+    assert max(steps) <= 1_000.0 * DT * 1.001  # the missed time is no step of the velocity
+    assert max(map(abs, slide.rates)) <= 200.0 * 1.1
+    felt = [abs(after - before) / DT for before, after in pairwise(slide.rates)]
+    usual = [rate for number, rate in enumerate(felt, 2) if number != at]
+    assert max(usual) <= 1_000.0 * 1.1
+
+
+def test_an_axis_at_rest_stays_where_it_is_when_periods_are_missed() -> None:
+    m, slide = machine(servo()), Late(dict.fromkeys(range(600, 700, 10), 50), still=False)
+
+    async def work(m: Machine) -> None:
+        await next_period()
+        m.x.encoder.referenced(at=10.0)
+        await m.x.move_to(20.0)
+        before = m.x.setpoint
+        await wait(1.0)
+        assert m.x.setpoint == before
+
+    run(m, slide, work)
+
+
+def test_a_stalled_axis_is_found_although_every_other_period_is_missed() -> None:
+    m, slide = machine(servo()), Late(dict.fromkeys(range(1, 10_000), 2), still=False)
+
+    async def work(m: Machine) -> None:
+        await next_period()
+        m.x.encoder.referenced(at=10.0)
+        slide.stuck = True
+        await m.x.move_to(90.0)
+
+    with pytest.raises(AxisError, match="does not follow"):
+        run(m, slide, work)
 
 
 # Jogging -----------------------------------------------------------------------------------------------

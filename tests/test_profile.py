@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from umo import RangeError
+from umo import DeclarationError, RangeError
 from umo.control import Profile
 
 
@@ -140,8 +140,12 @@ def test_a_step_that_is_not_finite_is_refused_and_the_motion_goes_on(dt: float) 
 
 
 def test_a_limit_that_is_not_positive_is_refused() -> None:
+    with pytest.raises(DeclarationError, match=r"Profile\.velocity must be above 0, not 0.0"):
+        Profile(velocity=0.0, acceleration=1.0, jerk=1.0)
+    profile = limits()
+    profile.jerk = 0.0
     with pytest.raises(RangeError):
-        Profile(velocity=0.0, acceleration=1.0, jerk=1.0).to(1.0)
+        profile.to(1.0)
 
 
 def test_a_velocity_is_reached_and_kept_within_the_limits() -> None:

@@ -10,10 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from helpers.machines import sensor
-from umo import Compound, DeclarationError, DigitalSensor, RangeError, connect
+from umo import Compound, DeclarationError, DigitalSensor, RangeError, WiringError, connect
+from umo.drivers._options import duration
+from umo.drivers.gpio.channel import checked
+from umo.duration import seconds
 from umo.objects import units
-from umo.objects.units import check_unit, convert, seconds
+from umo.objects.units import check_unit, convert
 from umo.testing import put
+from umo.wiring.faults.words import InjectedFault
+from umo.wiring.source import WiringSource
 
 
 @pytest.mark.parametrize("unit", ["V", "um", "deg", "count", "sampling_period", "mm/s", "degC", "percent"])
@@ -131,6 +136,32 @@ def test_a_duration_is_a_number_of_seconds_or_a_text(text, value):
 def test_what_is_no_duration_is_an_error(wrong):
     with pytest.raises(DeclarationError, match="is not a duration"):
         seconds(wrong)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        *((text, 0.2) for text in ("0.2 seconds", "200 ms", "200ms", " 2e-1 s ", "200000 µs", "+0.2 s", ".2 s")),
+        *((text, None) for text in ("200_000 us", "0.2 sec onds", "0,2 s", "5 parsec", "0.2", "-0.2 s", "0.2 Seconds")),
+    ],
+)
+def test_every_place_that_takes_a_duration_has_the_same_grammar(text, value):
+    takers = [
+        seconds,
+        lambda text: WiringSource("").duration("timeout", text),
+        lambda text: duration("recovery", text),
+        lambda text: checked("disabled", "push-pull", False, text).debounce / 1e6,
+        lambda text: (
+            DigitalSensor("mm", minimum=0.0, maximum=1.0, resolution=1.0, on_error="hold", max_age=text)._max_age
+        ),
+        lambda text: InjectedFault("z", "stuck", at=text).at,
+    ]
+    for taker in takers:
+        try:
+            found = taker(text)
+        except (DeclarationError, WiringError):
+            found = None
+        assert found == value, taker
 
 
 @given(st.text(max_size=12))

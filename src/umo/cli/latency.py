@@ -11,11 +11,11 @@ import numpy as np
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from umo.duration import seconds as duration
 from umo.errors import RangeError
 from umo.latency import Samples, judge, measure
 from umo.latency.measure import Measured
 from umo.latency.verdict import advice, recommend
-from umo.objects.units import seconds as duration
 from umo.process.start import LINUX
 
 from .console import err, out

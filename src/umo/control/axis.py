@@ -11,6 +11,7 @@ from typing import Protocol
 from umo.control.claim import Claim
 from umo.control.inputs import HOMING, Accept, value_of
 from umo.control.profile import Profile
+from umo.control.settings import check_numbers
 from umo.cycle.sequences import next_period, together
 from umo.errors import AxisError, DeclarationError, RangeError
 from umo.objects import Compound, DigitalSensor, Quality, Range, action
@@ -93,7 +94,7 @@ class Axis(Compound):
 
     def setup(self) -> None:
         names = ("velocity", "acceleration", "jerk", "window", "following_error", "settling_time")
-        self._check_positive(*names, "search_speed", "stall")
+        check_numbers(self, above_0=(*names, "search_speed", "stall"), not_negative=("window_time",))
         self.profile = Profile(velocity=self.velocity, acceleration=self.acceleration, jerk=self.jerk)
         self._accept: Accept = ACCEPTED
         """The qualities of the encoder that are accepted besides GOOD and STALE."""
@@ -132,7 +133,9 @@ class Axis(Compound):
         RangeError if the position is outside the encoder's range, BadInput if the encoder is not referenced, AxisError
         if the axis does not arrive, Busy during another motion.
         """
-        self._check_target(position)
+        self.check_target(position)
+        if not speed > 0.0 or not 0.0 <= duration < inf:
+            raise RangeError(f"{self.path}: no motion at a speed of {speed} in {duration} s")
         with self.claim.of("move_to"):
             value_of(self.encoder, ACCEPTED)
             self._accept = ACCEPTED
@@ -175,8 +178,9 @@ class Axis(Compound):
 
     def time_to(self, position: float) -> float:
         """How long a motion from standstill to a position takes, in s, at the largest speed."""
-        self._check_target(position)
-        ahead = Profile(velocity=self._speed(inf), acceleration=self.acceleration, jerk=self.jerk)
+        self.check_target(position)
+        limits = self.profile
+        ahead = Profile(velocity=self._speed(inf), acceleration=limits.acceleration, jerk=limits.jerk)
         ahead.hold(self.setpoint if self.enabled else value_of(self.encoder, ACCEPTED))
         return ahead.to(position)
 
@@ -219,13 +223,14 @@ class Axis(Compound):
         driven = idle = 0.0
         last = best = self.reading
         while until is None or not until():
-            await next_period()
+            tick = await next_period()
             self._check_enabled()
             reading = self.reading
             if self._interrupted:
                 last, best, idle = reading, reading, 0.0
                 continue
-            if abs(reading - last) > jump:
+            missed = (tick.ticks - 1) * tick.period  # s, in which the axis has moved on
+            if abs(reading - last) > jump + missed * abs(self.profile.setpoint.velocity):
                 self._shift(reading - last)
                 return Met.JUMP
             distance = sign * self.profile.setpoint.velocity * self.period  # below 0 until a motion before has ended
@@ -247,8 +252,9 @@ class Axis(Compound):
 
     async def travel(self, position: float, *, speed: float = inf, duration: float = 0.0) -> None:
         """To a position, also beyond the range; ends when the encoder has arrived. AxisError if it does not."""
+        end = self.now + duration  # after an interruption only what is left of the duration counts
         try:
-            self._go(lambda: self.profile.to(position, velocity=self._speed(speed), duration=duration))
+            self._go(lambda: self.profile.to(position, velocity=self._speed(speed), duration=max(end - self.now, 0.0)))
             late, corrections = 0.0, 0
             steady = -inf  # how long it has been in the window; -inf: it is not
             while steady < self.window_time:
@@ -300,7 +306,7 @@ class Axis(Compound):
 
     def _speed(self, wanted: float) -> float:
         """The speed that the axis can have."""
-        return min(wanted, self.velocity)
+        return min(wanted, self.profile.velocity)
 
     async def _settle(self) -> None:
         """Come to rest: before and after homing."""
@@ -319,13 +325,8 @@ class Axis(Compound):
         self.claim = Claim(self)
         self.enabled = self.searching = self._interrupted = False
 
-    def _check_positive(self, *names: str) -> None:
-        for name in names:
-            number = getattr(self, name)
-            if isinstance(number, bool) or not isinstance(number, int | float) or not number > 0:
-                raise DeclarationError(f"{self.path or type(self).__name__}.{name} must be above 0, not {number!r}")
-
-    def _check_target(self, position: float) -> None:
+    def check_target(self, position: float) -> None:
+        """RangeError for a position that `move_to` refuses."""
         low, high = self.encoder.minimum, self.encoder.maximum
         if not low <= position <= high:
             raise RangeError(f"{self.path}: {position:g} {self.encoder.units} is outside {low:g} to {high:g}")

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from math import isinf
 from typing import Any
 
 from umo.control.axis import STILL, Axis, Met
 from umo.control.inputs import state_of
+from umo.control.settings import check_numbers
 from umo.errors import DeclarationError, HomingError
 from umo.objects import BinaryActuator, BinarySensor, TwoState
 
@@ -136,5 +137,7 @@ class EndStop:
 
 
 def _check(strategy: IndexPulse | HomeSwitch | EndStop) -> None:
+    numbers = [field.name for field in fields(strategy) if field.type in ("float", float)]
+    check_numbers(strategy, finite=numbers)
     if strategy.direction not in (-1, 1):
         raise DeclarationError(f"{type(strategy).__name__}: direction is -1 or 1, not {strategy.direction!r}")

@@ -8,9 +8,12 @@ from math import inf, isfinite, nan
 
 import numpy as np
 
+from umo.control.settings import check_numbers
 from umo.errors import RangeError
 from umo.objects.scaling import FloatArray
 from umo.objects.vector import BoolArray
+
+TIMES = ("derivative_time", "filter_time")
 
 
 @dataclass(kw_only=True)
@@ -23,7 +26,7 @@ class PID:
     The derivative acts on the measurement, through a first-order filter. Anti-windup is conditional integration: while
     the output is limited, the integral changes only towards the range (Astrom and Hagglund, Advanced PID Control,
     2006, section 3.5). All times are in s. Gains do not depend on the sampling period, as long as it is short compared
-    with these times. Gains may be changed at any time.
+    with these times. Gains may be changed at any time; DeclarationError for such as `check_settings` refuses.
     """
 
     gain: float
@@ -43,6 +46,13 @@ class PID:
     """Whether the last output was limited."""
     _last: float | None = field(default=None, init=False, repr=False)
     _rate: float = field(default=0.0, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        self.check_settings()
+
+    def check_settings(self) -> None:
+        """DeclarationError unless the gain is finite, the times are not negative and the integral time is above 0."""
+        check_numbers(self, finite=("gain",), not_negative=TIMES, above_0=("integral_time",))
 
     def reset(self) -> None:
         """Clear the state: the next `step` is the first."""
@@ -64,7 +74,10 @@ class PID:
         self._last, self.integral = measurement, integral
 
     def shift(self, distance: float) -> None:
-        """The origin of the measurement has moved by this distance: the derivative does not see it."""
+        """The origin of the measurement has moved by this distance: the derivative does not see it. RangeError if it is
+        not finite."""
+        if not isfinite(distance):
+            raise RangeError(f"the measurement cannot be shifted by {distance!r}")
         if self._last is not None:
             self._last += distance
 
@@ -81,8 +94,11 @@ class PID:
         """The output of one period of `dt` s, from `low` to `high`. With `dt` = 0 (a machine without a timer) integral
         and derivative do not contribute. RangeError if a number is not finite; then the law is unchanged."""
         error = setpoint - measurement
-        growth = self.gain * error * dt / self.integral_time
-        rate = self._filtered_rate(measurement, dt)
+        try:
+            growth = self.gain * error * dt / self.integral_time
+            rate = self._filtered_rate(measurement, dt)
+        except ZeroDivisionError:
+            raise RangeError(f"no output with these settings: {self!r}") from None
         output = self.gain * (error - self.derivative_time * rate) + self.integral + growth + feed_forward
         if not isfinite(output):  # because one of the numbers that it is made of is not
             raise RangeError(
@@ -129,6 +145,13 @@ class VectorPID:
     """NaN where the next measurement is the first."""
     _rate: FloatArray = field(default_factory=lambda: np.zeros(1), init=False, repr=False)
 
+    def __post_init__(self) -> None:
+        self.check_settings()
+
+    def check_settings(self) -> None:
+        """As `PID.check_settings`."""
+        check_numbers(self, finite=("gain",), not_negative=TIMES, above_0=("integral_time",))
+
     def reset(self) -> None:
         """Clear the state: the next `step` is the first."""
         self.error, self.integral, self._rate = np.zeros((3, 1))
@@ -153,20 +176,25 @@ class VectorPID:
         low: float | FloatArray = -inf,
         high: float | FloatArray = inf,
     ) -> FloatArray:
-        """The outputs of one period of `dt` s, each from `low` to `high`. RangeError if a setpoint, measurement or
-        feed-forward is not finite; then the law is unchanged."""
+        """The outputs of one period of `dt` s, each from `low` to `high`. RangeError if a number is not finite; then
+        the law is unchanged."""
         error = setpoint - measurement
-        _check_finite(error if feed_forward is None else error + feed_forward)
         proportional = self.gain * error
-        growth = proportional * (dt / self.integral_time)
+        try:
+            growth = proportional * (dt / self.integral_time)
+        except ZeroDivisionError:
+            raise RangeError(f"no output with integral_time={self.integral_time!r}") from None
         wanted = proportional + self.integral
         wanted += growth
         if feed_forward is not None:
             wanted += feed_forward
-        if self._has_derivative:
+        if not self._has_derivative:
+            _check_finite(wanted)
+        else:
             rate = self._filtered_rate(measurement, dt)
             wanted -= self.gain * self.derivative_time * rate
-            self._last = measurement
+            _check_finite(wanted)
+            self._last = measurement.copy()  # the caller may fill the same array anew
             if dt:
                 self._rate = rate
         output: FloatArray = np.maximum(wanted, low)
@@ -196,4 +224,5 @@ def _check_finite(numbers: FloatArray) -> None:
     if np.count_nonzero(finite) != finite.size:
         places = np.flatnonzero(~finite)
         more = f", and of {len(places) - 1} more" if len(places) > 1 else ""
-        raise RangeError(f"the setpoint, measurement or feed-forward of element {places[0]}{more} is not finite")
+        what = "a setting, or the setpoint, measurement or feed-forward"
+        raise RangeError(f"{what} of element {places[0]}{more} is not finite")

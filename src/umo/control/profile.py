@@ -7,6 +7,7 @@ from math import frexp, inf, isfinite
 from types import ModuleType
 from typing import Any, NamedTuple
 
+from umo.control.settings import check_numbers
 from umo.errors import RangeError
 
 
@@ -39,13 +40,25 @@ class Profile:
     """Of the lengths that ruckig is given. Its tolerances are absolute: with speeds of 1e5 it finds no profile for one
     in ten motions that are planned anew on the way. A power of two changes no digit."""
 
+    def __post_init__(self) -> None:
+        self.check_settings()
+
+    def check_settings(self) -> None:
+        """DeclarationError unless the limits are above 0."""
+        check_numbers(self, above_0=("velocity", "acceleration", "jerk"))
+
     def hold(self, position: float, velocity: float = 0.0) -> None:
-        """Set the position and velocity from which the profile goes on."""
+        """Set the position and velocity from which the profile goes on. RangeError if one is not finite."""
+        if not (isfinite(position) and isfinite(velocity)):
+            raise RangeError(f"no profile from {position!r} at {velocity!r} per s: both must be finite")
         self.setpoint = Setpoint(position, velocity, 0.0)
         self._duration = 0.0
 
     def shift(self, distance: float) -> None:
-        """The origin of the positions has moved: the setpoint changes by this distance, the motion goes on."""
+        """The origin of the positions has moved: the setpoint changes by this distance, the motion goes on. RangeError
+        if it is not finite."""
+        if not isfinite(distance):
+            raise RangeError(f"a profile cannot be shifted by {distance!r}")
         position, velocity, acceleration = self.setpoint
         self.setpoint = Setpoint(position + distance, velocity, acceleration)
         self._origin += distance
@@ -72,7 +85,7 @@ class Profile:
 
     def at(self, velocity: float) -> float:
         """Plan a profile from the current setpoint to a constant velocity, at most the largest speed; 0: to standstill.
-        The setpoint moves on at this velocity. Returns the duration in s until it is reached."""
+        The setpoint moves on at this velocity. Returns the duration in s until it is reached. RangeError for NaN."""
         plan = self._plan()
         plan.control_interface = _ruckig().ControlInterface.Velocity
         plan.target_velocity = [min(max(velocity, -self.velocity), self.velocity) * self._scale]
@@ -112,7 +125,7 @@ class Profile:
         the velocity. `dt` must not be negative; RangeError if it is not finite."""
         if self._duration:
             elapsed = self._elapsed + dt
-            if not elapsed < self._duration:  # NaN as well, with which ruckig would read beyond its memory
+            if not -inf < elapsed < self._duration:  # NaN as well, with which ruckig would read beyond its memory
                 return self._end(elapsed - self._duration)
             self._elapsed = elapsed
             scale = self._scale

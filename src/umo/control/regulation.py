@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import inf
 from typing import Generic, TypeVar
 
 from umo.control.inputs import Accept, value_of
+from umo.control.settings import check_numbers
+from umo.errors import DeclarationError, RangeError
 from umo.objects import BinaryActuator, DigitalSensor, TwoState
 
 S = TypeVar("S", bound=TwoState)
@@ -23,21 +26,35 @@ class Hysteresis(Generic[S]):
     low: float
     high: float
 
+    def __post_init__(self) -> None:
+        self.check_settings()
+
+    def check_settings(self) -> None:
+        """DeclarationError unless `low` and `high` are finite and in this order, and `raising` is a state of the
+        actuator."""
+        check_numbers(self, finite=("low", "high"))
+        if self.low > self.high:
+            raise DeclarationError(f"Hysteresis: low {self.low:g} is above high {self.high:g}")
+        if type(self.raising) is not self.actuator.states:
+            raise DeclarationError(f"Hysteresis: {self.raising!r} is not a state of {self.actuator.states.__name__}")
+
     @property
     def signals(self) -> Mapping[str, str]:
         return {"low": self.sensor.units, "high": self.sensor.units}
 
     def control(self, accept: Accept = ()) -> S:
-        """One period: read, compare, write. Returns the state written. Raises BadInput like every control law."""
+        """One period: read, compare, write. Returns the state that the actuator has accepted: its default while it is
+        inhibited. Raises BadInput like every control law, RangeError if the value is not finite."""
         value, actuator = value_of(self.sensor, accept), self.actuator
-        if value < self.low:
+        if self.low <= value <= self.high:
+            state = actuator.pending
+        elif -inf < value < self.low:
             state = self.raising
-        elif value > self.high:
+        elif self.high < value < inf:
             state = actuator.zero if self.raising is actuator.one else actuator.one
         else:
-            state = actuator.pending
-        actuator.write(state)
-        return state
+            raise RangeError(f"{self.sensor.path}: {value} is no value to regulate by")
+        return state if actuator.write(state) else actuator.pending
 
     @property
     def settled(self) -> bool:

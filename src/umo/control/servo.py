@@ -10,6 +10,7 @@ import numpy as np
 
 from umo.control.inputs import Accept, value_of
 from umo.control.pid import PID, VectorPID
+from umo.control.settings import check_numbers
 from umo.errors import DeclarationError
 from umo.objects import DigitalActuator, DigitalSensor, Vector
 from umo.objects.scaling import FloatArray
@@ -36,7 +37,12 @@ class Servo(PID):
     friction: float = 0.0
     """Actuator units that overcome dry friction; given with the sign of the setpoint velocity."""
     limit: float = inf
-    """Largest magnitude of the output. Default: the range of the actuator."""
+    """Largest distance of the output from the actuator's default. Default: the range of the actuator."""
+
+    def check_settings(self) -> None:
+        """As `PID.check_settings`; feed-forward, inertia and friction are finite, the limit is above 0."""
+        super().check_settings()
+        check_numbers(self, finite=("feed_forward", "inertia", "friction"), above_0=("limit",))
 
     @property
     def signals(self) -> Mapping[str, str]:
@@ -75,8 +81,9 @@ class Servo(PID):
         """The lowest and highest output of this period."""
         actuator = self.actuator
         low, high, rate = actuator._minimum, actuator._maximum, actuator._slew_rate  # the properties are calls
-        if self.limit < high or -self.limit > low:
-            low, high = max(low, -self.limit), min(high, self.limit)
+        if self.limit < inf:
+            rest = actuator._default
+            low, high = max(low, rest - self.limit), min(high, rest + self.limit)
         if rate is None or not dt:
             return low, high
         now, step = actuator.read(), rate * dt
@@ -99,6 +106,7 @@ class VectorServo(VectorPID):
     def __post_init__(self) -> None:
         if len(self.sensors) != len(self.actuators):
             raise DeclarationError(f"{len(self.sensors)} sensors for {len(self.actuators)} actuators")
+        super().__post_init__()
 
     @property
     def signals(self) -> Mapping[str, str]:

@@ -9,6 +9,7 @@ from types import MappingProxyType
 from umo.control.axis import Axis
 from umo.control.inputs import value_of
 from umo.control.servo import Servo
+from umo.control.settings import check_numbers
 from umo.errors import AxisError
 from umo.objects import DigitalActuator, Range
 
@@ -28,7 +29,8 @@ class ServoAxis(Axis):
             homing=EndStop(direction=-1, position=0.0), search_speed=20.0, stall=2.0, search_output=2.0,
         )
 
-    While the axis is not enabled, the motor is at its default. The gains are those of `Servo`.
+    While the axis is not enabled, the motor is at its default. The gains are those of `Servo`. After missed periods the
+    motion is planned anew from where the axis then is: it keeps its limits, and is later.
     """
 
     motor: DigitalActuator
@@ -40,11 +42,12 @@ class ServoAxis(Axis):
     inertia: float = 0.0
     friction: float = 0.0
     search_output: float = inf
-    """Largest output during homing, units of the motor: limits the force at an end stop."""
+    """Largest distance of the output from the motor's default during homing, units of the motor: limits the force at an
+    end stop."""
 
     def setup(self) -> None:
         super().setup()
-        self._check_positive("search_output")
+        check_numbers(self, above_0=("search_output",))
         self.servo = AxisServo(
             self.encoder,
             self.motor,
@@ -63,7 +66,11 @@ class ServoAxis(Axis):
             return
         if self._interrupted and self.motor.inhibited is None:
             self._go_on()
-        dt, servo = self.dt, self.servo
+        clock, servo = self._machine.clock, self.servo
+        dt = clock.dt
+        if clock.ticks > 1 and self._moving:
+            dt = clock.period
+            self._resume(dt)
         taken = servo.control(*self.profile.step(dt), dt=dt, accept=self._accept)
         beyond = abs(servo.error) > self.following_error and not self.searching
         if (beyond or not taken) and self.motor.inhibited is not None:
@@ -71,6 +78,21 @@ class ServoAxis(Axis):
         elif beyond:
             units = self.encoder.units
             raise AxisError(f"{self.path} does not follow: {servo.error:g} {units} behind its setpoint")
+
+    @property
+    def _moving(self) -> bool:
+        return bool(self.profile.setpoint.velocity) or not self.profile.done
+
+    def _resume(self, period: float) -> None:
+        """After missed periods, in which the axis has gone on under its last command: what it has moved on meanwhile
+        the setpoint moves too, and the motion is planned anew from there. So the command has no step and keeps its
+        limits. An axis that has not moved on has an error, as in any period."""
+        position, velocity, _ = self.profile.setpoint
+        expected = position - self.servo.error + velocity * period
+        distance = value_of(self.encoder, self._accept) - expected
+        if distance * velocity > 0.0:
+            self._shift(distance)
+            self._replan()
 
     @property
     def tunable(self) -> Mapping[str, Range]:  # type: ignore[override]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from umo.control.axis import Axis
 from umo.control.inputs import value_of
+from umo.control.settings import check_numbers
 from umo.control.stepping import STEPS_PER_PERIOD, Stepping
 from umo.cycle.sequences import wait
 from umo.errors import AxisError
@@ -36,7 +37,7 @@ class StepperAxis(Axis):
 
     def setup(self) -> None:
         super().setup()
-        self._check_positive("step_size", "rest_time")
+        check_numbers(self, above_0=("step_size", "rest_time"))
         self.stepping = Stepping(self.step, self.direction)
         self._offset = 0.0  # the position at which the step count is 0
         self._error = 0.0
@@ -87,7 +88,7 @@ class StepperAxis(Axis):
         self._offset += distance
 
     def _speed(self, wanted: float) -> float:
-        return min(wanted, self.velocity, STEPS_PER_PERIOD * self.step_size / self.period)
+        return min(wanted, self.profile.velocity, STEPS_PER_PERIOD * self.step_size / self.period)
 
     def _arrived(self, position: float) -> bool:
         return super()._arrived(position) and abs(self.commanded - position) <= self.step_size

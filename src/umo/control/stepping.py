@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import inf
 
+from umo.errors import RangeError
 from umo.objects import BinaryActuator, Rotation, UpDown
 
 STEPS_PER_PERIOD = 0.4
@@ -26,12 +28,15 @@ class Stepping:
     """Whether an interlock inhibits the outputs: this period's write was not taken."""
 
     def control(self, position: float) -> bool:
-        """One period towards `position` in steps; True once it is within half a step and the output is DOWN."""
+        """One period towards `position` in steps; True once it is within half a step and the output is DOWN. RangeError
+        if the position is not finite; then nothing is written."""
+        due = position - self.count
+        if not -inf < due < inf:
+            raise RangeError(f"{self.step.path}: {position} is no position to step to")
         self.refused = False
         if self.step.read() is UpDown.UP:
             self.step.write(UpDown.DOWN)
             return False
-        due = position - self.count
         if abs(due) <= 0.5:
             return True
         wanted = Rotation.CW if due > 0 else Rotation.CCW

@@ -23,6 +23,7 @@ from umo.system.custody import Custody
 from umo.text import Moment, cause_of
 from umo.wiring import Wired, resolve, share
 from umo.wiring.faults.wrapper import bare
+from umo.wiring.resolved import apply_parameters
 
 C = TypeVar("C", bound=Compound)
 
@@ -118,7 +119,7 @@ class connect(Generic[C]):
         try:
             for wire in self.wired.wires:
                 self._restore.append(wire.apply().apply)  # one by one: the next may fail
-            self._set_parameters()
+            apply_parameters(self.root, self.wired.parameters, self._restore.append)
             clock = WallClock() if self.wired.period is None else Clock(self.wired.period)
             if self.wired.injection is not None:
                 self.wired.injection.clock = clock
@@ -155,18 +156,6 @@ class connect(Generic[C]):
         """The time of the run; None before its first period."""
         clock = self.machine.clock
         return Moment.at(clock.now) if clock.number else None
-
-    def _set_parameters(self) -> None:
-        """Fields first: `setup` may make control laws of them; then the numbers of the laws."""
-        parameters = sorted(self.wired.parameters, key=lambda each: bool(each.law))
-        fields = [each for each in parameters if not each.law]
-        for parameter in fields:
-            self._restore.append(parameter.apply().apply)
-        if fields or self.root._parametrised:
-            self.root._parametrised = bool(fields)
-            self.root._set_up()
-        for parameter in parameters[len(fields) :]:
-            self._restore.append(parameter.apply().apply)
 
     def _start(self) -> None:
         transfer = self.image.transfer

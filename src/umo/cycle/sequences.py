@@ -14,8 +14,8 @@ from collections.abc import Awaitable, Callable, Coroutine, Generator
 from types import CoroutineType, coroutine
 from typing import Any, Protocol
 
+from umo.duration import seconds as in_seconds
 from umo.errors import Cancelled, TaskFailed, TimeExpired
-from umo.objects.units import seconds as in_seconds
 from umo.text import in_brackets, located, place_among, shown_path
 from umo.user_code import is_interrupt
 

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 
-from umo.errors import WiringError
-
-_DURATION = re.compile(r"([0-9]+(?:\.[0-9]+)?) ?(us|ms|s)")
-_UNITS = {"us": 1e-6, "ms": 1e-3, "s": 1.0}
+from umo.duration import seconds
+from umo.errors import DeclarationError, WiringError
 
 
 def within(name: str, value: int, least: int, most: int, why: str = "") -> None:
@@ -23,8 +20,10 @@ def one_of(name: str, value: object, known: Sequence[object]) -> None:
 
 def duration(name: str, value: str | float) -> float:
     """s, from a number or a text such as "200 ms"; up to an hour."""
-    match = _DURATION.fullmatch(value) if isinstance(value, str) else None
-    seconds = float(match[1]) * _UNITS[match[2]] if match else value
-    if isinstance(seconds, bool) or not isinstance(seconds, int | float) or not 0.0 < seconds <= 3600.0:
+    try:
+        found = seconds(value)
+    except DeclarationError:
+        found = 0.0
+    if not 0.0 < found <= 3600.0:
         raise WiringError(f'{name} must be a time such as "200 ms", above 0 and up to an hour, not {value!r}')
-    return float(seconds)
+    return found

@@ -100,12 +100,7 @@ class Argument:
                 raise StateError(f"{name}: {value!r} is not one of {known}{did_you_mean(str(value), self.choices)}")
             return self.choices[value]
         if self.range is not None:
-            number = self.range.check(name, value)
-            if self.kind != "integer":
-                return number
-            if number != int(number):
-                raise RangeError(f"{name}: {value!r} is not a whole number")
-            return int(number)
+            return (self.range.check_whole if self.kind == "integer" else self.range.check)(name, value)
         if type(value) is not (bool if self.kind == "bool" else str):
             raise StateError(f"{name}: {value!r} is not {'true or false' if self.kind == 'bool' else 'a text'}")
         return value

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Literal
 
 from umo.drivers.contract import Direction
+from umo.duration import seconds
 from umo.errors import DeclarationError, RangeError
 from umo.objects.atomic import Binary, Digital, S, _finite
 from umo.objects.linearization import Linearization
-from umo.objects.units import seconds
 
 
 class BinaryActuator(Binary[S]):

@@ -77,6 +77,8 @@ class Clock(Protocol):
 
     period: float
     dt: float
+    ticks: int
+    """Those that the last read of the timer consumed; above 1: periods were missed."""
 
     @property
     def now(self) -> float: ...

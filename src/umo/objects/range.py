@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import isfinite
+from sys import float_info
 from typing import TYPE_CHECKING, Any
 
 from umo.errors import DeclarationError, RangeError
@@ -37,11 +38,26 @@ class Range:
 
     def check(self, name: str, value: object) -> float:
         """The value as a float; RangeError if it is not a finite number within the range."""
-        if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
-            raise RangeError(f"{name}: {value!r} is not a number{f' in {self.unit}' if self.unit else ''}")
+        return float(self.checked(name, value))
+
+    def check_whole(self, name: str, value: object) -> int:
+        """The value as an int, exactly; RangeError if it is not a whole number within the range."""
+        number = self.checked(name, value)
+        if number != int(number):
+            raise RangeError(f"{name}: {value!r} is not a whole number")
+        return int(number)
+
+    def checked(self, name: str, value: object) -> float:
+        """The value as it is, an int or a float that a float can express; RangeError as `check`."""
+        unit = f" {self.unit}" if self.unit else ""
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise RangeError(f"{name}: {value!r} is not a number{unit and ' in' + unit}")
+        if not -float_info.max <= value <= float_info.max:
+            what = repr(value) if isinstance(value, float) else "an integer beyond all floats"
+            raise RangeError(f"{name}: {what} is not a number{unit and ' in' + unit}")
         if not self.minimum <= value <= self.maximum:
-            raise RangeError(f"{name}: {value:g}{f' {self.unit}' if self.unit else ''} is {self._outside(value)}")
-        return float(value)
+            raise RangeError(f"{name}: {value:g}{unit} is {self._outside(value)}")
+        return value
 
     def _outside(self, value: float) -> str:
         if isfinite(self.minimum) and isfinite(self.maximum):

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from typing import Literal, TypeAlias, get_args
 
 from umo.drivers.contract import Direction
+from umo.duration import seconds
 from umo.errors import BadInput, DeclarationError
 from umo.objects.atomic import Binary, Digital, S
 from umo.objects.linearization import Linearization
 from umo.objects.quality import Quality
-from umo.objects.units import seconds
 
 OnError: TypeAlias = Literal["raise", "hold", "mark"]
 """What a failed reading does."""

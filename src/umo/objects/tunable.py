@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
-from umo.errors import DeclarationError
+from umo.errors import DeclarationError, RangeError
 from umo.objects.compound import Compound
 from umo.objects.range import Range
+from umo.objects.settings import as_declared, check_settings
 from umo.text import did_you_mean
 from umo.user_code import read_numbers, told_as
 
@@ -26,8 +27,15 @@ class Tunable(NamedTuple):
         return read_numbers([self])[0]
 
     def set(self, value: object) -> None:
-        """RangeError if the value is not a number within the range."""
-        setattr(self.owner, self.name, self.range.check(self.path, value))
+        """RangeError if the value is not a number within the range, or its owner does not accept it; then the number is
+        what it was."""
+        number, before = self.range.checked(self.path, value), getattr(self.owner, self.name)
+        try:
+            setattr(self.owner, self.name, as_declared(self.owner, self.name, number))
+            check_settings(self.owner)
+        except (DeclarationError, RangeError) as error:
+            setattr(self.owner, self.name, before)
+            raise RangeError(f"{self.path}: {error}") from None
 
     def describe(self) -> dict[str, Any]:
         """As plain data."""

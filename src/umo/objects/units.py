@@ -29,8 +29,6 @@ def registry() -> UnitRegistry[Any]:
     return units
 
 
-_DURATION = re.compile(r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*([^\W\d]+)")  # pint would calculate "9**9**9 s"
-
 _NAME = r"(?:[^\W\d⁰¹²³⁴-⁹]|[°%Δ])[^\W⁰¹²³⁴-⁹]*°?[^\W\d⁰¹²³⁴-⁹]*"
 _POWER = r"(?:\s*(?:\*\*|\^)\s*[-+]?\d\d?(?:\.\d)?|⁻?[⁰¹²³⁴-⁹]{1,2})?"
 _FACTOR = rf"(?:1|{_NAME}{_POWER})"
@@ -94,20 +92,3 @@ def convert(value: float, source: str, target: str) -> float:
     if math.isfinite(value) and not math.isfinite(converted):
         raise RangeError(f"{value:g} {source} cannot be expressed in {target}")
     return float(f"{converted:.{DIGITS}g}")
-
-
-def seconds(duration: str | float) -> float:
-    """A duration in s, from a number of seconds or a text such as "20 ms"; finite and not negative."""
-    try:
-        if isinstance(duration, str):
-            number, unit = _DURATION.fullmatch(duration.strip()).groups()  # type: ignore[union-attr]
-            value = convert(float(number), unit, "s")
-        elif isinstance(duration, bool):
-            raise TypeError
-        else:
-            value = float(duration)
-    except (AttributeError, TypeError, ValueError, OverflowError):
-        raise DeclarationError(f'{duration!r} is not a duration; write for example "20 ms"') from None
-    if not math.isfinite(value) or value < 0:
-        raise DeclarationError(f"{duration!r} is not a duration: it must be finite and not negative")
-    return value

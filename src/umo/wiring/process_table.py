@@ -6,8 +6,8 @@ import dataclasses
 from typing import Any
 
 from umo.drivers.contract import LONGEST_TIMEOUT
+from umo.duration import seconds
 from umo.errors import DeclarationError
-from umo.objects.units import seconds
 from umo.wiring.resolved import AT_NEXT_TICK, AT_ONCE, Process, Wired
 from umo.wiring.source import WiringSource
 

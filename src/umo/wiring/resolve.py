@@ -18,12 +18,14 @@ from typing import TYPE_CHECKING, Any
 
 from umo.drivers import registry
 from umo.drivers.contract import INT64, LONGEST_TIMEOUT, Channel, Direction, Driver
-from umo.errors import DeclarationError, Fault, WiringError
+from umo.duration import seconds
+from umo.errors import DeclarationError, Fault, RangeError, WiringError
 from umo.objects import Atomic, BinaryActuator, Compound, Digital, DigitalActuator, DigitalSensor, Node
 from umo.objects.atomic import Calibration
 from umo.objects.linearization import fitted, from_table
 from umo.objects.scaling import to_raw
-from umo.objects.units import check_unit, seconds
+from umo.objects.settings import as_declared
+from umo.objects.units import check_unit
 from umo.system.packages import station_of
 from umo.text import cause_of, reason_of
 from umo.wiring.faults.binding import inject
@@ -433,9 +435,13 @@ class _Resolver:
         if key not in known:
             self.source.fault(f"parameters.{key!r}", f"no such parameter{self.source.near(key, known)}")
             return None
-        owner, law, name, now = known[key]
-        whole = isinstance(value, int) and isinstance(now, int)
-        return Parameter(owner, law, name, value if whole else float(value))
+        owner, law, name = known[key]
+        try:
+            number = as_declared(getattr(owner, law) if law else owner, name, value)
+        except RangeError as error:
+            self.source.fault(f"parameters.{key!r}", str(error))
+            return None
+        return Parameter(owner, law, name, number)
 
 
 def _unfit(period: float, node: Node) -> str:
@@ -451,8 +457,8 @@ def _unfit(period: float, node: Node) -> str:
     return ""
 
 
-Known = dict[str, tuple[Compound, str, str, float]]
-"""By path: owner, control law (or empty), name and value of a number that a wiring may set."""
+Known = dict[str, tuple[Compound, str, str]]
+"""By path: owner, control law (or empty) and name of a number that a wiring may set."""
 
 
 def _parameters(root: Compound) -> Known:
@@ -462,20 +468,20 @@ def _parameters(root: Compound) -> Known:
         if not isinstance(node, Compound):
             continue
         prefix = f"{node.path}." if node.path else ""
-        found |= {f"{prefix}{name}": (node, "", name, value) for name, value in _numbers(node).items()}
+        found |= {f"{prefix}{name}": (node, "", name) for name in _numbers(node)}
         for name, law in vars(node).items():
             if not name.startswith("_") and dataclasses.is_dataclass(law) and not isinstance(law, Compound):
-                found |= {f"{prefix}{name}.{key}": (node, name, key, value) for key, value in _numbers(law).items()}
+                found |= {f"{prefix}{name}.{key}": (node, name, key) for key in _numbers(law)}
     return found
 
 
-def _numbers(thing: Any) -> dict[str, float]:
+def _numbers(thing: Any) -> list[str]:
     values = ((field.name, getattr(thing, field.name, None)) for field in dataclasses.fields(thing) if field.init)
-    return {
-        name: value
+    return [
+        name
         for name, value in values
         if isinstance(value, int | float) and not isinstance(value, bool) and not name.startswith("_")
-    }
+    ]
 
 
 def _all_simulated(items: Mapping[str, Atomic]) -> dict[str, Any]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from umo.drivers.contract import Channel, Driver, PhysicalScale
 from umo.errors import DeclarationError, RangeError
@@ -10,6 +12,7 @@ from umo.objects import Compound
 from umo.objects.atomic import Atomic, Binary, Calibration, Digital
 from umo.objects.linearization import Linearization
 from umo.objects.scaling import raw_bounds, to_raw, to_value
+from umo.objects.settings import check_settings
 from umo.objects.units import convert
 from umo.wiring.faults.wrapper import Injection
 
@@ -134,12 +137,43 @@ class Parameter:
     name: str
     value: float
 
+    @property
+    def thing(self) -> Any:
+        """What has the number."""
+        return getattr(self.owner, self.law) if self.law else self.owner
+
     def apply(self) -> Parameter:
         """Set it; returns the parameter that restores what it was."""
-        thing = getattr(self.owner, self.law) if self.law else self.owner
+        thing = self.thing
         before = replace(self, value=getattr(thing, self.name))
         setattr(thing, self.name, self.value)
         return before
+
+    @property
+    def path(self) -> str:
+        return ".".join(filter(None, (self.owner.path, self.law, self.name)))
+
+
+def apply_parameters(
+    root: Compound, parameters: Iterable[Parameter], undo: Callable[[Callable[[], object]], object]
+) -> None:
+    """Fields first: `setup` may make control laws of them; then the numbers of the laws. `undo` is given, one by one,
+    what restores each. DeclarationError if `setup` or a law does not accept them."""
+    each = sorted(parameters, key=lambda parameter: bool(parameter.law))
+    fields = [parameter for parameter in each if not parameter.law]
+    for parameter in fields:
+        undo(parameter.apply().apply)
+    if fields or root._parametrised:
+        root._parametrised = bool(fields)
+        root._set_up()
+    laws = each[len(fields) :]
+    for parameter in laws:
+        undo(parameter.apply().apply)
+    for parameter in laws:  # when all are set: they may depend on one another
+        try:
+            check_settings(parameter.thing)
+        except (DeclarationError, RangeError) as error:
+            raise DeclarationError(f"the wiring's parameter {parameter.path}: {error}") from None
 
 
 AT_ONCE, AT_NEXT_TICK = "at once", "at next tick"

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from umo.drivers.contract import Driver
+from umo.duration import seconds
 from umo.errors import DeclarationError, Fault
-from umo.objects.units import seconds
 from umo.system.packages import package_of, station_of
 from umo.text import did_you_mean, located
 

@@ -7,7 +7,8 @@ from collections.abc import Hashable
 from dataclasses import dataclass, replace
 
 from umo.drivers.contract import Channel, Direction
-from umo.errors import ChannelError, WiringError
+from umo.duration import seconds
+from umo.errors import ChannelError, DeclarationError, WiringError
 
 FORMS = (
     "line:N",
@@ -26,8 +27,6 @@ COUNT_BITS = 63
 _NUMBER = re.compile(r"0|[1-9][0-9]{0,4}")
 _RANGE = re.compile(r"(0|[1-9][0-9]{0,4})-(0|[1-9][0-9]{0,4})")
 _EDGES = re.compile(rf"(.+?)(?::({'|'.join(EDGES)}))?")
-_DURATION = re.compile(r"([0-9]+(?:\.[0-9]+)?) ?(us|ms|s)")
-_MICROSECONDS = {"us": 1, "ms": 1_000, "s": 1_000_000}
 _LONGEST_DEBOUNCE = 2**32 - 1
 
 
@@ -108,9 +107,12 @@ def _with(settings: Settings, word: str, text: str) -> Settings:
 
 
 def _microseconds(text: object) -> int | None:
-    match = _DURATION.fullmatch(text) if isinstance(text, str) else None
-    period = round(float(match[1]) * _MICROSECONDS[match[2]]) if match else None
-    return None if period is None or period > _LONGEST_DEBOUNCE else period
+    """None for what is not a duration, or too long."""
+    try:
+        period = round(seconds(text) * 1e6) if isinstance(text, str) else -1
+    except DeclarationError:
+        return None
+    return period if 0 <= period <= _LONGEST_DEBOUNCE else None
 
 
 def _line(place: str, text: str) -> int | str:

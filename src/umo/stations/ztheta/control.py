@@ -136,6 +136,7 @@ class Manipulator(Compound):
     @action(angle=lambda m: Range.of(m.theta.encoder))
     async def ready(self, angle: float) -> None:
         """Up, out of the courier's way, and turned to where parts are picked."""
+        self.theta.check_target(angle)
         await self.z.move_to(self.transit_height)
         await together(self.theta.move_to(angle), wait(self.courier_time))
 

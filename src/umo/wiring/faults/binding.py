@@ -9,10 +9,11 @@ from math import inf
 from typing import Any
 
 from umo.drivers.contract import Direction, Driver
+from umo.duration import seconds
 from umo.errors import DeclarationError
 from umo.objects.atomic import Binary
 from umo.objects.scaling import to_raw
-from umo.objects.units import convert, seconds
+from umo.objects.units import convert
 from umo.text import did_you_mean
 from umo.wiring.faults import effects
 from umo.wiring.faults.effects import Effect, Shift, limited

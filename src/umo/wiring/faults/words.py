@@ -6,8 +6,8 @@ import re
 from dataclasses import dataclass
 from math import inf
 
+from umo.duration import seconds
 from umo.errors import DeclarationError
-from umo.objects.units import seconds
 from umo.text import did_you_mean
 
 KINDS = {

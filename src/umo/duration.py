@@ -1,0 +1,48 @@
+"""The one grammar of durations: a number of seconds, or a text such as "20 ms", "0.2 seconds", "1e-3 s"."""
+
+from __future__ import annotations
+
+import math
+import re
+
+from umo.errors import DeclarationError
+
+_TEXT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\W\d_]+)\s*")
+_PER_SECOND = {
+    **dict.fromkeys(("ns", "nanosecond", "nanoseconds"), 1e9),
+    **dict.fromkeys(("us", "µs", "μs", "microsecond", "microseconds"), 1e6),
+    **dict.fromkeys(("ms", "millisecond", "milliseconds"), 1e3),
+    **dict.fromkeys(("s", "sec", "second", "seconds"), 1.0),
+}
+_SECONDS = {
+    **dict.fromkeys(("min", "minute", "minutes"), 60.0),
+    **dict.fromkeys(("h", "hr", "hour", "hours"), 3_600.0),
+    **dict.fromkeys(("d", "day", "days"), 86_400.0),
+}
+
+
+def seconds(duration: str | float) -> float:
+    """A duration in s; finite and not negative. DeclarationError for anything else."""
+    try:
+        value = _of_text(duration) if isinstance(duration, str) else _of_number(duration)
+    except (TypeError, ValueError, OverflowError):
+        raise DeclarationError(f'{duration!r} is not a duration; write for example "20 ms"') from None
+    if not math.isfinite(value) or value < 0:
+        raise DeclarationError(f"{duration!r} is not a duration: it must be finite and not negative")
+    return value
+
+
+def _of_text(text: str) -> float:
+    match = _TEXT.fullmatch(text)
+    if match is None or (unit := match[2]) not in (*_PER_SECOND, *_SECONDS):
+        raise ValueError
+    number = float(match[1])
+    return (
+        number * _SECONDS[unit] if unit in _SECONDS else number / _PER_SECOND[unit]
+    )  # 9 us: not 8.999999999999999e-06
+
+
+def _of_number(number: float) -> float:
+    if isinstance(number, bool):
+        raise TypeError
+    return float(number)
