@@ -149,9 +149,9 @@ def _write_summary(result: Result, summary: Path) -> bool:
 
 def _plot(title: str, trace: Trace, folder: RunFolder, signals: Interruptions) -> str:
     """Draw the plot, which takes seconds; what it does not show. A failure, or Ctrl-C, costs the plot alone."""
-    err.print("umo: drawing the plot; Ctrl-C leaves it out (--no-plot: always)")
     try:
         with whole(folder.path / "plot.png") as file, signals.allowed():
+            err.print("umo: drawing the plot; Ctrl-C leaves it out (--no-plot: always)")
             from .plot import save_plot
 
             rest = save_plot(trace, file, title)
