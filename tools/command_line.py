@@ -36,6 +36,21 @@ A **station** is named by its folder, or by the name of one that ships with umo.
 pid, its folder, or its name, wherever its folder is; `umo ps` lists them. A **wiring** (`-w`) is one of the station's
 by name, or a file. A **time** is a number of seconds, or has a unit: `"5 min"`. What follows the name of a station,
 such as `--seed 7`, are the station's own options: `umo run STATION --help` shows them.
+
+## What a run leaves behind
+
+`umo run` makes the folder `runs/STATION-DATE-TIME` in the current folder.
+
+| file | |
+| --- | --- |
+| `run.json` | what is run: station, wiring, options, start; from the beginning |
+| `trace.csv` | a row a period, of a long run every second, fourth and so on; in real time it grows during the run |
+| `summary.json` | what the table at the end shows, as data |
+| `plot.png` | the trace as a picture (`--no-plot` draws none, Ctrl-C leaves it out) |
+| `failure.txt` | the whole traceback of a run that failed |
+
+Each file is whole or not there. Only a run whose `umo run` was killed leaves a trace that ends before the run did, and
+no summary.
 """
 
 

@@ -7,7 +7,8 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-from umo.errors import RangeError, StateError
+from umo.duration import seconds
+from umo.errors import DeclarationError, RangeError, StateError
 from umo.objects.units import convert
 from umo.text import did_you_mean
 
@@ -28,10 +29,13 @@ def number(name: str, text: str, unit: str) -> float:
 
 
 def duration(name: str, text: str) -> float:
-    """A time in s, from a number of seconds or a text such as "5 min"; RangeError if it is none, or not above 0."""
-    value = number(name, text, "s")
-    if value <= 0:
-        raise RangeError(f"{name}: {text} is not a time above 0 s")
+    """A time in s, from a number of seconds or a text such as "5 min"; RangeError if it is none, or 0."""
+    try:
+        value = seconds(float(text) if re.fullmatch(r"\s*[-+.\deE]+\s*", text) else text)
+    except (DeclarationError, ValueError) as error:
+        raise RangeError(f"{name}: {error}") from None
+    if not value:
+        raise RangeError(f"{name}: it must be more than 0 s")
     return value
 
 
