@@ -91,6 +91,7 @@ NAMES = {
         "Input",
         "Judgement",
         "Output",
+        "Plan",
         "PtyTap",
         "Rule",
         "Subject",

@@ -107,8 +107,11 @@ class Device:
             client.close()
 
     def answer(self, request: bytes) -> bytes:
-        """To one whole request."""
-        number, function, count = HEADER.unpack_from(request)
+        """To one whole request; to one whose checksum is wrong status 3."""
+        number, function, count = HEADER.unpack_from(request.ljust(HEADER.size, b"\0"))
+        body, check = request[: -CHECK.size], request[-CHECK.size :]
+        if len(request) != size(count) or check != CHECK.pack(zlib.crc32(body) & 0xFFFF):
+            return frame(number, function | FAILED, [(3, 0)] * count)
         if monotonic() - self._heard > self._watchdog:
             self.raws |= self._defaults
         self._heard = monotonic()

@@ -168,21 +168,43 @@ def conform(
     tolerance: Annotated[
         float, typer.Option(min=0.0, callback=finite, help="Of loop-backs, in the unit of the output.")
     ] = 0.0,
-    cycles: Annotated[int, typer.Option(min=1, help="Transfers in the search for leaks.")] = 10_000,
+    steady: Annotated[
+        list[str] | None,
+        typer.Option(metavar="CHANNEL", help="An input that does not change by itself meanwhile. Can be repeated."),
+    ] = None,
+    unstructured: Annotated[
+        bool, typer.Option("--unstructured", help="Any bytes are an answer of this device: no header, no line end.")
+    ] = False,
+    minutes: Annotated[float, typer.Option(min=0.05, callback=finite, help="What it may take.")] = 2.0,
     json_file: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the certificate to this file.")
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Drive the outputs without asking.")] = False,
     acknowledge: Acknowledge = False,
 ) -> None:
-    """Prove that a driver keeps its contract, with its device. Exit status 1: it breaks a rule.
+    """Prove that a driver keeps its contract, with its device.
+
+    Exit status 0: all is well. 1: a rule is broken, or an output is not at its default. 2: a mistake, or no consent. 3: no
+    rule is broken, but the line could not be disturbed, or something was left out for want of time.
 
     The outputs are driven over the ranges of their objects, after you have agreed to it; all go to their defaults at
     the end. A driver with the options host and port, or serial, is also tested with a disturbed line to its device.
     """
     from .conform import Choice, conform_wiring
 
-    choice = Choice(driver, only or (), loopback or (), refused or (), tolerance, cycles, json_file, yes, acknowledge)
+    choice = Choice(
+        driver=driver,
+        only=only or (),
+        loopbacks=loopback or (),
+        refused=refused or (),
+        steady=steady or (),
+        structured=not unstructured,
+        tolerance=tolerance,
+        minutes=minutes,
+        json=json_file,
+        yes=yes,
+        acknowledge=acknowledge,
+    )
     guarded(lambda: conform_wiring(target, wiring, choice, context.args))
 
 

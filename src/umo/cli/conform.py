@@ -36,6 +36,8 @@ from .progress_line import OneLine
 from .station_options import machine_of
 
 ALMOST = 1e-9
+IN_PART = 3
+"""Exit status: no rule is broken, but the line was not tried, or the time was too short."""
 
 
 @dataclass(frozen=True)
@@ -46,15 +48,17 @@ class Choice:
     only: Sequence[str] = ()
     loopbacks: Sequence[str] = ()
     refused: Sequence[str] = ()
+    steady: Sequence[str] = ()
+    structured: bool = True
     tolerance: float = 0.0
-    cycles: int = 10_000
+    minutes: float = 2.0
     json: Path | None = None
     yes: bool = False
     acknowledge: bool = False
 
 
 def conform_wiring(target: str, wiring: str | None, choice: Choice, arguments: Sequence[str] = ()) -> int:
-    """Try the rules; status 0: all passed or could not be tried, 1: one is broken."""
+    """Try the rules; status 0: none is broken, 1: one is, 3: the line was not tried or the time was short."""
     station, wiring = _station(target, wiring)
     file = station.wiring(wiring)
     machine = machine_of(station, arguments)
@@ -68,12 +72,14 @@ def conform_wiring(target: str, wiring: str | None, choice: Choice, arguments: S
         _consent(subject, wires, devices, choice.yes)
         with _line(subject, maker_of(file, name)) as tapped:
             _check_opens(tapped, name)
-            certificate = _driven(tapped, choice.cycles)
+            certificate = _driven(tapped, choice.minutes)
         stopped += certificate.unreached
     out.print(certificate.table())
     if choice.json is not None:
         choice.json.write_text(certificate.to_json(), encoding="utf-8")
-    return 0 if certificate.passed else FAILED
+    if not certificate.passed:
+        return FAILED
+    return 0 if certificate.whole else IN_PART
 
 
 def _station(target: str, wiring: str | None) -> tuple[Station, str | None]:
@@ -130,18 +136,20 @@ def _subject(
     inputs = [wire for wire in wires if wire.item.direction is not Direction.OUTPUT]
     loops = [_loop(wires, text) for text in choice.loopbacks]
     by_text = {wire.channel.text: wire for wire in wires}
+    steady = [_wire(inputs, text) for text in choice.steady]
     driver = wired.drivers[name]
     return Subject(
         name="-".join([station.name, *([file.stem] if file else []), name]),
         make=_maker(maker_of(file, name)),
         outputs=tuple(_output(wire) for wire in outputs),
-        inputs=tuple(Input(wire.channel.text, steady=False) for wire in inputs),
+        inputs=tuple(Input(wire.channel.text, steady=wire in steady) for wire in inputs),
         loopbacks=tuple((one.channel.text, other.channel.text) for one, other in loops),
         timeout=driver.timeout,
         device=", ".join(wired.hardware.get(name, ())),
         period=driver.period,
         refused=_refused(driver, wired, choice.refused),
         agree=partial(_agree, by_text, choice.tolerance),
+        structured=choice.structured,
     )
 
 
@@ -176,14 +184,18 @@ def _loop(wires: Sequence[Wire], text: str) -> tuple[Wire, Wire]:
 
 
 def _agree(wires: dict[str, Wire], tolerance: float, output: str, raw: int, back: str, level: int) -> bool:
-    """Whether both mean one value, within half a resolution of each and the tolerance, in the output's unit."""
+    """Whether both mean one value, by less than half a resolution of each and the tolerance, in the output's unit. An
+    output that is read back has the same raw level."""
     one, other = wires[output], wires[back]
     if not isinstance(one.item, Digital) or not isinstance(other.item, Digital):
         return raw == level
+    if output == back:
+        return abs(one.value(level) - one.value(raw)) <= tolerance
     value, seen, half = one.value(raw), other.value(level), abs(other.scale[0]) / 2
     units = other.item.units, one.item.units
     near = abs(convert(seen, *units) - value)
-    return near <= tolerance + abs(convert(half, *units) - convert(0.0, *units)) + abs(one.scale[0]) / 2 + ALMOST
+    halves = abs(convert(half, *units) - convert(0.0, *units)) + abs(one.scale[0]) / 2
+    return near < tolerance + halves * (1 - ALMOST)
 
 
 # Before and after -------------------------------------------------------------------------------------
@@ -288,25 +300,26 @@ def _check_opens(subject: Subject, name: str) -> None:
         driver.close()
 
 
-def _driven(subject: Subject, cycles: int) -> Certificate:
+def _driven(subject: Subject, minutes: float) -> Certificate:
     """As `_shown`; what a signal leaves behind is said."""
     try:
-        return _shown(subject, cycles)
+        return _shown(subject, minutes)
     except KeyboardInterrupt:
         state = "every output is at its default" if subject.outputs else "no output was driven"
         err.print(f"umo: stopped; {state}", soft_wrap=True)
         raise
 
 
-def _shown(subject: Subject, cycles: int) -> Certificate:
-    """The certificate; a line of progress meanwhile. What writes to inputs is left out if nothing may be driven."""
+def _shown(subject: Subject, minutes: float) -> Certificate:
+    """The certificate; first what it will take, then a line of progress. What writes to inputs is left out if nothing may be driven."""
     began = time.monotonic()
     only = None if subject.outputs else [rule.id for rule in all_rules() if rule.id != "directions"]
     with OneLine(err) as line:
         return conform(
             subject,
             only=only,
-            cycles=cycles,
+            minutes=minutes,
+            plan=lambda plan: err.print(f"umo: {plan}", soft_wrap=True),
             progress=(lambda rule, share: line.show(time.monotonic() - began, rule, share))
             if err.is_terminal
             else None,

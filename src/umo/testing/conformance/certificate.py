@@ -11,6 +11,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from umo.testing.conformance.rules import LINE
+from umo.text import in_brackets, some
+
 WIDTH = 140
 
 
@@ -33,6 +36,7 @@ class Finding:
     text: str
     verdict: Judgement
     why: str = ""
+    theme: str = ""
 
 
 @dataclass(frozen=True)
@@ -59,7 +63,8 @@ class Certificate:
     times: dict[str, TransferTime] = field(default_factory=dict)
     unreached: tuple[str, ...] = ()
     """Outputs that could not be brought to their defaults at the end."""
-    cycles: int = 0
+    left_out: tuple[str, ...] = ()
+    """What did not fit into the time."""
     date: str = ""
     versions: dict[str, str] = field(default_factory=dict)
     platform: str = ""
@@ -75,6 +80,25 @@ class Certificate:
     def failed(self) -> tuple[Finding, ...]:
         return tuple(each for each in self.findings if each.verdict is Judgement.FAILED)
 
+    @property
+    def line_tried(self) -> bool:
+        """Whether any of the rules that disturb the line could be tried, or none was chosen."""
+        line = [each for each in self.findings if each.theme in LINE]
+        return not line or any(each.verdict is not Judgement.NOT_TRIED for each in line)
+
+    @property
+    def whole(self) -> bool:
+        """Passed, with a disturbed line, and nothing was left out for want of time."""
+        return self.passed and self.line_tried and not self.left_out
+
+    @property
+    def status(self) -> str:
+        """In words."""
+        if not self.passed:
+            return "FAILED"
+        gaps = ["" if self.line_tried else "the line was not tried", "cut short" if self.left_out else ""]
+        return f"passed{in_brackets(*gaps)}"
+
     def finding(self, rule: str) -> Finding:
         """The finding on this rule; KeyError if it was not chosen."""
         return {each.rule: each for each in self.findings}[rule]
@@ -83,11 +107,12 @@ class Certificate:
     def summary(self) -> str:
         """One line."""
         counts = [(sum(each.verdict is verdict for each in self.findings), verdict.value) for verdict in Judgement]
-        return f"{self.name}: {', '.join(f'{count} {what}' for count, what in counts)}"
+        return f"{self.name}: {self.status}; {', '.join(f'{count} rules {what}' for count, what in counts)}"
 
     def table(self) -> Table:
         """For a rich console."""
-        table = Table(title=f"{self.name}: {', '.join(self.devices) or 'no device'}", title_justify="left")
+        devices = ", ".join(self.devices) or "no device"
+        table = Table(title=f"{self.name}: {self.status}, on {devices}", title_justify="left")
         for heading in ("rule", "verdict", "finding"):
             table.add_column(heading, overflow="fold")
         for each in self.findings:
@@ -96,6 +121,12 @@ class Certificate:
         for kind, time in self.times.items():
             figures = f"median {time.median * 1e6:.0f} us, p99 {time.p99 * 1e6:.0f} us, {time.count} calls"
             table.add_row(f"time of {kind}", "", figures)
+        if self.left_out:
+            table.add_row("left out", "", "for want of time: " + "; ".join(self.left_out))
+        if self.unreached:
+            table.add_row(
+                "end", Text("failed", STYLES[Judgement.FAILED]), f"not at the default: {some(self.unreached)}"
+            )
         table.caption = f"{self.summary}; {self.date}, {', '.join(f'{k} {v}' for k, v in self.versions.items())}"
         table.caption_justify = "left"
         return table

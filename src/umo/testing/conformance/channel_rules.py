@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from umo.drivers.contract import Channel, Direction
+from typing import Any
+
+from umo.drivers.contract import Channel, Direction, Driver
 from umo.errors import ChannelError
-from umo.testing.conformance.rules import RuleBroken, rule
+from umo.testing.conformance.rules import Cost, RuleBroken, rule
 from umo.testing.conformance.trial import Trial
 from umo.text import reported
 
 UNKNOWN = "no such channel \N{REPLACEMENT CHARACTER}"
 
 
-@rule("channels", "A channel's text means one channel of fixed direction and bits; another text raises ChannelError.")
+@rule("channels", "A channel's text means one channel of fixed direction and bits; another text raises ChannelError.",
+      Cost(opens=0, each=0))  # fmt: skip
 def channels(trial: Trial) -> None:
     probe, other = trial.new(), trial.new()
     for text in trial.channels:
@@ -26,15 +29,28 @@ def channels(trial: Trial) -> None:
             raise RuleBroken(f"{each.channel} is an input")
         if not channel.lowest <= each.least <= each.greatest <= channel.highest:
             raise RuleBroken(f"{each.channel} takes {channel.lowest} to {channel.highest}, not {each.greatest}")
+    _check_unknown(trial, probe.driver)
+
+
+def _check_unknown(trial: Trial, driver: Driver[Any]) -> None:
+    """A driver may take any text. One that does not must not take a part of a text for the whole."""
+    taken = [text for text in (UNKNOWN, *(text + UNKNOWN[-1] for text in trial.channels[:1])) if _takes(driver, text)]
+    if taken and UNKNOWN not in taken:
+        raise RuleBroken(f"the channel {taken[0]!r} was taken for {trial.channels[0]!r}")
+
+
+def _takes(driver: Driver[Any], text: str) -> bool:
     try:
-        probe.driver.channel(UNKNOWN)
+        driver.channel(text)
     except ChannelError:
-        return
+        return False
     except BaseException as error:
         raise RuleBroken(f"an unknown channel raised {reported(error)}, not ChannelError") from error
+    return True
 
 
-@rule("before open", "Before `open` a driver accesses no hardware; `devices` names it alike for two drivers.")
+@rule("before open", "Before `open` a driver accesses no hardware; `devices` names it alike for two drivers.",
+      Cost(opens=0, each=0))  # fmt: skip
 def before_open(trial: Trial) -> None:
     before = _connections(trial)
     probe, other = trial.new(), trial.new()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 from umo.cycle import connect
@@ -9,30 +10,54 @@ from umo.errors import DriverError
 from umo.objects import Compound, DigitalActuator, DigitalSensor
 from umo.system.custody import Custody
 from umo.testing.conformance.probe import Probe
-from umo.testing.conformance.rules import NotTried, RuleBroken, rule
+from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.subject import Output
 from umo.testing.conformance.timing_rules import in_time
 from umo.testing.conformance.trial import Trial
 from umo.text import reported
 
+ROUNDS = 3
+"""Levels that are read afresh."""
 WIDEST = 1 << 40
 """Raw levels of the machine that the kit makes."""
 
 
-@rule("vanish", "While the device is away each call fails in time; when it is back the next call works.")
+@rule("reset after failure", "Reset reaches the default also after calls that failed.", Cost(each=4, waits=2))
+def reset_after_failure(trial: Trial) -> str | None:
+    outputs = trial.seen
+    with trial.opened() as probe:
+        for output in outputs:
+            probe.write(output.channel, output.other())
+        trial.fail_some(probe)
+        probe.driver.timeout = trial.patience
+        for output in outputs:
+            probe.reset(output.channel, output.default)
+            trial.expect(probe, output, output.default, "reset after failed calls")
+    return trial.remark()
+
+
+@rule(
+    "vanish",
+    "While the device is away each call fails in time; when it is back the next call works.",
+    Cost(opens=4, each=16, waits=8),
+)
 def vanish(trial: Trial) -> str | None:
     loss = trial.loss
     with trial.opened() as probe:
+        for call, arguments in trial.transfers(probe):
+            call(*arguments)  # what is kept of it must not be given later
         trial.hurry(probe)
         with loss():
             for call, arguments in trial.transfers(probe, default=False):
                 if in_time(trial, probe, call, *arguments) is None:
                     raise RuleBroken(f"{trial.watch.doing} succeeded while the device was away")
-            _not_opened(trial)
+            other = _not_opened(trial)
         probe.driver.timeout = trial.patience
         for call, arguments in trial.transfers(probe, default=False):
             if (error := trial.failure(call, *arguments)) is not None:
                 raise RuleBroken(f"the device is back, but {trial.watch.doing} failed: {reported(error)}")
         _right(trial, probe, "the device was away")
+        _opens_after_all(trial, other)
         with loss():
             pass  # nobody has noticed
         for call, arguments in trial.transfers(probe):
@@ -41,7 +66,7 @@ def vanish(trial: Trial) -> str | None:
     return trial.looked()
 
 
-def _not_opened(trial: Trial) -> None:
+def _not_opened(trial: Trial) -> Probe:
     """Another driver cannot be opened, or not be used, and can be closed."""
     probe = trial.new()
     trial.hurry(probe)
@@ -51,6 +76,21 @@ def _not_opened(trial: Trial) -> None:
         if trial.failure(call, *arguments) is None:
             raise RuleBroken(f"{trial.watch.doing} of a new driver succeeded while the device was away")
     probe.close()
+    return probe
+
+
+def _opens_after_all(trial: Trial, probe: Probe) -> None:
+    """A driver that could not be opened, now that the device is back; refused where the device takes one client."""
+    probe.driver.timeout = trial.patience
+    with trial.second() as room:
+        pass
+    if room is None:
+        return
+    try:
+        if (error := trial.failure(probe.open)) is not None:
+            raise RuleBroken(f"open failed while the device was away, and fails since it is back: {reported(error)}")
+    finally:
+        trial.failure(probe.close)
 
 
 def _right(trial: Trial, probe: Probe, after: str) -> None:
@@ -60,7 +100,12 @@ def _right(trial: Trial, probe: Probe, after: str) -> None:
         trial.expect(probe, output, output.other(number), f"write({output.other(number)}), since {after},")
 
 
-@rule("two clients", "A second driver of the device is refused by an OSError, or works; the first goes on working.")
+@rule(
+    "two clients",
+    "A second driver of the device is refused by an OSError, or works; the first goes on working. What one writes "
+    "stays when the other writes something else.",
+    Cost(opens=3, each=16),
+)
 def two_clients(trial: Trial) -> str | None:
     with trial.opened() as first:
         second = trial.new()
@@ -69,6 +114,7 @@ def two_clients(trial: Trial) -> str | None:
             if refusal is None:
                 _right(trial, second, "it is the second client")
                 _right(trial, first, "there is a second client")
+                _side_by_side(trial, first, second)
         finally:
             error = trial.failure(trial.leave, second)
         if error is not None and refusal is None:
@@ -81,12 +127,56 @@ def two_clients(trial: Trial) -> str | None:
     return remark if refusal is None else f"the second is refused: {reported(refusal)}"
 
 
+def _side_by_side(trial: Trial, first: Probe, second: Probe) -> None:
+    """One client writes an output, the other one another: neither changes what the other wrote."""
+    for one, other in pairwise((*trial.visible, *trial.visible[:1])):
+        if one == other:
+            return
+        second.write(other.channel, other.default)
+        first.write(one.channel, one.default)
+        second.write(other.channel, other.other(1))
+        first.write(one.channel, one.other(1))
+        trial.expect(second, other, other.other(1), f"a write of another client to {one.channel}")
+        trial.expect(first, one, one.other(1), f"a write of another client to {other.channel}")
+
+
 def _join(trial: Trial, second: Probe) -> None:
     second.open()
     for text in trial.channels:
         second.initialize(text, trial.default(text))
     for call, arguments in trial.transfers(second):
         call(*arguments)
+
+
+@rule("fresh", "A reading is that of its own call, not of an earlier one.", Cost(opens=2, each=12))
+def fresh(trial: Trial) -> str | None:
+    """Another driver moves an input; the first has read it before. Only where that level has come for sure."""
+    looped = [each for each in trial.viewed if trial.view(each) != each.channel or trial.subject.levels is not None]
+    if not looped:
+        raise NotTried("no input is looped back from an output, and no counterpart records levels")
+    with trial.opened() as probe, trial.second() as second:
+        for output in looped:
+            _is_fresh(trial, probe, second, output)
+    return None
+
+
+def _is_fresh(trial: Trial, probe: Probe, second: Probe | None, output: Output) -> None:
+    view, before, old = trial.view(output), output.default, 0
+    other = second is not None and view != output.channel
+    mover = second if second is not None and other else probe
+    for number in range(ROUNDS):
+        raw = output.other(number)
+        if raw == before:
+            return
+        mover.write(output.channel, before)
+        trial.is_read(probe, output, before)
+        mover.write(output.channel, raw)
+        trial.arrive(second if other else None, output, raw)
+        found = probe.read_many((view,))[0] if number % 2 else probe.read(view)
+        old += trial.same(output, before, found) and not trial.same(output, raw, found)
+        before = raw
+    if old >= ROUNDS - 1:
+        raise RuleBroken(f"{trial.watch.doing} gave the level before, {old} times of {ROUNDS}: an earlier reading")
 
 
 class Machine(Compound):
@@ -96,7 +186,11 @@ class Machine(Compound):
     inputs: list[DigitalSensor]
 
 
-@rule("errors are named", "A failure in a connected machine names the objects, their channels and the driver.")
+@rule(
+    "errors are named",
+    "A failure in a connected machine names the objects, their channels and the driver.",
+    Cost(opens=2, waits=2),
+)
 def errors_named(trial: Trial) -> None:
     loss = trial.subject.line.silent if trial.subject.line is not None else trial.loss
     machine, wiring = _machine(trial)
@@ -106,7 +200,7 @@ def errors_named(trial: Trial) -> None:
     texts = {path: entry["channel"] for path, entry in wiring["wire"].items()}
     failed: DriverError | None = None
     with connection as m:
-        connection.driver("subject").timeout = trial.subject.timeout
+        connection.driver("subject").timeout = trial.haste
         with loss():
             for step in (m.sample, m.update):
                 try:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Iterable
+import re
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from threading import Event, Thread
@@ -12,8 +14,9 @@ from typing import Any
 
 from umo.drivers.contract import Driver
 from umo.errors import Failure, StopError
+from umo.testing.conformance.budget import Budget, Plan
 from umo.testing.conformance.certificate import Certificate, Finding, Judgement
-from umo.testing.conformance.probe import call_of
+from umo.testing.conformance.probe import Watch, call_of
 from umo.testing.conformance.rules import NotTried, Rule, RuleBroken, chosen_rules
 from umo.testing.conformance.subject import Subject
 from umo.testing.conformance.trial import Trial
@@ -21,7 +24,11 @@ from umo.text import reported
 
 OnProgress = Callable[[str, float], object]
 """Called with the rule and the share of the whole that is done, ten times a second."""
+OnPlan = Callable[[Plan], object]
+"""Called with what the run will take, before the first rule."""
 INTERVAL = 0.1
+MINUTES = 2.0
+"""The time budget of a run."""
 HANG = 2.0
 """s, and four times its timeout, after which a call counts as hanging."""
 on_certificate: list[Callable[[Certificate], object]] = []
@@ -33,39 +40,113 @@ class Hangs(Exception):
 
 
 def conform(
-    subject: Subject, *, only: Iterable[str] | None = None, cycles: int = 10_000, progress: OnProgress | None = None
+    subject: Subject,
+    *,
+    only: Iterable[str] | None = None,
+    minutes: float = MINUTES,
+    cycles: int | None = None,
+    progress: OnProgress | None = None,
+    plan: OnPlan | None = None,
 ) -> Certificate:
-    """Try every rule (or `only` these) on the driver. Takes about a second and the time of `cycles` transfers, each
-    with one read and one write of every channel.
+    """Try every rule (or `only` these) on the driver, for `minutes` at most; what was left out for that is in the
+    certificate. `cycles`: of the search for what adds up, each with a write and a read of every channel as a block and
+    of one; default: enough for 70,000 transfers. `plan` is called before the first rule.
 
     Outputs are driven within the limits of the subject, and are at their defaults at the end, also after an exception
-    or Ctrl-C. A rule that fails does not keep the others from being tried, unless the driver hangs: a call that
-    does not return within four times its timeout and 2 s.
+    or Ctrl-C. A rule that fails does not keep the others from being tried, unless the driver hangs (a call that
+    does not return within four times its timeout and 2 s) or the device does not answer any more.
     """
     rules = chosen_rules(only)
     driver = subject.make()
-    trial = Trial(subject, cycles)
-    findings: list[Finding] = []
-    hangs = ""
+    trial = Trial(subject, cycles, Budget(60 * minutes, rules))
+    trial.begin()
     try:
-        for number, rule in enumerate(rules):
-            if hangs:
-                findings.append(Finding(rule.id, rule.text, Judgement.NOT_TRIED, f"the driver hangs in {hangs}"))
-                continue
-            try:
-                findings.append(_supervised(trial, rule, _part(progress, rule, number, len(rules))))
-            except Hangs as error:
-                hangs = trial.watch.doing
-                findings.append(Finding(rule.id, rule.text, Judgement.FAILED, str(error)))
+        examination = _Examination(trial, rules, progress)
+        examination.prepare(plan)
+        examination.run()
     except BaseException as error:
         if unreached := _bring_to_defaults(trial):
             raise _stop_error(subject, unreached) from error
         raise
     unreached = _bring_to_defaults(trial)
-    certificate = _certificate(trial, driver, findings, unreached)
+    certificate = _certificate(trial, driver, examination.findings, unreached)
     for call in on_certificate:
         call(certificate)
     return certificate
+
+
+class _Examination:
+    """The rules on one trial, one after the other."""
+
+    def __init__(self, trial: Trial, rules: Sequence[Rule], progress: OnProgress | None) -> None:
+        self.trial, self.rules, self.progress = trial, rules, progress
+        self.findings: list[Finding] = []
+        self.causes: dict[str, str] = {}
+        """What was found already, and by which rule."""
+        self.ended = ""
+        """Why the rest cannot be tried; the rules of all calls are."""
+        self._weights = [1.0] * len(rules)
+
+    def prepare(self, on_plan: OnPlan | None) -> None:
+        """Measure what a few calls take, and tell what the run will."""
+
+        def measure() -> None:
+            with suppress(OSError):  # the rule "answers" says it
+                self.trial.measure()
+
+        with suppress(Hangs):  # found again by the first rule that makes this call
+            _in_thread(self.trial, measure, lambda: None)
+        if self.trial.watch.over:
+            self.trial.watch = Watch()
+        self.trial.restore()
+        plan = self.trial.budget.plan(self.trial.pace, self.trial.cycles)
+        self._weights = [0.1 + plan.shown.get(rule.id, 0.0) for rule in self.rules]
+        if on_plan is not None:
+            on_plan(plan)
+
+    def run(self) -> None:
+        for number, rule in enumerate(self.rules):
+            self.findings.append(self._finding(number, rule))
+
+    def _finding(self, number: int, rule: Rule) -> Finding:
+        standing = rule.theme == "standing"
+        if self.ended and not (standing and not self.trial.watch.over):
+            return _told(rule, Judgement.NOT_TRIED, self.ended)
+        if not self.trial.budget.begin(rule) and not standing:
+            return _told(rule, Judgement.NOT_TRIED, "left out, as the time was up (--minutes)")
+        try:
+            finding = _supervised(self.trial, rule, self.causes, self._part(number, rule))
+        except Hangs as error:
+            self.ended = f"the driver hangs in {self.trial.watch.doing}"
+            return _told(rule, Judgement.FAILED, str(error))
+        if finding.verdict is Judgement.FAILED and not self.ended:
+            self._look_whether_it_lives(rule)
+        return finding
+
+    def _look_whether_it_lives(self, rule: Rule) -> None:
+        """After a rule that failed: whether there is any sense in going on."""
+        if "dead" in self.causes:
+            self.ended = f"as above: {self.causes['dead']}"
+            return
+        found: list[str] = []
+        try:
+            _in_thread(self.trial, lambda: found.append(self.trial.dead() and self.trial.dead()), lambda: None)
+        except Hangs:
+            found = [f"the driver hangs in {self.trial.watch.doing}"]
+        if found and found[0]:
+            self.ended = f"since the rule {rule.id}: {found[0]}"
+
+    def _part(self, number: int, rule: Rule) -> Callable[[float], object]:
+        """The progress of one rule as that of the whole."""
+        if self.progress is None:
+            return lambda share: None
+        progress, whole = self.progress, sum(self._weights)
+        before, own = sum(self._weights[:number]) / whole, self._weights[number] / whole
+        return lambda share: progress(rule.id, before + share * own)
+
+
+def _told(rule: Rule, verdict: Judgement, why: str) -> Finding:
+    return Finding(rule.id, rule.text, verdict, why, rule.theme)
 
 
 def _stop_error(subject: Subject, unreached: Iterable[str]) -> StopError:
@@ -73,14 +154,14 @@ def _stop_error(subject: Subject, unreached: Iterable[str]) -> StopError:
     return StopError("not brought to their defaults", failures)
 
 
-def _supervised(trial: Trial, rule: Rule, progress: Callable[[float], object]) -> Finding:
+def _supervised(trial: Trial, rule: Rule, causes: dict[str, str], progress: Callable[[float], object]) -> Finding:
     """The finding on one rule. Hangs if a call does not return."""
     found: list[Finding] = []
     errors: list[BaseException] = []
 
     def work() -> None:
         try:
-            found.append(_tried(trial, rule))
+            found.append(_tried(trial, rule, causes))
         except BaseException as error:
             errors.append(error)
 
@@ -91,17 +172,21 @@ def _supervised(trial: Trial, rule: Rule, progress: Callable[[float], object]) -
     return found[0]
 
 
-def _tried(trial: Trial, rule: Rule) -> Finding:
+def _tried(trial: Trial, rule: Rule, causes: dict[str, str]) -> Finding:
+    cause = ""
     try:
         verdict, why = Judgement.PASSED, rule.check(trial) or ""
     except NotTried as reason:
         verdict, why = Judgement.NOT_TRIED, str(reason)
     except RuleBroken as broken:
-        verdict, why = Judgement.FAILED, str(broken)
+        verdict, why, cause = Judgement.FAILED, str(broken), broken.cause
     except OSError as error:
         verdict, why = Judgement.FAILED, f"{call_of(error)} failed: {reported(error)}"
+        cause = re.sub(r"-?\d+", "#", f"{call_of(error).partition(' ')[0]} failed: {reported(error)}")
+    if verdict is Judgement.FAILED and cause and (first := causes.setdefault(cause, rule.id)) != rule.id:
+        verdict, why = Judgement.NOT_TRIED, f"as above ({first}): {why}"
     trial.restore()
-    return Finding(rule.id, rule.text, verdict, why)
+    return _told(rule, verdict, why)
 
 
 def _in_thread(trial: Trial, work: Callable[[], None], look: Callable[[], object]) -> None:
@@ -142,7 +227,7 @@ def _bring_to_defaults(trial: Trial) -> tuple[str, ...]:
     """The outputs that were not brought to their defaults. If the driver hangs, its trial is left to its thread, and a
     new one brings them there: the call that hangs may return at any time."""
     if trial.watch.over:
-        trial = Trial(trial.subject, trial.cycles)
+        trial = Trial(trial.subject)
     if trial.subject.line is not None:
         trial.subject.line.heal()
     try:
@@ -150,13 +235,6 @@ def _bring_to_defaults(trial: Trial) -> tuple[str, ...]:
     except Hangs:
         return tuple(output.channel for output in trial.subject.outputs)
     return tuple(trial.unreached)
-
-
-def _part(progress: OnProgress | None, rule: Rule, number: int, count: int) -> Callable[[float], object]:
-    """The progress of one rule as that of the whole."""
-    if progress is None:
-        return lambda share: None
-    return lambda share: progress(rule.id, (number + share) / count)
 
 
 def _certificate(
@@ -172,7 +250,7 @@ def _certificate(
         findings=tuple(findings),
         times=trial.times,
         unreached=unreached,
-        cycles=trial.cycles,
+        left_out=tuple(trial.budget.spent),
         date=datetime.now(UTC).strftime("%Y-%m-%d"),
         versions={"umo": _version(), "Python": platform.python_version()},
         platform=f"{platform.system()} {platform.machine()}",

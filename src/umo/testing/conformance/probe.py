@@ -29,6 +29,8 @@ class Watch:
         """The next call is not to be made, as the user wants the kit to end."""
         self.over = False
         """No more calls are to be made: one did not return in time."""
+        self.interrupted = False
+        """A KeyboardInterrupt came out of a call."""
         self.wrong_kinds: list[str] = []
         """Calls that raised something else than an OSError."""
         self.wrong_types: list[str] = []
@@ -49,11 +51,12 @@ class Watch:
         except OSError as error:
             _note(error, what)
             raise
+        except KeyboardInterrupt:
+            self.interrupted = True
+            raise _noted(WrongKind("KeyboardInterrupt"), what) from None
         except BaseException as error:
             self.wrong_kinds.append(f"{what} raised {located(error)}")
-            wrong = WrongKind(cause_of(error))
-            _note(wrong, what)
-            raise wrong from error
+            raise _noted(WrongKind(cause_of(error)), what) from None
         finally:
             self.took = monotonic() - began
             self.began = None
@@ -73,6 +76,11 @@ def _note(error: OSError, what: str) -> None:
     notes = getattr(error, "__notes__", [])
     notes[:] = [note for note in notes if not isinstance(note, CallNote)]  # one that is raised again and again
     error.add_note(CallNote(what))
+
+
+def _noted(error: OSError, what: str) -> OSError:
+    _note(error, what)
+    return error
 
 
 def call_of(error: OSError) -> str:

@@ -1,4 +1,4 @@
-"""A rule of the driver contract: its name, the sentence that states it, and the function that checks it."""
+"""What a rule is, how one is registered, and how it ends."""
 
 from __future__ import annotations
 
@@ -14,11 +14,30 @@ if TYPE_CHECKING:
 
 
 class RuleBroken(Exception):
-    """The driver does not keep the rule; says what it did."""
+    """The driver does not keep the rule; says what it did. `cause`: what a later rule may stumble over again, such as
+    "level of dac:0"; it is told once."""
+
+    def __init__(self, text: str, cause: str = "") -> None:
+        super().__init__(text)
+        self.cause = cause
 
 
 class NotTried(Exception):
     """The rule cannot be checked on this subject; says why."""
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a rule takes at least, for the plan of a run."""
+
+    opens: float = 1
+    """Drivers that are opened; each channel is initialised, reset and finalised."""
+    each: float = 1
+    """Transfers of each channel."""
+    waits: float = 0
+    """Calls that wait for their timeout."""
+    more: float = 0
+    """Transfers of each channel that are made beside `each` if there is time."""
 
 
 @dataclass(frozen=True)
@@ -29,19 +48,27 @@ class Rule:
     id: str
     text: str
     check: Callable[[Trial], str | None]
+    cost: Cost
+
+    @property
+    def theme(self) -> str:
+        """One of `THEMES`."""
+        return self.check.__module__.rpartition(".")[2].removesuffix("_rules")
 
 
-THEMES = ("channel", "timing", "segment", "value", "block", "line", "device", "leak", "standing")
+THEMES = ("channel", "value", "block", "segment", "timing", "spoiled", "line", "device", "process", "leak", "standing")
 """Modules of rules, in the order in which they are tried."""
+LINE = ("timing", "spoiled", "line")
+"""Themes that need a line between driver and device."""
 _RULES: dict[str, Rule] = {}
 C = TypeVar("C", bound=Callable[..., "str | None"])
 
 
-def rule(identifier: str, text: str) -> Callable[[C], C]:
+def rule(identifier: str, text: str, cost: Cost | None = None) -> Callable[[C], C]:
     """Registers a function as the check of a rule."""
 
     def register(check: C) -> C:
-        _RULES[identifier] = Rule(identifier, text, check)
+        _RULES[identifier] = Rule(identifier, text, check, cost or Cost())
         return check
 
     return register
@@ -49,8 +76,9 @@ def rule(identifier: str, text: str) -> Callable[[C], C]:
 
 def all_rules() -> tuple[Rule, ...]:
     """Every rule, in the order in which they are tried."""
-    modules = [import_module(f"umo.testing.conformance.{theme}_rules").__name__ for theme in THEMES]
-    return tuple(sorted(_RULES.values(), key=lambda each: modules.index(each.check.__module__)))
+    for theme in THEMES:
+        import_module(f"umo.testing.conformance.{theme}_rules")
+    return tuple(sorted(_RULES.values(), key=lambda each: THEMES.index(each.theme)))
 
 
 def chosen_rules(only: Iterable[str] | None) -> tuple[Rule, ...]:

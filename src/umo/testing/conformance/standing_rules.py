@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from contextlib import suppress
 
-from umo.testing.conformance.rules import NotTried, RuleBroken, rule
+from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.trial import Trial
 from umo.text import some
 
+NOTHING = Cost(opens=0, each=0)
+"""These are tried at any rate."""
 
-@rule("readings", "A reading is an int, within the bits of its channel.")
+
+@rule("readings", "A reading is an int, within the bits of its channel.", NOTHING)
 def readings(trial: Trial) -> None:
     """Also of all readings of the rules before."""
     if not trial.readable:
@@ -22,7 +25,7 @@ def readings(trial: Trial) -> None:
         raise RuleBroken(trial.watch.wrong_types[0])
 
 
-@rule("kind of errors", "A call that fails raises an OSError, whatever failed.")
+@rule("kind of errors", "A call that fails raises an OSError, whatever failed.", NOTHING)
 def kind_of_errors(trial: Trial) -> None:
     """Also of all calls of the rules before."""
     with suppress(OSError, NotTried), trial.opened() as probe:
@@ -31,7 +34,7 @@ def kind_of_errors(trial: Trial) -> None:
         raise RuleBroken(trial.watch.wrong_kinds[0])
 
 
-@rule("end", "At the end every output is at its default.")
+@rule("end", "At the end every output is at its default.", NOTHING)
 def end(trial: Trial) -> str | None:
     """By a new driver."""
     if not trial.subject.outputs:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from umo.drivers.contract import Driver
+from umo.testing.conformance.levels import levels
 
 if TYPE_CHECKING:
     from umo.testing.conformance.taps import Tap
@@ -35,14 +37,20 @@ class Output:
         free = sorted(between - {self.default, self.least, self.greatest})
         return tuple(free or {self.greatest, self.least} - {self.default}) or (self.default,)
 
-    @property
+    @cached_property
     def samples(self) -> tuple[int, ...]:
-        """Levels to try: both ends, the default, and some between."""
-        return tuple(dict.fromkeys((self.default, *self.inner, self.greatest, self.least)))
+        """Levels to try: the default, both ends, powers of two and their neighbours, every value of every byte."""
+        return levels(self.least, self.greatest, self.default)
+
+    @cached_property
+    def _others(self) -> tuple[int, ...]:
+        ends = {self.default, self.least, self.greatest}
+        return tuple(dict.fromkeys((*self.inner, *(raw for raw in self.samples if raw not in ends))))
 
     def other(self, number: int = 0) -> int:
-        """A level that is not the default; `number` chooses among the inner ones."""
-        return self.inner[number % len(self.inner)]
+        """A level that is not the default; `number` chooses among the inner ones, which differ as far as there are
+        enough of them."""
+        return self._others[number % len(self._others)]
 
 
 @dataclass(frozen=True)
@@ -65,7 +73,8 @@ class Subject:
     loopbacks: tuple[tuple[str, str], ...] = ()
     """Pairs of channels: the level of the output is what the input reads."""
     timeout: float = 0.1
-    """s: `Driver.timeout` in calls that must time out. In all other calls it is 3 s at least."""
+    """s: `Driver.timeout` in calls that must time out; shorter where the device answers much quicker. In all other
+    calls it is 3 s at least."""
     settle: float = 1.0
     """s until a level has come through a loop-back at the latest."""
     device: str = ""
@@ -83,6 +92,9 @@ class Subject:
     """Channels that the driver knows and the device answers with an error."""
     checksum: bool = False
     """Answers carry a checksum, so that any changed bit is noticed."""
+    structured: bool = True
+    """Answers have a structure (a header, a terminator) by which garbage is noticed. False: any bytes are an answer.
+    Answers that are hardly longer than the value itself are taken for such."""
     period: float = 0.001
     """s: `Driver.period`."""
     agree: Callable[[str, int, str, int], bool] | None = None

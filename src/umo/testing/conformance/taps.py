@@ -32,6 +32,21 @@ Change = Callable[[bytes], bytes]
 """Makes what the driver gets out of what the device answered; nothing: no answer."""
 
 
+class Traffic:
+    """The bytes that passed a tap in both directions within a block."""
+
+    def __init__(self) -> None:
+        self.requests: list[bytes] = []
+        """Pieces that the driver sent: each is what was there when the tap looked."""
+        self.answer = b""
+        """What the device sent."""
+
+    @property
+    def asked(self) -> int:
+        """Bytes that the driver sent."""
+        return sum(map(len, self.requests))
+
+
 class Tapped:
     """A driver and its device: two descriptors, and the present exchange."""
 
@@ -42,6 +57,10 @@ class Tapped:
         """Late answers."""
         self.due: float | None = None
         """When the answer counts as complete."""
+        self.trickle = b""
+        """The rest of an answer that is delivered byte by byte."""
+        self.next = 0.0
+        """When the next byte of it is due."""
 
 
 class Tap(ABC):
@@ -64,9 +83,12 @@ class Tap(ABC):
         """Connections that a driver has made so far."""
         self.spoiled = 0
         """Answers that were spoiled so far."""
+        self.missing = ""
+        """Why the device could not be reached when a driver connected last; empty if it could."""
+        self._traffic: Traffic | None = None
         self._change: Change | None = None
         self._hangup = self._holding = False
-        self._endless = 0.0
+        self._endless = self._step = 0.0
         self._splitting = self._gone = False
         self._open: list[Tapped] = []
         self._lock = threading.RLock()
@@ -123,10 +145,7 @@ class Tap(ABC):
         spoiled = self.spoiled
         try:
             yield
-            self.settle()
-            end = monotonic() + LAST
-            while self.spoiled == spoiled and any(each.request for each in tuple(self._open)) and monotonic() < end:
-                sleep(QUIET)
+            self.await_answer(spoiled)
         finally:
             with self._lock:
                 self._holding = False
@@ -146,6 +165,44 @@ class Tap(ABC):
         finally:
             with self._lock:
                 self._splitting = False
+
+    @contextmanager
+    def trickling(self, step: float) -> Iterator[None]:
+        """Each answer comes byte by byte, one every `step` s. What is left at the end comes at once."""
+        with self._lock:
+            self._step = step
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._step = 0.0
+                for each in tuple(self._open):
+                    self._put(each, each.driver, each.trickle)
+                    each.trickle = b""
+
+    @contextmanager
+    def counting(self, answers: bool = False) -> Iterator[Traffic]:
+        """What passes within the block; `answers`: an answer that comes after it counts too."""
+        traffic, spoiled = Traffic(), self.spoiled
+        with self._lock:
+            self._traffic = traffic
+        try:
+            yield traffic
+            self.settle()
+            end = monotonic() + LAST
+            while answers and traffic.asked and not traffic.answer and self.spoiled == spoiled and monotonic() < end:
+                sleep(QUIET)
+        finally:
+            with self._lock:
+                self._traffic = None
+
+    def await_answer(self, spoiled: int) -> bool:
+        """Waits for the answer to a request that is under way; whether one was spoiled since `spoiled` was counted."""
+        self.settle()
+        end = monotonic() + LAST
+        while self.spoiled == spoiled and any(each.request for each in tuple(self._open)) and monotonic() < end:
+            sleep(QUIET)
+        return self.spoiled > spoiled
 
     @contextmanager
     def endless(self, step: float = 0.001) -> Iterator[None]:
@@ -181,7 +238,7 @@ class Tap(ABC):
         """Whatever was asked for ends, and so do the connections."""
         with self._lock:
             self._change, self._hangup, self._holding, self._endless = None, False, False, 0.0
-            self._splitting = False
+            self._splitting, self._step = False, 0.0
             with suppress(OSError):  # the device is not there
                 self._return()
             self.drop()
@@ -247,6 +304,7 @@ class Tap(ABC):
         if self._endless:
             return self._endless
         dues = [each.due for each in tuple(self._open) if each.due is not None]
+        dues += [each.next for each in tuple(self._open) if each.trickle]
         return max(0.0, min(dues) - monotonic()) if dues else None
 
     def _nudge(self) -> None:
@@ -272,6 +330,8 @@ class Tap(ABC):
             self._answered(tapped, data)
 
     def _requested(self, tapped: Tapped, data: bytes) -> None:
+        if self._traffic is not None:
+            self._traffic.requests.append(data)
         if tapped.answer:  # of the request before
             self._finish(tapped)
             tapped.request = b""
@@ -280,8 +340,11 @@ class Tap(ABC):
         self._put(tapped, tapped.device, data)
 
     def _answered(self, tapped: Tapped, data: bytes) -> None:
+        if self._traffic is not None:
+            self._traffic.answer += data
         tapped.answer += data
-        if self._change is not None or self._holding or self._endless or self._splitting or tapped.due is not None:
+        spoils = self._change or self._holding or self._endless or self._splitting or self._step
+        if spoils or tapped.due is not None:
             tapped.due = monotonic() + QUIET
             return
         self._put(tapped, tapped.driver, tapped.held + data)
@@ -294,6 +357,9 @@ class Tap(ABC):
                 self._finish(each)
             if self._endless and each.request:
                 self._put(each, each.driver, b"\xff")
+            if each.trickle and now >= each.next:
+                byte, each.trickle, each.next = each.trickle[:1], each.trickle[1:], now + self._step
+                self._put(each, each.driver, byte)
 
     def _finish(self, tapped: Tapped, holding: bool = False) -> None:
         """The answer is complete."""
@@ -303,17 +369,24 @@ class Tap(ABC):
         tapped.due, tapped.answer = None, b""
         self.exchanges.append((tapped.request, answer))
         tapped.request = b"" if not self._endless else tapped.request
-        if not spoils:
-            return
-        self.spoiled += 1
+        if spoils:
+            self._spoil(tapped, answer, holding)
+
+    def _spoil(self, tapped: Tapped, answer: bytes, holding: bool) -> None:
+        """An answer that a change leaves as it was does not count as spoiled."""
+        changed = self._change(answer) if self._change is not None and not self._holding and not holding else None
+        self.spoiled += changed != answer
         if self._holding or holding:
             tapped.held += answer
-        elif self._change is not None:
-            self._put(tapped, tapped.driver, self._change(answer))
+        elif changed is not None:
+            self._put(tapped, tapped.driver, tapped.held + changed)
+            tapped.held = b""
             if self._hangup:
                 self._close(tapped)
+        elif self._step:
+            tapped.trickle, tapped.next = answer, monotonic() + self._step
         elif self._splitting:
-            for piece in (answer[:1], answer[1 : len(answer) // 2], answer[len(answer) // 2 :]):
+            for piece in (answer[:1], answer[1 : len(answer) // 2], answer[max(1, len(answer) // 2) :]):
                 self._put(tapped, tapped.driver, piece)
                 sleep(PIECE)
         elif not self._endless:  # it began before the mode ended

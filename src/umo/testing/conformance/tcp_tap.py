@@ -57,7 +57,9 @@ class TcpTap(Tap):
         self.connections += 1
         try:
             device = socket.create_connection(self._device, DIAL)
-        except OSError:
+            self.missing = ""
+        except OSError as error:
+            self.missing = f"{self._device[0]}:{self._device[1]}: {error.strerror or error}"
             driver.close()
             return
         for each in (driver, device):

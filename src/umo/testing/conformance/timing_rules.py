@@ -1,4 +1,4 @@
-"""Rules of the time that a call takes. They come early: a driver that hangs is found here."""
+"""Rules of the time that a call takes, while the device is silent, slow or not there."""
 
 from __future__ import annotations
 
@@ -7,31 +7,36 @@ from time import sleep
 from typing import Any
 
 from umo.testing.conformance.probe import Probe
-from umo.testing.conformance.rules import RuleBroken, rule
+from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.trial import Trial
 
 TRIES = 3
 """Calls of which the shortest counts: the computer may have been busy with something else."""
+STEADY = 0.3
+"""s: the timeout of a call whose answer trickles, so that two waits in place of one can be told."""
+STEP = 0.7
+"""Part of the timeout between two bytes that trickle."""
+DELAY = 2.0
+"""Times the short timeout by which an answer is late that a longer timeout waits for; at most this many s."""
 
 
 @rule(
     "timeout",
     "A call ends within `timeout`, which it reads, by a TimeoutError; also if bytes come without end, or nothing "
     "answers the request to connect.",
+    Cost(opens=8, each=4, waits=16),
 )
 def timeout(trial: Trial) -> None:
     line = trial.line
     with trial.opened() as probe:
         trial.hurry(probe)
-        with line.silent():
-            for call, arguments in trial.transfers(probe):
-                before = line.spoiled
-                error = in_time(trial, probe, call, *arguments)
-                if error is None and line.spoiled > before:
-                    raise RuleBroken(f"{trial.watch.doing} succeeded without an answer")
-                if error is not None and not isinstance(error, TimeoutError):
-                    raise RuleBroken(f"{trial.watch.doing} raised {type(error).__name__}, not a TimeoutError: {error}")
-        with line.endless(trial.subject.timeout / 4):
+        for call, arguments in trial.transfers(probe):
+            error, lost = _lost_in_time(trial, probe, call, *arguments)
+            if error is None and lost:
+                raise RuleBroken(f"{trial.watch.doing} succeeded without an answer")
+            if error is not None and not isinstance(error, TimeoutError):
+                raise RuleBroken(f"{trial.watch.doing} raised {type(error).__name__}, not a TimeoutError: {error}")
+        with line.endless(trial.haste / 4):
             for call, arguments in trial.transfers(probe)[1::2]:  # the blocks
                 in_time(trial, probe, call, *arguments)
     probes = [trial.new() for _ in range(TRIES)]
@@ -40,16 +45,24 @@ def timeout(trial: Trial) -> None:
     _without_a_connection(trial)
 
 
+def _lost_in_time(trial: Trial, probe: Probe, call: Callable[..., object], *arguments: Any) -> tuple[Any, bool]:
+    for _ in range(TRIES):
+        found = trial.unanswered(call, *arguments)
+        if trial.watch.took <= allowed(probe.driver.timeout):
+            return found
+    raise RuleBroken(_slow(trial, probe.driver.timeout))
+
+
 def _open_in_time(trial: Trial, probes: list[Probe]) -> None:
     """Open, or fail, and close. The quickest of several drivers counts."""
-    limit = _allowed(trial.subject.timeout)
+    limit = allowed(trial.haste)
     for probe in probes:
         trial.hurry(probe)
         slow = ""
         for call in (probe.open, probe.close):
             trial.failure(call)
             if trial.watch.took > limit:
-                slow = _slow(trial, trial.subject.timeout)
+                slow = slow or _slow(trial, trial.haste)
         if not slow:
             return
     raise RuleBroken(slow)
@@ -71,12 +84,12 @@ def in_time(trial: Trial, probe: Probe, call: Callable[..., object], *arguments:
     """The error of a call that has to end within its timeout."""
     for _ in range(TRIES):
         error = trial.failure(call, *arguments)
-        if trial.watch.took <= _allowed(probe.driver.timeout):
+        if trial.watch.took <= allowed(probe.driver.timeout):
             return error
     raise RuleBroken(_slow(trial, probe.driver.timeout))
 
 
-def _allowed(timeout: float) -> float:
+def allowed(timeout: float) -> float:
     """s: half of the timeout more, and 50 ms for the computer."""
     return 1.5 * timeout + 0.05
 
@@ -85,34 +98,76 @@ def _slow(trial: Trial, timeout: float) -> str:
     return f"{trial.watch.doing} took {trial.watch.took * 1e3:.0f} ms, its timeout is {timeout * 1e3:g} ms"
 
 
-@rule("patience", "A longer `timeout`, set after `open`, holds at once: initialise and reset get one.")
-def patience(trial: Trial) -> None:
-    line = trial.line
+@rule(
+    "one deadline",
+    "The timeout is that of the whole call: it does not begin anew with each byte or part of an answer.",
+    Cost(each=4, waits=8),
+)
+def one_deadline(trial: Trial) -> None:
+    line, tried = trial.line, False
+    steady = max(trial.haste, STEADY)
+
+    def half(answer: bytes) -> bytes:
+        sleep(0.9 * steady)
+        return answer[: len(answer) // 2]
+
+    with trial.opened() as probe:
+        for call, arguments in trial.transfers(probe)[::2]:
+            probe.driver.timeout = trial.patience
+            call(*arguments)  # connected
+            probe.driver.timeout = steady
+            before = line.spoiled
+            with line.trickling(STEP * steady):
+                in_time(trial, probe, call, *arguments)
+            with line.spoiling(half):
+                in_time(trial, probe, call, *arguments)
+            tried |= line.spoiled > before
+    if not tried:
+        raise NotTried("no call was answered")
+
+
+@rule(
+    "patience",
+    "A longer `timeout`, set after `open`, holds at once: initialise and reset get one.",
+    Cost(opens=2, each=3, waits=8),
+)
+def patience(trial: Trial) -> str | None:
+    delay = min(2 * trial.haste, DELAY, trial.patience / 2)
+    quick = min(trial.haste, delay / 2)
     probe = trial.new()
 
     def slow(answer: bytes) -> bytes:
-        sleep(2 * trial.subject.timeout)
+        sleep(delay)
         return answer
 
+    line = trial.line
     try:
-        _open_in_a_hurry(trial, probe)
+        hurried = _open_in_a_hurry(probe, trial, quick)
         probe.driver.timeout = trial.patience
         for text in trial.channels:
             probe.initialize(text, trial.default(text))
         with line.spoiling(slow):
             for call, arguments in trial.transfers(probe)[::-2]:  # the last is a reset
+                probe.driver.timeout = quick
+                probe.driver.timeout = trial.patience
                 if (error := trial.failure(call, *arguments)) is not None:
-                    raise RuleBroken(f"{trial.watch.doing} failed with a timeout of {trial.patience:g} s: {error}")
+                    raise RuleBroken(
+                        f"{trial.watch.doing} failed with a timeout of {trial.patience:g} s and an answer after "
+                        f"{delay:g} s: {error}"
+                    )
     finally:
         with trial.own_error_first():
             trial.leave(probe)
+    return None if hurried else f"open needs more than {quick * 1e3:g} ms: it was opened with the longer timeout"
 
 
-def _open_in_a_hurry(trial: Trial, probe: Probe) -> None:
-    """The computer may be busy with something else."""
-    trial.hurry(probe)
+def _open_in_a_hurry(probe: Probe, trial: Trial, timeout: float) -> bool:
+    """Opened with a short timeout, if this is possible: the device or the computer may need longer."""
+    probe.driver.timeout = timeout
     for _ in range(TRIES):
         if trial.failure(probe.open) is None:
-            return
+            return True
         probe.close()
+    probe.driver.timeout = trial.patience
     probe.open()
+    return False

@@ -4,24 +4,34 @@ back to the defaults."""
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import cached_property
+from math import inf
 from threading import Event, Thread
 from time import monotonic, sleep
 from typing import Any
 
 from umo.cycle.transfer import PATIENCE
 from umo.drivers.contract import Direction, Driver
+from umo.testing.conformance.budget import Budget, Pace
 from umo.testing.conformance.certificate import TransferTime
-from umo.testing.conformance.probe import Probe, Stopped, Watch
+from umo.testing.conformance.probe import Probe, Stopped, Watch, call_of
+from umo.testing.conformance.process import state, threads
 from umo.testing.conformance.rules import NotTried, RuleBroken
 from umo.testing.conformance.subject import Output, Subject
-from umo.testing.conformance.taps import Tap
-from umo.text import some
+from umo.testing.conformance.taps import Change, Tap, Traffic
+from umo.text import reported, some
 
+MEASURED = 3
 LOOK = 0.001
 """s between two looks at a level that has not come yet."""
+HASTE_LEAST = 0.2
+"""s: no shorter timeout is chosen by the kit itself."""
+HASTE = 10
+"""Answers, by the time that the slowest of a few took, which a call that must time out waits for at least."""
+STEPS = 0.02
+"""Part of a range: a level that is no further off may be a step of the device."""
 NO_VIEW = "the level of no output can be seen: it needs a loop-back, or a channel that can be read back"
 CONFIRMED = "every call succeeded, but no level can be seen: it needs a loop-back, or a channel that can be read back"
 NO_LINE = "there is no line between driver and device that the kit can disturb"
@@ -30,9 +40,13 @@ NO_LINE = "there is no line between driver and device that the kit can disturb"
 class Trial:
     """The subject in use. `share` is how much of the present rule is done, for a progress line."""
 
-    def __init__(self, subject: Subject, cycles: int) -> None:
+    def __init__(self, subject: Subject, cycles: int | None = None, budget: Budget | None = None) -> None:
         self.subject = subject
         self.cycles = cycles
+        self.budget = budget if budget is not None else Budget(inf, ())
+        self.pace = Pace()
+        self.haste = subject.timeout
+        """s: the timeout of calls that must time out."""
         self.watch = Watch()
         self.share = 0.0
         self.times: dict[str, TransferTime] = {}
@@ -40,7 +54,29 @@ class Trial:
         """Outputs that could not be brought to their defaults."""
         self.kept: dict[str, Any] = {}
         """Results that several rules share."""
+        self.threads: frozenset[int] = frozenset()
+        """Threads of the process that are older than the first driver."""
+        self.before: dict[str, object] = {}
+        """The process, as it was before the first driver."""
         self._dirty = False
+
+    def begin(self) -> None:
+        """Note what is there before the first driver."""
+        self.before = state()
+        self.threads = frozenset(threads())
+
+    def measure(self) -> None:
+        """What a few calls take: sets `pace`, and `haste` for a device that answers much quicker than the timeout."""
+        began = monotonic()
+        taken = []
+        with self.opened() as probe:
+            for call, arguments in self.transfers(probe) * MEASURED:
+                call(*arguments)
+                taken.append(self.watch.took)
+        opening = monotonic() - began - sum(taken)
+        self.haste = min(self.subject.timeout, max(HASTE_LEAST, HASTE * max(taken, default=0.0)))
+        mean = sum(taken) / max(1, len(taken))
+        self.pace = Pace(opening, mean, self.haste, max(1, len(self.channels)))
 
     # Drivers -----------------------------------------------------------------------------------------
 
@@ -114,13 +150,50 @@ class Trial:
                 probe.close()
         self.unreached = left
 
+    @contextmanager
+    def second(self, direct: bool = False) -> Iterator[Probe | None]:
+        """Another open driver of the device, whose outputs were not initialised; None if there is room for one."""
+        probe = self.new(direct)
+        try:
+            try:
+                probe.open()
+                for each in self.subject.inputs:
+                    probe.initialize(each.channel, None)
+            except OSError:
+                yield None
+            else:
+                yield probe
+        finally:
+            self.failure(probe.close)
+
+    def dead(self) -> str:
+        """Why the device cannot be used at all; empty if it can."""
+        probe, doing = self.new(), ""
+        try:
+            probe.open()
+            for text in self.channels:
+                probe.initialize(text, self.default(text))
+            for call, arguments in self.transfers(probe):
+                call(*arguments)
+                doing = self.watch.doing
+        except OSError as error:
+            missing = self.subject.line.missing if self.subject.line is not None else ""
+            what = f"{call_of(error)} failed: {reported(error)}"
+            if missing:
+                return f"the device is not there: {missing} ({what})"
+            return what if doing else f"the device does not answer: {what}"
+        finally:
+            with suppress(OSError):
+                self.leave(probe)
+        return ""
+
     def left_dirty(self) -> None:
         """`restore` has something to do: an output may be left at another level than its default."""
         self._dirty = True
 
     def hurry(self, probe: Probe) -> None:
-        """Its calls have the subject's own timeout from now on."""
-        probe.driver.timeout = self.subject.timeout
+        """Its calls have a timeout that is waited for from now on."""
+        probe.driver.timeout = self.haste
 
     # Channels ----------------------------------------------------------------------------------------
 
@@ -149,6 +222,11 @@ class Trial:
         looped = {text for _, text in self.subject.loopbacks}
         return tuple(each.channel for each in self.subject.inputs if each.steady and each.channel not in looped)
 
+    @property
+    def known(self) -> tuple[str, ...]:
+        """Channels that read the same as long as the kit changes nothing: steady inputs, and levels of outputs."""
+        return tuple(dict.fromkeys((*(self.view(each) for each in self.viewed), *self.steady)))
+
     @cached_property
     def loops(self) -> dict[str, str]:
         return dict(self.subject.loopbacks)
@@ -168,48 +246,80 @@ class Trial:
             raise NotTried(NO_VIEW)
         return self.visible
 
-    @property
-    def remark(self) -> str | None:
-        """Which outputs the rule could not see."""
+    def remark(self, *more: str) -> str | None:
+        """Which outputs the rule could not see, and what else it says."""
         unseen = [each.channel for each in self.subject.outputs if each not in self.visible]
-        return f"except {some(unseen)}, whose level cannot be seen" if unseen else None
+        words = [f"except {some(unseen)}, whose level cannot be seen"] if unseen else []
+        return "; ".join((*words, *more)) or None
 
     def looked(self) -> str | None:
         """As `remark`, at the end of a rule whose calls succeeded; NotTried if it could see none of the outputs."""
         if self.subject.outputs and not self.visible:
             raise NotTried(CONFIRMED)
-        return self.remark
+        return self.remark()
+
+    def spare(self, rule: str, left: Sequence[str]) -> None:
+        """Note what a rule left out for want of time."""
+        if left:
+            self.budget.spent.append(f"{rule}: {'; '.join(left)}")
 
     # Levels ------------------------------------------------------------------------------------------
 
-    def level(self, probe: Probe, output: Output) -> int:
-        """The level that the output has now: as the counterpart records it, at its loop-back, or read back."""
-        if self.subject.levels is not None:
-            return self.subject.levels(output.channel)[-1]
-        view = self.loops.get(output.channel, output.channel)
+    def view(self, output: Output) -> str:
+        """The channel that shows the level of an output: its loop-back, or itself."""
+        return self.loops.get(output.channel, output.channel)
+
+    @cached_property
+    def viewed(self) -> tuple[Output, ...]:
+        """Outputs whose level the driver can read."""
+        return tuple(each for each in self.subject.outputs if self.view(each) in self.readable)
+
+    def reading(self, probe: Probe, output: Output) -> int:
+        """What the driver reads of the level of an output."""
+        view = self.view(output)
         if view not in probe.opened:
             probe.initialize(view, self.default(view))
         return probe.read(view)
 
+    def level(self, probe: Probe, output: Output) -> int:
+        """The level that the output has now: as the counterpart records it, or else as the driver reads it."""
+        if self.subject.levels is not None:
+            return self.subject.levels(output.channel)[-1]
+        return self.reading(probe, output)
+
+    def comes_to(self, look: Callable[[], int], right: Callable[[int], bool]) -> tuple[bool, int]:
+        """Whether the look finds a right level within `settle`, and what it found last."""
+        end = monotonic() + self.subject.settle
+        while not right(found := look()):
+            if monotonic() >= end:
+                return False, found
+            sleep(LOOK)
+        return True, found
+
     def is_at(self, probe: Probe, output: Output, raw: int) -> bool:
         """Whether the output comes to this level within `settle`; sets `last_level`."""
-        end = monotonic() + self.subject.settle
-        while True:
-            self.last_level = self.level(probe, output)
-            if self.same(output, raw, self.last_level):
-                return True
-            if monotonic() >= end:
-                return False
-            sleep(LOOK)
+        there, self.last_level = self.comes_to(
+            lambda: self.level(probe, output), lambda level: self.same(output, raw, level)
+        )
+        return there
 
     def is_read(self, probe: Probe, output: Output, raw: int) -> bool:
-        """As `is_at`, of what the driver under test reads at the output's loop-back."""
-        end = monotonic() + self.subject.settle
-        while not self.same(output, raw, probe.read(self.loops[output.channel])):
-            if monotonic() >= end:
-                return False
-            sleep(LOOK)
-        return True
+        """As `is_at`, of what the driver reads; sets `last_level`."""
+        there, self.last_level = self.comes_to(
+            lambda: self.reading(probe, output), lambda level: self.same(output, raw, level)
+        )
+        return there
+
+    def arrive(self, other: Probe | None, output: Output, raw: int) -> None:
+        """Returns when the level has come for sure, seen without the driver under test: by the counterpart's record,
+        by another driver; else after `settle`."""
+        if self.subject.levels is not None:
+            record = self.subject.levels
+            self.comes_to(lambda: record(output.channel)[-1], lambda level: self.same(output, raw, level))
+        if other is not None:
+            self.is_read(other, output, raw)
+        elif self.subject.levels is None or self.view(output) != output.channel:
+            sleep(self.subject.settle)
 
     def alike(self, text: str, before: int, now: int) -> bool:
         """Whether two readings of a channel mean one level: they are equal, or those of a loop-back agree with a level
@@ -219,14 +329,14 @@ class Trial:
         return any(
             self.same(output, raw, before) and self.same(output, raw, now)
             for output in self.subject.outputs
-            if self.loops.get(output.channel) == text
+            if self.view(output) == text
             for raw in (*output.inner, output.default)
         )
 
     def fallen(self, text: str, found: int) -> bool:
         """Whether the device itself has brought an output to its default, as a watchdog does while a line is silent: a
         new driver, without the line, reads that too."""
-        shown = [each for each in self.subject.outputs if self.loops.get(each.channel, each.channel) == text]
+        shown = [each for each in self.subject.outputs if self.view(each) == text]
         if self.subject.direct is None or not any(self.same(each, each.default, found) for each in shown):
             return False
         probe = self.new(direct=True)
@@ -241,15 +351,33 @@ class Trial:
 
     def same(self, output: Output, raw: int, level: int) -> bool:
         """Whether a level that was seen is the output's raw one."""
-        through = self.loops.get(output.channel)
-        if through is None or self.subject.agree is None:
+        if raw == level or self.subject.agree is None:
             return raw == level
-        return self.subject.agree(output.channel, raw, through, level)
+        views = {self.view(output)}
+        if self.subject.levels is not None:  # what records them has the output's own scale
+            views.add(output.channel)
+        return any(self.subject.agree(output.channel, raw, view, level) for view in views)
 
     def expect(self, probe: Probe, output: Output, raw: int, after: str) -> None:
-        """RuleBroken if the output is not at this level."""
-        if not self.is_at(probe, output, raw):
-            raise RuleBroken(f"{output.channel} is at {self.last_level} after {after}, not at {raw}")
+        """RuleBroken if the output is not at this level, or is not read so."""
+        if self.subject.levels is not None and not self.is_at(probe, output, raw):
+            text = f"{output.channel} is at {self.last_level} after {after}, not at {raw}"
+            raise RuleBroken(text + self._hint(output, raw), f"level of {output.channel}")
+        if output in self.viewed and not self.is_read(probe, output, raw):
+            view, found = self.view(output), self.last_level
+            if self.subject.levels is not None:
+                text = f"{view} reads {found}; {output.channel} is at {raw}, as it should be after {after}"
+                raise RuleBroken(text + self._hint(output, raw), f"reading of {view}")
+            of = "" if view == output.channel else f", which shows {output.channel},"
+            text = f"{view}{of} reads {found} after {after}, not {raw}"
+            raise RuleBroken(text + self._hint(output, raw), f"level of {output.channel}")
+
+    def _hint(self, output: Output, raw: int) -> str:
+        """For a device that has steps."""
+        off, width = abs(self.last_level - raw), output.greatest - output.least
+        if self.subject.agree is None and width >= 1 / STEPS and off <= max(1.0, STEPS * width):
+            return " (if the device has steps or noise, say what agrees: `agree` of the subject, --tolerance)"
+        return ""
 
     @contextmanager
     def observing(self, output: Output, until: int) -> Iterator[list[int]]:
@@ -260,7 +388,7 @@ class Trial:
             self.subject.levels(output.channel)
             yield found
             found += self.subject.levels(output.channel)
-        elif output.channel in self.loops:
+        elif output.channel in self.loops and (self.subject.line is None or self.subject.line.ordered):
             with self._polling(self.loops[output.channel], found):
                 yield found
                 end = monotonic() + self.subject.settle
@@ -323,6 +451,33 @@ class Trial:
         except OSError as error:
             return error
         return None
+
+    def unanswered(self, call: Callable[..., object], *arguments: Any) -> tuple[OSError | None, bool]:
+        """A call whose answer gets lost: its error, and whether there was an answer."""
+        line = self.line
+        before = line.spoiled
+        with line.silent():
+            error = self.failure(call, *arguments)
+            lost = line.await_answer(before) if error is None else line.spoiled > before
+        return error, lost
+
+    def spoiled(self, change: Change, hangup: bool, call: Callable[..., Any], *arguments: Any) -> tuple[Any, bool]:
+        """A call whose answer is changed: what it returned or raised, and whether there was an answer to change."""
+        line = self.line
+        before = line.spoiled
+        with line.spoiling(change, hangup=hangup):
+            try:
+                found = call(*arguments)
+            except OSError as error:
+                found = error
+            changed = line.await_answer(before) if not isinstance(found, OSError) else line.spoiled > before
+        return found, changed
+
+    def traffic(self, call: Callable[..., object], *arguments: Any) -> Traffic:
+        """What a call that succeeds sends and gets."""
+        with self.line.counting(answers=True) as traffic:
+            call(*arguments)
+        return traffic
 
     @contextmanager
     def own_error_first(self) -> Iterator[None]:

@@ -7,22 +7,43 @@ import numpy as np
 from umo.drivers.contract import Direction
 from umo.errors import DriverError
 from umo.testing.conformance.probe import Probe
-from umo.testing.conformance.rules import NotTried, RuleBroken, rule
+from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.subject import Output
 from umo.testing.conformance.trial import Trial
 from umo.text import some
 
 INT64 = 1 << 63
+FEWEST = 8
+"""Levels of each output that are tried at any rate."""
 
 
-@rule("range", "An output takes every raw level of its range, both ends included, exactly.")
+@rule("answers", "The device answers: channels are initialised, inputs are read, outputs are written their defaults.")
+def answers(trial: Trial) -> None:
+    """If it does not, the other rules are not tried."""
+    if why := trial.dead():
+        raise RuleBroken(why, "dead")
+
+
+@rule(
+    "range",
+    "An output takes every raw level of its range exactly, and is read so. Tried: both ends, powers of two and their "
+    "neighbours, every value of each byte.",
+    Cost(each=12, more=600),
+)
 def raw_range(trial: Trial) -> str | None:
+    left = []
     with trial.opened() as probe:
-        for output in trial.seen:
-            for raw in output.samples:
+        for number, output in enumerate(trial.seen):
+            samples = output.samples
+            for tried, raw in enumerate(samples):
+                if tried >= FEWEST and not trial.budget.more:
+                    left.append(f"{output.channel}: {tried} of {len(samples)} levels")
+                    break
+                trial.share = (number + tried / len(samples)) / len(trial.seen)
                 probe.write(output.channel, raw)
                 trial.expect(probe, output, raw, f"write({raw})")
-    return trial.remark
+    trial.spare("range", left)
+    return trial.remark(*left)
 
 
 @rule("one beyond", "A raw level beyond the channel's bits is refused by an OSError, and changes nothing.")
@@ -36,7 +57,7 @@ def one_beyond(trial: Trial) -> str | None:
         for output in wide:
             for raw in _beyond(probe, output):
                 _refused(trial, probe, output, raw)
-    return trial.remark
+    return trial.remark()
 
 
 def _beyond(probe: Probe, output: Output) -> tuple[int, ...]:

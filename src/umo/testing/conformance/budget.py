@@ -1,0 +1,116 @@
+"""The time budget of a run: what the rules will take, and who may take more of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from time import monotonic
+
+from umo.testing.conformance.rules import Rule
+
+SLACK = 1.15
+"""What is measured from a few calls is no more exact than this."""
+CALLS = 70_000
+"""Transfers of the long run: more than a number of 16 bits has."""
+SHARE = 0.3
+"""Part of the time to spare that a rule gets which can use it."""
+SHARES = {"long run": 0.7, "memory": 1.0}
+"""Of the last ones."""
+
+
+@dataclass(frozen=True)
+class Pace:
+    """What one call takes, in s; measured from a few calls."""
+
+    opening: float = 0.0
+    """To open a driver, to initialise, reset and finalise its channels, and to close it."""
+    transfer: float = 0.0
+    wait: float = 0.0
+    """To wait for a timeout."""
+    channels: int = 1
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a run will take. `str` is a sentence for the user."""
+
+    pace: Pace
+    budget: float
+    """s that it may take."""
+    least: dict[str, float]
+    """s of each rule, at least."""
+    shown: dict[str, float]
+    """s of each rule with all that it can use."""
+
+    @property
+    def full(self) -> float:
+        return sum(self.shown.values())
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Rules that will not fit, as far as this is known: those at the end of the list."""
+        total, out = 0.0, []
+        for rule, seconds in self.least.items():
+            total += seconds
+            if total > self.budget:
+                out.append(rule)
+        return tuple(out)
+
+    def __str__(self) -> str:
+        text = (
+            f"a transfer takes {self.pace.transfer * 1e3:.3g} ms: about {_duration(min(self.full, self.budget))} "
+            f"of the {_duration(self.budget)} that are allowed"
+        )
+        if self.left_out:
+            text += f"; {len(self.left_out)} rules will not fit ({_duration(sum(self.least.values()))} would be enough)"
+        elif self.full > self.budget:
+            text += f"; everything would take {_duration(self.full)}"
+        return (
+            f"{text}. Left out first: cycles of the long run, levels and openings, then rules from the end of the list"
+        )
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.1f} min"
+
+
+class Budget:
+    """The time that is left, for the rule that is tried now."""
+
+    def __init__(self, seconds: float, rules: Sequence[Rule], clock: Callable[[], float] = monotonic) -> None:
+        self._clock = clock
+        self._end = clock() + seconds
+        self._seconds = seconds
+        self._rules = rules
+        self._least: dict[str, float] = {rule.id: 0.0 for rule in rules}
+        self._until = self._end
+        self.spent: list[str] = []
+        """What was left out for want of time, in words."""
+
+    def plan(self, pace: Pace, cycles: int | None) -> Plan:
+        """Taken as the basis from now on. `cycles`: of the long run; None: all that it can use."""
+        opening, transfer = pace.opening * SLACK, pace.transfer * pace.channels * SLACK
+        shown = {}
+        for rule in self._rules:
+            cost = rule.cost
+            self._least[rule.id] = cost.opens * opening + cost.each * transfer + cost.waits * pace.wait
+            more = pace.transfer * SLACK * CALLS if rule.id == "long run" else cost.more * transfer
+            shown[rule.id] = self._least[rule.id] + (more if cycles is None else min(more, cycles * transfer))
+        return Plan(pace, self._seconds, dict(self._least), shown)
+
+    def begin(self, rule: Rule) -> bool:
+        """Whether the rule fits. If so, `more` is for it from now on."""
+        left = self._end - self._clock()
+        if left < self._least[rule.id]:
+            self.spent.append(f"the rule {rule.id}")
+            return False
+        behind = self._rules[self._rules.index(rule) + 1 :]
+        spare = max(0.0, left - self._least[rule.id] - sum(self._least[each.id] for each in behind))
+        share = SHARES.get(rule.id, SHARE)
+        self._until = self._clock() + self._least[rule.id] + share * spare
+        return True
+
+    @property
+    def more(self) -> bool:
+        """Whether the rule may go on with what it need not do."""
+        return self._clock() < self._until

@@ -1,0 +1,179 @@
+"""Cycles of transfers whose readings are looked at, and calls that fail."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from umo.drivers.contract import Direction
+from umo.testing.conformance.budget import CALLS
+from umo.testing.conformance.probe import Probe
+from umo.testing.conformance.rules import RuleBroken
+from umo.testing.conformance.subject import Output
+from umo.testing.conformance.trial import Trial
+
+WARM = 50
+"""Cycles in which a loop-back that takes its time is found."""
+FEWEST = 5
+"""Cycles at any rate."""
+TABLE = 64
+"""Different sets of levels."""
+QUICK = 0.02
+"""s within which a call must fail to be repeated often."""
+FREE = 1 << 20
+"""Bytes by which the process may grow: what an allocator keeps."""
+PER_CALL = 32
+"""Bytes by which the process may grow with each transfer."""
+STATM = "/proc/self/statm"
+
+
+class LongRun:
+    """Cycles of a driver with open channels. Each writes all outputs as a block and one alone, and reads all channels
+    as a block and one alone."""
+
+    def __init__(self, trial: Trial, probe: Probe) -> None:
+        self.trial, self.probe = trial, probe
+        self.calls = 0
+        self.readable = tuple(map(probe.channel, trial.readable))
+        self.outputs = tuple(probe.channel(each.channel) for each in trial.subject.outputs)
+        self._out = np.zeros(len(self.readable), np.int64)
+        outputs = trial.subject.outputs
+        table = [[each.other(i + 3 * number) for i, each in enumerate(outputs)] for number in range(TABLE - 1)]
+        self._table = [np.array(raws, np.int64) for raws in (*table, [each.default for each in outputs])]
+        self._turn = 0
+        self._shown = {i: each for i, each in enumerate(outputs) if each in trial.viewed}
+        """Outputs that can be read, by their number."""
+        self._place = {text: i for i, text in enumerate(trial.readable)}
+        self._lags: set[str] = set()
+        """Channels whose level takes its time, or that do not read it exactly."""
+        self._steady = {text: probe.read(text) for text in trial.steady if text in trial.readable}
+        self._before: dict[str, int] = {}
+        self.failing = self._failing()
+        self.per_cycle = 2 * bool(self.readable) + 2 * bool(self.outputs)
+        self.most = CALLS if trial.cycles is None else self.per_cycle * trial.cycles
+        self._grown = 0
+
+    def cycle(self) -> None:
+        """One read and one write of every channel, as a block; then of one of them."""
+        self.probe.call("cycle", self._transfer)
+
+    def _transfer(self) -> None:
+        driver, turn = self.probe.driver, self._turn
+        self._turn += 1
+        if self.outputs:
+            raws = self._table[turn % TABLE]
+            driver.write_many(self.outputs, raws)
+            one = turn % len(self.outputs)
+            driver.write(self.outputs[one], int(raws[one]))
+        if self.readable:
+            driver.read_many(self.readable, self._out)
+            self._alone = turn % len(self.readable), driver.read(self.readable[turn % len(self.readable)])
+
+    def fail(self) -> None:
+        """One call that fails."""
+        call = self.failing[self._turn % len(self.failing)]
+        self._turn += 1
+        self.trial.failure(*call)
+
+    def go(self) -> None:
+        """Cycles until there were enough transfers, or the time is up."""
+        number, early = 0, 0
+        while (self.per_cycle and number < FEWEST) or (self.calls < self.most and self.trial.budget.more):
+            self.trial.share = self.calls / self.most
+            self.cycle()
+            self.calls += self.per_cycle
+            self._look(number)
+            number += 1
+            if self.failing and number % WARM == 0:
+                self.fail()
+            if number == max(WARM, self.most // self.per_cycle // 4):
+                early = _resident()
+        if early and (grown := _resident() - early) > FREE + PER_CALL * self.calls:
+            raise RuleBroken(
+                f"the process grew by {grown / 1e6:.1f} MB in the last three quarters of {self.calls:,} transfers"
+            )
+        self._grown = early
+
+    @property
+    def remark(self) -> str:
+        """What was looked at."""
+        words = [f"{self.calls:,} transfers"]
+        if not self._shown and not self._steady:
+            words.append("no reading is known beforehand, so none was compared")
+        if self._lags:
+            words.append(f"{', '.join(sorted(self._lags))}: compared now and then, as the level takes its time")
+        if not self._grown:
+            words.append("too few to see the process grow")
+        return "; ".join(words)
+
+    # Readings ---------------------------------------------------------------------------------------
+
+    def _look(self, number: int) -> None:
+        """RuleBroken if a reading of the last cycle is wrong."""
+        found = dict(zip(self.trial.readable, self._out.tolist(), strict=True))
+        alone = {}
+        if self.readable:
+            place, raw = self._alone
+            alone[self.trial.readable[place]] = raw
+        for text, expected in self._steady.items():
+            for now in (found[text], alone.get(text, expected)):
+                if now != expected:
+                    self._wrong(text, now, expected)
+        raws = self._table[(self._turn - 1) % TABLE]
+        for i, output in self._shown.items():
+            view, raw = self.trial.view(output), int(raws[i])
+            if view in self._lags and number % WARM:
+                continue
+            for now in (found[view], alone.get(view, found[view])):
+                if now != raw and not self.trial.same(output, raw, now):
+                    self._explain(view, output, raw, now, number)
+                    break
+            self._before[view] = raw
+
+    def _explain(self, view: str, output: Output, raw: int, now: int, number: int) -> None:
+        """A loop-back may take its time: it is on its way then, and gets there."""
+        low, high = sorted((raw, self._before.get(view, output.default)))
+        there = self.trial.is_read(self.probe, output, raw)
+        on_its_way = low <= now <= high or self.trial.subject.agree is not None
+        if not there or (not on_its_way and number > WARM):
+            self._wrong(view, now, raw)
+        self._lags.add(view)
+
+    def _wrong(self, text: str, now: int, expected: int) -> None:
+        raise RuleBroken(
+            f"{text} read {now} after {self.calls:,} transfers, not {expected}", f"reading of {text} in the long run"
+        )
+
+    # Calls that fail ------------------------------------------------------------------------------------
+
+    def _failing(self) -> list[tuple[Callable[..., Any], Any]]:
+        """Calls that the device or the driver refuses at once."""
+        trial, probe = self.trial, self.probe
+        calls: list[tuple[Any, ...]] = []
+        for text in trial.subject.refused:
+            direction = probe.channel(text).direction
+            if Direction.INPUT in direction:
+                calls += [(probe.read, text), (probe.read_many, (*trial.readable, text))]
+            if Direction.OUTPUT in direction and trial.subject.outputs:
+                calls += [(probe.write, text, 0)]
+        if trial.subject.outputs:
+            only_in = [t for t in trial.readable if Direction.OUTPUT not in probe.channel(t).direction]
+            calls += [(probe.write_many, (text,), (0,)) for text in only_in[:1]]
+        found = []
+        for call in calls:
+            error = trial.failure(*call)
+            if error is not None and not isinstance(error, TimeoutError) and trial.watch.took < QUICK:
+                found.append(call)
+        return found
+
+
+def _resident() -> int:
+    """Bytes of memory that the process has; 0: unknown."""
+    try:
+        with open(STATM, encoding="ascii") as file:
+            return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, ValueError):
+        return 0

@@ -1,0 +1,118 @@
+"""Rules of the process in which the driver runs: processor time, Ctrl-C, and what else it changes there."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from contextlib import redirect_stdout
+from io import StringIO
+from threading import get_native_id
+from time import monotonic, sleep
+from types import FrameType
+from typing import Any
+
+from umo.testing.conformance.process import state, threads
+from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.trial import Trial
+
+IDLE = 0.25
+"""s for which processor time is measured."""
+BUSY = 0.5
+"""Part of a time in which a thread could run that it may not use for waiting."""
+TRIES = 2
+WAITS = {
+    "recv", "recv_into", "recvfrom", "recvfrom_into", "recvmsg", "select", "poll", "read", "readinto", "readline",
+    "ioctl", "sleep", "connect",
+}  # fmt: skip
+"""Functions in C in which drivers wait for their devices."""
+
+
+@rule("idle", "No processor time is used for waiting: not while the device is silent, not between calls.",
+      Cost(each=4, waits=8))  # fmt: skip
+def idle(trial: Trial) -> str | None:
+    if not threads():
+        raise NotTried("the processor time of threads can be read on Linux only")
+    with trial.opened() as probe:
+        for call, arguments in trial.transfers(probe)[::2]:
+            call(*arguments)
+        _quiet(trial, lambda: sleep(IDLE), "between two calls")
+        if trial.subject.line is None:
+            return "between calls only: there is no line that could be silent"
+        probe.driver.timeout = max(trial.haste, IDLE)
+        for call, arguments in trial.transfers(probe)[:4:2]:
+            _quiet(trial, lambda: trial.unanswered(call, *arguments), "")  # noqa: B023
+    return None
+
+
+def _quiet(trial: Trial, wait: Callable[[], object], when: str) -> None:
+    """RuleBroken if threads that are not older than the trial run while they should wait."""
+    shares = []
+    for _ in range(TRIES):
+        before, began = threads(), monotonic()
+        wait()
+        took = monotonic() - began
+        shares.append(_share(trial, before, took))
+        if took < IDLE / 2 or shares[-1] < BUSY:  # one that ends at once does not wait
+            return
+    when = when or f"in {trial.watch.doing}, while the device was silent"
+    raise RuleBroken(f"{min(shares):.0%} of a processor was used {when}")
+
+
+def _share(trial: Trial, before: dict[int, tuple[float, float]], took: float) -> float:
+    """The largest share of a thread, in the time in which it was not kept from running by others."""
+    own = [tid for tid in before if tid not in trial.threads or tid == get_native_id()]
+    shares = [0.0]
+    for tid, (ran, kept) in threads().items():
+        if tid in own:
+            shares.append((ran - before[tid][0]) / max(1e-3, took - (kept - before[tid][1])))
+    return max(shares)
+
+
+@rule("interrupt", "Ctrl-C passes through a call that waits: KeyboardInterrupt is not turned into anything else.",
+      Cost(opens=4, each=4))  # fmt: skip
+def interrupt(trial: Trial) -> str | None:
+    """The interrupt is raised where the call would wait in a function in C."""
+    untried, before = [], sys.getprofile()
+    for number in range(len(trial.transfers(trial.new()))):
+        with trial.opened() as probe:
+            call, arguments = trial.transfers(probe)[number]
+            waits = _Interrupt()
+            trial.watch.interrupted = False
+            sys.setprofile(waits)
+            try:
+                trial.failure(call, *arguments)
+            finally:
+                sys.setprofile(before)
+            if not waits.raised:
+                untried.append(trial.watch.doing)
+            elif not trial.watch.interrupted:
+                raise RuleBroken(f"{trial.watch.doing} swallowed Ctrl-C while it waited in {waits.raised}")
+    if not trial.channels or len(untried) == len(trial.transfers(trial.new())):
+        raise NotTried("no call waits in a function that can be interrupted")
+    return f"{len(untried)} calls did not wait" if untried else None
+
+
+class _Interrupt:
+    """A profile function that raises KeyboardInterrupt once, in the first function that waits."""
+
+    def __init__(self) -> None:
+        self.raised = ""
+
+    def __call__(self, frame: FrameType, event: str, function: Any) -> None:
+        if event == "c_call" and not self.raised and getattr(function, "__name__", "") in WAITS:
+            self.raised = function.__name__
+            raise KeyboardInterrupt
+
+
+@rule("process", "The process stays as it was: signals, working directory, default timeout of sockets, environment, "
+      "child processes, nothing on stdout.", Cost(opens=1, each=2))  # fmt: skip
+def process(trial: Trial) -> None:
+    printed = StringIO()
+    with redirect_stdout(printed), trial.opened() as probe:
+        for call, arguments in trial.transfers(probe):
+            call(*arguments)
+    if text := printed.getvalue().strip():
+        raise RuleBroken(f"it prints: {text.splitlines()[0][:80]!r}")
+    for what, value in state().items():
+        if value != trial.before[what]:
+            raise RuleBroken(f"it changed the {what} from {trial.before[what]} to {value}")

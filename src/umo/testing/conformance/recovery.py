@@ -1,0 +1,53 @@
+"""After something went wrong on the line: what the channels read, and that the driver works again."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from umo.testing.conformance.probe import Probe
+from umo.testing.conformance.rules import RuleBroken
+from umo.testing.conformance.subject import Output
+from umo.testing.conformance.trial import Trial
+
+TRIES = 3
+"""Calls within which a driver recovers."""
+
+
+def values(trial: Trial, probe: Probe) -> dict[str, int | None]:
+    """What the channels read, None for those that move by themselves. Every output is brought to another level than its
+    default; the inputs that read them are waited for."""
+    probe.driver.timeout = trial.patience
+    outputs = trial.subject.outputs
+    for number, output in enumerate(outputs):
+        rewrite(trial, probe, output, output.other(number), "what was tried before")
+    for number, output in enumerate(outputs):
+        if output in trial.viewed:
+            trial.is_read(probe, output, output.other(number))
+    return {text: probe.read(text) if text in trial.known else None for text in trial.readable}
+
+
+def recovers(trial: Trial, probe: Probe, expected: Mapping[str, int | None], after: str, tries: int = TRIES) -> None:
+    """Each channel reads its value, at the last of the tries at the latest, and no other one before."""
+    probe.driver.timeout = trial.patience
+    for text, raw in expected.items():
+        for left in range(tries - 1, -1, -1):
+            try:
+                found = probe.read(text)
+            except OSError as error:
+                if not left:
+                    raise RuleBroken(f"read of {text} still fails after {after}: {error}") from error
+                continue
+            if raw is not None and not (trial.alike(text, raw, found) or trial.fallen(text, found)):
+                raise RuleBroken(f"{text} read {found} after {after}; it is at {raw}", f"reading of {text}")
+            break
+
+
+def rewrite(trial: Trial, probe: Probe, output: Output, raw: int, after: str) -> None:
+    """The output takes a level, at the third call at the latest."""
+    probe.driver.timeout = trial.patience
+    for left in range(TRIES - 1, -1, -1):
+        error = trial.failure(probe.write, output.channel, raw)
+        if error is None:
+            return
+        if not left:
+            raise RuleBroken(f"{trial.watch.doing} still fails after {after}: {error}")

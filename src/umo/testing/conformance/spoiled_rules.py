@@ -1,0 +1,337 @@
+"""Rules of answers that are late, old, cut short or garbled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from random import Random
+from typing import Any
+
+from umo.testing.conformance.probe import Probe
+from umo.testing.conformance.recovery import recovers, rewrite, values
+from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.subject import Output
+from umo.testing.conformance.taps import Change
+from umo.testing.conformance.trial import Trial
+
+MOST = 2
+"""Channels that are tried with each spoiled answer."""
+NO_ANSWER = "the device answers neither reads nor writes over the line"
+ENVELOPE = 2
+"""Bytes by which an answer is longer than its value where it has a structure."""
+
+
+@rule(
+    "late answer",
+    "After a timeout, the late answer is never taken for that of a later request.",
+    Cost(each=16, waits=24),
+)
+def late_answer(trial: Trial) -> str | None:
+    """The answer to the later request gets lost: if the call succeeds, it took the late one."""
+    tried = False
+    with trial.opened() as probe:
+        for behind in (False, True) if trial.line.ordered else (False,):
+            for asked in _calls(trial, probe):
+                for later in _calls(trial, probe):
+                    tried |= _comes_late(trial, probe, behind, asked, later)
+            tried |= _late_level(trial, probe, behind)
+        recovers(trial, probe, values(trial, probe), "late answers")
+    if not tried:
+        raise NotTried(NO_ANSWER)
+    return None if trial.line.ordered else "on a serial line: answers that come before the next request"
+
+
+Call = tuple[Callable[..., object], tuple[Any, ...]]
+
+
+def _calls(trial: Trial, probe: Probe) -> list[Call]:
+    """Reads of two channels, and a write."""
+    found: list[Call] = [(probe.read, (text,)) for text in trial.readable[:MOST]]
+    found += [(probe.write, (each.channel, each.other())) for each in trial.subject.outputs[:1]]
+    return found
+
+
+def _comes_late(trial: Trial, probe: Probe, behind: bool, asked: Call, later: Call) -> bool:
+    """Whether the first call had an answer, which came after its timeout."""
+    line = trial.line
+    _alive(trial, probe)
+    before = line.spoiled
+    with line.late(behind=behind):
+        error = trial.failure(asked[0], *asked[1])
+    first = trial.watch.doing
+    if line.spoiled == before:
+        return False
+    if error is None:
+        raise RuleBroken(f"{first} succeeded before its answer came")
+    error, lost = trial.unanswered(later[0], *later[1])
+    if error is None and lost:
+        raise RuleBroken(f"{trial.watch.doing} took the late answer to the {first}")
+    return True
+
+
+def _late_level(trial: Trial, probe: Probe, behind: bool) -> bool:
+    """The late answer has the level that an output had before; it comes with the right one. Whether there was one."""
+    output = next(iter(trial.viewed), None)
+    if output is None:
+        return False
+    view, line = trial.view(output), trial.line
+    old, new = output.default, output.other()
+    probe.driver.timeout = trial.patience
+    probe.write(output.channel, old)
+    trial.is_read(probe, output, old)
+    trial.hurry(probe)
+    before = line.spoiled
+    with line.late(behind=behind):
+        trial.failure(probe.read, view)
+    probe.driver.timeout = trial.patience
+    rewrite(trial, probe, output, new, f"a timeout of {view}")
+    there, found = trial.comes_to(lambda: _read_twice(probe, view), lambda level: trial.same(output, new, level))
+    if not there and not trial.fallen(view, found):
+        raise RuleBroken(f"{view} read {found} after a timeout of it; {output.channel} is at {new}")
+    return line.spoiled > before
+
+
+def _read_twice(probe: Probe, text: str) -> int:
+    """The second time only if the first fails: with that the driver may find out what it has to."""
+    try:
+        return probe.read(text)
+    except OSError:
+        return probe.read(text)
+
+
+def _alive(trial: Trial, probe: Probe) -> None:
+    """A call that succeeds, so that the driver is connected; then the short timeout. After a failure it may fail."""
+    probe.driver.timeout = trial.patience
+    call, arguments = trial.transfers(probe)[0]
+    if trial.failure(call, *arguments) is not None:
+        call(*arguments)
+    trial.hurry(probe)
+
+
+@rule("answer in pieces", "An answer that comes in several pieces is put together.", Cost(each=8))
+def answer_in_pieces(trial: Trial) -> None:
+    line = trial.line
+    with trial.opened() as probe:
+        expected, before = values(trial, probe), line.spoiled
+        with line.split():
+            recovers(trial, probe, expected, "an answer in pieces", tries=1)
+            for call, arguments in trial.transfers(probe):
+                if (error := trial.failure(call, *arguments)) is not None:
+                    raise RuleBroken(f"{trial.watch.doing} failed with an answer in pieces: {error}")
+    if line.spoiled == before:
+        raise NotTried(NO_ANSWER)
+
+
+@rule(
+    "old answer",
+    "An earlier answer in place of the right one is an error, where answers carry a number.",
+    Cost(each=14, waits=6),
+)
+def old_answer(trial: Trial) -> None:
+    """The number shows: two answers to one call, while nothing changes, are not alike."""
+    with trial.opened() as probe:
+        tried = False
+        for call, arguments in [*_steady_reads(trial, probe), *_calls(trial, probe)[len(trial.readable[:MOST]) :]]:
+            _alive(trial, probe)
+            if (old := _numbered(trial, probe, call, arguments)) is None:
+                continue
+            for later, its in _calls(trial, probe):
+                _alive(trial, probe)
+                found, changed = trial.spoiled(lambda answer: old, False, later, *its)
+                if changed and not isinstance(found, OSError):
+                    raise RuleBroken(f"{trial.watch.doing} succeeded with an earlier answer")
+                tried |= changed
+        recovers(trial, probe, values(trial, probe), "an earlier answer")
+    if not tried:
+        raise NotTried("answers carry no number, or nothing is steady: an earlier answer cannot be told")
+
+
+def _steady_reads(trial: Trial, probe: Probe) -> Iterator[Call]:
+    for text in trial.known[:1]:
+        yield probe.read, (text,)
+
+
+def _numbered(trial: Trial, probe: Probe, call: Callable[..., object], arguments: tuple[Any, ...]) -> bytes | None:
+    """An answer to the call, if it has a number in it."""
+    probe.driver.timeout = trial.patience
+    line = trial.line
+    line.exchanges.clear()
+    for _ in range(4):
+        call(*arguments)
+    trial.hurry(probe)
+    requests, answers = zip(*list(line.exchanges)[-3:], strict=True) if len(line.exchanges) >= 3 else ((), ())
+    alike = all(len(set(map(len, each))) == 1 for each in (requests, answers))
+    return answers[-1] if alike and len(set(requests)) == len(set(answers)) == 3 else None
+
+
+# Answers that are changed -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Spoilt:
+    """A way to change an answer."""
+
+    words: str
+    change: Change
+    hangup: bool = False
+    blind: bool = False
+    """Nothing is left of the answer by which the driver could know a value: a call that succeeds made it up."""
+
+
+def _each_spoiled(trial: Trial, ways: list[Spoilt], structured: bool = False) -> str | None:
+    """Reads and a write with each of the answers; `structured`: only answers that have a structure."""
+    tried, plain = set(), set()
+    with trial.opened() as probe:
+        texts = [trial.view(each) for each in trial.viewed[:MOST]]
+        texts += [text for text in trial.readable if text not in texts and trial.default(text) is None]
+        texts = texts[:MOST]
+        if structured:
+            plain = {text for text in texts if not _has_structure(trial, probe, text)}
+        for way in ways:
+            for text in texts:
+                if text not in plain and _spoiled_read(trial, probe, text, way):
+                    tried.add("reads")
+            if trial.subject.outputs and "writes" not in plain:
+                if structured and not _acknowledged(trial, probe):
+                    plain.add("writes")
+                elif _spoiled_write(trial, probe, way):
+                    tried.add("writes")
+    if not tried:
+        raise NotTried("answers have no structure by which garbage is noticed" if plain else NO_ANSWER)
+    return f"without {' and '.join(sorted(plain))}, whose answers have no structure" if plain else None
+
+
+def _has_structure(trial: Trial, probe: Probe, text: str) -> bool:
+    """Whether an answer to a read has more than the value: a line of text, or some bytes more."""
+    answer = _answer(trial, probe, probe.read, text)
+    if not trial.subject.structured or not answer:
+        return trial.subject.structured
+    if answer[-1:] in b"\r\n;>" and answer.isascii() and len(answer) > 1:
+        return True
+    return trial.subject.checksum or len(answer) >= -(-probe.channel(text).bits // 8) + ENVELOPE
+
+
+def _acknowledged(trial: Trial, probe: Probe) -> bool:
+    """Whether the answer to a write is more than one or two bytes."""
+    output = trial.subject.outputs[0]
+    probe.driver.timeout = trial.patience
+    probe.write(output.channel, output.other())
+    answer = _answer(trial, probe, probe.write, output.channel, output.default)
+    return trial.subject.structured and (not answer or trial.subject.checksum or len(answer) > ENVELOPE)
+
+
+def _answer(trial: Trial, probe: Probe, call: Callable[..., object], *arguments: Any) -> bytes:
+    """The answer to a call that succeeds; nothing if there was none."""
+    probe.driver.timeout = trial.patience
+    return trial.traffic(call, *arguments).answer
+
+
+def _spoiled_read(trial: Trial, probe: Probe, text: str, way: Spoilt) -> bool:
+    """The read must fail or be right. Its level is moved between a good reading and this one, where an output drives
+    it. Whether there was an answer to change."""
+    probe.driver.timeout = trial.patience
+    output = next((each for each in trial.viewed if trial.view(each) == text), None)
+    known = _moved(trial, probe, output) if output is not None else probe.read(text)
+    trial.hurry(probe)
+    found, changed = trial.spoiled(way.change, way.hangup, probe.read, text)
+    probe.driver.timeout = trial.patience
+    if changed and not isinstance(found, OSError):
+        if way.blind:
+            raise RuleBroken(f"{text} read {found} from {way.words}: that is no reading of now")
+        right = output is not None and trial.same(output, known, found)
+        if not (right or trial.alike(text, known, found) or trial.fallen(text, found)) and text in trial.known:
+            raise RuleBroken(f"{text} read {found} from {way.words}; it is at {known}")
+    recovers(trial, probe, {text: known} if text in trial.known else {text: None}, way.words)
+    return changed
+
+
+def _moved(trial: Trial, probe: Probe, output: Output) -> int:
+    """The level to which an output has come since it was read for the last time."""
+    before, now = output.other(1), output.other(2)
+    if before == now:
+        before, now = output.default, output.other()
+    probe.write(output.channel, before)
+    trial.is_read(probe, output, before)
+    probe.write(output.channel, now)
+    if trial.view(output) != output.channel:
+        with trial.second(direct=True) as watcher:
+            trial.arrive(watcher, output, now)
+    return now
+
+
+def _spoiled_write(trial: Trial, probe: Probe, way: Spoilt) -> bool:
+    """The write must fail, if it has an answer: it is not known whether it was carried out."""
+    output = trial.subject.outputs[0]
+    probe.driver.timeout = trial.patience
+    probe.write(output.channel, output.default)
+    trial.hurry(probe)
+    found, changed = trial.spoiled(way.change, way.hangup, probe.write, output.channel, output.other())
+    probe.driver.timeout = trial.patience
+    if changed and not isinstance(found, OSError):
+        raise RuleBroken(f"{trial.watch.doing} succeeded with {way.words}")
+    rewrite(trial, probe, output, output.other(), way.words)
+    return changed
+
+
+@rule(
+    "short answer",
+    "An answer that is cut short, with or without the end of the connection, is an error.",
+    Cost(opens=2, each=40, waits=18),
+)
+def short_answer(trial: Trial) -> str | None:
+    def half(answer: bytes) -> bytes:
+        return answer[: len(answer) // 2]
+
+    whole = _each_spoiled(
+        trial,
+        [
+            Spoilt("no answer and the end of the connection", lambda answer: b"", hangup=True, blind=True),
+            Spoilt("half of an answer", half, blind=True),
+            Spoilt("half of an answer and the end of the connection", half, hangup=True, blind=True),
+            Spoilt("the first byte of an answer and the end of the connection", lambda a: a[:1], hangup=True),
+        ],
+    )
+    with trial.opened() as probe:
+        for text in trial.known[:MOST]:
+            for hangup in (False, True):
+                _spoiled_read(trial, probe, text, Spoilt("an answer without its end", lambda a: a[:-1], hangup))
+    return whole
+
+
+@rule(
+    "garbled answer",
+    "An answer whose structure is garbled (its start, all of it, random bytes) is an error. A changed digit or "
+    "register in a sound answer cannot be noticed; it is tried only where answers have a checksum.",
+    Cost(each=50, waits=20),
+)
+def garbled_answer(trial: Trial) -> str | None:
+    random = Random(1998)
+
+    def noise(count: int) -> bytes:
+        return bytes(random.randrange(0x80, 0x100) for _ in range(count))
+
+    def half(answer: bytes) -> bytes:
+        return noise(len(answer) // 2 or 1) + answer[len(answer) // 2 or 1 :]
+
+    ways = [
+        Spoilt("an answer with another first byte", lambda answer: bytes([answer[0] ^ 0xA5]) + answer[1:]),
+        Spoilt("an answer with a garbled first half", half),
+        Spoilt("random bytes of the length of an answer", lambda answer: noise(len(answer)), blind=True),
+        Spoilt("300 random bytes", lambda answer: noise(300), blind=True),
+    ]
+    if trial.subject.checksum:
+        ways += [
+            Spoilt(f"an answer with a changed bit in byte {place}", _flipped(place, bit))
+            for place, bit in ((-1, 7), (-2, 0), (-4, 4), (-6, 2), (0, 6), (1, 1), (2, 3))
+        ]
+    return _each_spoiled(trial, ways, structured=True)
+
+
+def _flipped(place: int, bit: int) -> Change:
+    def change(answer: bytes) -> bytes:
+        at = place if place >= 0 else len(answer) + place
+        if not 0 <= at < len(answer):
+            return answer[:-1] + bytes([answer[-1] ^ 1])
+        return answer[:at] + bytes([answer[at] ^ 1 << bit]) + answer[at + 1 :]
+
+    return change
