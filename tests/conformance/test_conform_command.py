@@ -20,7 +20,7 @@ from conformance.device import Device
 from umo.errors import StandsStopped
 from umo.system.custody import Custody
 from umo.system.hold import Hold
-from umo.testing.conformance import Certificate
+from umo.testing.conformance import Certificate, leak_rules, long_run
 
 Umo = Callable[..., Result]
 OBJECTS = """
@@ -62,6 +62,14 @@ timeout = "30 ms"
 """
 
 
+@pytest.fixture(autouse=True)
+def few_transfers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where they are many in the search for what adds up."""
+    monkeypatch.setattr(long_run, "CALLS", 80)
+    monkeypatch.setattr(leak_rules, "OPENINGS", 3)
+    monkeypatch.setattr(leak_rules, "CYCLES", 10)
+
+
 @pytest.fixture
 def device() -> Iterator[Device]:
     with Device() as device:
@@ -84,10 +92,10 @@ def said(result: Result) -> str:
 
 def test_a_wired_driver_is_tested_within_the_ranges_of_its_objects(umo: Umo, press: Path, device: Device) -> None:
     device.levels("out:0")
-    words = ("--yes", "--cycles", "20", "--loopback", "motor=back", "--json", "made.json")
+    words = ("--yes", "--loopback", "motor=back", "--json", "made.json")
     result = umo("conform", "press/wiring/card.toml", *words)
     assert result.exit_code == 0, said(result)
-    assert f"press-card-card: device tcp 127.0.0.1:{device.port}" in said(result)
+    assert f"press-card-card: passed, on device tcp 127.0.0.1:{device.port}" in said(result)
     assert "out:0 0 to 200" not in said(result)
     assert "motor out:0 0 to 200 0 to 4 V 1.0" in said(result).replace("│ ", "")
     certificate = Certificate.from_json(Path("made.json").read_text())
@@ -109,7 +117,7 @@ def test_without_a_terminal_and_without_yes_nothing_is_driven(umo: Umo, press: P
 
 
 def test_only_the_listed_channels_are_used(umo: Umo, press: Path, device: Device) -> None:
-    words = ("--only", "fan", "--only", "in:9", "--yes", "--cycles", "20", "--json", "made.json")
+    words = ("--only", "fan", "--only", "in:9", "--yes", "--json", "made.json")
     assert umo("conform", "press", "-w", "card", *words).exit_code == 0
     certificate = Certificate.from_json(Path("made.json").read_text())
     assert certificate.outputs == ("out:1 0 to 1",) and certificate.inputs == ("in:9",)
@@ -117,15 +125,37 @@ def test_only_the_listed_channels_are_used(umo: Umo, press: Path, device: Device
 
 
 def test_inputs_alone_are_read_without_a_question_and_nothing_is_written(umo: Umo, press: Path, device: Device) -> None:
-    result = umo("conform", "press", "-w", "card", "--only", "encoder", "--only", "back", "--cycles", "20")
+    result = umo("conform", "press", "-w", "card", "--only", "encoder", "--only", "back")
     assert result.exit_code == 0, said(result)
     assert "directions" not in said(result)
+
+
+def test_an_input_that_is_steady_lets_the_line_be_tried_without_an_output(umo: Umo, press: Path) -> None:
+    words = ("--only", "encoder", "--steady", "encoder", "--json", "made.json")
+    result = umo("conform", "press", "-w", "card", *words)
+    assert result.exit_code == 0, said(result)
+    certificate = Certificate.from_json(Path("made.json").read_text())
+    tried = {each.rule for each in certificate.findings if each.verdict == "passed"}
+    assert {"late answer", "old answer", "short answer", "garbled answer", "retry", "vanish"} <= tried
+
+
+def test_a_run_that_was_cut_short_is_status_3_and_says_what_it_will_take(umo: Umo, press: Path) -> None:
+    result = umo("conform", "press", "-w", "card", "--yes", "--minutes", "0.05")
+    assert result.exit_code == 3, said(result)
+    assert "umo: a transfer takes " in said(result) and "Left out first: the long run" in said(result)
+    assert "press-card-card: passed (cut short), on device tcp" in said(result)
+
+
+def test_a_simulation_has_no_line_which_is_status_3(umo: Umo) -> None:
+    result = umo("conform", "conveyor")
+    assert result.exit_code == 3, said(result)
+    assert "passed (the line was not tried)" in said(result)
 
 
 def test_a_broken_rule_is_status_1_and_in_words(umo: Umo, press: Path) -> None:
     file = press / "wiring" / "card.toml"
     file.write_text(file.read_text().replace("careful:Careful", "broken:ReadsAFloat"))
-    result = umo("conform", "press", "-w", "card", "--yes", "--cycles", "20")
+    result = umo("conform", "press", "-w", "card", "--yes")
     assert result.exit_code == 1
     assert "readings │ failed │ A reading is an int, within the bits of its channel. [read of in:0 returned" in said(
         result
@@ -168,7 +198,7 @@ def test_a_device_that_is_not_there_is_one_line_and_status_1(umo: Umo, press: Pa
 
 
 def test_a_channel_that_the_device_refuses_lets_error_answers_be_tried(umo: Umo, press: Path) -> None:
-    words = ("--yes", "--cycles", "20", "--refused", "in:40", "--refused", "io:40", "--json", "made.json")
+    words = ("--yes", "--refused", "in:40", "--refused", "io:40", "--json", "made.json")
     assert umo("conform", "press", "-w", "card", "--loopback", "motor=back", *words).exit_code == 0
     certificate = Certificate.from_json(Path("made.json").read_text())
     assert certificate.finding("error answer").verdict == "passed"
@@ -227,7 +257,7 @@ def test_at_a_terminal_it_lists_the_outputs_and_asks(press: Path, device: Device
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a terminal of Linux")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_it_with_the_outputs_at_their_defaults(press: Path, device: Device, number: int) -> None:
-    words, environment = command("conform", str(press), "-w", "card", "--cycles", "1000000")
+    words, environment = command("conform", str(press), "-w", "card")
     terminal, inner = pty.openpty()
     process = subprocess.Popen(words, stdin=inner, stdout=inner, stderr=inner, env=environment)
     os.close(inner)

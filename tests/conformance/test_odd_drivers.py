@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from time import sleep
 from typing import Any
 
 import pytest
 
 from conformance.careful import Careful, Place
+from conformance.device import READ, frame
+from conformance.plain import Bytes, Plain, Scpi, TwoBytes, of_bytes, scpi, serving
 from conformance.subjects import HASTE, careful
+from helpers.tiers import some
 from umo.drivers.contract import Channel, Direction, Driver
-from umo.errors import ChannelError, DriverError
-from umo.testing.conformance import Input, Judgement, Output, Subject, conform, examine
+from umo.errors import ChannelError, DeviceTimeout, DriverError
+from umo.testing.conformance import Input, Judgement, Output, Subject, TcpTap, conform
 
+CYCLES = 20
 LEVELS = {"wide": 0, "switch": 0}
-
-
-@pytest.fixture(autouse=True)
-def not_for_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(examine, "on_certificate", [])
 
 
 class Memory(Driver):
@@ -52,6 +54,25 @@ class NearItsTimeout(Careful):
         return super().exchange(function, channels, raws)
 
 
+class Distant(Careful):
+    """Each exchange takes 5 ms."""
+
+    def exchange(self, function: int, channels: Sequence[Place], raws: Sequence[int]) -> list[tuple[int, int]]:
+        sleep(0.005)
+        return super().exchange(function, channels, raws)
+
+
+class StartsSlowly(Careful):
+    """The device needs 60 ms after it was connected; a call with less time ends in time."""
+
+    def open(self) -> None:
+        super().open()
+        if self.timeout < 0.06:
+            sleep(self.timeout)
+            raise DeviceTimeout("the device is starting")
+        sleep(0.06)
+
+
 class SendsChangesOnly(Careful):
     """A level that the device has confirmed is not sent again on the same connection."""
 
@@ -79,6 +100,162 @@ class SendsChangesOnly(Careful):
         self.confirmed |= new
 
 
+class ChecksWhatItWrote(Careful):
+    """Each write is read back, in one more exchange."""
+
+    def write_raws(self, channels: Sequence[Place], raws: list[int]) -> None:
+        super().write_raws(channels, raws)
+        if channels and [raw for _, raw in self.exchange(READ, channels, [0] * len(channels))] != list(raws):
+            raise DriverError("it was not taken")
+
+
+class OneByOne(Careful):
+    """A block is a request for each channel."""
+
+    read_many = Driver.read_many
+    write_many = Driver.write_many
+
+    def read(self, channel: Place) -> int:
+        answer = self.exchange(READ, (channel,), [0])
+        self.check((channel,), answer)
+        return answer[0][1]
+
+
+class GreetsTheDevice(Careful):
+    """A request with its answer follows each connection."""
+
+    greeted: Any = None
+
+    def connect(self) -> None:
+        super().connect()
+        if self.greeted is not self.connection:
+            self.greeted = self.connection
+            self.number += 1
+            self.send(frame(self.number, READ, [(41, 0)]))
+            self.answer(READ, 1)
+            self.number += 1
+
+
+class Beats(Careful):
+    """A thread of its own tells the device, on a connection of its own, that the driver lives."""
+
+    def open(self) -> None:
+        super().open()
+        self.end = threading.Event()
+        self.beat = Careful(host=self.host, port=self.port)
+        self.thread = threading.Thread(target=self.work, daemon=True)
+        self.thread.start()
+
+    def work(self) -> None:
+        while not self.end.wait(0.01):
+            try:
+                self.beat.timeout = 0.02
+                self.beat.is_open or self.beat.open()
+                self.beat.exchange(READ, (self.channel("in:8"),), [0])
+            except OSError:
+                pass
+        self.beat.close()
+
+    def close(self) -> None:
+        super().close()
+        if hasattr(self, "end"):
+            self.end.set()
+            self.thread.join()
+
+
+class Steps(Careful):
+    """The device has steps of 4 for its outputs."""
+
+    def write_raws(self, channels: Sequence[Place], raws: list[int]) -> None:
+        coarse = [raw // 4 * 4 if c.lowest <= raw <= c.highest else raw for c, raw in zip(channels, raws, strict=True)]
+        super().write_raws(channels, coarse)
+
+
+class Moving(Careful):
+    """in:8 and in:9 change with each reading."""
+
+    turn = 0
+
+    def read_many(self, channels: Sequence[Place], out: Any) -> None:
+        super().read_many(channels, out)
+        Moving.turn += 1
+        for i, channel in enumerate(channels):
+            if channel.text in ("in:8", "in:9"):
+                out[i] += self.turn % 7
+
+
+class Lagging(Careful):
+    """in:0 follows out:0 two reads later, and its last digit varies."""
+
+    seen: list[int] = [5, 5, 5]
+    noise = 0
+
+    def read_many(self, channels: Sequence[Place], out: Any) -> None:
+        super().read_many(channels, out)
+        for i, channel in enumerate(channels):
+            if channel.text == "in:0":
+                self.seen[:] = [*self.seen[1:], int(out[i])]
+                Lagging.noise = (self.noise + 1) % 3
+                out[i] = self.seen[0] + self.noise
+
+
+INPUTS = (Input("in:8"), Input("in:9"))
+MOVING = (Input("in:8", steady=False), Input("in:9", steady=False))
+NO_OUTPUTS: dict[str, Any] = {"outputs": (), "loopbacks": (), "refused": ("in:40",), "levels": None}
+ODD: dict[str, Callable[[], Any]] = {
+    "careful": careful,
+    "its answers take most of the timeout": lambda: careful(NearItsTimeout),
+    "its answers take 5 ms": lambda: careful(Distant),
+    "it starts slowly": lambda: careful(StartsSlowly),
+    "its timeout is 5 s": lambda: careful(timeout=5.0),
+    "it sends changes only": lambda: careful(SendsChangesOnly),
+    "it reads back what it wrote": lambda: careful(ChecksWhatItWrote),
+    "it has no blocks": lambda: careful(OneByOne),
+    "it greets the device": lambda: careful(GreetsTheDevice),
+    "a thread of it beats": lambda: careful(Beats),
+    "its outputs have steps": lambda: careful(Steps, agree=lambda one, raw, other, seen: 0 <= raw - seen < 4),
+    "sensors only": lambda: careful(inputs=INPUTS, **NO_OUTPUTS),
+    "sensors that move": lambda: careful(Moving, inputs=MOVING, **NO_OUTPUTS),
+    "one sensor": lambda: careful(inputs=INPUTS[:1], **NO_OUTPUTS),
+    "outputs only": lambda: careful(
+        outputs=(Output("out:0", 5, 0, 255), Output("out:1")), inputs=(), loopbacks=(), refused=(), levels=None
+    ),
+    "one output": lambda: careful(outputs=(Output("out:0"),), inputs=(), loopbacks=(), refused=()),
+    "two channels": lambda: careful(outputs=(Output("out:0"),), inputs=(Input("in:0"),), refused=(), levels=None),
+    "its device has a watchdog": lambda: careful(watchdog=HASTE / 2),
+    "no record of levels": lambda: careful(levels=None),
+    "no refused channel": lambda: careful(refused=()),
+    "answers of one byte": lambda: plain(Bytes, of_bytes(1), 255),
+    "answers of two bytes without a frame": lambda: plain(TwoBytes, of_bytes(2), 65535),
+    "silence for what is unknown": lambda: plain(Scpi, scpi(), 65535, refused=("unknown",), settle=0.1),
+}
+
+
+@contextmanager
+def plain(driver: type[Plain], device: Callable[[bytes], bytes], greatest: int, **more: Any) -> Iterator[Subject]:
+    """A driver of a device with an output and an input that reads it."""
+    with serving(device) as port, TcpTap("127.0.0.1", port) as tap:
+        subject = Subject(
+            driver.__name__,
+            make=lambda: driver(port=tap.port),
+            direct=lambda: driver(port=port),
+            outputs=(Output("out", 0, 0, greatest),),
+            inputs=(Input("in"),),
+            loopbacks=(("out", "in"),),
+            line=tap,
+            timeout=0.1,
+        )
+        yield replace(subject, **more)
+
+
+@pytest.mark.parametrize("what", some(lambda what: what in ("careful", "answers of one byte", "one sensor"), ODD))
+def test_a_correct_driver_passes(what: str) -> None:
+    with ODD[what]() as subject:
+        certificate = conform(subject, cycles=CYCLES)
+    assert certificate.passed, str(certificate)
+    assert certificate.line_tried
+
+
 def wide() -> Subject:
     return Subject("wide", make=Memory, outputs=(Output("wide", -7, -(2**63), 2**63 - 1),))
 
@@ -89,68 +266,16 @@ def switch() -> Subject:
 
 @pytest.mark.parametrize("subject", [wide, switch])
 def test_a_channel_of_64_bits_and_a_single_binary_output_pass(subject: Callable[[], Subject]) -> None:
-    certificate = conform(subject(), cycles=20)
+    certificate = conform(subject(), cycles=CYCLES)
     assert certificate.passed, str(certificate)
 
 
-ODD: dict[str, dict[str, Any]] = {
-    "read only": {"outputs": (), "loopbacks": (), "refused": ("in:40",)},
-    "write only": {
-        "outputs": (Output("out:0", 5, 0, 255), Output("out:1")),
-        "inputs": (),
-        "loopbacks": (),
-        "refused": (),
-    },
-    "a single output": {"outputs": (Output("out:0"),), "inputs": (), "loopbacks": (), "refused": ()},
-}
-
-
-@pytest.mark.parametrize("what", ODD)
-def test_a_driver_with_channels_of_one_kind_passes(what: str) -> None:
-    with careful(**ODD[what]) as subject:
-        certificate = conform(subject, cycles=20)
-    assert certificate.passed, str(certificate)
-
-
-def test_a_driver_that_sends_only_changes_passes() -> None:
-    with careful(SendsChangesOnly) as subject:
-        certificate = conform(subject, cycles=10)
-    assert certificate.passed, str(certificate)
-
-
-def test_a_driver_whose_calls_take_most_of_their_timeout_passes() -> None:
-    with careful(NearItsTimeout) as subject:
-        rules = ["timeout", "patience", "late answer", "answer in pieces", "vanish"]
-        certificate = conform(subject, only=rules, cycles=10)
-    assert certificate.passed, str(certificate)
-
-
-def test_a_device_that_brings_its_outputs_to_their_defaults_while_its_line_is_silent_passes() -> None:
-    with careful(watchdog=HASTE / 2) as subject:
-        rules = ["timeout", "late answer", "short answer", "garbled answer", "error answer", "vanish"]
-        certificate = conform(subject, only=rules, cycles=10)
-    assert certificate.passed, str(certificate)
-
-
+@pytest.mark.full
 def test_a_loop_back_that_follows_late_and_with_noise_passes() -> None:
-    class Lagging(Careful):
-        """in:0 follows out:0 two reads later, and its last digit varies."""
-
-        seen: list[int] = [5, 5, 5]
-        noise = 0
-
-        def read_many(self, channels: Sequence[Place], out: Any) -> None:
-            super().read_many(channels, out)
-            for i, channel in enumerate(channels):
-                if channel.text == "in:0":
-                    self.seen[:] = [*self.seen[1:], int(out[i])]
-                    Lagging.noise = (self.noise + 1) % 3
-                    out[i] = self.seen[0] + self.noise
-
     with careful(
-        Lagging, inputs=(Input("in:0"), Input("in:9")), agree=lambda one, raw, other, seen: 0 <= seen - raw <= 2
-    ) as subject:
-        lines = ["late answer", "short answer", "garbled answer", "error answer", "answer in pieces"]
-        certificate = conform(subject, only=lines, cycles=10)
-    assert certificate.passed, str(certificate)
-    assert {each.verdict for each in certificate.findings} == {Judgement.PASSED}
+        Lagging, inputs=(Input("in:0"), Input("in:9")), levels=None,
+        agree=lambda one, raw, other, seen: 0 <= seen - raw <= 2 if one == "out:0" else raw == seen,
+    ) as subject:  # fmt: skip
+        lines = ["late answer", "short answer", "garbled answer", "error answer", "answer in pieces", "long run"]
+        certificate = conform(subject, only=lines, cycles=100)
+    assert {each.verdict for each in certificate.findings} == {Judgement.PASSED}, str(certificate)

@@ -10,7 +10,7 @@ from pathlib import Path
 import umo
 from umo.testing.conformance import Certificate
 
-PLUGIN = "umo.testing.pytest_plugin"
+PLUGIN = "umo_pytest"
 MODULE = """
 import pytest
 from umo.drivers.simulated import Simulated
@@ -27,11 +27,27 @@ class Card(Simulated):
         self.write(channel, RESET)
 
 @pytest.fixture(scope="module")
-def subject():
+def umo_subject():
     return Subject("card", make=Card, outputs=(Output("valve", 0, 0, 1),))
 
-def test_conformance(conformance):
-    conformance.check()
+def test_conformance(umo_conformance):
+    umo_conformance.check()
+"""
+OTHER = """
+import sys
+import pytest
+
+@pytest.fixture
+def conformance():
+    return 1
+
+@pytest.fixture
+def certificate():
+    return 2
+
+def test_of_another_project(conformance, certificate):
+    assert conformance + certificate == 3
+    assert not [name for name in sys.modules if name.partition(".")[0] in ("umo", "numpy", "rich")]
 """
 
 
@@ -39,12 +55,13 @@ def run(folder: Path, module: str, *words: str) -> str:
     (folder / "test_card.py").write_text(module)
     (folder / "pytest.ini").write_text("[pytest]\n")
     environment = os.environ | {"PYTHONPATH": str(Path(umo.__file__).parents[1]), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
-    command = [sys.executable, "-m", "pytest", "-p", PLUGIN, "--conformance-cycles", "20", "-rs", *words]
+    command = [sys.executable, "-m", "pytest", "-p", PLUGIN, "-rs", *words]
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True).stdout
 
 
 def test_each_rule_is_a_test_and_those_that_cannot_be_tried_are_skipped(tmp_path: Path) -> None:
-    said = run(tmp_path, MODULE.replace("RESET", "default"), "-v", "--certificates", "made")
+    words = ("-v", "--umo-minutes", "0.05", "--umo-certificates", "made")
+    said = run(tmp_path, MODULE.replace("RESET", "default"), *words)
     assert "test_conformance[block-write] PASSED" in said
     assert "test_conformance[late-answer] SKIPPED" in said
     assert "there is no line between driver and device" in said
@@ -54,7 +71,11 @@ def test_each_rule_is_a_test_and_those_that_cannot_be_tried_are_skipped(tmp_path
 
 
 def test_a_broken_rule_fails_its_test_in_words(tmp_path: Path) -> None:
-    said = run(tmp_path, MODULE.replace("RESET", "1"))
-    assert "card: valve is at 1 after reset(0) from 1, not at 0" in said
+    said = run(tmp_path, MODULE.replace("RESET", "1"), "--umo-minutes", "0.05", "-k", "reset or end or range")
+    assert "card: valve reads 1 after reset(0) from 1, not 0" in said
     assert "1 failed" in said.splitlines()[-1]
     assert "Traceback" not in said
+
+
+def test_a_project_that_does_not_use_it_has_nothing_of_it(tmp_path: Path) -> None:
+    assert "1 passed" in run(tmp_path, OTHER).splitlines()[-1]

@@ -9,11 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from helpers.certificates import the_page_agrees
-
 from .gpio_sim import Chip
-
-__all__ = ["the_page_agrees"]
 
 HERE = Path(__file__).parent
 collect_ignore_glob = [] if sys.platform == "linux" else ["test_*.py"]  # elsewhere their libraries cannot be installed

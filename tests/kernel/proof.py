@@ -9,6 +9,6 @@ CYCLES = 600
 
 
 def proved(subject: Subject) -> None:
-    """`--certificates DIR` keeps the certificate."""
+    """`--umo-certificates DIR` keeps the certificate."""
     certificate = conform(subject, cycles=CYCLES)
     assert certificate.passed, certificate

@@ -184,8 +184,8 @@ def conform(
 ) -> None:
     """Prove that a driver keeps its contract, with its device.
 
-    Exit status 0: all is well. 1: a rule is broken, or an output is not at its default. 2: a mistake, or no consent. 3: no
-    rule is broken, but the line could not be disturbed, or something was left out for want of time.
+    Exit status 0: all is well. 1: a rule is broken, or an output is not at its default. 2: a mistake, or no consent.
+    3: no rule is broken, but the line could not be disturbed, or something was left out for want of time.
 
     The outputs are driven over the ranges of their objects, after you have agreed to it; all go to their defaults at
     the end. A driver with the options host and port, or serial, is also tested with a disturbed line to its device.

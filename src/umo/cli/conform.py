@@ -311,7 +311,8 @@ def _driven(subject: Subject, minutes: float) -> Certificate:
 
 
 def _shown(subject: Subject, minutes: float) -> Certificate:
-    """The certificate; first what it will take, then a line of progress. What writes to inputs is left out if nothing may be driven."""
+    """The certificate; first what it will take, then a line of progress. What writes to inputs is left out if nothing
+    may be driven."""
     began = time.monotonic()
     only = None if subject.outputs else [rule.id for rule in all_rules() if rule.id != "directions"]
     with OneLine(err) as line:

@@ -186,9 +186,7 @@ def block_failures(trial: Trial) -> str | None:
             if not others:
                 missing.append(f"{what}: no other channel that can be seen")
             elif bad is None:
-                missing.append(
-                    f"{what}: no {'input' if what == 'reads' else 'output'} is known that the device refuses"
-                )
+                missing.append(f"{what}: no channel of this direction is known that the device refuses")
             elif trial.failure(*_alone(probe, direction, bad)) is None:
                 missing.append(f"{what}: one of {bad} alone succeeds")
             else:

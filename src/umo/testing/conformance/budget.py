@@ -65,9 +65,7 @@ class Plan:
             text += f"; {len(self.left_out)} rules will not fit ({_duration(sum(self.least.values()))} would be enough)"
         elif self.full > self.budget:
             text += f"; everything would take {_duration(self.full)}"
-        return (
-            f"{text}. Left out first: cycles of the long run, levels and openings, then rules from the end of the list"
-        )
+        return f"{text}. Left out first: the long run, levels and openings, then rules from the end"
 
 
 def _duration(seconds: float) -> str:

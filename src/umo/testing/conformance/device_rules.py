@@ -16,6 +16,8 @@ from umo.testing.conformance.timing_rules import in_time
 from umo.testing.conformance.trial import Trial
 from umo.text import reported
 
+MOST = 8
+"""Channels that are read alone while the device is away."""
 ROUNDS = 3
 """Levels that are read afresh."""
 WIDEST = 1 << 40
@@ -44,11 +46,12 @@ def reset_after_failure(trial: Trial) -> str | None:
 def vanish(trial: Trial) -> str | None:
     loss = trial.loss
     with trial.opened() as probe:
-        for call, arguments in trial.transfers(probe):
+        alone = [(probe.read, (text,)) for text in trial.readable[:MOST]]
+        for call, arguments in (*alone, *trial.transfers(probe)):
             call(*arguments)  # what is kept of it must not be given later
         trial.hurry(probe)
         with loss():
-            for call, arguments in trial.transfers(probe, default=False):
+            for call, arguments in (*alone, *trial.transfers(probe, default=False)):
                 if in_time(trial, probe, call, *arguments) is None:
                     raise RuleBroken(f"{trial.watch.doing} succeeded while the device was away")
             other = _not_opened(trial)
@@ -132,8 +135,9 @@ def _side_by_side(trial: Trial, first: Probe, second: Probe) -> None:
     for one, other in pairwise((*trial.visible, *trial.visible[:1])):
         if one == other:
             return
-        second.write(other.channel, other.default)
-        first.write(one.channel, one.default)
+        for client in (second, first):
+            client.write(other.channel, other.default)
+            client.write(one.channel, one.default)
         second.write(other.channel, other.other(1))
         first.write(one.channel, one.other(1))
         trial.expect(second, other, other.other(1), f"a write of another client to {one.channel}")

@@ -16,7 +16,7 @@ from umo.drivers.contract import Driver
 from umo.errors import Failure, StopError
 from umo.testing.conformance.budget import Budget, Plan
 from umo.testing.conformance.certificate import Certificate, Finding, Judgement
-from umo.testing.conformance.probe import Watch, call_of
+from umo.testing.conformance.probe import Stopped, call_of
 from umo.testing.conformance.rules import NotTried, Rule, RuleBroken, chosen_rules
 from umo.testing.conformance.subject import Subject
 from umo.testing.conformance.trial import Trial
@@ -83,6 +83,8 @@ class _Examination:
         self.findings: list[Finding] = []
         self.causes: dict[str, str] = {}
         """What was found already, and by which rule."""
+        self.hangs = ""
+        """What hung already before the first rule."""
         self.ended = ""
         """Why the rest cannot be tried; the rules of all calls are."""
         self._weights = [1.0] * len(rules)
@@ -91,14 +93,15 @@ class _Examination:
         """Measure what a few calls take, and tell what the run will."""
 
         def measure() -> None:
-            with suppress(OSError):  # the rule "answers" says it
+            with suppress(OSError, Stopped):  # the rule "answers" says it
                 self.trial.measure()
+            with suppress(Stopped):
+                self.trial.restore()
 
-        with suppress(Hangs):  # found again by the first rule that makes this call
+        try:
             _in_thread(self.trial, measure, lambda: None)
-        if self.trial.watch.over:
-            self.trial.watch = Watch()
-        self.trial.restore()
+        except Hangs as error:
+            self.hangs = str(error)
         plan = self.trial.budget.plan(self.trial.pace, self.trial.cycles)
         self._weights = [0.1 + plan.shown.get(rule.id, 0.0) for rule in self.rules]
         if on_plan is not None:
@@ -114,8 +117,12 @@ class _Examination:
             return _told(rule, Judgement.NOT_TRIED, self.ended)
         if not self.trial.budget.begin(rule) and not standing:
             return _told(rule, Judgement.NOT_TRIED, "left out, as the time was up (--minutes)")
+        part = self._part(number, rule)
+        part(0.0)
         try:
-            finding = _supervised(self.trial, rule, self.causes, self._part(number, rule))
+            if self.hangs:
+                raise Hangs(self.hangs)
+            finding = _supervised(self.trial, rule, self.causes, part)
         except Hangs as error:
             self.ended = f"the driver hangs in {self.trial.watch.doing}"
             return _told(rule, Judgement.FAILED, str(error))

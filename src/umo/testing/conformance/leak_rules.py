@@ -30,6 +30,8 @@ FADE = 5.0
 """s until what was closed has ended at the other end too."""
 ROUNDS, MOST_ROUNDS = 3, 9
 """Measurements of memory: a cache may still fill in the first ones. More, if it grew in each of them."""
+CACHE = 5000
+"""Calls after which a cache is full, if there is time for so many."""
 CYCLES = 1000
 """Cycles of one measurement at most."""
 FEWEST_CYCLES = 30
@@ -37,6 +39,8 @@ PER_CYCLE = 4.0
 """Bytes by which the memory may grow in each cycle: less than one entry of a list."""
 FREE = 4096
 """Bytes by which the memory may grow at any rate."""
+CIRCULAR = 0.5
+"""Objects for each call that only the garbage collector frees."""
 TIMED = 1000
 
 
@@ -211,18 +215,29 @@ def _grows(trial: Trial, cycle: Callable[[], object], what: str) -> tuple[int, i
         count += 1
     allowed = FREE + PER_CYCLE * count
     growths: list[int] = []
+    circular = 1 << 60
     with _traced():
-        while len(growths) < ROUNDS or (min(growths) > allowed and len(growths) < MOST_ROUNDS):
+        while len(growths) < ROUNDS or (min(growths) > allowed and _may_fill(trial, len(growths), count)):
             trial.share = len(growths) / max(ROUNDS, len(growths) + 1)
             gc.collect()
             gc.disable()
             before = tracemalloc.get_traced_memory()[0]
             for _ in range(count):
                 cycle()
+            circular = min(circular, gc.collect())
             growths.append(tracemalloc.get_traced_memory()[0] - before)
+    if circular >= CIRCULAR * count:
+        raise RuleBroken(
+            f"{circular / count:.3g} objects are left in a circle of references by each of {count} {what}: only the "
+            "garbage collector frees them, and it is off in the control process"
+        )
     if (growth := min(growths)) > allowed:
         raise RuleBroken(f"the memory grew by {growth} bytes in each {count} {what}, {growth / count:.0f} each time")
     return len(growths), count
+
+
+def _may_fill(trial: Trial, rounds: int, count: int) -> bool:
+    return rounds < MOST_ROUNDS or (rounds * count < CACHE and trial.budget.more)
 
 
 @contextmanager
@@ -231,11 +246,13 @@ def _traced() -> Any:
     own, on = not tracemalloc.is_tracing(), gc.isenabled()
     if own:
         tracemalloc.start()
-    gc.freeze()  # what is there already need not be looked at again and again
+    if frozen := not gc.get_freeze_count():
+        gc.freeze()  # what is there already need not be looked at again and again
     try:
         yield
     finally:
-        gc.unfreeze()
+        if frozen:
+            gc.unfreeze()
         if on:
             gc.enable()
         if own:

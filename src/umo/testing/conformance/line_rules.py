@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from time import sleep
 from typing import Any
 
 from umo.drivers.contract import Direction
@@ -12,6 +13,8 @@ from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.taps import Change, Traffic
 from umo.testing.conformance.trial import Trial
 
+OWN = 0.1
+"""s in which a driver that is left alone must send nothing to be judged."""
 REFERENCES = 2
 """Calls that succeed, whose requests are counted."""
 
@@ -31,6 +34,10 @@ def retry(trial: Trial) -> str | None:
     opening = _opening(trial)
     tried = False
     with trial.opened() as probe:
+        with line.counting() as traffic:
+            sleep(max(OWN, trial.haste))
+        if traffic.asked:
+            raise NotTried("the driver sends requests by itself")
         for number in range(len(trial.transfers(probe)) - bool(trial.subject.outputs)):
             usual = [_counted(trial, probe, number) for _ in range(REFERENCES)]
             if not usual[0].asked:

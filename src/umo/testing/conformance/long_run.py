@@ -121,7 +121,7 @@ class LongRun:
         for text, expected in self._steady.items():
             for now in (found[text], alone.get(text, expected)):
                 if now != expected:
-                    self._wrong(text, now, expected)
+                    self._wrong(text, now, expected, f"reading of {text}")
         raws = self._table[(self._turn - 1) % TABLE]
         for i, output in self._shown.items():
             view, raw = self.trial.view(output), int(raws[i])
@@ -139,13 +139,12 @@ class LongRun:
         there = self.trial.is_read(self.probe, output, raw)
         on_its_way = low <= now <= high or self.trial.subject.agree is not None
         if not there or (not on_its_way and number > WARM):
-            self._wrong(view, now, raw)
+            recorded = self.trial.subject.levels is not None
+            self._wrong(view, now, raw, f"reading of {view}" if recorded else f"level of {output.channel}")
         self._lags.add(view)
 
-    def _wrong(self, text: str, now: int, expected: int) -> None:
-        raise RuleBroken(
-            f"{text} read {now} after {self.calls:,} transfers, not {expected}", f"reading of {text} in the long run"
-        )
+    def _wrong(self, text: str, now: int, expected: int, cause: str) -> None:
+        raise RuleBroken(f"{text} read {now} after {self.calls:,} transfers, not {expected}", cause)
 
     # Calls that fail ------------------------------------------------------------------------------------
 

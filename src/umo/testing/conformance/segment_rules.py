@@ -76,12 +76,13 @@ def reset(trial: Trial) -> str | None:
 
 def _check_others(trial: Trial, probe: Probe) -> None:
     """Outputs keep their levels while one after the other is reset."""
-    for output in trial.seen:
-        probe.write(output.channel, output.other())
-    for number, gone in enumerate(trial.seen):
-        probe.reset(gone.channel, gone.default)
-        for output in trial.seen[number + 1 :]:
-            trial.expect(probe, output, output.other(), f"reset of {gone.channel}")
+    for order in (trial.seen, trial.seen[::-1]):
+        for output in order:
+            probe.write(output.channel, output.other())
+        for number, gone in enumerate(order):
+            probe.reset(gone.channel, gone.default)
+            for output in order[number + 1 :]:
+                trial.expect(probe, output, output.other(), f"reset of {gone.channel}")
 
 
 def _check_inputs(trial: Trial, probe: Probe) -> None:
