@@ -7,8 +7,10 @@ from umo.testing.conformance import Subject, conform
 CYCLES = 600
 """tracemalloc makes a cycle 100 times slower in the guest; test_gpio.py repeats 15,000 without it."""
 
+MINUTES = 1.0
+
 
 def proved(subject: Subject) -> None:
     """`--umo-certificates DIR` keeps the certificate."""
-    certificate = conform(subject, cycles=CYCLES)
+    certificate = conform(subject, cycles=CYCLES, minutes=MINUTES)
     assert certificate.passed, certificate
