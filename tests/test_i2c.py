@@ -350,6 +350,7 @@ def test_the_driver_keeps_the_contract(bus, monkeypatch):
     subject = Subject(
         name="i2c on a fake",
         make=lambda: I2c(bus=1, address=0x48, registers={"mode": mode}),
+        sole_writer=True,
         outputs=(Output("mode.on", 1, 0, 1), Output("mode.gain", 2, 0, 7), Output("0x40:16", 7, 0, 0xFFFF)),
         inputs=(Input("0x05:16"),),
         gone=gone,

@@ -189,6 +189,7 @@ def test_the_driver_keeps_the_contract(device, monkeypatch):
     subject = Subject(
         name="spi on a fake",
         make=lambda: Spi(bus=0, registers={"mode": mode}, auto_increment=True),
+        sole_writer=True,
         outputs=(Output("mode.on", 1, 0, 1), Output("mode.gain", 2, 0, 7), Output("0x40:16", 7, 0, 0xFFFF)),
         inputs=(Input("0x05:16"),),
         gone=gone,

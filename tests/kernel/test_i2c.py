@@ -210,6 +210,7 @@ def test_the_driver_keeps_the_contract(bus: str, auto_increment: bool) -> None:
     subject = Subject(
         name="i2c with auto_increment" if auto_increment else "i2c",
         make=lambda: I2c(bus=bus, address=ADC, registers={**REGISTERS, "mode": mode}, auto_increment=auto_increment),
+        sole_writer=True,
         outputs=outputs + fields,
         inputs=(Input("temperature"),),
         device="i2c-stub of the kernel",

@@ -169,6 +169,7 @@ def test_the_driver_keeps_the_contract(wire: Wire) -> None:
     subject = Subject(
         name="spi",
         make=lambda: Spi(bus=0, registers=registers),
+        sole_writer=True,
         outputs=(Output("dac", 0x0102, 0, 0xFFFF), Output("mode.on", 1, 0, 1), Output("mode.gain", 2, 0, 7)),
         inputs=(Input("status"),),
         device="spi-gpio of the kernel, its lines recorded",

@@ -175,6 +175,9 @@ def conform(
     unstructured: Annotated[
         bool, typer.Option("--unstructured", help="Any bytes are an answer of this device: no header, no line end.")
     ] = False,
+    sole_writer: Annotated[
+        bool, typer.Option("--sole-writer", help="Nobody else writes: the driver may keep a copy of a shared register.")
+    ] = False,
     minutes: Annotated[float, typer.Option(min=0.05, callback=finite, help="What it may take.")] = 2.0,
     json_file: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the certificate to this file.")
@@ -199,6 +202,7 @@ def conform(
         refused=refused or (),
         steady=steady or (),
         structured=not unstructured,
+        sole_writer=sole_writer,
         tolerance=tolerance,
         minutes=minutes,
         json=json_file,

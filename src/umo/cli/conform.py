@@ -50,6 +50,7 @@ class Choice:
     refused: Sequence[str] = ()
     steady: Sequence[str] = ()
     structured: bool = True
+    sole_writer: bool = False
     tolerance: float = 0.0
     minutes: float = 2.0
     json: Path | None = None
@@ -150,6 +151,7 @@ def _subject(
         refused=_refused(driver, wired, choice.refused),
         agree=partial(_agree, by_text, choice.tolerance),
         structured=choice.structured,
+        sole_writer=choice.sole_writer,
     )
 
 

@@ -117,7 +117,8 @@ def two_clients(trial: Trial) -> str | None:
             if refusal is None:
                 _right(trial, second, "it is the second client")
                 _right(trial, first, "there is a second client")
-                _side_by_side(trial, first, second)
+                if not trial.subject.sole_writer:
+                    _side_by_side(trial, first, second)
         finally:
             error = trial.failure(trial.leave, second)
         if error is not None and refusal is None:
@@ -127,7 +128,9 @@ def two_clients(trial: Trial) -> str | None:
                 raise RuleBroken(f"since a second client came and left, {trial.watch.doing} failed: {reported(error)}")
         _right(trial, first, "a second client came and left")
     remark = trial.looked()
-    return remark if refusal is None else f"the second is refused: {reported(refusal)}"
+    if refusal is not None:
+        return f"the second is refused: {reported(refusal)}"
+    return "; ".join(filter(None, (remark, "a second client must not write" if trial.subject.sole_writer else "")))
 
 
 def _side_by_side(trial: Trial, first: Probe, second: Probe) -> None:
@@ -140,8 +143,11 @@ def _side_by_side(trial: Trial, first: Probe, second: Probe) -> None:
             client.write(one.channel, one.default)
         second.write(other.channel, other.other(1))
         first.write(one.channel, one.other(1))
-        trial.expect(second, other, other.other(1), f"a write of another client to {one.channel}")
-        trial.expect(first, one, one.other(1), f"a write of another client to {other.channel}")
+        try:
+            trial.expect(second, other, other.other(1), f"a write of another client to {one.channel}")
+            trial.expect(first, one, one.other(1), f"a write of another client to {other.channel}")
+        except RuleBroken as broken:
+            raise RuleBroken(f"{broken} (if it must be alone: `sole_writer` of the subject, --sole-writer)") from broken
 
 
 def _join(trial: Trial, second: Probe) -> None:

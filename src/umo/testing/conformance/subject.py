@@ -95,6 +95,8 @@ class Subject:
     structured: bool = True
     """Answers have a structure (a header, a terminator) by which garbage is noticed. False: any bytes are an answer.
     Answers that are hardly longer than the value itself are taken for such."""
+    sole_writer: bool = False
+    """The driver says that nobody else may write while it is open: it keeps a copy of what its outputs share."""
     period: float = 0.001
     """s: `Driver.period`."""
     agree: Callable[[str, int, str, int], bool] | None = None
