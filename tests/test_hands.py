@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import gc
 import json
+import signal
 import weakref
 from collections import deque
 from collections.abc import Iterator
@@ -104,12 +105,23 @@ class Press(Compound):
         await self.start(self.close(1.0))
 
 
+BOOT = 1000.0
+"""The clock of the signs of life when the cycle's clock is 0, s."""
+
+
 class Letters:
-    """An inbox that a test fills."""
+    """An inbox that a test fills, and the levels of its hands."""
 
     def __init__(self) -> None:
         self.waiting: deque[HandCommand] = deque()
         self.taken = self.dropped = 0
+        self.stop: tuple[int, str] | None = None
+        self.signs: dict[str, tuple[int, float]] = {}
+        """The lease of whom, and when, by path."""
+
+    def signed(self, path: str, lease: int) -> float:
+        number, seen = self.signs.get(path, (0, 0.0))
+        return seen if number == lease else 0.0
 
     def take(self) -> HandCommand | None:
         self.taken += bool(self.waiting)
@@ -119,23 +131,33 @@ class Letters:
 class Rig:
     """A connected press with hands."""
 
-    def __init__(self, mode: Mode = Mode.MANUAL, kind: type[Press] = Press, **changes: Any) -> None:
+    def __init__(
+        self, mode: Mode = Mode.MANUAL, kind: type[Press] = Press, period: float = PERIOD, **changes: Any
+    ) -> None:
         parts: dict[str, Any] = {"ram": actuator(), "lamp": relay(), "heater": actuator()} | changes
         self.m = kind(timer=timer(), door=switch(), height=sensor(), **parts)
         names = ("door", "height", "ram", "lamp", "heater")
         wiring = {
             "drivers": {"box": Scripted(), "clock": VirtualTimer()},
-            "wire": {"timer": {"driver": "clock", "period": PERIOD}, **{name: {"driver": "box"} for name in names}},
+            "wire": {"timer": {"driver": "clock", "period": period}, **{name: {"driver": "box"} for name in names}},
         }
         self.connection = connect(self.m, wiring)
         self.letters = Letters()
         self.mode = mode
         self.number = 0
+        self.leases: dict[str, int] = {}
+        """The number of the last lease of each hand, by its key."""
 
     def __enter__(self) -> Rig:
         self.connection.__enter__()
-        self.hands = self.connection.machine.hands = Hands(self.connection.machine, self.letters, self.mode)
+        machine = self.connection.machine
+        self.hands = machine.hands = Hands(machine, self.letters, self.letters, self.mode, lambda: self.now)
         return self
+
+    @property
+    def now(self) -> float:
+        """The clock of the signs of life, s."""
+        return BOOT + float(self.connection.machine.clock.now)
 
     def __exit__(self, *error: Any) -> None:
         self.connection.__exit__(*error)
@@ -147,10 +169,24 @@ class Rig:
         return self.number
 
     def do(self, do: str, path: str = "", value: Any = None, key: str = "a", **more: Any) -> Event:
-        """Send it, and let a period pass; its first event."""
+        """Send it with a sign of life, and let a period pass; its first event."""
+        self.sign(path, key=key)
         number = self.send(do, path, value, key, **more)
         self.periods()
-        return next((event for event in self.events if event.command == number), Event(0.0, "", "no event"))
+        event = next((event for event in self.events if event.command == number), Event(0.0, "", "no event"))
+        if (do, event.state) == ("lease", CommandState.DONE):
+            self.leases[key] = int(event.text)
+        return event
+
+    def sign(self, *paths: str, key: str = "a") -> None:
+        """A hand is there, for its lease and for these paths."""
+        if key in self.leases and self.leases[key] == self.hands.lease.number:
+            self.letters.signs |= dict.fromkeys(("", *paths), (self.leases[key], self.now))
+
+    def keep(self, *paths: str, key: str = "a") -> None:
+        """The same, and a period passes."""
+        self.sign(*paths, key=key)
+        self.periods()
 
     def call(self, path: str, key: str = "a", **arguments: Any) -> Event:
         return self.do("call", path, key=key, arguments=arguments)
@@ -208,7 +244,7 @@ def test_a_lease_that_is_not_renewed_ends_with_all_that_its_holder_had_begun(rig
     begun = rig.call("close", force=3.0)
     assert begun.state is CommandState.BEGUN
     for _ in range(3):
-        rig.do("keep", held=["heater"])
+        rig.keep("heater")
     rig.periods(102)
     assert rig.hands.lease.holder == ""
     assert rig.m.heater.read() == rig.m.heater.default
@@ -254,7 +290,7 @@ def test_in_manual_mode_no_time_passes_for_the_application() -> None:
         rig.do("mode", value="manual")
         before = len(ticks)
         rig.periods(10)
-        rig.do("keep")
+        rig.keep()
         assert len(ticks) == before
         assert rig.m.taken  # the laws go on
         rig.do("mode", value="automatic")
@@ -296,11 +332,11 @@ def test_what_a_hand_does_not_keep_up_goes_to_its_default(rig: Rig) -> None:
     rig.do("write", "heater", 5.0)
     for _ in range(5):
         rig.periods(40)
-        rig.do("keep", held=["heater"])
+        rig.keep("heater")
     assert rig.m.heater.read() == 5.0
     for _ in range(3):
         rig.periods(20)
-        rig.do("keep")
+        rig.keep()
     assert rig.m.heater.read() == rig.m.heater.default
     assert rig.last() == (CommandState.CANCELLED, "not kept up")
 
@@ -324,11 +360,74 @@ def test_an_interlock_takes_the_actuator_out_of_the_hand(rig: Rig) -> None:
     assert "lamp is inhibited: the door is open" in rig.do("write", "lamp", "ON").text
     put(rig.m.door, PassFail.PASS)
     for _ in range(3):
-        rig.do("keep", held=["lamp"])
+        rig.keep("lamp")
     assert rig.m.lamp.read() is OnOff.OFF
     assert rig.do("write", "lamp", "ON").state is CommandState.DONE
     rig.periods()
     assert rig.m.lamp.read() is OnOff.ON
+
+
+@pytest.mark.parametrize("period", [PERIOD, 0.4, 1.0, 6.0])
+@pytest.mark.parametrize("what", ["heater", "jog"])
+@given(st.floats(0.0, 3.0))
+@settings(max_examples=20)
+def test_what_a_dead_hand_held_ends_after_its_time_and_a_period_however_long_that_is(
+    what: str, period: float, lived: float
+) -> None:
+    """It wrote, lived on for so many periods, giving signs of life, and died. The machine looks once a period; the
+    signs come at any time."""
+    with Rig(period=period) as rig:
+        rig.do("lease", seconds=2.0)
+        begun = rig.now
+        died = begun + lived * period
+        send = {"do": "write", "value": 5.0} if what == "heater" else {"do": "call", "arguments": {"velocity": 2.0}}
+        rig.letters.signs = dict.fromkeys(("", what), (1, min(died, begun + period)))
+        rig.send(path=what, **send)
+        while rig.now < died + HOLD + period:
+            rig.letters.signs = dict.fromkeys(("", what), (1, min(died, rig.now + period)))
+            rig.periods()
+            held = rig.m.heater.read() == 5.0 if what == "heater" else rig.m.jogging == 2.0
+            if rig.now <= died:
+                assert held
+        assert rig.m.heater.read() == rig.m.heater.default
+        assert rig.m.jogging == 0.0
+        while rig.now < died + 2.0 + period:
+            rig.periods()
+        assert rig.hands.lease.holder == ""
+
+
+def test_a_command_of_a_hand_that_has_died_since_begins_nothing() -> None:
+    with Rig(period=6.0) as rig:
+        rig.do("lease")
+        rig.sign("heater", "jog")
+        rig.send("write", "heater", 5.0)
+        rig.send("call", "jog", arguments={"velocity": 2.0})
+        rig.periods()
+        refused = [event.text for event in rig.events[-2:]]
+        assert refused == ["CommandRefused: nobody has the lease; take it first"] * 2  # it has ended, too
+        rig.do("lease", seconds=60.0)
+        rig.sign("heater")
+        rig.send("write", "heater", 5.0)
+        rig.periods()
+        assert rig.last()[1] == "CommandRefused: heater is not kept up: nobody has been there for it for 0.5 s"
+        assert rig.m.heater.read() == rig.m.heater.default
+
+
+WRONG = [float("nan"), float("inf"), float("-inf"), -1.0, 0.0, BOOT - 1.0, BOOT + 1e6, 1e300]
+
+
+@pytest.mark.parametrize(("lease", "seen"), [*((1, seen) for seen in WRONG), (0, None), (2, None), (2**64 - 1, None)])
+def test_a_sign_of_life_of_a_wrong_time_or_another_lease_keeps_nothing_up(lease: int, seen: float | None) -> None:
+    with Rig(period=0.1) as rig:
+        rig.do("lease")
+        written = rig.now
+        rig.do("write", "heater", 5.0)
+        assert rig.m.heater.read() == 5.0
+        while rig.now < written + 2.2:
+            rig.letters.signs = dict.fromkeys(("", "heater"), (lease, rig.now if seen is None else seen))
+            rig.periods()
+            assert (rig.m.heater.read() == 5.0) <= (rig.now <= written + HOLD)
+        assert rig.hands.lease.holder == ""
 
 
 def test_a_rate_holds_for_a_hand() -> None:
@@ -620,7 +719,7 @@ def test_a_jog_ends_when_it_is_not_kept_up(rig: Rig) -> None:
     rig.call("jog", velocity=2.0)
     rig.periods(int(HOLD / PERIOD) - 2)
     assert rig.m.jogging == 2.0
-    rig.do("keep", held=["jog"])
+    rig.keep("jog")
     rig.periods(int(HOLD / PERIOD) - 2)
     assert rig.m.jogging == 2.0
     rig.periods(5)
@@ -636,8 +735,16 @@ def test_the_machine_that_stops_cancels_what_hands_have_begun() -> None:
 
 def test_anybody_may_stop_the_machine() -> None:
     with Rig() as rig:
-        assert rig.do("stop", key="z").state is CommandState.DONE
+        for _ in range(3 * TAKEN_PER_PERIOD):  # no queue delays it
+            rig.send("tune", "speed", 1.0)
+        rig.letters.stop = signal.SIGINT, "ann, a test"
+        rig.periods()
         assert not rig.m.running
+        assert rig.connection.stop.signal == signal.SIGINT
+        assert rig.hands.stopped_by == "ann, a test"
+        rig.periods()
+        asked = [(event.who, event.asked) for event in rig.events if event.state is CommandState.DONE]
+        assert asked == [("ann, a test", "stop")]
 
 
 def test_no_more_than_a_few_commands_are_carried_out_in_one_period(rig: Rig) -> None:
@@ -714,7 +821,7 @@ def test_guards_hold_for_any_interleaving_of_program_and_hands(steps: list[tuple
                         assert rig.hands.mode is Mode.MANUAL
                         kept[path] = rig.connection.machine.clock.number
                 case "keep", key, held:
-                    rig.do("keep", key=key, held=held)
+                    rig.keep(*held, key=key)
                     if rig.hands.lease.holder == f"hand {key}":
                         kept |= dict.fromkeys(held, rig.connection.machine.clock.number)
                 case "mode", key, mode:
@@ -768,8 +875,7 @@ def test_an_axis_whose_motor_a_hand_takes_goes_on_from_where_it_then_stands() ->
 
     def periods(count: int) -> None:
         for _ in range(count):
-            if number and connection.machine.clock.number % 100 == 0:
-                send("keep", held=("z.motor",))
+            letters.signs = dict.fromkeys(("", "z.motor"), (1, BOOT + connection.machine.clock.now))
             m.timer.read()
             m.sample()
             m.control()
@@ -779,7 +885,8 @@ def test_an_axis_whose_motor_a_hand_takes_goes_on_from_where_it_then_stands() ->
         return any(e.path == path and e.state is CommandState.DONE for e in connection.machine.events)
 
     with connection:
-        connection.machine.hands = Hands(connection.machine, letters, Mode.MANUAL)
+        machine = connection.machine
+        machine.hands = Hands(machine, letters, letters, Mode.MANUAL, lambda: BOOT + machine.clock.now)
         send("lease")
         send("call", "home")
         for _ in range(100):

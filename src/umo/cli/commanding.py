@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -16,6 +17,7 @@ from umo.frames import Reader
 from umo.objects import Quality
 from umo.objects.units import convert
 from umo.remote import HeldLease, RemoteStation
+from umo.remote.attached import user
 from umo.remote.members import RemoteObject, RemotePart, call_action
 from umo.text import did_you_mean, printable, some
 
@@ -70,7 +72,7 @@ def acknowledge(name: str, path: str, over: bool) -> None:
 def stop(name: str) -> None:
     """Ask a run to end safely, and wait until it has."""
     with station_of(name) as station:
-        station.stop()
+        station.stop(f"{user()}, umo stop (pid {os.getpid()})")
         while station.running:
             time.sleep(LOOK)
         out.print(f"{station.reader.about['station']} has ended")

@@ -15,7 +15,7 @@ from umo.process.job import Job, Plan
 from umo.process.outcome import NOT_RECORDED, Failed, Outcome, plain, plain_reports
 from umo.process.start import LINUX
 from umo.process.station import StationError
-from umo.text import cause_of
+from umo.text import cause_of, printable
 
 from .console import err, out
 from .follow import Seen, follow
@@ -96,7 +96,8 @@ def _say_how_it_ended(outcome: Outcome, full_traceback: bool) -> None:
     if outcome.failure is not None:
         _fail(outcome.failure, full_traceback)
     elif outcome.stopped_by is not None:
-        err.print(f"umo: stopped by {signal_name(outcome.stopped_by)}; every actuator is at its default")
+        who = printable(outcome.stopped_who) or signal_name(outcome.stopped_by)
+        err.print(f"umo: stopped by {who}; every actuator is at its default", soft_wrap=True, highlight=False)
     elif outcome.time_over:
         err.print(f"umo: ended at {outcome.simulated:g} s (--until); every actuator is at its default")
 

@@ -4,12 +4,15 @@ Once per period, before the sequences, `look` takes what has come in. Nothing of
 refused, what fails is answered. In automatic mode the application runs, numbers can be tuned and harmless actions
 called. In manual mode the sequences of the application are not advanced; actuators can be written and all actions
 called. What a hand keeps up (a written actuator, a jog) ends when the hand does not keep it up, or loses the lease.
+
+Signs of life and a stop are levels, not commands: they are looked up in each period, however full the queue is, and
+their times are compared with the computer's clock, however long the period is.
 """
 
 from __future__ import annotations
 
 import json
-import signal
+import time
 from collections.abc import Callable, Coroutine, Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
@@ -35,8 +38,6 @@ TAKEN_PER_PERIOD = 4
 """The most commands that are carried out in one period."""
 RUNNING = 32
 """The most actions of hands that run at once."""
-QUIET = ("keep",)
-"""Commands that are not told as events, unless they are refused."""
 
 
 class Mode(IntEnum):
@@ -63,7 +64,6 @@ class HandCommand:
     arguments: Mapping[str, Any] = field(default_factory=dict)
     seconds: float = 2.0
     over: bool = False
-    held: tuple[str, ...] = ()
 
     @classmethod
     def parse(cls, number: int, data: bytes) -> HandCommand:
@@ -75,8 +75,7 @@ class HandCommand:
         seconds = float(text.pop("seconds", 2.0))
         if not isfinite(seconds):  # a lease of NaN seconds would never end
             raise ValueError(f"{seconds} is not a time")
-        held = tuple(map(str, text.pop("held", ())))
-        return cls(number, seconds=seconds, held=held, **text)
+        return cls(number, seconds=seconds, **text)
 
     def __str__(self) -> str:
         words = [self.do, self.path, *(f"{name}={value}" for name, value in self.arguments.items())]
@@ -93,6 +92,18 @@ class Inbox(Protocol):
 
     def take(self) -> HandCommand | None:
         """The next one, None if there is none now. Quick; raises nothing."""
+
+
+class Levels(Protocol):
+    """What hands say of now. Quick; raises nothing."""
+
+    @property
+    def stop(self) -> tuple[int, str] | None:
+        """The signal as after which the run is to end, and who asks for it; None: nobody does."""
+
+    def signed(self, path: str, lease: int) -> float:
+        """When the holder of this lease was last there for what it keeps up at this path, in s on the clock of the
+        hands; "": for the lease itself. 0: never. Any number."""
 
 
 @dataclass(eq=False)
@@ -122,18 +133,31 @@ class _Held:
 
     command: HandCommand
     lasts: float
-    until: float
+    seen: float
+    """When it was last kept up."""
     release: Callable[[], object]
     slot: int = -1
     """The actuator; -1 for an action."""
 
 
 class Hands:
-    """Carries out the commands of one connected machine."""
+    """Carries out the commands of one connected machine. `clock` is that of the signs of life, s."""
 
-    def __init__(self, machine: ConnectedMachine, inbox: Inbox, mode: Mode = Mode.AUTOMATIC) -> None:
+    def __init__(
+        self,
+        machine: ConnectedMachine,
+        inbox: Inbox,
+        levels: Levels,
+        mode: Mode = Mode.AUTOMATIC,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         self._machine = machine
         self.inbox = inbox
+        self._levels = levels
+        self._clock = clock
+        self.stopped_by = ""
+        """Who has asked for a stop from outside."""
+        self._stopping = False
         self.lease = Lease()
         actuators = (item for item in machine.root.atoms() if isinstance(item, BinaryActuator | DigitalActuator))
         self._actuators: dict[str, BinaryActuator[Any] | DigitalActuator] = {item.path: item for item in actuators}
@@ -147,7 +171,11 @@ class Hands:
     # Once per period -----------------------------------------------------------------------------------
 
     def look(self) -> None:
-        """Take what has come in; go on with what runs."""
+        """See who is still there; take what has come in; go on with what runs."""
+        if self._levels.stop is not None:
+            self.look_for_stop()
+        if self._active:
+            self._look_for_life()
         for _ in range(TAKEN_PER_PERIOD):
             command = self.inbox.take()
             if command is None:
@@ -156,15 +184,32 @@ class Hands:
         if self._active:
             self._go_on()
 
-    def _go_on(self) -> None:
-        now = self._machine.clock.now
+    def look_for_stop(self) -> None:
+        """The run ends as after a signal if somebody asks for it. It needs no lease."""
+        asked = self._levels.stop
+        if asked is not None and not self._stopping:
+            self._stopping = True
+            number, self.stopped_by = asked
+            self._machine.stop.request(number)
+            now = self._machine.clock.now
+            self._machine.events.add(Event(now, "", "", self.stopped_by, state=CommandState.DONE, asked="stop"))
+
+    def _look_for_life(self) -> None:
+        """What is not kept up any longer ends; so does a lease whose holder is not there."""
+        signed = {path: self._levels.signed(path, self.lease.number) for path in ("", *self._held)}
+        now = self._clock()  # afterwards: no sign of life is of a later time, but a wrong one
+        self.lease.seen(signed[""], now)
         if self.lease.expired(now):
             self._end_lease(f"the lease of {self.lease.holder} has ended: it was not renewed")
         for path, held in list(self._held.items()):
+            if held.seen < signed[path] <= now:
+                held.seen = signed[path]
             if held.slot >= 0 and not self._machine.commands.hand_of(held.slot):
                 del self._held[path]  # an interlock has reset it
-            elif now > held.until:
+            elif now - held.seen > held.lasts:
                 self._release(path, "not kept up")
+
+    def _go_on(self) -> None:
         self._advance()
         self._active = bool(self._running or self._held or self.lease.holder)
 
@@ -207,8 +252,7 @@ class Hands:
             answer = CommandState.REFUSED if refused else CommandState.FAILED, str(error)
         state, text = answer
         self._active = True
-        if command.do not in QUIET or state is not CommandState.DONE:
-            self._tell(command, state, text)
+        self._tell(command, state, text)
 
     def _obey(self, command: HandCommand) -> tuple[CommandState, str]:
         if command.do not in COMMANDS:
@@ -216,8 +260,7 @@ class Hands:
         return COMMANDS[command.do](self, command)
 
     def _take_lease(self, command: HandCommand) -> tuple[CommandState, str]:
-        now = self._machine.clock.now
-        if self.lease.take(command.who, command.key, command.seconds, now, over=command.over):
+        if self.lease.take(command.who, command.key, command.seconds, self._clock(), over=command.over):
             self._drop(f"{command.who} has taken the lease over")
         return CommandState.DONE, str(self.lease.number)
 
@@ -227,14 +270,13 @@ class Hands:
         self.lease.end()
         return CommandState.DONE, ""
 
-    def _keep(self, command: HandCommand) -> tuple[CommandState, str]:
-        """The lease is renewed, and what the hand still holds lasts longer."""
-        now = self._machine.clock.now
-        self.lease.renew(command.key, now)
-        for path in command.held:
-            if path in self._held:
-                self._held[path].until = now + self._held[path].lasts
-        return CommandState.DONE, ""
+    def _kept_up(self, path: str, lasts: float) -> float:
+        """When it was last kept up. CommandRefused if that is too long ago: in a long period its hand may have died
+        since it has sent the command."""
+        seen = self._levels.signed(path, self.lease.number)
+        if not 0.0 <= self._clock() - seen <= lasts:
+            raise CommandRefused(f"{path} is not kept up: nobody has been there for it for {lasts:g} s")
+        return seen
 
     def _change_mode(self, command: HandCommand) -> tuple[CommandState, str]:
         self.lease.check(command.key)
@@ -259,12 +301,12 @@ class Hands:
         self._need_manual("an actuator can be written by hand")
         item = _known(self._actuators, command.path, "actuator")
         value = _level(item, command.value)
+        lasts = min(HOLD, item.expires or HOLD)
+        seen = self._kept_up(item.path, lasts)
         slot, commands = item._slot, self._machine.commands
         if not commands.take_in_hand(slot, command.who):
             raise CommandRefused(f"{item.path} is inhibited: {commands.inhibited(slot)}")
-        lasts = min(HOLD, item.expires or HOLD)
-        until = self._machine.clock.now + lasts
-        self._held[item.path] = _Held(command, lasts, until, lambda: commands.leave_hand(slot), slot)
+        self._held[item.path] = _Held(command, lasts, seen, lambda: commands.leave_hand(slot), slot)
         self._machine.image.command(slot, value, Source.HAND)
         return CommandState.DONE, ""
 
@@ -286,7 +328,8 @@ class Hands:
             raise CommandRefused(f"{RUNNING} actions are running already")
         begun = _Action(command)
         if action.release is not None:
-            self._held[action.path] = _Held(command, HOLD, self._machine.clock.now + HOLD, action.release)
+            seen = self._kept_up(action.path, HOLD)
+            self._held[action.path] = _Held(command, HOLD, seen, action.release)
         try:
             result = self._within(begun, partial(action.call, **arguments))
         except BaseException:  # what it has begun until then ends with it
@@ -318,11 +361,6 @@ class Hands:
             parts = item.atoms() if isinstance(item, Compound) else (cast(Atomic, item),)
             reasons = "; ".join(self._machine.commands.interlocked(parts))
             raise CommandRefused(f"{command.path or 'the machine'} is still inhibited: {reasons}")
-        return CommandState.DONE, ""
-
-    def _stop(self, command: HandCommand) -> tuple[CommandState, str]:
-        """The run ends as after SIGTERM. It needs no lease."""
-        self._machine.stop.request(signal.SIGTERM)
         return CommandState.DONE, ""
 
     # Modes and ends ------------------------------------------------------------------------------------
@@ -391,7 +429,6 @@ class Hands:
 
 COMMANDS: Mapping[str, Callable[[Hands, HandCommand], tuple[CommandState, str]]] = {
     "lease": Hands._take_lease,
-    "keep": Hands._keep,
     "give back": Hands._give_lease,
     "mode": Hands._change_mode,
     "tune": Hands._tune,
@@ -400,7 +437,6 @@ COMMANDS: Mapping[str, Callable[[Hands, HandCommand], tuple[CommandState, str]]]
     "call": Hands._call,
     "cancel": Hands._cancel,
     "acknowledge": Hands._acknowledge,
-    "stop": Hands._stop,
 }
 """What a hand can ask for."""
 

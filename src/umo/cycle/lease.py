@@ -9,7 +9,7 @@ SHORTEST, LONGEST = 0.2, 60.0
 
 
 class Lease:
-    """Times are in s on the cycle's clock. A lease that is not renewed in time has ended."""
+    """Times are in s on the clock of its holder's signs of life. It ends when there is none for too long."""
 
     def __init__(self) -> None:
         self.holder = ""
@@ -18,7 +18,7 @@ class Lease:
         """Counts the leases."""
         self._key = ""
         self._seconds = 0.0
-        self._until = 0.0
+        self._seen = 0.0
 
     def take(self, who: str, key: str, seconds: float, now: float, *, over: bool = False) -> bool:
         """Whether it was taken over from another hand. LeaseHeld while another hand has it, unless `over`."""
@@ -27,7 +27,7 @@ class Lease:
             raise LeaseHeld(f"{self.holder} has the lease")
         self.number += 1
         self.holder, self._key, self._seconds = who, key, min(max(seconds, SHORTEST), LONGEST)
-        self.renew(key, now)
+        self._seen = now
         return others
 
     def check(self, key: str) -> None:
@@ -37,12 +37,13 @@ class Lease:
         if key != self._key:
             raise LeaseHeld(f"{self.holder} has the lease")
 
-    def renew(self, key: str, now: float) -> None:
-        self.check(key)
-        self._until = now + self._seconds
+    def seen(self, then: float, now: float) -> None:
+        """Its holder was there then. A time that is still to come does not count."""
+        if self._seen < then <= now:
+            self._seen = then
 
     def expired(self, now: float) -> bool:
-        return bool(self.holder) and now > self._until
+        return bool(self.holder) and now - self._seen > self._seconds
 
     def end(self) -> None:
         self.holder = self._key = ""

@@ -1,10 +1,10 @@
 """The binary layout of a ring of frames, which the ring's own header describes.
 
-A ring is one file, little-endian: a header of fixed numbers (`HEADER`), the live numbers, a description in JSON,
-then `slots` frames of `slot_bytes` each, then the journal of `entries` entries, the events and the tunable numbers
-(8 bytes each). A reader in another language needs the fixed numbers below and the JSON, which gives the name, type
-(numpy's notation: "<i8" is a signed integer of 8 bytes), offset, count and unit of every field of a frame, an entry and
-an event.
+A ring is one piece of memory, or one file (a black box), little-endian: a header of fixed numbers (`HEADER`), the live
+numbers, a description in JSON, then `slots` frames of `slot_bytes` each, then the journal of `entries` entries, the
+events and the tunable numbers (8 bytes each). A reader in another language needs the fixed numbers below and the JSON,
+which gives the name, type (numpy's notation: "<i8" is a signed integer of 8 bytes), offset, count and unit of every
+field of a frame, an entry and an event.
 
 Frame number i (from 0) lies in slot i % slots. Its `sequence` is 2 i + 1 while it is being written and 2 i + 2 when
 it is whole. Entry number k (from 0) lies at k % entries of the journal; a frame gives the number of its first entry
@@ -32,7 +32,7 @@ from umo.objects import Atomic, Quality
 from umo.objects.description import described
 
 MAGIC = b"umoframe"
-VERSION = 5
+VERSION = 6
 HEADER = struct.Struct("<8sIIQQQQQQ")
 """Magic, version, flags, offset of the first slot, bytes of a slot, slots, offset of the journal, its entries, bytes of
 the description."""
@@ -47,8 +47,6 @@ EVENT, MODE, TAKEN, DROPPED, LEASE = 104, 112, 120, 128, 136
 number of the lease, which is below 0 while its holder is being written."""
 HOLDER = 144
 """Offset of the text of who has the lease, UTF-8, `NAME` bytes; empty: nobody."""
-BELL = 208
-"""Offset of the only number that hands write, 8 bytes: of their last command in the queue (`umo.remote.queue`)."""
 DESCRIPTION = 256
 """Offset of the JSON."""
 NOTE = 64
@@ -184,7 +182,8 @@ class Layout:
             lists = {name: tuple(text[name]) for name in _DESCRIBED if name != "about"}
             layout = cls(about=dict(text["about"]), **lists)
             fits = [field["name"] for field in text["fields"]] == [column[0] for column in layout.columns]
-        except (ValueError, KeyError, TypeError) as error:
+            fits = fits and all(isinstance(each["path"], str) for name in _WITH_PATHS for each in lists[name])
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise FramesError(f"the description of the frames cannot be read: {error}") from None
         if not fits:
             raise FramesError("the description of the frames does not fit this version")
@@ -192,7 +191,7 @@ class Layout:
 
 
 class Places(NamedTuple):
-    """Where the parts of a ring's file begin."""
+    """Where the parts of a ring begin."""
 
     first: int
     journal: int
@@ -224,6 +223,7 @@ def arrange(layout: Layout, slots: int, entries: int, flags: int = 0) -> tuple[b
 _SCALARS = {column[0] for column in FIXED}
 _DESCRIBED = ("about", "objects", "signals", "phases", "interlocks", "actions", "tunables")
 """The fields of `Layout`."""
+_WITH_PATHS = ("objects", "signals", "actions", "tunables")
 
 
 def _describe_journal() -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -19,7 +19,9 @@ from umo.errors import FramesError
 from umo.frames.ending import tell_end
 from umo.frames.folder import new_path
 from umo.frames.layout import Layout, describe_objects, describe_signals
+from umo.frames.memory import Ends
 from umo.frames.ring import Ring
+from umo.frames.server import FrameServer
 
 
 @contextmanager
@@ -27,10 +29,10 @@ def published(
     connection: connect[Any],
     station: str,
     wiring: str = "",
-    path: Path | None = None,
     *,
     place: Path | None = None,
     options: Mapping[str, Any] = MappingProxyType({}),
+    ends: Ends | None = None,
 ) -> Iterator[Ring]:
     """Publish every period of a connected machine while the block lasts.
 
@@ -38,35 +40,55 @@ def published(
         with connection as m, umo.published(connection, "press"):
             ...
 
-    `umo ps` and `umo watch press` then find it. Default: a new file in the user's folder, removed at the end. A file
-    given as `path` keeps the last frames after the block; the caller removes it. `place` is the station's folder,
-    `options` those with which its machine was made.
+    `umo ps` and `umo watch press` then find it: a thread of this process answers them. `place` is the station's folder,
+    `options` those with which its machine was made. With `ends`, the writer's descriptors of empty memory, this process
+    only writes: who has given them answers those who look for the station.
     FramesError if there is not enough memory, or if this connection is already published.
     """
     if connection.image.transfer.journal is not None:
         raise FramesError(f"{station} is already published; a connection can publish only one ring of frames")
     machine = connection.machine
     about = {"station": station, "wiring": wiring, "place": "" if place is None else str(place)}
-    phases = Phases(machine.image, connection.wired.drivers)
-    try:
+    with ExitStack() as undo:  # if it cannot be published
+        memory = undo.enter_context(ExitStack())
+        server = None
+        if ends is None:
+            ends, server = _own_memory(station, memory)
+        phases = Phases(machine.image, connection.wired.drivers)
+        undo.callback(phases.remove)
         layout = _layout(machine, phases, about | {"options": dict(options)} | _about(connection))
-        ring = Ring(machine, phases, layout, path or new_path(station), tunables=list(machine.tunables.values()))
-        error: BaseException | None = None
-        try:
-            ring.state(Stage.RUNNING)
-            machine.observers.append(ring)
-            yield ring
-        except BaseException as caught:
-            error = caught
-            raise
-        finally:
-            end = partial(_end, connection, ring, path is None, error)
-            if machine.period_open or error is not None:  # it is shown when the actuators have been reset
-                connection.afterwards.append(end)
-            else:
-                end()
+        ring = Ring(machine, phases, layout, ends, tunables=list(machine.tunables.values()))
+        undo.callback(ring.close)
+        if server is not None:
+            server.listen()
+            server.start()
+            ring.path = server.path
+        undo.pop_all()
+    error: BaseException | None = None
+    try:
+        ring.state(Stage.RUNNING)
+        machine.observers.append(ring)
+        yield ring
+    except BaseException as caught:
+        error = caught
+        raise
     finally:
+        end = partial(_end, connection, ring, memory, error)
+        if machine.period_open or error is not None:  # it is shown when the actuators have been reset
+            connection.afterwards.append(end)
+        else:
+            end()
         phases.remove()
+
+
+def _own_memory(station: str, memory: ExitStack) -> tuple[Ends, FrameServer]:
+    """For a process that nobody has given any: the writer's end, and a server of the readers'. `memory` closes them."""
+    ends, readers = Ends.pair()
+    memory.callback(ends.close)
+    memory.callback(readers.close)
+    server = FrameServer(new_path(station), readers)
+    memory.callback(server.close)
+    return ends, server
 
 
 def _about(connection: connect[Any]) -> dict[str, Any]:
@@ -95,12 +117,10 @@ def _layout(machine: ConnectedMachine, phases: Phases, about: dict[str, Any]) ->
     )
 
 
-def _end(connection: connect[Any], ring: Ring, remove: bool, error: BaseException | None) -> None:
+def _end(connection: connect[Any], ring: Ring, memory: ExitStack, error: BaseException | None) -> None:
     machine = connection.machine
     tell_end(connection, error)
     if ring in machine.observers:
         machine.observers.remove(ring)
     ring.close()
-    if remove:
-        with suppress(OSError):  # then whoever looks next removes it
-            ring.path.unlink(missing_ok=True)
+    memory.close()

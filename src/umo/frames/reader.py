@@ -18,7 +18,6 @@ from umo.cycle.events import CommandState, Event
 from umo.cycle.hands import Mode
 from umo.cycle.stage import Stage
 from umo.errors import FramesError, PathError
-from umo.frames import folder
 from umo.frames.frames_table import html_of_frames
 from umo.frames.layout import (
     CHECKSUM,
@@ -44,6 +43,9 @@ from umo.frames.layout import (
     Layout,
     Places,
 )
+from umo.frames.memory import Ends, mapped
+from umo.frames.server import is_socket, receive
+from umo.objects import Quality
 from umo.objects.html_table import never_raises
 from umo.system import folders
 from umo.text import did_you_mean
@@ -56,6 +58,8 @@ Entries = npt.NDArray[Any]
 
 TRIES = 100
 """Looks at the lease while it changes."""
+MOST = 1 << 62
+"""Above all counts of frames, entries and events that are taken for sound."""
 
 
 class NumberedEvent(NamedTuple):
@@ -69,40 +73,43 @@ class Reader:
     """Reads one ring, or a file that holds one (a black box), from its oldest frame on.
 
     `read` returns every new frame, `latest` the last one. If the reader is too slow, frames are overwritten before
-    they are read; `lost` counts them. The file is mapped read-only: a reader cannot disturb the writer.
+    they are read; `lost` counts them. `path` is the socket of a running station (`rings`) or a file; of memory that was
+    handed over (`ends`, which it closes in the end) it is only a name. The memory of a run is sealed, and a file is
+    read as a whole: whatever others do to them, a reader gets FramesError here or fewer frames later, and no more.
     """
 
-    def __init__(self, path: Path | str) -> None:
+    def __init__(self, path: Path | str, ends: Ends | None = None) -> None:
         self.path = Path(path)
+        self.ends = receive(self.path) if ends is None and is_socket(self.path) else ends
+        """The descriptors of the shared memory; None for a file."""
         try:
-            self._file = folders.open_own(self.path, follow=True)
-        except OSError as error:
-            raise FramesError(f"no frames at {self.path}: {error.strerror}") from None
-        try:
-            self._map = self._attach()
-        except BaseException:
-            os.close(self._file)
+            self._memory = _read(self.path) if self.ends is None else mapped(self.ends.frames)
+            self._attach()
+        except BaseException as error:
+            if self.ends is not None:
+                self.ends.close()
+            if isinstance(error, ValueError | struct.error | MemoryError):  # of numpy and struct
+                raise FramesError(f"{self.path} is damaged: {error}") from None
             raise
-        self._live = memoryview(self._map)[:DESCRIPTION].cast("q")
+        self.closed = False
         self.next = max(0, self.head - self.slots)
         """Number of the frame that is read next."""
         self.lost = 0
         self._index = {entry["path"]: i for i, entry in enumerate(self.layout.objects)}
 
-    def _attach(self) -> mmap.mmap:
-        length = os.fstat(self._file).st_size
+    def _attach(self) -> None:
+        memory, length = self._memory, len(self._memory)
         if length < DESCRIPTION:
             raise FramesError(f"{self.path} does not contain frames")
-        mapped = mmap.mmap(self._file, length, access=mmap.ACCESS_READ)
-        magic, version, self.flags, first, size, self.slots, journal, entries, described = HEADER.unpack_from(mapped)
+        magic, version, self.flags, first, size, self.slots, journal, entries, described = HEADER.unpack_from(memory)
         if magic != MAGIC:
             raise FramesError(f"{self.path} does not contain frames")
         if version != VERSION:
             raise FramesError(f"{self.path} has frames of version {version}, this umo reads version {VERSION}")
         if not self.slots or DESCRIPTION + described > first or journal > length:
             raise FramesError(f"{self.path} is truncated")
-        description = mapped[DESCRIPTION : DESCRIPTION + described]
-        if struct.unpack_from("<Q", mapped, DESCRIBED)[0] != zlib.crc32(description):
+        description = memory[DESCRIPTION : DESCRIPTION + described]
+        if struct.unpack_from("<Q", memory, DESCRIBED)[0] != zlib.crc32(description):
             raise FramesError(f"{self.path} is damaged")
         self.layout = Layout.parse(description)
         self._dtype = self.layout.dtype
@@ -112,10 +119,17 @@ class Reader:
         if places.journal != journal or places.size > length:
             raise FramesError(f"{self.path} is truncated")
         self._checked = bool(self.flags & CHECKSUM)
-        self._rows = np.frombuffer(mapped, np.uint8, self.slots * size, first).reshape(self.slots, size)
-        self._journal: Entries = np.frombuffer(mapped, ENTRY, entries, journal)
-        self._events: Entries = np.frombuffer(mapped, EVENT_ROW, EVENTS, places.events)
-        return mapped
+        self._live = memoryview(memory)[:DESCRIPTION].cast("q")
+        self._rows = np.frombuffer(memory, np.uint8, self.slots * size, first).reshape(self.slots, size)
+        self._journal: Entries = np.frombuffer(memory, ENTRY, entries, journal)
+        self._events: Entries = np.frombuffer(memory, EVENT_ROW, EVENTS, places.events)
+
+    def again(self) -> Reader:
+        """Another reader of the same ring, from its oldest frame on."""
+        try:
+            return Reader(self.path, None if self.ends is None else self.ends.again())
+        except OSError as error:
+            raise FramesError(f"no frames at {self.path}: {error.strerror}") from None
 
     # What the ring says of itself ----------------------------------------------------------------------
 
@@ -137,22 +151,33 @@ class Reader:
     @property
     def head(self) -> int:
         """Frames finished so far."""
-        return int(self._live[HEAD // 8])
+        return self._count(HEAD)
 
     @property
     def missed(self) -> int:
         """Missed periods so far."""
-        return int(self._live[MISSED // 8])
+        return self._count(MISSED)
 
     @property
     def state(self) -> Stage:
         """What the machine is doing; ENDED also if its processes are gone."""
-        return Stage(self._live[STATE // 8]) if self.alive else Stage.ENDED
+        if not self.alive:
+            return Stage.ENDED
+        number = self._live[STATE // 8]
+        return Stage(number) if number in set(Stage) else Stage.RUNNING
 
     @property
     def alive(self) -> bool:
-        """Whether a process still keeps this ring going."""
-        return folder.held(self._file)
+        """Whether the process that writes this ring still lives."""
+        if self.ends is None:
+            return False
+        try:
+            os.read(self.ends.alive, 1)
+        except BlockingIOError:
+            return True
+        except OSError:
+            return False
+        return False
 
     @property
     def mode(self) -> Mode | None:
@@ -165,7 +190,7 @@ class Reader:
         """The number of the last lease, and who has it; "": nobody has it any longer."""
         for _ in range(TRIES):
             number = int(self._live[LEASE // 8])
-            text = self._map[HOLDER : HOLDER + NAME].rstrip(b"\0").decode(errors="replace")
+            text = self._memory[HOLDER : HOLDER + NAME].rstrip(b"\0").decode(errors="replace")
             if number >= 0 and number == self._live[LEASE // 8]:
                 return number, text
         return -1, ""
@@ -183,25 +208,25 @@ class Reader:
     @property
     def taken(self) -> int:
         """Commands from outside that the machine has taken from its queue."""
-        return int(self._live[TAKEN // 8])
+        return self._count(TAKEN)
 
     @property
     def dropped(self) -> int:
         """Those of them that were not commands."""
-        return int(self._live[DROPPED // 8])
+        return self._count(DROPPED)
 
     def tunables(self) -> dict[str, float]:
         """The tunable numbers by path, each at most as many periods old as there are numbers."""
-        numbers = np.frombuffer(self._map, "<f8", len(self.layout.tunables), self._places.tunables).tolist()
+        numbers = np.frombuffer(self._memory, "<f8", len(self.layout.tunables), self._places.tunables).tolist()
         return {entry["path"]: value for entry, value in zip(self.layout.tunables, numbers, strict=True)}
 
     def live(self, start: int, stop: int) -> bytes:
         """The live numbers as they stand in the ring."""
-        return self._map[start:stop]
+        return self._memory[start:stop]
 
     def told(self) -> bytes:
         """Events and tunable numbers as they stand in the ring."""
-        return self._map[self._places.events : self._places.size]
+        return self._memory[self._places.events : self._places.size]
 
     def index(self, path: str) -> int:
         """The index of an object in a frame's `values`; PathError with the nearest path otherwise."""
@@ -214,6 +239,7 @@ class Reader:
     def read(self, most: int | None = None) -> Frames:
         """The frames finished since the last call (at most `most`), oldest first; those lost are counted."""
         head = self.head
+        self.next = min(self.next, head)  # it was damaged
         oldest = max(self.next, head - self.slots)
         stop = head if most is None else min(head, oldest + most)
         frames = self._copy(oldest, stop)
@@ -249,7 +275,9 @@ class Reader:
         state = int(frame["commands"][number])
         if state == FREE:
             return None
-        return reason_of_hand(self.holder) if state == IN_HAND else self.layout.interlocks[state - 1]
+        if state == IN_HAND:
+            return reason_of_hand(self.holder)
+        return self.layout.interlocks[state - 1] if state <= len(self.layout.interlocks) else "an unknown interlock"
 
     # The journal ---------------------------------------------------------------------------------------
 
@@ -257,16 +285,17 @@ class Reader:
         """The journal of a frame's period: transfers of single objects, in order; None if it was overwritten."""
         first, count = int(frame["journal"]), int(frame["entries"])
         start, entries = self.entries(first, first + count)
-        if start > first or (self._checked and count and zlib.crc32(entries.tobytes()) != frame["entries_checksum"]):
-            return None
-        return entries
+        torn = self._checked and count and zlib.crc32(entries.tobytes()) != frame["entries_checksum"]
+        return None if torn or (start, len(entries)) != (first, count) else entries
 
     def entries(self, start: int, stop: int) -> tuple[int, Entries]:
         """The entries of these numbers that are still there, and the number of the first of them."""
+        if not 0 <= start <= stop <= MOST:  # of a damaged frame
+            return max(start, stop), self._journal[:0]
         capacity = len(self._journal)
         begin = max(start, stop - capacity)
         entries = self._journal[np.arange(begin, stop) % max(capacity, 1)]
-        oldest = int(self._live[JOURNAL // 8]) - capacity  # after the copy: those before it may be torn
+        oldest = self._count(JOURNAL) - capacity  # after the copy: those before it may be torn
         there = min(max(begin, oldest), stop)
         return there, entries[there - begin :]
 
@@ -274,25 +303,29 @@ class Reader:
 
     def events(self, start: int = 0) -> list[NumberedEvent]:
         """The events from this number on that are still there, oldest first."""
-        stop = int(self._live[EVENT // 8])
+        stop = self.next_event
         numbers = np.arange(max(start, stop - EVENTS, 0), stop)
         rows = self._events[numbers % EVENTS]
         whole = self._events["sequence"][numbers % EVENTS] == numbers + 1  # after the copy
+        whole &= (rows["sequence"] == numbers + 1) & np.isfinite(rows["time"]) & (rows["state"] <= max(CommandState))
         return [
             NumberedEvent(int(number), Event(
                 float(row["time"]), _text(row["path"]), _text(row["text"]), _text(row["who"]), int(row["command"]),
                 CommandState(int(row["state"])), _text(row["asked"]),
             ))
             for number, row in zip(numbers[whole], rows[whole], strict=True)
-            if row["sequence"] == number + 1
         ]  # fmt: skip
 
     @property
     def next_event(self) -> int:
         """The number of the next event."""
-        return int(self._live[EVENT // 8])
+        return self._count(EVENT)
 
     # Inside --------------------------------------------------------------------------------------------
+
+    def _count(self, offset: int) -> int:
+        """A live number that counts, within bounds where it is damaged."""
+        return min(max(int(self._live[offset // 8]), 0), MOST)
 
     def _copy(self, start: int, stop: int) -> Frames:
         """Whole copies of those of the frames that are still there."""
@@ -306,16 +339,13 @@ class Reader:
         ended = self._live[STATE // 8] == Stage.ENDED  # looked up before the head, which then stands
         oldest = self.head - self.slots - ended  # frame `oldest` may be being written over at this moment
         whole = (numbers.astype(np.int64) > oldest) & (frames["sequence"] == 2 * numbers + 2)
+        whole &= np.isfinite(frames["time"]) & (frames["quality"] <= max(Quality)).all(axis=1)
         if self._checked:
             whole &= np.array([self._sum(row) for row in rows], np.uint64) == frames["checksum"]
         return frames if whole.all() else frames[whole]
 
     def _sum(self, row: npt.NDArray[np.uint8]) -> int:
         return zlib.crc32(row[16 : self.layout.content].data, zlib.crc32(row[:8].data))
-
-    @property
-    def closed(self) -> bool:
-        return self._map.closed
 
     @never_raises
     def _repr_html_(self) -> str:
@@ -324,16 +354,28 @@ class Reader:
     def close(self) -> None:
         if self.closed:
             return
+        self.closed = True
         del self._rows, self._journal, self._events
         self._live.release()
-        self._map.close()
-        os.close(self._file)
+        if isinstance(self._memory, mmap.mmap):
+            self._memory.close()
+        if self.ends is not None:
+            self.ends.close()
 
     def __enter__(self) -> Reader:
         return self
 
     def __exit__(self, *error: object) -> None:
         self.close()
+
+
+def _read(path: Path) -> bytes:
+    try:
+        file = folders.open_own(path, follow=True)
+    except OSError as error:
+        raise FramesError(f"no frames at {path}: {error.strerror}") from None
+    with os.fdopen(file, "rb") as stream:
+        return stream.read()
 
 
 def _text(data: bytes) -> str:

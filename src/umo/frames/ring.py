@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import platform
 import struct
 import zlib
@@ -17,9 +16,8 @@ from umo.cycle.phases import UNKNOWN, Phases
 from umo.cycle.progress import Progress
 from umo.cycle.stage import Stage
 from umo.frames.body import BODY, writer
-from umo.frames.file import make
+from umo.frames.cells import size_of
 from umo.frames.layout import (
-    BELL,
     CHECKSUM,
     DESCRIPTION,
     DROPPED,
@@ -42,6 +40,7 @@ from umo.frames.layout import (
     Layout,
     arrange,
 )
+from umo.frames.memory import Ends, fill
 from umo.objects import Tunable
 from umo.system.usage import Usage
 
@@ -63,10 +62,10 @@ ORDERED = platform.machine().lower() in ("x86_64", "amd64", "i686")
 
 
 class Ring:
-    """An observer that publishes every frame.
+    """An observer that publishes every frame, in memory that nobody else can write or cut.
 
-    The constructor reserves the memory; FramesError if the disk is full. `path` is a new
-    file in the user's folder of frames. Call `close` at the end.
+    The constructor reserves the memory; FramesError if there is not enough. `ends` are the writer's descriptors of
+    empty memory. Call `close` at the end.
     """
 
     def __init__(
@@ -74,7 +73,7 @@ class Ring:
         machine: ConnectedMachine,
         phases: Phases,
         layout: Layout,
-        path: Path,
+        ends: Ends,
         *,
         checksum: bool = not ORDERED,
         tunables: Sequence[Tunable] = (),
@@ -86,9 +85,11 @@ class Ring:
         self._told = 0
         """Events that were published."""
         self._tunables = tunables
+        self._tunable_at = {tunable.path: number for number, tunable in enumerate(tunables)}
         self.phases = phases
         self.layout = layout
-        self.path = path
+        self.path = Path()
+        """The socket at which it is found, where this process serves it."""
         self.checksum = checksum
         self.index = 0
         self.missed = 0
@@ -101,16 +102,15 @@ class Ring:
         self._events_at, self._tunables_at = places.events, places.tunables
         self._seldom_packed, self._seldom_stands, self._told_progress = b"", False, Progress()
         self._late = round(machine.clock.period * LATE * 1e9)
-        self.file, self._map = make(path, head, places.size)
+        self._map = fill(ends.frames, head, places.size, private=True)
+        fill(ends.cells, b"", size_of(layout), private=False).close()
         # from here on nothing fails: whoever makes a ring has all of it to close, or nothing
         self._bytes = memoryview(self._map)
         self._words = self._bytes.cast(image.raws.format)  # numpy's own letter for int64, "l" or "q"
         self._numbers = self._bytes.cast("d")
         self._live = self._words[: DESCRIPTION // 8]
-        self.bell = self._live[BELL // 8 : BELL // 8 + 1]
-        """The number that hands write here (`umo.remote.queue`); until `close`."""
-        for number, tunable in enumerate(tunables):
-            self._numbers[(self._tunables_at >> 3) + number] = tunable.read()
+        for number in range(len(tunables)):
+            self._refresh(number)
         self.usage = Usage()
         self._counts = *self.usage.read(), 0
         self._write = writer(image, layout, self._map)
@@ -136,18 +136,22 @@ class Ring:
             self.missed += frame.missed
             live[MISSED // 8] = self.missed
         if self._tunables:  # one in each period
-            number = index % len(self._tunables)
-            self._numbers[(self._tunables_at >> 3) + number] = self._tunables[number].read()
+            self._refresh(index % len(self._tunables))
         if self._machine.hands is not None:
-            self._show(self._machine.hands)
+            self.show(self._machine.hands)
         if self._told != self._events.number:  # last: whoever sees an answer finds the lease and the mode as told
             self._tell()
 
+    def _refresh(self, number: int) -> None:
+        self._numbers[(self._tunables_at >> 3) + number] = self._tunables[number].read()
+
     def _tell(self) -> None:
-        """Publish the new events, as far as they are kept."""
+        """Publish the new events, as far as they are kept. Whoever sees that a number was tuned finds it as tuned."""
         new = min(self._events.number - self._told, len(self._events))
         self._told = self._events.number
         for number, event in enumerate(list(self._events)[-new:], self._told - new):
+            if event.path in self._tunable_at:
+                self._refresh(self._tunable_at[event.path])
             at = self._events_at + number % EVENTS * EVENT_ROW.itemsize
             self._words[at >> 3] = 0
             texts = (event.who, event.path, event.asked, event.text)
@@ -156,7 +160,7 @@ class Ring:
             self._words[at >> 3] = number + 1
             self._live[EVENT // 8] = number + 1
 
-    def _show(self, hands: Hands) -> None:
+    def show(self, hands: Hands) -> None:
         """Mode, lease, and what became of the queue."""
         live, lease = self._live, hands.lease
         live[MODE // 8], live[TAKEN // 8], live[DROPPED // 8] = hands.mode, hands.inbox.taken, hands.inbox.dropped
@@ -218,19 +222,16 @@ class Ring:
         return zlib.crc32(entries) if self.checksum else 0
 
     def close(self) -> None:
-        """End the ring: readers see the end, the last frames and events. The file is not removed."""
+        """End the ring: readers see the end, the last frames and events."""
         if self._told != self._events.number:
             self._tell()
         self.state(Stage.ENDED)
         self.usage.close()
         self.image.transfer.journal = None
         del self._write  # it may hold the file's memory
-        for view in (self.bell, self._live, self._words, self._numbers, self._bytes):
+        for view in (self._live, self._words, self._numbers, self._bytes):
             view.release()
-        try:
-            self._map.close()
-        finally:
-            os.close(self.file)
+        self._map.close()
 
 
 def _crc(sequence: int) -> int:

@@ -51,11 +51,12 @@ class Feed:
     async def _look_at_rings(self) -> None:
         search = 0.0
         looks = 0
+        searching: asyncio.Task[None] | None = None
         while True:
             now = time.monotonic()
-            if now >= search:
+            if now >= search and (searching is None or searching.done()):
                 search = now + SEARCH
-                self.search()
+                searching = asyncio.create_task(self.search())
             looks += 1
             self.look(states=looks % STATES == 0)
             await asyncio.sleep(max(0.001, now + 1 / (RATE if self.pages else IDLE_RATE) - time.monotonic()))
@@ -77,22 +78,25 @@ class Feed:
         """Wait for the next look at the rings."""
         await self._looked.wait()
 
-    def search(self) -> None:
-        """Attach to new rings."""
+    async def search(self) -> None:
+        """Attach to new rings; in a thread, as a guardian that is stopped does not answer."""
         with suppress(FramesError):  # no folder: nothing runs
             known = {watched.path for watched in self.watched.values()}
             for path in rings():
                 if path not in known and time.monotonic() >= self._refused.get(path.name, 0.0):
-                    self._attach(path)
+                    await self._attach(path)
         ended = [name for name, watched in self.watched.items() if watched.over]
         for name in ended[:-ENDED]:
             self.watched.pop(name).close()
 
-    def _attach(self, path: Path) -> None:
+    async def _attach(self, path: Path) -> None:
         try:
-            watched = Watched.at(path)
+            watched = await asyncio.to_thread(Watched.at, path)
         except Exception as error:  # of another version, damaged, or gone
             self._refuse(path, error)
+            return
+        if not watched.reader.alive:  # its guardian is resetting the machine
+            watched.close()
             return
         before = self.watched.get(watched.name)
         if before is not None and not before.ended:

@@ -13,20 +13,20 @@ from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 from starlette.websockets import WebSocketDisconnect
 
 from umo.cycle.events import CommandState
 from umo.cycle.hands import HOLD
 from umo.errors import CommandRefused, FramesError
-from umo.frames import Reader
+from umo.frames.cells import LEASE as THE_LEASE
 from umo.page.feed import Feed
 from umo.page.watched import Watched
 from umo.remote import RemoteStation
 from umo.remote.answers import Answers
 from umo.remote.attached import user
-from umo.remote.held_lease import batches
+from umo.remote.held_lease import OFTEN
 from umo.text import printable
 
 LEASE = 2.0
@@ -35,8 +35,6 @@ TOUCH = 0.4
 """s after the last touch for which a page still holds what it held."""
 OLDEST = 4
 """States behind the newest one that a touch may answer; there are ten a second."""
-OFTEN = HOLD / 5
-"""s from one renewal to the next."""
 MOST_ASKED = 32
 """Commands of a page whose end is still to come."""
 NAME = 40
@@ -59,13 +57,15 @@ class PageHand:
         self._tell = tell
         self._who = self._named("")
         self._key = secrets.token_hex(8)
-        self._reader = Reader(watched.path)
+        self._reader = watched.reader.again()
         self._station = RemoteStation(self._reader)
         self._held: list[str] = []
         self._touched = 0.0
         self._leased = 0
         """The number of the lease that this page took; 0: none."""
-        self._following: set[asyncio.Task[None]] = set()
+        self._following: dict[asyncio.Task[None], str] = {}
+        """Commands whose end is still to come, with the paths of those that the machine has not taken yet: in a long
+        period what they will begin is kept up already."""
         self._ended = False
         self._keeping = asyncio.create_task(self._keep())
 
@@ -80,18 +80,31 @@ class PageHand:
         if len(self._following) >= MOST_ASKED:
             await self._answer(message, CommandState.REFUSED, f"up to {MOST_ASKED} commands at once")
             return
+        if message.get("do") == "stop":
+            await self._stop(message)
+            return
         more = {name: message[name] for name in TAKEN if name in message}
         if message.get("do") == "lease":
             self._who, more["seconds"] = self._named(str(message.get("who", ""))), LEASE
-        start = self._reader.next_event
+        start, path = self._reader.next_event, str(message.get("path"))
+        self._sign(path)
         try:
             number = await self._send(str(message.get("do")), **more)
         except (CommandRefused, FramesError) as error:
             await self._answer(message, CommandState.REFUSED, str(error))
             return
         task = asyncio.create_task(self._follow(message, Answers(self._reader, number, start)))
-        self._following.add(task)
-        task.add_done_callback(self._following.discard)
+        self._following[task] = path
+        task.add_done_callback(self._following.pop)
+
+    async def _stop(self, message: dict[str, Any]) -> None:
+        """A level in shared memory: it needs no lease, and no queue delays it."""
+        try:
+            self._station.stop(self._who)
+        except FramesError as error:
+            await self._answer(message, CommandState.REFUSED, str(error))
+        else:
+            await self._answer(message, CommandState.DONE, "")
 
     async def _send(self, do: str, **more: Any) -> int:
         """In a thread: the queue may be full, or it is another hand's turn."""
@@ -104,6 +117,7 @@ class PageHand:
             while state is CommandState.BEGUN:
                 for event in answers.new():
                     state = event.state
+                    self._following[cast("asyncio.Task[None]", asyncio.current_task())] = ""
                     leased = (message.get("do"), state) == ("lease", CommandState.DONE)
                     more = self._take_lease(int(event.text)) if leased else {}
                     await self._answer(message, state, "" if leased else event.text, **more)
@@ -130,16 +144,22 @@ class PageHand:
             return
         self._touched = time.monotonic()
         self._held = held
+        self._sign(THE_LEASE, *held)
+
+    def _sign(self, *paths: str) -> None:
+        """A sign of life for these paths, as far as the page has the lease."""
+        if self._reader.lease_held(self._leased):
+            with suppress(FramesError):
+                self._station.sign(self._leased, *paths)
 
     async def _keep(self) -> None:
         """Renew the lease, and keep up what the page holds, as long as it touches."""
         while not self._ended:
             silent = time.monotonic() - self._touched
-            if silent < LEASE and self._reader.lease_held(self._leased):
-                with suppress(CommandRefused, FramesError, OSError):
-                    for paths in batches(self._held if silent < TOUCH else []):
-                        await self._send("keep", held=paths)
-            await asyncio.sleep(OFTEN)
+            if silent < LEASE:
+                begun = filter(None, self._following.values())
+                self._sign(THE_LEASE, *([*self._held, *begun] if silent < TOUCH else []))
+            await asyncio.sleep(HOLD / OFTEN)
 
     async def close(self) -> None:
         """The page is closed: the lease is given back, and the machine lets go of what it held."""
@@ -149,5 +169,5 @@ class PageHand:
         if self._reader.lease_held(self._leased):
             with suppress(CommandRefused, FramesError, OSError):
                 await self._send("give back")
-        await self._keeping  # it may be sending in a thread
+        await self._keeping
         self._station.close()

@@ -75,7 +75,7 @@ class Watched:
 
     @classmethod
     def at(cls, path: Path) -> Watched:
-        """The ring in a file. FramesError, or whatever a damaged description raises."""
+        """The ring of a running station. FramesError, or whatever a damaged description raises."""
         reader = Reader(path)
         try:
             return cls(reader)

@@ -11,7 +11,6 @@ import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from math import inf
-from pathlib import Path
 from typing import IO, Any, NoReturn
 
 from umo.cycle import Frame, connect, drive
@@ -23,8 +22,10 @@ from umo.cycle.stop_order import stop_sequence
 from umo.cycle.stopping import SIGNALS, TimeLimit, request_stop
 from umo.errors import FramesError, StopError
 from umo.frames import Ring, published
+from umo.frames.cells import Cells
 from umo.frames.ending import tell
-from umo.frames.folder import QUEUE
+from umo.frames.memory import Ends
+from umo.frames.server import FrameServer
 from umo.objects import Compound, DigitalSensor
 from umo.process.job import Plan
 from umo.process.last_words import say_last
@@ -51,14 +52,22 @@ class Control:
     """Runs one plan in the process that calls it, which was forked by the guardian."""
 
     def __init__(
-        self, plan: Plan, custody: Custody, life: Life, channel: MessageSocket, guardian: int, ring: Path | None
+        self,
+        plan: Plan,
+        custody: Custody,
+        life: Life,
+        channel: MessageSocket,
+        guardian: int,
+        frames: tuple[Ends, FrameServer] | None,
     ) -> None:
         self._plan = plan
         self._custody = custody
         self._life = life
         self._channel = channel
         self._guardian = guardian
-        self._path = ring
+        self._frames = frames
+        """The descriptors of the memory for frames, and the server that gives clients theirs; None: no frames."""
+        self._stopped_by = ""
         self._hang = plan.wired.process.hang_timeout
         self._watchdog = min(plan.wired.watchdogs.values(), default=inf)
         """s without a period after which a circuit may have reset its outputs by itself."""
@@ -182,17 +191,25 @@ class Control:
                 self._life.enter(Stage.STOPPING)
                 outcome.stopped_by = None if self._alarm else self._life.asked or connection.stop.signal
                 outcome.time_over = self._limit.reached and outcome.stopped_by is None
+                outcome.stopped_who = "" if outcome.stopped_by is None else self._stopped_by
                 outcome.simulated = machine.now
 
     @contextmanager
     def _published(self, connection: connect[Any]) -> Iterator[Ring | None]:
         """Publish frames for observers. The machine runs without them if there is not enough memory."""
+        if self._frames is None:
+            yield None
+            return
         with ExitStack() as stack:
-            ring = None
+            ring, plan = None, self._plan
             try:
-                plan = self._plan
                 frames = published(
-                    connection, plan.name, plan.wiring_name, self._path, place=plan.place, options=plan.machine_options
+                    connection,
+                    plan.name,
+                    plan.wiring_name,
+                    place=plan.place,
+                    options=plan.machine_options,
+                    ends=self._frames[0],
                 )
                 ring = stack.enter_context(frames)
             except (FramesError, OSError) as error:
@@ -201,17 +218,28 @@ class Control:
 
     @contextmanager
     def _commanded(self, connection: connect[Any], ring: Ring | None) -> Iterator[None]:
-        """Take commands from outside. The machine runs without them if there can be no queue."""
-        machine = connection.machine
-        with ExitStack() as stack:
-            if ring is not None:
-                try:
-                    inbox = Receiver(ring.path.with_suffix(QUEUE), ring.bell, connection.wired.period or 0.0)
-                    stack.callback(inbox.close)
-                    machine.hands = Hands(machine, inbox, Mode.MANUAL if self._plan.job.manual else Mode.AUTOMATIC)
-                except FramesError as error:
-                    self._channel.send("notice", text=f"this run takes no commands: {text_of(error)}")
+        """Take commands from outside, if there are frames to answer by."""
+        if ring is None or self._frames is None:
             yield
+            return
+        machine, cells = connection.machine, Cells(self._frames[0].cells, ring.layout)
+        mode = Mode.MANUAL if self._plan.job.manual else Mode.AUTOMATIC
+        machine.hands = hands = Hands(machine, Receiver(cells), cells, mode)
+        ring.show(hands)
+        self._open_to_clients(self._frames[1])
+        try:
+            yield
+        finally:
+            hands.look_for_stop()  # a signal may have been quicker
+            self._stopped_by = hands.stopped_by
+
+    def _open_to_clients(self, server: FrameServer) -> None:
+        """From now on the guardian's looks answer them."""
+        try:
+            server.listen()
+        except FramesError as error:
+            self._channel.send("notice", text=f"this run cannot be found by other programs: {text_of(error)}")
+        server.leave()
 
     def each_period(self, frame: Frame) -> None:
         """Give a sign of life. Check whether this process was suspended, asked to stop, or lost its guardian."""
@@ -250,7 +278,7 @@ class Control:
             "running",
             pid=os.getpid(),
             guardian=self._guardian,
-            files=[] if ring is None else [ring.file],
+            files=[] if ring is None or self._frames is None else self._frames[1].ends,
             refusals=[[refusal.what, refusal.why, refusal.grant] for refusal in refusals],
         )
         self._life.enter(Stage.RUNNING)

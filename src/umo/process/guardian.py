@@ -114,11 +114,14 @@ class Guardian:
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # ignored, it would leave nobody to wait for
         self._life.hold(Who.GUARDIAN)
         self._end.resetter.stand_by()
+        if why := self._watcher.make():
+            self._say(f"this run cannot be watched or traced: {why}")
         guardian = os.getpid()
         pid = self._life.fork(Who.CONTROL)
         if pid == 0:
-            control = Control(self._plan, self._custody, self._life, self._channel, guardian, self._watcher.path)
+            control = Control(self._plan, self._custody, self._life, self._channel, guardian, self._watcher.frames)
             carry_out(control, self._traces)
+        self._watcher.forked()
         self._control = Watched(pid, self._life, self._traces.fileno())
         with suppress(Exception):
             realtime.guard(self._process.priority, self._process.cpu)
@@ -215,7 +218,7 @@ class Guardian:
         self._stop = self._stop or number
 
     def _listen(self) -> None:
-        """Requests to stop: from the starter, by its end, by a signal."""
+        """Requests to stop: from the starter, by its end, from a client, by a signal."""
         while (message := self._channel.receive()) is not None:
             for file in message["files"]:
                 os.close(file)
@@ -225,6 +228,7 @@ class Guardian:
                 self._watcher.keep("on demand")
         if self._channel.ended:
             self._stop = self._stop or signal.SIGTERM
+        self._stop = self._stop or self._watcher.stop
         self._pass_on()
 
     def _pass_on(self) -> None:

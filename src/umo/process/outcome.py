@@ -79,6 +79,8 @@ class Outcome:
     failure: Failed | None = None
     stopped_by: int | None = None
     """The signal that requested the stop."""
+    stopped_who: str = ""
+    """Who has requested it from outside: the page, `umo stop`, a program that is attached."""
     time_over: bool = False
     """Whether its time limit (`umo run --until`) ended it."""
     driven: bool = False

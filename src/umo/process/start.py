@@ -21,6 +21,7 @@ from umo.cycle.stopping import signal_name
 from umo.errors import DriverError, FramesError, TaskFailed
 from umo.frames import Reader
 from umo.frames.frames_table import html_of_frames, progress_of
+from umo.frames.memory import Ends
 from umo.objects import Compound
 from umo.objects.html_table import html_table, never_raises
 from umo.process.job import Job, reference
@@ -234,9 +235,11 @@ class Started:
         if message["kind"] == "running":
             self.pid = message["pid"]
             self.refusals = [Refusal(*refusal) for refusal in message["refusals"]]
-            with suppress(OSError, FramesError):
-                for file in message["files"]:
-                    self.frames = Reader(f"/proc/self/fd/{file}")
+            if len(message["files"]) == len(Ends._fields):
+                ends = Ends(*message["files"])
+                message["files"] = ()
+                with suppress(FramesError):
+                    self.frames = Reader("the run", ends)
         elif message["kind"] == "standby":
             self.standby = message["pid"]
         elif message["kind"] == "notice":

@@ -1,21 +1,24 @@
-"""The guardian watches the frames: when a period was missed, it saves the last ones in a black box.
+"""The guardian watches the frames: when a period was missed, it saves the last ones in a black box. It makes their
+memory, and answers those who look for the station.
 
-Nothing here raises: an error costs black boxes only.
+Nothing here raises: an error costs black boxes, and that the run can be watched and commanded.
 """
 
 from __future__ import annotations
 
 import os
 from contextlib import suppress
-from pathlib import Path
 from time import monotonic, sleep, time
 
 from umo.errors import FramesError
 from umo.frames import Reader
-from umo.frames.folder import new_path, remove
+from umo.frames.cells import Cells
+from umo.frames.folder import new_path
+from umo.frames.memory import Ends
+from umo.frames.server import FrameServer
 from umo.latency import blackbox
 from umo.system import realtime
-from umo.text import Moment
+from umo.text import Moment, text_of
 
 AT_MOST_EVERY = 10.0
 """s from one black box of a missed period to the next."""
@@ -26,15 +29,14 @@ PATIENCE = 5.0
 
 
 class Watcher:
-    """Follows one ring in a file that it chooses. Writes in a child process: the disk does not delay the guardian."""
+    """Follows the frames of one run. Writes in a child process: the disk does not delay the guardian."""
 
     def __init__(self, station: str) -> None:
-        self.path: Path | None = None
-        """Where the control process is to make its ring; None where there is no folder for it."""
-        with suppress(FramesError, OSError):
-            self.path = new_path(station)
-        self._station = station.replace(os.sep, "_")
+        self.frames: tuple[Ends, FrameServer] | None = None
+        """The descriptors by which the control process writes, and the server that it makes listen; None: no frames."""
+        self._station = station
         self._reader: Reader | None = None
+        self._cells: Cells | None = None
         self._missed = 0
         self._due: float | None = None
         self._next = 0.0
@@ -42,12 +44,34 @@ class Watcher:
         self._wanted = ""
         """Why a black box is to be written as soon as the one before is finished."""
 
+    def make(self) -> str:
+        """Make the memory, which the control process inherits; why there is none, or ""."""
+        try:
+            path = new_path(self._station)
+            ends, readers = Ends.pair()
+            self.frames = ends, FrameServer(path, readers)
+        except (FramesError, OSError) as error:
+            return text_of(error)
+        return ""
+
+    def forked(self) -> None:
+        """The control process has its descriptors: when it has ended, they are gone."""
+        if self.frames is not None:
+            os.close(self.frames[0].alive)
+
+    @property
+    def stop(self) -> int | None:
+        """The signal as after which a client wants the run to end."""
+        asked = None if self._cells is None else self._cells.stop
+        return None if asked is None else asked[0]
+
     def look(self) -> None:
-        """A missed period is noticed, and kept a little later."""
+        """Clients are answered. A missed period is noticed, and kept a little later."""
         self._reap()
         if not self._attach():
             return
-        assert self._reader is not None
+        assert self._reader is not None and self.frames is not None
+        self.frames[1].look()
         now = monotonic()
         if self._reader.missed > self._missed:
             self._missed = self._reader.missed
@@ -91,15 +115,17 @@ class Watcher:
         while self._child and monotonic() < until:
             sleep(0.001)
             self._reap()
-        if self.path is not None:
-            with suppress(OSError):
-                remove(self.path)
+        if self.frames is not None:
+            self.frames[1].close()
 
     def _attach(self) -> bool:
         """Whether there are frames to be kept."""
-        if self._reader is None and self.path is not None:
-            with suppress(FramesError, OSError, ValueError):
-                self._reader = Reader(self.path)
+        if self._reader is None and self.frames is not None:
+            with suppress(FramesError, OSError):  # they are not complete yet
+                ends = self.frames[1].ends
+                reader = Reader(self._station, ends.again())
+                self._cells = Cells(ends.cells, reader.layout)
+                self._reader = reader
         return self._reader is not None
 
     def _write(self, reader: Reader, reason: str) -> None:
@@ -108,7 +134,7 @@ class Watcher:
             os.closerange(3, os.sysconf("SC_OPEN_MAX"))  # the frames stay mapped
             realtime.stand_back()
             folder = blackbox.folder()
-            blackbox.save(reader, blackbox.name_for(folder, self._station, time()), reason)
+            blackbox.save(reader, blackbox.name_for(folder, self._station.replace(os.sep, "_"), time()), reason)
             blackbox.thin(folder)
         os._exit(0)
 

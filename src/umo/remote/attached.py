@@ -5,6 +5,7 @@ from __future__ import annotations
 import getpass
 import json
 import os
+import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -20,6 +21,7 @@ from umo.cycle.progress import Progress
 from umo.cycle.stage import Stage
 from umo.errors import FramesError, TaskFailed, UmoError
 from umo.frames import Reader
+from umo.frames.cells import Cells
 from umo.frames.frames_table import progress_of
 from umo.remote.answers import Answers
 from umo.remote.held_lease import HeldLease
@@ -52,13 +54,15 @@ class RemoteStation(RemotePart):
     """A running station. Its objects, compounds, actions and tunable numbers are attributes, as in its declaration."""
 
     def __init__(self, reader: Reader) -> None:
-        self.__dict__.update(reader=reader, held_lease=None, _sender=None)
+        self.__dict__.update(reader=reader, held_lease=None, _cells=None, _sender=None)
         super().__init__(self, Tree(reader), "")
 
     reader: Reader
     """Its frames."""
     held_lease: HeldLease | None
     """The lease that this client holds."""
+    _cells: Cells | None
+    """The machine's cells, from the first command on."""
     _sender: Sender | None
 
     # What can be seen ----------------------------------------------------------------------------------
@@ -126,9 +130,28 @@ class RemoteStation(RemotePart):
         """
         return HeldLease(self, who or _myself(), seconds, over)
 
-    def stop(self) -> None:
-        """Ask the run to end safely: every actuator goes to its default. It needs no lease."""
-        self.ask("stop")
+    def stop(self, who: str = "") -> None:
+        """Ask the run to end safely: every actuator goes to its default. Returns at once; it needs no lease, and no
+        queue of commands delays it. `who` is told at the end; default: user and program."""
+        self._open_cells().ask_to_stop(signal.SIGTERM, who or _myself())
+
+    def sign(self, lease: int, *paths: str) -> None:
+        """Give a sign of life of the holder of this lease, for all that it keeps up at these paths; "": for the lease.
+        It is written, and not answered."""
+        cells, now = self._open_cells(), time.monotonic_ns()
+        for path in paths:
+            cells.sign(path, lease, now)
+
+    def _open_cells(self) -> Cells:
+        """FramesError if the station has ended or takes no commands."""
+        reader = self.reader
+        if not self.running:
+            raise FramesError(f"{reader.about['station']} has ended")
+        if self._cells is None:
+            if reader.mode is None or reader.ends is None:
+                raise FramesError(f"{reader.about['station']}: it takes no commands")
+            self._cells = Cells(reader.ends.cells, reader.layout)
+        return self._cells
 
     def acknowledge(self, path: str = "") -> None:
         """Acknowledge latched interlocks, of an object or compound, or ("") of the machine: what they inhibit is free
@@ -137,10 +160,9 @@ class RemoteStation(RemotePart):
 
     def send(self, do: str, path: str = "", *, key: str = "", who: str = "", **more: Any) -> int:
         """Send a command; its number. CommandRefused if the queue is full, FramesError if the station has ended."""
-        if not self.running:
-            raise FramesError(f"{self.reader.about['station']} has ended")
+        cells = self._open_cells()
         if self._sender is None:
-            self._sender = Sender(self.reader)
+            self._sender = Sender(self.reader, cells)
         lease = self.held_lease
         key, who = key or (lease.key if lease else ""), who or (lease.who if lease else _myself())
         return self._sender.send({"do": do, "path": path, "key": key, "who": who, **more})
@@ -188,6 +210,9 @@ class RemoteStation(RemotePart):
         if self._sender is not None:
             self._sender.close()
             self._sender = None
+        if self._cells is not None:
+            self._cells.close()
+            self._cells = None
         self.reader.close()
 
     def __setattr__(self, name: str, value: Any) -> None:

@@ -2,30 +2,27 @@
 
 from __future__ import annotations
 
-import json
 import secrets
 import threading
-from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from types import TracebackType
 from typing import TYPE_CHECKING
 
 from umo.errors import LeaseHeld, UmoError
+from umo.frames.cells import LEASE
 
 if TYPE_CHECKING:
     from umo.remote.attached import RemoteStation
 
-ROOM = 600
-"""Bytes of a command for paths; the rest is for who and key."""
 OFTEN = 5
-"""Times that a lease is renewed, and what is held is kept up, while it lasts."""
+"""Signs of life that a client gives in the time for which a lease, or what is held, lasts."""
 
 
 class HeldLease:
     """`with station.lease("commissioning"):`. Only its holder commands the station.
 
-    A thread renews it and keeps up what was written or is jogged, until the block ends. If this process dies, the lease
-    ends after `seconds`, and what it held goes to its default.
+    A thread gives signs of life for it and for what was written or is jogged, until the block ends. If this process
+    dies, the lease ends after `seconds`, and what it held goes to its default.
     """
 
     def __init__(self, station: RemoteStation, who: str, seconds: float, over: bool) -> None:
@@ -56,14 +53,16 @@ class HeldLease:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._ended = True
-        self._wake.set()
-        assert self._thread is not None
-        self._thread.join()
-        with suppress(UmoError, OSError):  # it is lost, or the station has ended
-            if not self.lost:
-                self._station.ask("give back")
-        self._station.held_lease = None
+        try:
+            with suppress(UmoError, OSError):  # it is lost, or the station has ended
+                if not self.lost:
+                    self._station.ask("give back")
+        finally:
+            self._ended = True
+            self._wake.set()
+            assert self._thread is not None
+            self._thread.join()
+            self._station.held_lease = None
 
     def _ask(self) -> int:
         """Its number. LeaseHeld names the argument that takes it over."""
@@ -77,27 +76,13 @@ class HeldLease:
 
     def keep_up(self, path: str, lasts: float) -> None:
         """From now on this is kept up: the thread may be waiting longer than it lasts."""
+        self._station.sign(self._number, path)
         self.held[path] = lasts
         self._wake.set()
 
     def _keep(self) -> None:
         """Until the block ends, or the lease is lost."""
-        while True:
-            self._wake.wait(min([self._seconds, *self.held.values()]) / OFTEN)
+        while not (self._ended or self.lost):
+            self._station.sign(self._number, LEASE, *self.held.copy())
+            self._wake.wait(min([self._seconds, *self.held.copy().values()]) / OFTEN)
             self._wake.clear()
-            if self._ended or self.lost:
-                return
-            with suppress(UmoError, OSError):
-                for paths in batches(list(self.held)):
-                    self._station.send("keep", key=self.key, who=self.who, held=paths)
-
-
-def batches(paths: Sequence[str]) -> Iterator[list[str]]:
-    """What is kept up, in parts that a command can carry; one empty part if it is nothing."""
-    part: list[str] = []
-    for path in paths:
-        if part and len(json.dumps([*part, path])) > ROOM:
-            yield part
-            part = []
-        part.append(path)
-    yield part

@@ -42,7 +42,7 @@ class LiveView:
         if reader.closed or reader.state is Stage.ENDED:
             raise FramesError(f"{self.station} has ended")
         self._stopped = threading.Event()
-        self._reader = Reader(reader.path)
+        self._reader = reader.again()
         try:
             self._draw = make(self._reader)
             self._handle = display(self._bundle(self._draw({})), raw=True, display_id=True)

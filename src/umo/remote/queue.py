@@ -1,14 +1,8 @@
-"""The queue of commands: a file in shared memory, beside the frames of a run. Hands write to it, the machine reads it.
+"""The queue of commands in the cells (`umo.frames.cells`): clients write it, the machine reads it.
 
-The machine reads with `pread` and does not map this file: whatever another process does to it, even cutting it short,
-is at worst a command that is dropped. Hands take turns by a lock of the file, which the machine does not take.
-
-Layout, little-endian: `HEADER`; at `HEAD` the number of commands written so far; from `FIRST` on `SLOTS` commands of
-`SLOT` bytes each: CRC-32 of all that follows, size of the text, number of the command (from 1), text (JSON, UTF-8).
-
-The machine reads the file only if the bell is not the number of commands that it has taken, and every `ANYWAY` s. The
-bell is a number among the live numbers of the frames, which the machine has mapped. A hand writes a command, then the
-head, then the bell. A wrong bell makes a command late by `ANYWAY`, or costs a look at the file in each period.
+Clients take turns by a lock that the machine does not take. Each of the `SLOTS` commands is, little-endian: CRC-32 of
+all that follows, size of the text, number of the command (from 1), text (JSON, UTF-8). `HEAD` is the number of commands
+written so far; the machine sets it right where it cannot be true.
 """
 
 from __future__ import annotations
@@ -19,130 +13,89 @@ import struct
 import threading
 import time
 import zlib
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
-from pathlib import Path
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from umo.cycle.hands import HandCommand
 from umo.errors import CommandRefused, FramesError
 from umo.frames import Reader
-from umo.frames.folder import QUEUE
-from umo.frames.layout import BELL
-from umo.system import folders
-from umo.text import text_of
+from umo.frames.cells import HEAD, QUEUE, SLOT, SLOTS, Cells
 
 try:
     import fcntl
 except ImportError:  # not on this platform: no machine runs in another process there
     fcntl = None  # type: ignore[assignment]
 
-MAGIC, VERSION = b"umohands", 1
-HEADER = struct.Struct("<8sII")
-HEAD, FIRST = 32, 64
-SLOTS, SLOT = 64, 1024
 ENTRY = struct.Struct("<IIQ")
 LONGEST = SLOT - ENTRY.size
 """Bytes of a command's text."""
 DROPS = 4
 """The most entries that are dropped at one look."""
-ANYWAY = 0.1
-"""s after which the machine reads the file whatever the bell says."""
 PATIENCE = 1.0
-"""s that a hand waits for room in the queue, and for its turn."""
+"""s that a client waits for room in the queue, and for its turn."""
 PAUSE = 0.002
 
 
 class Receiver:
-    """The machine's end. It makes the file, which only this user can open.
+    """The machine's end."""
 
-    `bell` is that of the ring of frames. `period` is the time between two looks in s; 0: every look reads the file.
-    """
-
-    def __init__(self, path: Path, bell: Sequence[int], period: float = 0.0) -> None:
-        self.path = path
-        self._bell = bell
-        self._every = max(1, round(ANYWAY / period)) if period else 1
-        self._looks = 0
+    def __init__(self, cells: Cells) -> None:
+        self._words, self._memory = cells.words, cells.memory
         self.taken = 0
         self.dropped = 0
-        flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOFOLLOW", 0)
-        try:
-            self._file = os.open(path, flags, 0o600)
-            os.pwrite(self._file, HEADER.pack(MAGIC, VERSION, SLOTS).ljust(FIRST + SLOTS * SLOT, b"\0"), 0)
-        except OSError as error:
-            raise FramesError(f"no queue for commands: {path}: {error.strerror}") from None
-        self._seen = bytes(8)
-        self._head = 0
+        self._doubted = 0
+        """The last command that was not whole when it was looked at."""
 
     def take(self) -> HandCommand | None:
         """The next command; None if there is none. Whatever is not a command is counted and dropped."""
-        self._looks += 1
-        if self._bell[0] == self.taken and self._looks % self._every:
+        head = self._words[HEAD >> 3]
+        if head == self.taken:
             return None
-        head = os.pread(self._file, 8, HEAD)
-        if head == self._seen and self.taken == self._head:
+        if not self.taken < head <= self.taken + SLOTS:  # so many cannot have come in
+            self.dropped += 1
+            self._words[HEAD >> 3] = self.taken
             return None
-        if head != self._seen and not self._is_plausible(head):
-            return None
-        for _ in range(min(self._head - self.taken, DROPS)):
-            command = self._next()
-            if command is not None:
+        for _ in range(min(head - self.taken, DROPS)):
+            number = self.taken + 1
+            text = self._text(number)
+            if text is None and self._doubted != number:  # some processors show the head before the rest: look again
+                self._doubted = number
+                return None
+            self.taken = number
+            if text is not None and (command := self._parsed(number, text)) is not None:
                 return command
             self.dropped += 1
         return None
 
-    def _is_plausible(self, head: bytes) -> bool:
-        """Whether so many commands can have come in; if not, all of them are dropped."""
-        self._seen = head
-        number = int.from_bytes(head, "little") if len(head) == 8 else -1
-        if self.taken <= number <= self.taken + SLOTS:
-            self._head = number
-            return True
-        self.dropped += 1
-        if 0 <= number < 1 << 62:
-            self.taken = self._head = number
-        return False
+    def _text(self, number: int) -> bytes | None:
+        """That of this command; None if it is not whole."""
+        at = QUEUE + (number - 1) % SLOTS * SLOT
+        slot = bytes(self._memory[at : at + SLOT])  # a copy: others may write there at any time
+        checksum, size, found = ENTRY.unpack_from(slot)
+        text = slot[ENTRY.size : ENTRY.size + size]
+        return text if size <= LONGEST and found == number and checksum == _checksum(size, number, text) else None
 
-    def _next(self) -> HandCommand | None:
-        at = FIRST + self.taken % SLOTS * SLOT
-        self.taken += 1
+    @staticmethod
+    def _parsed(number: int, text: bytes) -> HandCommand | None:
         try:
-            slot = os.pread(self._file, SLOT, at)
-            checksum, size, number = ENTRY.unpack_from(slot)
-            text = slot[ENTRY.size : ENTRY.size + size]
-            if size > LONGEST or number != self.taken or checksum != _checksum(size, number, text):
-                return None
             return HandCommand.parse(number, text)
-        except (ValueError, TypeError, AttributeError, RecursionError, OverflowError, OSError, struct.error):
+        except (ValueError, TypeError, AttributeError, RecursionError, OverflowError):
             return None
-
-    def close(self) -> None:
-        """Close and remove the file."""
-        with suppress(OSError):
-            self.path.unlink()
-        os.close(self._file)
 
 
 class Sender:
-    """The hands' end: writes commands to the machine of a reader."""
+    """A client's end."""
 
-    def __init__(self, reader: Reader) -> None:
+    def __init__(self, reader: Reader, cells: Cells) -> None:
         self._reader = reader
+        self._words, self._memory = cells.words, cells.memory
         self._alone = threading.Lock()  # threads of this process share the lock of the file
-        path = reader.path.with_suffix(QUEUE)
-        try:
-            self._file = folders.open_own(path, write=True)
+        assert reader.ends is not None
+        try:  # opened anew: a lock belongs to whoever has opened the file, and all clients were given one and the same
+            self._file = os.open(f"/proc/self/fd/{reader.ends.cells}", os.O_RDWR | os.O_CLOEXEC)
         except OSError as error:
-            why = "it takes no commands" if isinstance(error, FileNotFoundError) else error.strerror
-            raise FramesError(f"{reader.about['station']}: {why}") from None
-        try:
-            if os.pread(self._file, HEADER.size, 0) != HEADER.pack(MAGIC, VERSION, SLOTS):
-                raise FramesError(f"{path} is not a queue of this version")
-            self._frames = folders.open_own(reader.path, write=True)
-        except (FramesError, OSError) as error:
-            os.close(self._file)
-            raise FramesError(text_of(error)) from None
+            raise FramesError(f"{reader.about['station']}: no queue for commands: {error.strerror}") from None
 
     def send(self, command: dict[str, Any]) -> int:
         """Its number. CommandRefused if the queue stays full: the machine does not take commands, or too many come."""
@@ -152,7 +105,7 @@ class Sender:
         until = time.monotonic() + PATIENCE
         while True:
             with self._alone, self._turn(until):
-                head = int.from_bytes(os.pread(self._file, 8, HEAD), "little")
+                head = max(self._words[HEAD >> 3], self._reader.taken)
                 if head - self._reader.taken < SLOTS:
                     self._put(head, text)
                     return head + 1
@@ -161,22 +114,21 @@ class Sender:
             time.sleep(PAUSE)
 
     def _put(self, head: int, text: bytes) -> None:
-        number = head + 1
+        number, at = head + 1, QUEUE + head % SLOTS * SLOT
         entry = ENTRY.pack(_checksum(len(text), number, text), len(text), number) + text
-        os.pwrite(self._file, entry, FIRST + head % SLOTS * SLOT)
-        os.pwrite(self._file, number.to_bytes(8, "little"), HEAD)
-        os.pwrite(self._frames, number.to_bytes(8, "little"), BELL)
+        self._memory[at : at + len(entry)] = entry
+        self._words[HEAD >> 3] = number
 
     @contextmanager
     def _turn(self, until: float) -> Iterator[None]:
-        """Alone among the hands. The lock of one that dies ends with it."""
+        """Alone among the clients. The lock of one that dies ends with it."""
         while True:
             try:
                 fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 break
             except BlockingIOError:
                 if time.monotonic() > until:
-                    raise CommandRefused("another hand does not let go of the queue of commands") from None
+                    raise CommandRefused("another client does not let go of the queue of commands") from None
                 time.sleep(PAUSE)
         try:
             yield
@@ -184,7 +136,6 @@ class Sender:
             fcntl.flock(self._file, fcntl.LOCK_UN)
 
     def close(self) -> None:
-        os.close(self._frames)
         os.close(self._file)
 
 

@@ -15,8 +15,8 @@ from umo.text import cause_of, did_you_mean
 
 
 def frames_at(path: Path) -> Reader:
-    """The frames of a ring or a black box; FramesError whatever is wrong with the file."""
-    if not path.is_file():
+    """The frames of a running station or a black box; FramesError whatever is wrong with the file."""
+    if not (path.is_file() or path.is_socket()):
         raise FramesError(f"{path} is not a file" if path.exists() else f"no frames at {path}: no such file")
     with reading(path):
         reader = Reader(path)
@@ -94,13 +94,19 @@ def station_name(text: str) -> str:
 
 
 def readers(said: Callable[[str], object] = lambda text: None) -> list[Reader]:
-    """One for each living ring; `said` is told of one that cannot be read."""
+    """One for each run that goes on; `said` is told of one that cannot be read."""
     found = []
     for path in rings():
         try:
-            found.append(frames_at(path))
+            reader = frames_at(path)
         except FramesError as error:
-            said(str(error))
+            if path.exists():  # it has not just ended
+                said(str(error))
+            continue
+        if reader.alive:
+            found.append(reader)
+        else:  # its guardian is resetting the machine
+            reader.close()
     return found
 
 

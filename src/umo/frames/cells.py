@@ -1,0 +1,85 @@
+"""The cells: the memory beside the frames that clients write and the machine reads. Levels, and the queue of commands.
+
+Its size is sealed; what is in it is not: every process of the user may write anything there. So whatever the machine
+reads is checked, and at worst a command is dropped, or a lease or something held ends.
+
+Layout, little-endian: at `STOP` a request to stop, `ASKED` plus the number of a signal; at `WHO` who asks, UTF-8,
+`NAME` bytes; at `HEAD` the number of commands written so far; from `QUEUE` on `SLOTS` commands of `SLOT` bytes each
+(`umo.remote.queue`); from `SIGNS` on the signs of life, 16 bytes each: number of the lease, and when its holder was
+last there, in ns of CLOCK_MONOTONIC. The first is that of the lease itself; then comes one for each object, and one for
+each action, in the order of the frames' description.
+"""
+
+from __future__ import annotations
+
+import signal
+
+from umo.errors import FramesError
+from umo.frames.layout import NAME, Layout
+from umo.frames.memory import mapped
+from umo.text import printable
+
+STOP, WHO, HEAD, QUEUE = 0, 16, 96, 128
+SLOTS, SLOT = 64, 1024
+SIGNS = QUEUE + SLOTS * SLOT
+ASKED = 0x756D_6F53_746F_7000
+"""Nothing that is there by accident asks for a stop."""
+SIGNALS = {int(getattr(signal, name)) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)}
+LEASE = ""
+"""The path of the lease's sign of life."""
+
+
+def size_of(layout: Layout) -> int:
+    """Bytes of the cells of a run."""
+    return SIGNS + 16 * (1 + len(layout.objects) + len(layout.actions))
+
+
+class Cells:
+    """Either end: the machine's, or a client's. FramesError if this memory is not what the frames describe."""
+
+    def __init__(self, file: int, layout: Layout) -> None:
+        self._map = mapped(file, write=True)
+        if len(self._map) < size_of(layout):
+            self._map.close()
+            raise FramesError("the cells of this run do not fit its frames")
+        self.memory = memoryview(self._map)
+        self.words = self.memory[: len(self._map) & ~7].cast("Q")
+        paths = [LEASE, *(str(entry["path"]) for entry in (*layout.objects, *layout.actions))]
+        self._signs = {path: (SIGNS >> 3) + 2 * number for number, path in enumerate(paths)}
+
+    # A stop --------------------------------------------------------------------------------------------
+
+    def ask_to_stop(self, number: int, who: str) -> None:
+        """Ask the run to end as after this signal. The first request stands."""
+        if self.stop is None:
+            text = who.encode(errors="replace")[:NAME].decode(errors="ignore").encode()
+            self.memory[WHO : WHO + NAME] = text.ljust(NAME, b"\0")
+            self.words[STOP >> 3] = ASKED | number
+
+    @property
+    def stop(self) -> tuple[int, str] | None:
+        """The signal as after which the run is to end, and who asks for it; None: nobody does."""
+        word = self.words[STOP >> 3]
+        if not word or word ^ ASKED not in SIGNALS:
+            return None
+        text = bytes(self.memory[WHO : WHO + NAME]).partition(b"\0")[0].decode(errors="replace")
+        return word ^ ASKED, printable(text)
+
+    # Signs of life -------------------------------------------------------------------------------------
+
+    def sign(self, path: str, lease: int, now: int) -> None:
+        """The holder of this lease is there now (ns of CLOCK_MONOTONIC), for what is at this path. A path that has no
+        cell is passed over."""
+        at = self._signs.get(path)
+        if at is not None:
+            self.words[at], self.words[at + 1] = lease, now
+
+    def signed(self, path: str, lease: int) -> float:
+        """When the holder of this lease was last there for what is at this path, in s of CLOCK_MONOTONIC; 0: never."""
+        at = self._signs[path]
+        return self.words[at + 1] * 1e-9 if self.words[at] == lease else 0.0
+
+    def close(self) -> None:
+        self.words.release()
+        self.memory.release()
+        self._map.close()

@@ -1,0 +1,162 @@
+"""How a run is found: a Unix socket in the user's folder, at which a client gets the descriptors of the shared memory.
+
+Only processes of the same user, and root, get them; both ends ask the kernel who the other is (SO_PEERCRED, unix(7)).
+A socket at which nobody listens belongs to a dead process: whoever comes upon it removes it.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import stat
+import struct
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from umo.errors import FramesError
+from umo.frames.memory import Ends
+
+GREETING = b"umo frames 6"
+LONGEST = 107
+"""Bytes of a socket's address (unix(7), sun_path)."""
+WAITING = 64
+"""Clients that may wait for an answer at once."""
+ANSWER = 2.0
+"""s that a client waits for the descriptors."""
+ROOT = 0
+
+
+class FrameServer:
+    """Gives clients that ask at `path` the descriptors `ends`. OSError if there can be no socket.
+
+    A process that is to be forked inherits it: one of the two may `listen`, when the memory is complete, and the other
+    answer.
+    """
+
+    def __init__(self, path: Path, ends: Ends) -> None:
+        self.path = path
+        self.ends = ends
+        self._thread: threading.Thread | None = None
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._socket.setblocking(False)
+
+    def listen(self) -> None:
+        """From now on the run can be found. The socket gets its name when it listens already; FramesError if it cannot
+        have it."""
+        hidden = self.path.with_name(f".{os.getpid()}-{time.monotonic_ns():x}{self.path.suffix}")
+        try:
+            with _address(hidden) as address:
+                self._socket.bind(address)
+            self._socket.listen(WAITING)
+            hidden.rename(self.path)
+        except OSError as error:
+            with suppress(OSError):
+                hidden.unlink(missing_ok=True)
+            raise FramesError(f"no socket for frames: {self.path}: {error.strerror or error}") from None
+
+    def leave(self) -> None:
+        """Leave it to the other process."""
+        self._socket.close()
+
+    def look(self) -> None:
+        """Answer whoever waits. Never blocks or raises."""
+        with suppress(OSError):  # nobody waits, or no descriptor is free
+            for _ in range(WAITING):
+                self._answer(self._socket.accept()[0])
+
+    def start(self) -> None:
+        """Answer in a thread, for a process that has no time to look."""
+        self._socket.setblocking(True)
+        self._thread = threading.Thread(target=self._serve, name="umo frames", daemon=True)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        while True:
+            try:
+                client = self._socket.accept()[0]
+            except OSError:  # closed
+                return
+            self._answer(client)
+
+    def _answer(self, client: socket.socket) -> None:
+        with client, suppress(OSError):
+            if _peer(client) in (ROOT, os.getuid()):
+                socket.send_fds(client, [GREETING], self.ends, socket.MSG_DONTWAIT)
+
+    def close(self) -> None:
+        """Nobody finds the run any more; who has its memory keeps it."""
+        with suppress(OSError):
+            self.path.unlink(missing_ok=True)
+        with suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
+        if self._thread is not None:
+            self._thread.join()
+        self._socket.close()
+
+
+def receive(path: Path) -> Ends:
+    """The descriptors of the run whose socket this is. FramesError if there are none to be had."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as here:
+        here.settimeout(ANSWER)
+        try:
+            with _address(path) as address:
+                here.connect(address)
+            if (user := _peer(here)) not in (ROOT, os.getuid()) and os.getuid() != ROOT:
+                raise FramesError(f"{path} is another user's (uid {user})")
+            data, files, _, _ = socket.recv_fds(here, len(GREETING) + 1, len(Ends._fields), socket.MSG_CMSG_CLOEXEC)
+        except TimeoutError:
+            raise FramesError(f"{path}: the guardian of this run does not answer; it may be stopped") from None
+        except OSError as error:
+            raise FramesError(f"no frames at {path}: {error.strerror or error}") from None
+    if data != GREETING or len(files) != len(Ends._fields):
+        for file in files:
+            os.close(file)
+        raise FramesError(f"{path} belongs to another version of umo, or to another user")
+    return Ends(*files)
+
+
+def is_socket(path: Path) -> bool:
+    """Whether this is a socket of this user's, and not a link to one."""
+    try:
+        status = path.lstat()
+    except OSError:
+        return False
+    return stat.S_ISSOCK(status.st_mode) and (not hasattr(os, "getuid") or status.st_uid == os.getuid())
+
+
+def is_served(path: Path) -> bool | None:
+    """Whether somebody listens; None if that cannot be told. Asks the kernel alone, so it does not wait for a process
+    that is stopped."""
+    try:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as here, _address(path) as address:
+            here.setblocking(False)
+            here.connect(address)
+    except BlockingIOError:  # too many wait already
+        return True
+    except ConnectionRefusedError:
+        return False
+    except OSError:
+        return None
+    return True
+
+
+@contextmanager
+def _address(path: Path) -> Iterator[str]:
+    """The path, or a shorter one by a descriptor of its folder where it does not fit."""
+    if len(os.fsencode(path)) <= LONGEST:
+        yield str(path)
+        return
+    place = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        yield f"/proc/self/fd/{place}/{path.name}"
+    finally:
+        os.close(place)
+
+
+def _peer(connection: socket.socket) -> int:
+    """The user at the other end, as the kernel knows it."""
+    _, user, _ = struct.unpack("iII", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+    return int(user)
