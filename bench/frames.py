@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from array import array
-from contextlib import closing
 from dataclasses import dataclass
-from pathlib import Path
 from time import perf_counter_ns
 from typing import Any
 
@@ -20,11 +17,10 @@ from umo import Compound, connect, published
 from umo.cycle import Frame
 from umo.cycle.hands import Hands
 from umo.frames import Reader, Ring
-from umo.frames.folder import QUEUE
-from umo.remote.queue import HEAD, Receiver
+from umo.frames.cells import HEAD, Cells
+from umo.remote.queue import Receiver
 
 BATCH = 200
-PERIOD = 0.001
 
 
 @dataclass
@@ -53,11 +49,7 @@ def publishing(count: int, batches: int) -> Published:
     plan = layout(count)
     plant = machine(plan)
     connection = connect(plant, wiring(plant, Fill(plan.sensors, plan.actuators)))
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        connection as m,
-        published(connection, "bench", path=Path(folder) / "bench.frames") as ring,
-    ):
+    with connection as m, published(connection, "bench") as ring:
         stopwatch, journal = Stopwatch(ring), ring.journal
 
         def publish(frame: Any) -> None:
@@ -103,17 +95,16 @@ def looking(batches: int) -> tuple[tuple[float, float], tuple[float, float]]:
     plan = layout(13)
     plant = machine(plan)
     connection = connect(plant, wiring(plant, Fill(plan.sensors, plan.actuators)))
-    with (
-        connection,
-        published(connection, "bench") as ring,
-        closing(Receiver(ring.path.with_suffix(QUEUE), ring.bell, PERIOD)) as receiver,
-        receiver.path.open("rb") as queue,
-    ):
-        hands, file = Hands(connection.machine, receiver), queue.fileno()
+    with connection, published(connection, "bench") as ring, Reader(ring.path) as reader:
+        assert reader.ends is not None
+        file = reader.ends.cells
+        cells = Cells(file, reader.layout)
+        hands = Hands(connection.machine, Receiver(cells), cells)
         looks, reads = [], []
         for _ in range(batches):
             looks.append(_batch(lambda _: hands.look(), None))
             reads.append(_batch(lambda _: os.pread(file, 8, HEAD), None))
+        cells.close()
     return (min(looks), float(np.median(looks))), (min(reads), float(np.median(reads)))
 
 
@@ -129,16 +120,12 @@ def torn(frames: int) -> Torn:
     plan = layout(13)
     plant = machine(plan)
     connection = connect(plant, wiring(plant, Fill(plan.sensors, plan.actuators)))
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        connection,
-        published(connection, "bench", path=Path(folder) / "bench.frames") as ring,
-    ):
+    with connection, published(connection, "bench") as ring, Reader(ring.path) as reader:
         writer = os.fork()
         if writer == 0:
             _write(connection, ring)
         try:
-            return _read(ring.path, frames)
+            return _read(reader, frames)
         finally:
             os.kill(writer, 9)
             os.waitpid(writer, 0)
@@ -159,15 +146,14 @@ def _write(connection: connect[Any], ring: Ring) -> None:
         os._exit(1)
 
 
-def _read(path: Path, frames: int) -> Torn:
+def _read(reader: Reader, frames: int) -> Torn:
     found = Torn(0, 0, 0)
-    with Reader(path) as reader:
-        while found.read < frames:
-            seen = reader.read()
-            number = seen["number"]
-            same = (seen["time"] == number) & (seen["values"] == number[:, None]).all(1)
-            same &= (seen["raws"] == number[:, None]).all(1)
-            found.read += len(seen)
-            found.torn += int((~same).sum())
-        found.lost = reader.lost
+    while found.read < frames:
+        seen = reader.read()
+        number = seen["number"]
+        same = (seen["time"] == number) & (seen["values"] == number[:, None]).all(1)
+        same &= (seen["raws"] == number[:, None]).all(1)
+        found.read += len(seen)
+        found.torn += int((~same).sum())
+    found.lost = reader.lost
     return found

@@ -23,8 +23,8 @@ from umo.cli.app import app
 from umo.cli.why import why
 from umo.cycle.phases import Phases
 from umo.frames import Layout, Reader, Ring, Stage
-from umo.frames.folder import new_path
 from umo.frames.layout import ENTRY, describe_objects
+from umo.frames.memory import Ends, fill
 from umo.frames.ring import ENTRIES
 from umo.latency import blackbox, causes
 from umo.latency.blackbox import boxes, folder, save
@@ -69,15 +69,14 @@ def test_a_box_of_few_frames_holds_them_all(tmp_path: Path, count: int) -> None:
             assert box.read()["number"].tolist() == list(range(21 - count, 21))
 
 
-def test_a_box_of_a_ring_that_has_ended_holds_its_oldest_frame(tmp_path: Path) -> None:
-    path = tmp_path / "x.frames"
-    m = bench()
-    connection = connect(m, wired(m, Scripted(), clock=VirtualTimer()))
-    with connection, published(connection, "bench", path=path) as ring:
+def test_a_box_of_a_ring_that_has_ended_holds_its_oldest_frame() -> None:
+    with running() as (_, ring, connection):
+        reader = Reader(ring.path)
         for number in range(ring.slots + 10):
             write(ring, connection.machine.frame, number, 0)
-    with Reader(path) as reader:
-        assert reader.read()["number"].tolist() == list(range(10, ring.slots + 10))
+    with reader.again() as again:
+        assert again.read()["number"].tolist() == list(range(10, ring.slots + 10))
+    reader.close()
 
 
 def test_a_box_holds_what_the_journal_still_had(tmp_path: Path) -> None:
@@ -100,10 +99,13 @@ def test_a_box_of_a_ring_with_checksums_is_checked_too(tmp_path: Path) -> None:
     with connection:
         phases = Phases(connection.image, connection.wired.drivers)
         layout = Layout(describe_objects(connection.image.items), tuple(phases.names), {"station": "x"})
-        ring = Ring(connection.machine, phases, layout, new_path("x"), checksum=True)
+        ends, readers = Ends.pair()
+        ring = Ring(connection.machine, phases, layout, ends, checksum=True)
         for number in range(5):
             write(ring, connection.machine.frame, number, 2)
-        with box_of(ring, tmp_path / "x.box") as box:
+        with Reader("x", readers) as reader:
+            blackbox.save(reader, tmp_path / "x.box", "a test")
+        with Reader(tmp_path / "x.box") as box:
             assert len(box.read()) == 5
             entries = box.journal(box.latest())
             assert entries is not None
@@ -118,6 +120,7 @@ def test_a_box_of_a_ring_with_checksums_is_checked_too(tmp_path: Path) -> None:
             assert damaged.journal(damaged.last(2)[0]) is not None
             assert damaged.journal(damaged.latest()) is None
         ring.close()
+        ends.close()
 
 
 def test_a_box_before_the_first_frame_is_empty_and_says_so(tmp_path: Path) -> None:
@@ -174,14 +177,23 @@ pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="pr
 
 
 @contextmanager
-def watched(missed: Any = ()) -> Iterator[tuple[Watcher, Any]]:
-    """A machine whose ring a watcher follows."""
+def watched(missed: Any = (), failure: str = "") -> Iterator[tuple[Watcher, Any]]:
+    """A machine whose ring a watcher follows; how it failed is told after its end."""
     seen = Watcher("bench")
+    assert seen.make() == ""
+    assert seen.frames is not None
+    ends, server = seen.frames
     m = bench()
     connection = connect(m, wired(m, Scripted(), clock=VirtualTimer(missed)))
-    with connection, published(connection, "bench", path=seen.path):
+    with connection, published(connection, "bench", ends=ends):
+        server.listen()
         yield seen, m
+    if failure:
+        seen.keep(failure)
     seen.finish()
+    assert not server.path.exists()
+    ends.close()
+    server.ends.close()
 
 
 def reasons() -> list[str]:
@@ -209,19 +221,9 @@ def test_a_miss_shortly_before_the_end_is_kept(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_an_end_is_kept_though_nobody_looked_before_it() -> None:
-    with watched() as (seen, m):
+    with watched(failure="it failed") as (_, m):
         periods(m, 3)
-    assert seen.path is not None
-    seen = Watcher("bench")
-    m = bench()
-    connection = connect(m, wired(m, Scripted(), clock=VirtualTimer()))
-    with connection, published(connection, "bench", path=seen.path):
-        periods(m, 3)
-    seen.keep("it failed")
-    seen.finish()
     assert reasons() == ["it failed"]
-    assert seen.path is not None
-    assert not seen.path.exists()
 
 
 def test_misses_are_kept_once_in_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -259,26 +261,29 @@ def test_a_full_disk_costs_the_box(monkeypatch: pytest.MonkeyPatch) -> None:
     assert reasons() == []
 
 
-def test_a_ring_that_cannot_be_read_costs_the_box() -> None:
+@pytest.mark.parametrize("content", [b"", b"umoframe" + bytes(200), bytes(5000), b"\xff" * 5000])
+def test_a_ring_that_cannot_be_read_costs_the_box(content: bytes) -> None:
+    """Nor one that is not sealed: another process could cut it while it is read."""
     seen = Watcher("bench")
-    assert seen.path is not None
-    for content in (b"", b"umoframe" + bytes(200), os.urandom(5000)):
-        seen.path.write_bytes(content)
-        seen.look()
-        seen.keep("it hung")
-    seen.path.unlink()
-    seen.path.symlink_to("/dev/zero")
+    assert seen.make() == ""
+    assert seen.frames is not None
+    os.write(seen.frames[0].frames, content)
+    seen.look()
+    if content:
+        fill(seen.frames[0].frames, content, len(content), private=True).close()
     seen.look()
     seen.keep("it hung")
     seen.finish()
     assert reasons() == []
+    for ends in (seen.frames[0], seen.frames[1].ends):
+        ends.close()
 
 
 def test_without_a_folder_for_frames_there_is_nothing_to_watch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("UMO_FRAMES", str(tmp_path / "file" / "frames"))
     seen = Watcher("bench")
-    assert seen.path is None
+    assert "no folder for frames" in seen.make()
     seen.look()
     seen.keep("it hung")
     seen.finish()

@@ -27,6 +27,7 @@ from helpers.waiting import until
 from umo import Compound, DigitalSensor, FramesError, PathError, Range, RangeError, Vector, connect, published
 from umo.cycle.hands import Hands, Mode
 from umo.frames import Reader
+from umo.frames.cells import Cells
 from umo.latency import blackbox
 from umo.process.start import LINUX
 from umo.remote import RemoteStation
@@ -221,15 +222,17 @@ def test_a_station_its_parts_and_objects_show_the_last_frame() -> None:
         assert shown(station.reader).rows == table.rows
 
 
-def test_mode_lease_and_tunable_numbers_are_shown(tmp_path: Path) -> None:
+def test_mode_lease_and_tunable_numbers_are_shown() -> None:
     m = oven()
     connection = connect(m, wired(m, Scripted(), clock=VirtualTimer()))
     with connection, published(connection, "press") as ring:
-        receiver = Receiver(tmp_path / "queue", ring.bell)
-        connection.machine.hands = hands = Hands(connection.machine, receiver, Mode.MANUAL)
+        reader = Reader(ring.path)
+        assert reader.ends is not None
+        cells = Cells(reader.ends.cells, reader.layout)
+        connection.machine.hands = hands = Hands(connection.machine, Receiver(cells), cells, Mode.MANUAL)
         hands.lease.take("anna & bert", "key", 60.0, 0.0)
         periods(m)
-        with Reader(ring.path) as reader:
+        with reader:
             assert "mode: manual · lease: anna & bert" in shown(reader).heading
             assert (
                 shown(reader).rows["speed"] | {"value": "3 m/s", "note": "tunable from 1 to 5"}
@@ -238,7 +241,7 @@ def test_mode_lease_and_tunable_numbers_are_shown(tmp_path: Path) -> None:
         assert "mode: manual · lease: anna & bert" in shown(m).heading
         hands.lease.end()
         assert "lease: free" in shown(m).heading
-        receiver.close()
+        cells.close()
 
 
 def test_tunable_numbers_are_there_from_the_first_frame_on() -> None:
@@ -248,7 +251,7 @@ def test_tunable_numbers_are_there_from_the_first_frame_on() -> None:
 
 def test_a_station_that_has_ended_keeps_its_last_values_and_says_so() -> None:
     with running() as (_, station):
-        reader = Reader(station.reader.path)
+        reader = station.reader.again()
     with reader:
         assert "stage: ended" in shown(reader).heading
         assert shown(reader).rows["encoder"]["value"] == "10.5 mm"
@@ -464,7 +467,7 @@ def test_what_cannot_be_followed_is_refused_and_leaves_nothing_behind(screen: Sc
             station.live("motr")
         with pytest.raises(RangeError):
             station.scope("motor", seconds=-1)
-        reader = Reader(station.reader.path)
+        reader = station.reader.again()
         assert screen.pictures == []
     with reader, pytest.raises(FramesError, match="press has ended"):
         RemoteStation(reader).live()

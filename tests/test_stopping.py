@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
+from collections.abc import Callable
+from threading import Timer
 from typing import Any
 
 import pytest
 
 from helpers.machines import Board, bench, on, wired
-from umo import OnOff, connect, run
+from umo import Channel, OnOff, connect, run
+from umo.drivers.timerfd import TimerFd
 from umo.system.record import Record, standing
 from umo.testing import Scripted, VirtualTimer, periods
 
+linux = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="timerfd is Linux")
 SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 
 
@@ -193,3 +198,70 @@ def test_a_signal_while_the_safe_end_is_recorded_changes_nothing_of_the_record(t
     with connect(machine, on(Board(device), machine)) as m:
         periods(m, 1)
     assert standing(device) == []
+
+
+# A stop ends the wait for a tick -------------------------------------------------------------------------
+
+LONG = 600.0
+"""s of a period that no test waits for."""
+
+
+class Waiting(TimerFd):
+    """Asks for a stop as soon as it waits."""
+
+    def __init__(self, ask: Callable[[], object]) -> None:
+        super().__init__()
+        self.ask = ask
+
+    def read(self, channel: Channel) -> int:
+        assert self.ticker is not None
+        sleep, self.ticker._sleep = self.ticker._sleep, lambda: None
+
+        def asked() -> None:
+            self.ticker._sleep = sleep
+            Timer(0.01, self.ask).start()
+            sleep()
+
+        self.ticker._sleep = asked
+        return super().read(channel)
+
+
+@linux
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_signal_ends_the_wait_for_a_tick_without_another_period(number: int) -> None:
+    machine, box = bench(), Scripted()
+    wiring = wired(machine, box, clock=Waiting(lambda: cut(number)))
+    wiring["wire"]["timer"]["period"] = LONG
+    shown: list[int] = []
+    assert run(machine, wiring, observers=[lambda frame: shown.append(frame.number)]) is None
+    assert (box.segments("write_many"), shown) == ([], [])
+    assert box.get("valve") == 0
+
+
+@linux
+def test_a_signal_ends_the_wait_of_a_paced_plant(monkeypatch: pytest.MonkeyPatch) -> None:
+    machine, plant = bench(), VirtualTimer()
+    wiring = wired(machine, Scripted(), clock=plant)
+    wiring["wire"]["timer"]["period"] = LONG
+    monkeypatch.setattr(plant, "_on_period", lambda number: Timer(0.05, cut, [signal.SIGINT]).start())
+    assert run(machine, wiring, realtime=True) is None
+    assert plant.reads == 1
+
+
+@linux
+def test_a_stop_ends_the_wait_of_a_machine_in_another_thread() -> None:
+    machine = bench()
+    connection = connect(machine, wired(machine, Scripted(), clock=Waiting(lambda: connection.stop.request())))
+    connection._wiring["wire"]["timer"]["period"] = LONG
+    found: list[object] = []
+
+    def loop() -> None:
+        with connection as m:
+            while m.running:
+                found.append((m.timer.read(), m.now))
+
+    thread = threading.Thread(target=loop)
+    thread.start()
+    thread.join(30.0)
+    assert not thread.is_alive()
+    assert found == [(-1.0, 0.0)]

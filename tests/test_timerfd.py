@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from helpers.machines import bench, wired
 from helpers.tiers import first
 from umo import Channel, Direction, DriverError, connect
+from umo.drivers.contract import WaitEnded
 from umo.drivers.timerfd import Ticker, TimerFd, WhileWaiting
 from umo.testing import Scripted
 
@@ -297,6 +298,54 @@ def test_a_timer_that_does_not_run_is_a_driver_error():
     driver = TimerFd()
     with pytest.raises(DriverError, match="not running"):
         driver.read(driver.channel("tick"))
+
+
+@given(st.integers(0, 900), st.sampled_from([0, 200 * US]))
+def test_a_stop_ends_the_wait_once_and_a_loop_that_goes_on_keeps_its_grid(at: int, early: int):
+    """It comes while the thread sleeps, or while it works."""
+    kernel = Kernel(early=early)
+    ticker = kernel.ticker()
+    assert ticker.wait() == 0
+
+    def interrupted() -> None:
+        kernel.now += at * US * (kernel.period - early) // PERIOD
+        ticker.stop_waiting()
+
+    sleep, ticker._sleep = ticker._sleep, interrupted
+    begun = ticker.due
+    if at:
+        with pytest.raises(WaitEnded):
+            ticker.wait()
+    else:
+        ticker.stop_waiting()
+        with pytest.raises(WaitEnded):
+            ticker.wait()
+    assert kernel.now < begun + PERIOD
+    ticker._sleep = sleep
+    assert ticker.wait() == 0
+    assert ticker.due == begun + PERIOD
+
+
+def test_a_stop_ends_a_nap_within_a_slice():
+    """Of a thread that owes much sleep in a long period."""
+    kernel = Kernel(early=200 * US, period=10_000 * PERIOD)
+    ticker = kernel.ticker()
+    ticker.wait()
+    kernel.work(9_990_000)
+    ticker.wait()
+    kernel.work(9_990_000)
+    naps = len(kernel.napped)
+    nap = ticker._nap
+
+    def interrupted(seconds: float) -> None:
+        nap(seconds)
+        ticker.stop_waiting()
+
+    ticker._nap = interrupted
+    kernel.now = ticker.due + 5_000_000 * US  # half of the period is left
+    with pytest.raises(WaitEnded):
+        ticker.wait()
+    assert kernel.napped[naps:] == [50_000]
 
 
 def test_reset_does_not_move_the_grid():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import fcntl
+import asyncio
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,9 +15,12 @@ from websockets.exceptions import ConnectionClosed
 
 from umo.errors import FramesError
 from umo.frames import Reader
+from umo.frames.cells import size_of
 from umo.frames.folder import folder
 from umo.frames.history import History
 from umo.frames.layout import Layout, arrange
+from umo.frames.memory import Ends, fill
+from umo.frames.server import FrameServer
 from umo.objects import Quality
 from umo.page import feed
 from umo.page.box_words import Box
@@ -259,13 +262,18 @@ def test_a_value_of_bad_quality_is_no_value_in_the_history() -> None:
 @contextmanager
 def ring_about(**about: Any) -> Iterator[None]:
     """A ring of a living process whose description lacks what every run has."""
-    head, places = arrange(Layout((), (), about), 16, 16)
-    path = folder() / "nameless-1-ff.frames"
-    path.write_bytes(bytes(head).ljust(places.size, b"\0"))
-    with path.open("r+b") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        yield
-    path.unlink(missing_ok=True)
+    layout = Layout((), (), about)
+    head, places = arrange(layout, 16, 16)
+    ends, readers = Ends.pair()
+    fill(ends.frames, head, places.size, private=True).close()
+    fill(ends.cells, b"", size_of(layout), private=False).close()
+    server = FrameServer(folder() / "nameless-1-ff.sock", readers)
+    server.listen()
+    server.start()
+    yield
+    server.close()
+    ends.close()
+    readers.close()
 
 
 @pytest.mark.parametrize("about", [{}, {"station": "press"}, {"station": "press", "wiring": "", "period": 0.001}])
@@ -274,15 +282,15 @@ def test_a_ring_that_makes_no_sense_is_left_out_and_said_once(
 ) -> None:
     with running() as step, ring_about(**about):
         looking = Feed()
-        looking.search()
-        looking.search()
+        asyncio.run(looking.search())
+        asyncio.run(looking.search())
         assert list(looking.watched) == ["press"]
         step(3)
         looking.look(states=True)
         assert looking.watched["press"].history.stop == pytest.approx(0.053)
         looking.close()
     (line,) = capfd.readouterr().err.splitlines()
-    assert line.startswith("umo: nameless-1-ff.frames is not shown")
+    assert line.startswith("umo: nameless-1-ff.sock is not shown")
 
 
 def test_a_ring_that_cannot_be_read_is_dropped_and_the_others_go_on(
@@ -332,10 +340,10 @@ def test_a_ring_that_could_not_be_opened_for_a_moment_is_shown_later(monkeypatch
     with running(), monkeypatch.context() as patch:
         looking = Feed()
         patch.setattr("umo.page.watched.Reader", full)
-        looking.search()
+        asyncio.run(looking.search())
         assert looking.watched == {}
         patch.undo()
-        looking.search()
+        asyncio.run(looking.search())
         assert list(looking.watched) == ["press"]
         looking.close()
 

@@ -123,6 +123,8 @@ class connect(Generic[C]):
             clock = WallClock() if self.wired.period is None else Clock(self.wired.period)
             if self.wired.injection is not None:
                 self.wired.injection.clock = clock
+            if self.wired.timer_wire is not None:
+                self.stop.end_wait = bare(self.wired.timer_wire.driver).stop_waiting
             image, outputs = make_image(self.wired, clock), self.wired.process.outputs
             self.machine = ConnectedMachine(self.root, image, self.stop, self.wired.injection, outputs)
         except BaseException:

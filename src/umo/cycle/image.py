@@ -20,7 +20,7 @@ from umo.cycle.block import Block
 from umo.cycle.clock import Clock
 from umo.cycle.commands import Command, Commands, Source
 from umo.cycle.transfer import Transfer, told
-from umo.drivers.contract import UNREAD, Direction
+from umo.drivers.contract import UNREAD, Direction, WaitEnded
 from umo.errors import BadInput, DriverError, Failure
 from umo.objects import Binary, BinaryActuator, BinarySensor, DigitalActuator, DigitalSensor, Quality
 from umo.objects.atomic import Digital
@@ -30,6 +30,8 @@ from umo.wiring.resolved import Wire, Wired
 log = logging.getLogger("umo")
 TELL_AGAIN = 10.0
 """Time in s for which a sensor that is marked BAD again is not logged again."""
+NO_TICK = -1.0
+"""What reading the timer gives when a stop has ended the wait."""
 Actuator = BinaryActuator[Any] | DigitalActuator
 Sensor = BinarySensor[Any] | DigitalSensor
 
@@ -208,10 +210,13 @@ class Image(ABC):
     # Some objects --------------------------------------------------------------------------------------
 
     def read_now(self, slot: int) -> float:
-        """Read an asynchronous sensor from the hardware, now. Reading the timer advances the clock."""
+        """Read an asynchronous sensor from the hardware, now. Reading the timer advances the clock; `NO_TICK` if a stop
+        has ended the wait for its tick."""
         failures: list[Failure] = []
         try:
             raw = self.transfer.read(slot)
+        except WaitEnded:
+            return NO_TICK
         except Exception as error:
             self._fail_input(slot, told(error), failures)
         else:

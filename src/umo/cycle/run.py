@@ -41,15 +41,17 @@ def run(
 
 
 def drive(m: C, application: Application[C] | None = None, **options: Any) -> Any:
-    """The loop of a connected machine. Ends when the application ends or a stop is requested. The `options` are those
-    of the application (those of drivers belong to `connect`); OptionError if it does not take one."""
+    """The loop of a connected machine. Ends when the application ends or a stop is requested, which ends the wait for a
+    tick. The `options` are those of the application (those of drivers belong to `connect`); OptionError if it does not
+    take one."""
     shares = share(options, application=application, wiring={})
     timer = m.children().get("timer")
     if not isinstance(timer, DigitalSensor):
         raise DeclarationError(f"{type(m).__name__} has no `timer`: umo.run needs a DigitalSensor with this name")
     task = None if application is None else m.start(application(m, **shares.application))
     while m.running and not (task is not None and task.done):
-        timer.read()
+        if timer.read() < 0:
+            break
         m.sample()
         m.control()
         m.update()

@@ -35,6 +35,8 @@ class StopFlag:
     def __init__(self) -> None:
         self.requested = False
         self.signal: int | None = None
+        self.end_wait: Callable[[], object] = _nothing
+        """Called at each request: the machine's timer does not wait any longer."""
 
     def install(self) -> None:
         """Start listening."""
@@ -54,6 +56,7 @@ class StopFlag:
     def request(self, number: int | None = None) -> None:
         self.signal = self.signal or number
         self.requested = True
+        self.end_wait()
 
 
 class TimeLimit:
@@ -85,6 +88,10 @@ def request_stop(number: int | None = None) -> None:
 
 def _caught(number: int, frame: FrameType | None) -> None:
     request_stop(number)
+
+
+def _nothing() -> None:
+    pass
 
 
 def _in_main_thread() -> bool:

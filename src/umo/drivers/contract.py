@@ -76,6 +76,10 @@ class PhysicalScale(NamedTuple):
 C = TypeVar("C", bound=Channel, default=Channel)
 
 
+class WaitEnded(Exception):
+    """Raised by the reading of a timer whose wait for its tick was ended (`Driver.stop_waiting`)."""
+
+
 class Driver(ABC, Generic[C]):
     """One interface circuit: a DAC card, a GPIO chip, a Modbus unit. A driver transfers raw values only.
 
@@ -169,6 +173,11 @@ class Driver(ABC, Generic[C]):
 
     def close(self) -> None:
         """Close the circuit. The last call; also made if `open` failed."""
+
+    def stop_waiting(self) -> None:
+        """A stop was requested: a timer ends its wait for a tick, or the next one if it does not wait now, with
+        WaitEnded, at once. Called in a signal handler or in another thread; raises nothing. Default: nothing, as a call
+        ends within its timeout."""
 
     def watchdog(self, seconds: float) -> None:
         """Arm the watchdog of the circuit: after this time without a request it sets its outputs to safe levels."""

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from typing import NoReturn
 
-from umo.drivers.contract import Channel, Direction, Driver
+from umo.drivers.contract import Channel, Direction, Driver, WaitEnded
 from umo.errors import DriverError
 
 CLOCK_MONOTONIC = 1
@@ -22,6 +22,8 @@ LOOK_EVERY = 10, 30_000_000
 longer."""
 MOST_OWED = 1, 2_000_000
 """Periods, and ns at most, of sleep that are owed before a tick is waited for asleep."""
+NAP = 50_000_000
+"""ns of sleep, at most, before a look whether a stop has ended the wait."""
 LEFT_OUT = 8
 """Periods for which work is left out that did not end before its tick; doubled after each time in a row."""
 MOST_DOUBLINGS = 12
@@ -105,6 +107,8 @@ class Ticker:
         self._napped = 0
         """ns that it has slept since then for this reason."""
         self._early = 0
+        self._ended = False
+        """The wait is to end, or the next one."""
         self.meanwhile: WhileWaiting | None = None
         """Between the early rising and its tick."""
         self.due = 0
@@ -121,21 +125,21 @@ class Ticker:
         if not self._nanoseconds:  # which timerfd takes for "never"
             raise DriverError(f"timerfd: the period is {self.period:g} s; give the timer a period in its wiring")
         self._next = self._clock() + self._nanoseconds
-        if self._fd < 0:
+        if self._fd < 0 or self._arm(self._next) < 0:
             self._refused()
-        self._arm()
 
     def rise_early(self, seconds: float) -> None:
         """Sleep until so many seconds before each tick, and look at the clock from then on until it comes: the thread
         is awake, and its processor too. Costs this share of a processor. Where this and the work of the periods exceed
         `MOST_AWAKE`, some ticks are waited for asleep."""
         self._early = round(seconds * 1e9)
-        if self._fd >= 0:
-            self._arm()
+        if self._arm(self._next - self._early) < 0:
+            self._refused()
 
     def wait(self) -> int:
         """As in the paper: return at once the ticks that have passed since the last call; if there were none, block
-        until the next tick and return 0. A missed tick does not shift the following ticks."""
+        until the next tick and return 0. A missed tick does not shift the following ticks. WaitEnded after
+        `stop_waiting`."""
         clock, due = self._clock, self._next
         now = clock()
         if now >= due:
@@ -146,9 +150,14 @@ class Ticker:
         early = due - self._early
         if self._early and self._is_tired(now):
             self._napped += due - now
-            self._nap((due - now) * 1e-9)
-            now = clock()
+            while now < due and not self._ended:
+                self._nap(min(due - now, NAP) * 1e-9)
+                now = clock()
         while now < early:
+            if self._ended:  # this once: a loop that goes on all the same keeps its pace
+                self._ended = False
+                self._arm(self._next - self._early)
+                raise WaitEnded
             self._sleep()
             now = clock()
         if self.meanwhile is not None and now < due:
@@ -159,10 +168,15 @@ class Ticker:
         self.due, self.woke = due, now
         return 0
 
+    def stop_waiting(self) -> None:
+        """This wait ends, or the next one: the kernel's timer expires at once. Raises nothing."""
+        self._ended = True
+        self._arm(1)
+
     def close(self) -> None:
-        if self._fd >= 0:
-            os.close(self._fd)
-            self._fd = -1
+        file, self._fd = self._fd, -1
+        if file >= 0:
+            os.close(file)
 
     def _is_tired(self, now: int) -> bool:
         """Whether the thread should have slept for longer than it has, by more than can be borne."""
@@ -173,11 +187,14 @@ class Ticker:
             self._looked, self._napped = (now, used), 0
         return self._owed - self._napped > self._bearable
 
-    def _arm(self) -> None:
-        spec = _Itimerspec(_timespec(self._nanoseconds), _timespec(self._next - self._early))
+    def _arm(self, first: int) -> int:
+        """Let the kernel's timer, if there is one, expire at this time of the clock, and then once per period; below 0:
+        it refused."""
+        if self._fd < 0:
+            return 0
+        spec = _Itimerspec(_timespec(self._nanoseconds), _timespec(first))
         libc = ctypes.CDLL(None, use_errno=True)
-        if libc.timerfd_settime(self._fd, TFD_TIMER_ABSTIME, ctypes.byref(spec), None) < 0:
-            self._refused()
+        return int(libc.timerfd_settime(self._fd, TFD_TIMER_ABSTIME, ctypes.byref(spec), None))
 
     def _refused(self) -> NoReturn:
         raise DriverError(f"timerfd: {os.strerror(ctypes.get_errno())} (period {self.period:g} s)")
@@ -213,3 +230,7 @@ class TimerFd(Driver):
         if self.ticker is None:
             raise DriverError("the timer is not running")
         return self.ticker.wait()
+
+    def stop_waiting(self) -> None:
+        if self.ticker is not None:
+            self.ticker.stop_waiting()

@@ -361,6 +361,7 @@ class Reader:
             self._memory.close()
         if self.ends is not None:
             self.ends.close()
+            self.ends = None
 
     def __enter__(self) -> Reader:
         return self

@@ -268,7 +268,8 @@ class Control:
         gc.freeze()
         early, period = self._plan.wired.process.early, self._plan.wired.period or 0.0
         rise_early(self._plan.wired, realtime.early_by_itself(period) if early is None else early)
-        if isinstance(timer := machine.children().get("timer"), DigitalSensor):
+        self._stop_if_asked()
+        if isinstance(timer := machine.children().get("timer"), DigitalSensor) and machine.running:
             timer.read()  # the ticks that passed until here
         if threading.active_count() > 1:
             others = [thread.name for thread in threading.enumerate() if thread is not threading.main_thread()]
@@ -282,6 +283,10 @@ class Control:
             refusals=[[refusal.what, refusal.why, refusal.grant] for refusal in refusals],
         )
         self._life.enter(Stage.RUNNING)
+        self._stop_if_asked()
+
+    def _stop_if_asked(self) -> None:
+        """Until here no period has looked."""
         if self.orphaned or self._life.asked:
             request_stop(self._life.asked or None)
 
