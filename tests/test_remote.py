@@ -256,7 +256,9 @@ def test_a_program_commands_a_running_station(tmp_path: Path) -> None:
             assert set(frames) >= {"time", "belt.speed", "length"}
             station.stop("ann, a test (pid 1)")
             until(lambda: not station.running)
-            assert (station.events[-1].asked, station.events[-1].who) == ("stop", "ann, a test (pid 1)")
+            asked, end = station.events[-2:]
+            assert (asked.asked, asked.who) == ("stop", "ann, a test (pid 1)")
+            assert end.text == "stopped by ann, a test (pid 1)"
             with pytest.raises(FramesError, match="conveyor has ended"):
                 station.stop()
         outcome = started.wait(20)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -282,8 +281,8 @@ def test_a_ring_that_makes_no_sense_is_left_out_and_said_once(
 ) -> None:
     with running() as step, ring_about(**about):
         looking = Feed()
-        asyncio.run(looking.search())
-        asyncio.run(looking.search())
+        looking.search()
+        looking.search()
         assert list(looking.watched) == ["press"]
         step(3)
         looking.look(states=True)
@@ -340,10 +339,10 @@ def test_a_ring_that_could_not_be_opened_for_a_moment_is_shown_later(monkeypatch
     with running(), monkeypatch.context() as patch:
         looking = Feed()
         patch.setattr("umo.page.watched.Reader", full)
-        asyncio.run(looking.search())
+        looking.search()
         assert looking.watched == {}
         patch.undo()
-        asyncio.run(looking.search())
+        looking.search()
         assert list(looking.watched) == ["press"]
         looking.close()
 

@@ -56,7 +56,7 @@ class Feed:
             now = time.monotonic()
             if now >= search and (searching is None or searching.done()):
                 search = now + SEARCH
-                searching = asyncio.create_task(self.search())
+                searching = asyncio.create_task(self._search())
             looks += 1
             self.look(states=looks % STATES == 0)
             await asyncio.sleep(max(0.001, now + 1 / (RATE if self.pages else IDLE_RATE) - time.monotonic()))
@@ -78,26 +78,45 @@ class Feed:
         """Wait for the next look at the rings."""
         await self._looked.wait()
 
-    async def search(self) -> None:
-        """Attach to new rings; in a thread, as a guardian that is stopped does not answer."""
+    def search(self) -> None:
+        """Attach to new rings."""
+        self._take(self._opened(self._unknown()))
+
+    async def _search(self) -> None:
+        """The same; a thread waits for the guardians to answer, some of which may be stopped."""
+        self._take(await asyncio.to_thread(self._opened, self._unknown()))
+
+    def _unknown(self) -> list[Path]:
+        """Rings that are to be opened."""
+        known, now = {watched.path for watched in self.watched.values()}, time.monotonic()
         with suppress(FramesError):  # no folder: nothing runs
-            known = {watched.path for watched in self.watched.values()}
-            for path in rings():
-                if path not in known and time.monotonic() >= self._refused.get(path.name, 0.0):
-                    await self._attach(path)
+            return [path for path in rings() if path not in known and now >= self._refused.get(path.name, 0.0)]
+        return []
+
+    @staticmethod
+    def _opened(paths: list[Path]) -> list[tuple[Path, Watched | Exception]]:
+        """Each with its run, or with what is wrong with it."""
+        found: list[tuple[Path, Watched | Exception]] = []
+        for path in paths:
+            try:
+                found.append((path, Watched.at(path)))
+            except Exception as error:  # of another version, damaged, or gone
+                found.append((path, error))
+        return found
+
+    def _take(self, found: list[tuple[Path, Watched | Exception]]) -> None:
+        for path, watched in found:
+            if isinstance(watched, Exception):
+                self._refuse(path, watched)
+            elif watched.reader.alive:
+                self._attach(watched)
+            else:  # its guardian is resetting the machine
+                watched.close()
         ended = [name for name, watched in self.watched.items() if watched.over]
         for name in ended[:-ENDED]:
             self.watched.pop(name).close()
 
-    async def _attach(self, path: Path) -> None:
-        try:
-            watched = await asyncio.to_thread(Watched.at, path)
-        except Exception as error:  # of another version, damaged, or gone
-            self._refuse(path, error)
-            return
-        if not watched.reader.alive:  # its guardian is resetting the machine
-            watched.close()
-            return
+    def _attach(self, watched: Watched) -> None:
         before = self.watched.get(watched.name)
         if before is not None and not before.ended:
             watched.name = f"{watched.name} (pid {watched.about['pid']})"
