@@ -24,6 +24,60 @@ def test_a_new_driver_passes_its_own_tests(umo, tmp_path: Path) -> None:
     assert "5 passed" in tests.stdout
 
 
+LINE = ("answer in pieces", "late answer", "short answer", "garbled answer", "old answer", "error answer", "vanish")
+TRIED = f"""
+from test_valve_island import subject
+from umo.testing.conformance import conform
+
+
+def test_every_rule_of_the_line_is_tried(subject):
+    certificate = conform(subject, only={LINE}, cycles=10)
+    assert {{each.rule: str(each.verdict) for each in certificate.findings}} == dict.fromkeys({LINE}, "passed")
+"""
+
+
+@pytest.mark.parametrize("line", ["--tcp", pytest.param("--serial", marks=pytest.mark.full)])
+def test_a_new_driver_on_a_line_has_a_device_and_a_line_on_which_every_rule_is_tried(
+    umo, tmp_path: Path, line: str
+) -> None:
+    result = umo("new-driver", "valve_island", line)
+    assert "valve_island_device.py the device for its tests" in result.output
+    files = sorted(file.name for file in tmp_path.glob("*.py"))
+    assert files == ["test_valve_island.py", "valve_island.py", "valve_island_device.py"]
+    (tmp_path / "test_tried.py").write_text(TRIED)
+    tests = run_in(tmp_path, "pytest", "-q", "-p", "no:cacheprovider", "-k", "not contract")
+    assert tests.returncode == 0, tests.stdout
+    assert "4 passed, 1 deselected" in tests.stdout
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("line", ["--tcp", "--serial"])
+def test_a_new_driver_on_a_line_passes_its_own_tests_and_fails_without_its_checksum(
+    umo, tmp_path: Path, line: str
+) -> None:
+    umo("new-driver", "valve_island", line)
+    tests = run_in(tmp_path, "pytest", "-q", "-p", "no:cacheprovider")
+    assert "4 passed" in tests.stdout, tests.stdout
+    file = tmp_path / "valve_island.py"
+    file.write_text(file.read_text().replace("if asked and framed(number, function, items) == frame", "if asked"))
+    tests = run_in(tmp_path, "pytest", "-q", "-p", "no:cacheprovider")
+    assert "2 failed, 2 passed" in tests.stdout
+
+
+def test_a_new_driver_is_on_one_line(umo, tmp_path: Path) -> None:
+    result = umo("new-driver", "valve_island", "--tcp", "--serial")
+    assert result.exit_code == 2
+    assert "give --tcp or --serial, not both" in result.stderr
+    assert list(tmp_path.glob("*.py")) == []
+
+
+def test_on_a_serial_line_nothing_is_left_of_the_network(umo, tmp_path: Path) -> None:
+    umo("new-driver", "valve_island", "--serial")
+    for file in ("valve_island.py", "test_valve_island.py"):
+        text = (tmp_path / file).read_text()
+        assert [word for word in ("TCP", "host", "Host", "port:", "Tcp") if word in text] == []
+
+
 @pytest.mark.full
 def test_the_tests_of_a_new_driver_fail_if_it_breaks_a_rule(umo, tmp_path: Path) -> None:
     umo("new-driver", "valve_island")
@@ -37,13 +91,14 @@ def test_the_tests_of_a_new_driver_fail_if_it_breaks_a_rule(umo, tmp_path: Path)
 
 
 @pytest.mark.full
-def test_a_new_driver_is_clean_for_ruff_and_mypy(umo, tmp_path: Path) -> None:
-    umo("new-driver", "valve_island")
+@pytest.mark.parametrize("line", [(), ("--tcp",), ("--serial",)])
+def test_a_new_driver_is_clean_for_ruff_and_mypy(umo, tmp_path: Path, line: tuple[str, ...]) -> None:
+    umo("new-driver", "valve_island", *line)
     rules = "E,F,W,I,B,UP,SIM,C4,PIE,RET,RUF,PERF"
     for words in (
         ("ruff", "check", "--isolated", "--line-length", "100", "--select", rules, "."),
         ("ruff", "format", "--isolated", "--check", "."),
-        ("mypy", "--strict", "valve_island.py", "test_valve_island.py"),
+        ("mypy", "--strict", *(file.name for file in sorted(tmp_path.glob("*.py")))),
     ):
         pytest.importorskip(words[0])
         result = run_in(tmp_path, *words)

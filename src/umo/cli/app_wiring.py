@@ -224,16 +224,19 @@ def new(
 
 @command_of_new(
     "new-driver",
-    epilog="Examples: umo new-driver my_card && pytest test_my_card.py",
+    epilog="Examples: umo new-driver my_card && pytest test_my_card.py  |  umo new-driver my_drive --serial",
 )
 def new_driver(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the module, such as my_card.")],
+    tcp: Annotated[bool, typer.Option("--tcp", help="For a device on the network, with binary frames.")] = False,
+    serial: Annotated[bool, typer.Option("--serial", help="The same on a serial line.")] = False,
 ) -> None:
     """Create a driver with its tests in this folder: NAME.py and test_NAME.py.
 
-    The driver works at once, with a device in memory. Its tests run the conformance kit, which proves that a driver
-    keeps the contract. Replace the device in memory by the calls of the real one; the tests stay.
+    The driver works at once, with a device in memory; with --tcp or --serial with a device in a process of its own,
+    NAME_device.py. Its tests run the conformance kit, which proves that a driver keeps the contract, and disturbs the
+    line. Replace the device by the real one; the tests stay.
     """
     from .new import make_driver
 
-    guarded(lambda: make_driver(name, Path.cwd()))
+    guarded(lambda: make_driver(name, Path.cwd(), ["tcp"] * tcp + ["serial"] * serial))

@@ -7,6 +7,8 @@ import keyword
 import re
 import shutil
 import sys
+import tomllib
+from collections.abc import Sequence
 from importlib.resources import as_file, files
 from pathlib import Path
 
@@ -17,7 +19,7 @@ from umo.text import printable
 from .console import out
 
 EXAMPLE, CLASS = "my_card", "MyCard"
-"""The names in the template of a driver."""
+"""The names in the templates of a driver."""
 
 
 def make_station(directory: Path) -> None:
@@ -44,13 +46,21 @@ def make_station(directory: Path) -> None:
     )
 
 
-def make_driver(name: str, folder: Path) -> None:
-    """`NAME.py` and `test_NAME.py` in the folder. StationError if the name cannot be used or a file exists."""
+def make_driver(name: str, folder: Path, lines: Sequence[str] = ()) -> None:
+    """`NAME.py` and `test_NAME.py` in the folder; for a line, "tcp" or "serial", `NAME_device.py` too. StationError if
+    the name cannot be used, a file exists, or there are two lines."""
+    if len(lines) > 1:
+        raise StationError(f"give --{' or --'.join(lines)}, not both")
+    line = "".join(lines)
     _check_module(name, folder)
     cls = "".join(part.capitalize() for part in name.split("_"))
+    template = files("umo.cli") / "template" / ("line" if line else "driver")
+    changes = tomllib.loads((template / "serial.toml").read_text("utf-8"))["changes"] if line == "serial" else []
     texts = {}
-    for pattern in ("{}.py", "test_{}.py"):
-        text = (files("umo.cli") / "template" / "driver" / pattern.format(EXAMPLE)).read_text("utf-8")
+    for pattern in ("{}.py", "{}_device.py", "test_{}.py") if line else ("{}.py", "test_{}.py"):
+        text = (template / pattern.format(EXAMPLE)).read_text("utf-8")
+        for before, after in changes:
+            text = text.replace(before, after)
         texts[folder / pattern.format(name)] = text.replace(EXAMPLE, name).replace(CLASS, cls)
     for file in texts:
         if file.exists():
@@ -58,12 +68,14 @@ def make_driver(name: str, folder: Path) -> None:
     for file, text in texts.items():
         file.write_text(text, "utf-8")
     kind = f"{'.' if (folder / MARK).is_file() else ''}{name}:{cls}"
-    driver, test = (file.name for file in texts)
+    driver, *device, test = (file.name for file in texts)
+    stand_in = f"{device[0]} the device for its tests" if device else "with a device in memory"
+    own = "the options and the frames" if device else "the options and the class Device"
     out.print(
-        f"{driver} is a driver, with a device in memory; {test} proves that it keeps its contract. Try:\n"
+        f"{driver} is a driver, {stand_in}; {test} proves that it keeps its contract. Try:\n"
         f"  pytest {test}\n"
         f"  umo drivers {kind}\n"
-        f"In {driver}, replace CHANNELS, the options and the class Device by those of your device.\n"
+        f"In {driver}, replace CHANNELS, {own} by those of your device.\n"
         f'In a wiring: [drivers.{name}] type = "{kind}"',
         highlight=False,
         markup=False,
