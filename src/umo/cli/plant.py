@@ -46,7 +46,7 @@ def serve_plant(
         raise WiringError(f"{error} (plant: {simulated or 'everything simulated'}; Modbus: {served})") from None
 
     def announce(name: str, host: str, port: int) -> None:
-        print(f"{station.name} plant, {name}: Modbus TCP at {host}:{port}", flush=True)
+        out.print(f"{station.name} plant, {name}: Modbus TCP at {host}:{port}", soft_wrap=True)
 
     summary = serve_until_signal(plant, _changed(maps, changes), ready=announce, report=report)
     out.print(", ".join(f"{name} {value}" for name, value in rows("report", summary)), markup=False, soft_wrap=True)

@@ -42,10 +42,7 @@ def run_station(job: Job, recording: Recording, *, full_traceback: bool = False)
 
     In real time it runs in processes of its own (`umo.process`), in virtual time in this one.
     """
-    summary = recording.summary
-    if summary is not None and (summary.is_dir() or not summary.parent.is_dir()):
-        what = "is a folder" if summary.is_dir() else f"there is no folder {summary.parent}"
-        raise StationError(f"--summary {summary}: {what}")
+    _check_summary(recording.summary)
     plan = Plan(job)
     if job.options.get("realtime") and not plan.wired.paced:
         err.print("umo: --realtime has no effect: the timer of this wiring is a real-time timer")
@@ -54,26 +51,33 @@ def run_station(job: Job, recording: Recording, *, full_traceback: bool = False)
     except NotRecorded as error:
         return _fail(Failed("NotRecorded", str(error), NOT_RECORDED), full_traceback)
     trace = Trace()
-    result = _run(plan, trace, folder)
+    try:
+        result = _run(plan, trace, folder)
+    except BaseException:  # Ctrl-C before the run, a job that cannot be handed to another process
+        if folder is not None:
+            folder.discard()
+        raise
     with Interruptions() as signals:
         if result.outcome.failure is not None and not result.statistics.periods:
             if folder is not None:
                 folder.discard()
             return _fail(result.outcome.failure, full_traceback)  # nothing ran: there is nothing to show
         _say_how_it_ended(result.outcome, full_traceback)
-        written = summary is None or _write_summary(result, summary)
-        if folder is not None:
-            folder.save(result, trace)
         name = f"{plan.name}, {plan.wiring_name}" if plan.wiring_name else plan.name
         out.print(result.table(f"umo run {name}"))
+        complete = recording.summary is None or _write_summary(result, recording.summary)
         if folder is not None:
-            title = f"umo run {plan.name}: {result.progress.text or 'done'}"
-            rest = _plot(title, trace, folder, signals) if recording.plot else ""
-            names = (("trace", "csv"), ("plot", "png"))
-            kept = [name for name, end in names if (folder.path / f"{name}.{end}").exists()]
-            out.print(f"{' and '.join(kept) or 'results'}: {folder.path}{rest}", soft_wrap=True)
-            written &= folder.complete
-    return result.outcome.status if written else result.outcome.status or NOT_RECORDED
+            title = f"umo run {plan.name}: {result.progress.text or 'done'}" if recording.plot else ""
+            _leave_behind(folder, result, trace, title, signals)
+            complete &= folder.complete
+    return result.outcome.status if complete else result.outcome.status or NOT_RECORDED
+
+
+def _check_summary(summary: Path | None) -> None:
+    """StationError if it cannot be written there: before anything runs."""
+    if summary is not None and (summary.is_dir() or not summary.parent.is_dir()):
+        what = "is a folder" if summary.is_dir() else f"there is no folder {summary.parent}"
+        raise StationError(f"--summary {summary}: {what}")
 
 
 def _run(plan: Plan, trace: Trace, folder: RunFolder | None) -> Result:
@@ -146,6 +150,15 @@ def _write_summary(result: Result, summary: Path) -> bool:
         err.print(f"umo: the summary could not be written: {error}")
         return False
     return True
+
+
+def _leave_behind(folder: RunFolder, result: Result, trace: Trace, title: str, signals: Interruptions) -> None:
+    """Fill the folder of the run; with a title draw the plot. Say what is in it."""
+    folder.save(result, trace)
+    rest = _plot(title, trace, folder, signals) if title else ""
+    files = (("trace", "csv"), ("plot", "png"))
+    kept = [name for name, end in files if (folder.path / f"{name}.{end}").exists()]
+    out.print(f"{' and '.join(kept) or 'results'}: {folder.path}{rest}", soft_wrap=True)
 
 
 def _plot(title: str, trace: Trace, folder: RunFolder, signals: Interruptions) -> str:
