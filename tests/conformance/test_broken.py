@@ -12,7 +12,6 @@ from conformance import broken, mutants
 from conformance.careful import Careful
 from conformance.mutants import MUTANTS, Mutant
 from conformance.subjects import careful
-from helpers.tiers import some
 from umo.testing.conformance import Certificate, Judgement, all_rules, conform, examine
 
 ENOUGH_TO_GROW = 300
@@ -82,9 +81,8 @@ def test_the_kit_names_the_rule_that_a_mutant_breaks(mutant: Mutant) -> None:
     assert certificate.status == "FAILED"
 
 
-@pytest.mark.parametrize(
-    "driver", some(lambda driver: driver in (broken.Retries, broken.LeaksSockets, broken.Grows), broken.BREAKS)
-)
+@pytest.mark.full
+@pytest.mark.parametrize("driver", broken.BREAKS)
 def test_the_kit_names_the_rule_that_a_broken_driver_breaks(driver: type[Careful]) -> None:
     cycles = ENOUGH_TO_GROW if driver is broken.Grows else mutants.QUICK
     certificate = tried(driver, cycles)

@@ -17,6 +17,7 @@ from typer.testing import Result
 
 import umo as package
 from conformance.device import Device
+from helpers.tiers import first
 from umo.errors import StandsStopped
 from umo.system.custody import Custody
 from umo.system.hold import Hold
@@ -116,6 +117,7 @@ def test_without_a_terminal_and_without_yes_nothing_is_driven(umo: Umo, press: P
     assert device.levels("out:0") == [0]
 
 
+@pytest.mark.full
 def test_only_the_listed_channels_are_used(umo: Umo, press: Path, device: Device) -> None:
     words = ("--only", "fan", "--only", "in:9", "--yes", "--json", "made.json")
     assert umo("conform", "press", "-w", "card", *words).exit_code == 0
@@ -197,6 +199,7 @@ def test_a_device_that_is_not_there_is_one_line_and_status_1(umo: Umo, press: Pa
     assert "umo: driver card (device tcp 127.0.0.1:1): " in said(result)
 
 
+@pytest.mark.full
 def test_a_channel_that_the_device_refuses_lets_error_answers_be_tried(umo: Umo, press: Path) -> None:
     words = ("--yes", "--refused", "in:40", "--refused", "io:40", "--json", "made.json")
     assert umo("conform", "press", "-w", "card", "--loopback", "motor=back", *words).exit_code == 0
@@ -255,7 +258,7 @@ def test_at_a_terminal_it_lists_the_outputs_and_asks(press: Path, device: Device
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a terminal of Linux")
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", first(1, [signal.SIGINT, signal.SIGTERM]))
 def test_a_signal_ends_it_with_the_outputs_at_their_defaults(press: Path, device: Device, number: int) -> None:
     words, environment = command("conform", str(press), "-w", "card")
     terminal, inner = pty.openpty()

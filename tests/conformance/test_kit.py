@@ -279,7 +279,8 @@ def test_one_cause_is_told_once() -> None:
         def read(self, channel: Channel) -> int:
             return 7
 
-    subject = Subject("stuck", make=Stuck, outputs=(Output("valve", 0, 0, 9),), inputs=(Input("valve"),))
+    valve = Output("valve", 0, 0, 9)
+    subject = Subject("stuck", make=Stuck, outputs=(valve,), inputs=(Input("valve"),), settle=0.01)
     certificate = conform(subject, cycles=10)
     assert [each.rule for each in certificate.failed if each.rule not in ("answers", "range")] == []
     why = "valve reads 7 after write(0), not 0"

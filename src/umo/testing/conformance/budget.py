@@ -14,7 +14,7 @@ CALLS = 70_000
 """Transfers of the long run: more than a number of 16 bits has."""
 SHARE = 0.3
 """Part of the time to spare that a rule gets which can use it."""
-SHARES = {"long run": 0.7, "memory": 1.0}
+SHARES = {"long run": 0.9, "memory": 1.0}
 """Of the last ones."""
 
 

@@ -8,15 +8,17 @@ import threading
 import tracemalloc
 from collections.abc import Callable
 from contextlib import contextmanager, suppress
+from itertools import cycle
 from time import monotonic, perf_counter, sleep
 from typing import Any
 
 import numpy as np
 
 from umo.testing.conformance.certificate import TransferTime
-from umo.testing.conformance.long_run import LongRun
+from umo.testing.conformance.long_run import LongRun, fails_at_once
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.taps import Tap
 from umo.testing.conformance.trial import Trial
 
 DESCRIPTORS = "/proc/self/fd"
@@ -197,21 +199,38 @@ def memory(trial: Trial) -> str:
     with trial.opened(direct=True) as probe:
         run = LongRun(trial, probe)
         words = []
-        for what, cycle in (("cycles", run.cycle), ("failed calls", run.fail)):
+        for what, repeat in (("cycles", run.cycle), ("failed calls", run.fail)):
             if what == "failed calls" and not run.failing:
                 words.append("no call can be made to fail at once")
                 continue
-            rounds, count = _grows(trial, cycle, what)
-            words.append(f"{rounds} rounds of {count} {what}")
+            words.append(_grows(trial, repeat, what))
+    if trial.subject.line is not None:
+        words.append(_without_a_device(trial, trial.subject.line))
     return ", ".join(words)
 
 
-def _grows(trial: Trial, cycle: Callable[[], object], what: str) -> tuple[int, int]:
-    """RuleBroken if memory is left over; the number of rounds, and of cycles in each."""
+def _without_a_device(trial: Trial, line: Tap) -> str:
+    """As `_grows`, of calls that fail as the device is away."""
+    with trial.opened() as probe, line.gone():
+        trial.hurry(probe)
+        calls = [call for call in trial.transfers(probe) if fails_at_once(trial, *call)]
+        turns = cycle(calls)
+        if not calls:
+            return "calls without the device do not fail at once"
+
+        def fail() -> None:
+            call, arguments = next(turns)
+            trial.failure(call, *arguments)
+
+        return _grows(trial, fail, "calls without the device")
+
+
+def _grows(trial: Trial, repeat: Callable[[], object], what: str) -> str:
+    """RuleBroken if memory is left over; else what was measured."""
     most = CYCLES if trial.cycles is None else max(10, min(CYCLES, trial.cycles // ROUNDS))
     began, count = monotonic(), 0
     while count < min(FEWEST_CYCLES, most) or (count < most and trial.budget.more and monotonic() - began < 1.0):
-        cycle()  # warm, and how many fit
+        repeat()  # warm, and how many fit
         count += 1
     allowed = FREE + PER_CYCLE * count
     growths: list[int] = []
@@ -223,7 +242,7 @@ def _grows(trial: Trial, cycle: Callable[[], object], what: str) -> tuple[int, i
             gc.disable()
             before = tracemalloc.get_traced_memory()[0]
             for _ in range(count):
-                cycle()
+                repeat()
             circular = min(circular, gc.collect())
             growths.append(tracemalloc.get_traced_memory()[0] - before)
     if circular >= CIRCULAR * count:
@@ -233,7 +252,7 @@ def _grows(trial: Trial, cycle: Callable[[], object], what: str) -> tuple[int, i
         )
     if (growth := min(growths)) > allowed:
         raise RuleBroken(f"the memory grew by {growth} bytes in each {count} {what}, {growth / count:.0f} each time")
-    return len(growths), count
+    return f"{len(growths)} rounds of {count} {what}"
 
 
 def _may_fill(trial: Trial, rounds: int, count: int) -> bool:

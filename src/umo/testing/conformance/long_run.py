@@ -161,12 +161,13 @@ class LongRun:
         if trial.subject.outputs:
             only_in = [t for t in trial.readable if Direction.OUTPUT not in probe.channel(t).direction]
             calls += [(probe.write_many, (text,), (0,)) for text in only_in[:1]]
-        found = []
-        for call in calls:
-            error = trial.failure(*call)
-            if error is not None and not isinstance(error, TimeoutError) and trial.watch.took < QUICK:
-                found.append(call)
-        return found
+        return [call for call in calls if fails_at_once(trial, call[0], call[1:])]
+
+
+def fails_at_once(trial: Trial, call: Callable[..., Any], arguments: tuple[Any, ...]) -> bool:
+    """Whether a call fails, and not by waiting."""
+    error = trial.failure(call, *arguments)
+    return error is not None and not isinstance(error, TimeoutError) and trial.watch.took < QUICK
 
 
 def _resident() -> int:
