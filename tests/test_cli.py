@@ -95,7 +95,7 @@ def test_an_option_that_nobody_takes_is_refused(umo, tank: Path) -> None:
 def test_an_exception_in_control_code_is_named_with_its_place_and_the_outputs_are_reset(umo, tank: Path) -> None:
     control = tank / "control.py"
     control.write_text(control.read_text().replace("self.regulator.control()", "self.regulator.control(); 1 / 0"))
-    result = umo("run", "tank")
+    result = umo("run", "tank", "--no-plot")
     assert result.exit_code == 1
     where = r"\(at 0\.05 s, tank/control\.py:\d+ in control\)$"
     assert re.search(rf"umo: ZeroDivisionError: division by zero {where}", said(result))

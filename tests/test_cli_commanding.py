@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import signal
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,6 +17,7 @@ from helpers import patient
 from helpers.waiting import until
 from umo.cli.app import app
 from umo.process.start import LINUX
+from umo.remote.search import readers
 
 pytestmark = pytest.mark.skipif(not LINUX, reason="machines run in other processes on Linux only")
 
@@ -127,6 +130,20 @@ def test_ps_and_watch_show_the_mode_and_who_has_the_lease(conveyor: umo.Started)
         assert "some?body" in run("ps").stdout
         assert ", manual, lease: some?body\n" in run("watch", "conveyor", "--once").stdout
         assert "lease: some?body" in run("mode", "conveyor").stdout
+
+
+def test_the_command_that_runs_a_station_tells_who_has_stopped_it(tmp_path: Path) -> None:
+    def stop() -> None:
+        until(readers)
+        with umo.attach("conveyor") as station:
+            station.stop("ann, the page\x1b[2J")
+
+    stopping = threading.Thread(target=stop)
+    stopping.start()
+    result = run("run", "conveyor", "-w", str(patient.conveyor(tmp_path)), "--manual", "--no-record")
+    stopping.join()
+    assert result.exit_code == 128 + signal.SIGTERM
+    assert "umo: stopped by ann, the page?[2J; every actuator is at its default" in said(result)
 
 
 def test_a_station_is_stopped(tmp_path: Path) -> None:

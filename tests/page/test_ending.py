@@ -14,6 +14,7 @@ from helpers import process_box
 from helpers.machines import bench, wired
 from helpers.runs import Run
 from umo import connect, published
+from umo.cycle.stopping import TimeLimit
 from umo.frames import Reader, rings
 from umo.page.ending import UNKNOWN, Ending
 from umo.page.feed import Feed
@@ -66,6 +67,11 @@ def fail(error: Exception) -> Callable[[connect[Any]], None]:
     [
         (lambda connection: None, False, "the application has ended"),
         (lambda connection: connection.stop.request(), False, "stopped by the program"),
+        (
+            lambda connection: TimeLimit(0, connection.stop)(connection.machine.frame),
+            False,
+            "stopped by its time limit",
+        ),
         (lambda connection: connection.stop.request(signal.SIGINT), False, "stopped by SIGINT"),
         (fail(ValueError("no part under the cup")), True, "ValueError: no part under the cup (tests/page/"),
         (fail(Strange()), True, "Strange (tests/page/test_ending.py"),

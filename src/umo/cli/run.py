@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -117,10 +116,11 @@ def _drive(plan: Plan, result: Result, observers: list[Any]) -> None:
     """The run itself, in this process. Its error is stored in the result; the actuators are reset before it returns."""
     connection = connect(plan.machine, plan.wired, acknowledge=plan.job.acknowledge)
     outcome = result.outcome
-    limit = TimeLimit(inf if plan.job.until is None else plan.job.until, connection.stop.request)
     try:
         with connection as machine:
-            connection.machine.observers += [*observers, limit]
+            connection.machine.observers += observers
+            if plan.job.until is not None:
+                connection.machine.observers.append(TimeLimit(plan.job.until, connection.stop))
             if not plan.wired.realtime:
                 connection.machine.observers.append(Stillness(_say, lambda: connection.machine.sequences.places))
             begun = time.perf_counter()
@@ -131,7 +131,7 @@ def _drive(plan: Plan, result: Result, observers: list[Any]) -> None:
                 outcome.simulated = machine.now
                 result.progress = connection.machine.frame.progress
                 outcome.stopped_by = connection.stop.signal
-                outcome.time_over = limit.reached and outcome.stopped_by is None
+                outcome.time_over = connection.stop.time_over and outcome.stopped_by is None
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # SystemExit too: the run did not come to its end

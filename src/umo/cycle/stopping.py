@@ -35,12 +35,14 @@ class StopFlag:
     def __init__(self) -> None:
         self.requested = False
         self.signal: int | None = None
+        self.time_over = False
+        """Whether a `TimeLimit` has requested it."""
         self.end_wait: Callable[[], object] = _nothing
         """Called at each request: the machine's timer does not wait any longer."""
 
     def install(self) -> None:
         """Start listening."""
-        self.requested, self.signal = False, None
+        self.requested, self.signal, self.time_over = False, None, False
         _flags[self] = _in_main_thread()
         if _flags[self] and not _before:
             _before.update({number: signal.signal(number, _caught) for number in SIGNALS})
@@ -62,15 +64,14 @@ class StopFlag:
 class TimeLimit:
     """An observer that asks the machine to stop at a time on its clock, in s."""
 
-    def __init__(self, seconds: float, stop: Callable[[], object]) -> None:
+    def __init__(self, seconds: float, stop: StopFlag) -> None:
         self._seconds = seconds
         self._stop = stop
-        self.reached = False
 
     def __call__(self, frame: Timed) -> None:
-        if frame.time >= self._seconds and not self.reached:
-            self.reached = True
-            self._stop()
+        if frame.time >= self._seconds and not self._stop.requested:
+            self._stop.time_over = True
+            self._stop.request()
 
 
 class Timed(Protocol):

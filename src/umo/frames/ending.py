@@ -43,11 +43,12 @@ def tell(machine: ConnectedMachine, state: CommandState, text: str) -> None:
 
 
 def _stopper(connection: connect[Any]) -> str:
-    """Who has asked for it: a client by name, a signal, or else the program itself."""
+    """Who has asked for it: a client by name, a signal, a time limit, or else the program itself."""
     stops = (event for event in reversed(connection.machine.events) if event.asked == "stop")
     who = next((event.who for event in stops if event.state is CommandState.DONE), "")
     signal = connection.stop.signal
-    return who or ("the program" if signal is None else signal_name(signal))
+    program = "its time limit" if connection.stop.time_over else "the program"
+    return who or (program if signal is None else signal_name(signal))
 
 
 def _text(error: BaseException) -> str:

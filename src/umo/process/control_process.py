@@ -72,7 +72,6 @@ class Control:
         self._watchdog = min(plan.wired.watchdogs.values(), default=inf)
         """s without a period after which a circuit may have reset its outputs by itself."""
         self._gap = min(self._hang, self._watchdog)
-        self._limit = TimeLimit(inf if plan.job.until is None else plan.job.until, request_stop)
         self._alarm = ""
         self._order = stop_sequence(plan.machine)
         self._connection: connect[Any] | None = None
@@ -180,6 +179,8 @@ class Control:
             try:
                 with self._published(connection) as ring, self._commanded(connection, ring):
                     connection.machine.observers.append(self.each_period)
+                    if plan.job.until is not None:
+                        connection.machine.observers.append(TimeLimit(plan.job.until, connection.stop))
                     self._ready(machine, ring, refusals)
                     try:
                         outcome.result = drive(machine, plan.application)
@@ -190,7 +191,7 @@ class Control:
             finally:
                 self._life.enter(Stage.STOPPING)
                 outcome.stopped_by = None if self._alarm else self._life.asked or connection.stop.signal
-                outcome.time_over = self._limit.reached and outcome.stopped_by is None
+                outcome.time_over = connection.stop.time_over and outcome.stopped_by is None
                 outcome.stopped_who = "" if outcome.stopped_by is None else self._stopped_by
                 outcome.simulated = machine.now
 
@@ -244,7 +245,6 @@ class Control:
     def each_period(self, frame: Frame) -> None:
         """Give a sign of life. Check whether this process was suspended, asked to stop, or lost its guardian."""
         life = self._life
-        self._limit(frame)
         gap = life.beat()
         if gap > self._gap and (gap > self._watchdog or gap - self._excused() > self._hang):
             self._stop(
