@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import mmap
+from collections.abc import Iterator
+from contextlib import ExitStack
 from typing import Any
 
 import pytest
@@ -10,9 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from helpers.image_forms import BUILT, FORMS, choose
-from helpers.machines import bench, wired
-from umo import connect, published
-from umo.cycle.forms import CompiledImage, ListImage
+from helpers.machines import bench, sensor, wired
+from umo import Compound, DigitalSensor, connect, published
+from umo.cycle import forms
+from umo.cycle.forms import ArrayImage, CompiledImage, ListImage
 from umo.frames import body
 from umo.frames.body import BODY, writer
 from umo.frames.layout import SELDOM, Layout
@@ -23,14 +26,22 @@ REAL = st.floats()
 """Infinity and NaN too."""
 
 
-def image_of(form: type[Any], count: int, numbers: list[Any]) -> Any:
-    """Not connected to anything: the values, raw integers and qualities of so many objects."""
-    image = form.__new__(form)
-    form._make(image, count)
-    image.raws = memoryview(bytearray(8 * count)).cast("q")
-    for slot, (value, raw, quality) in enumerate(numbers):
-        image.values[slot], image.raws[slot], image.quality[slot] = value, raw, quality
-    return image
+class Row(Compound):
+    sensors: list[DigitalSensor]
+
+
+@pytest.fixture(scope="module")
+def images() -> Iterator[dict[tuple[type[Any], int], Any]]:
+    """Images of connected machines of 0 to 5 objects, in each form."""
+    made = {}
+    with ExitStack() as stack, pytest.MonkeyPatch.context() as patch:
+        for form in (ListImage, ArrayImage, CompiledImage)[: 3 if forms.extension is not None else 2]:
+            choose(patch, form)
+            for count in range(6):
+                connection = connect(Row(sensors=[sensor() for _ in range(count)]))
+                stack.enter_context(connection)
+                made[form, count] = connection.image
+        yield made
 
 
 def layout_of(count: int, phases: int, signals: int) -> Layout:
@@ -46,14 +57,17 @@ def layout_of(count: int, phases: int, signals: int) -> Layout:
     signals=st.lists(REAL, max_size=4),
     data=st.data(),
 )
-def test_every_writer_writes_the_same_bytes(form, objects, fixed, seldom, phases, signals, data):
+def test_every_writer_writes_the_same_bytes(images, form, objects, fixed, seldom, phases, signals, data):
     count = len(objects)
     commands = data.draw(st.binary(min_size=count, max_size=count))
     layout = layout_of(count, len(phases), len(signals))
     written = []
     for each in (ListImage, form):
+        image = images[each, count]
+        for slot, (value, raw, quality) in enumerate(objects):
+            image.values[slot], image.raws[slot], image.quality[slot] = value, raw, quality
         with mmap.mmap(-1, layout.dtype.itemsize * 3) as file:
-            write = writer(image_of(each, count, objects), layout, file)
+            write = writer(image, layout, file)
             write(layout.dtype.itemsize + BODY, *fixed, seldom, phases, signals, commands)
             written.append(file[:])
             del write
@@ -85,10 +99,10 @@ GOOD: dict[str, Any] = {
         {"signals": [1]}, {"signals": None}, {"commands": b"\0\0"}, {"commands": bytearray(3)},
     ],
 )  # fmt: skip
-def test_the_writer_in_c_refuses_what_does_not_fit_and_writes_nothing_outside_the_body(wrong):
+def test_the_writer_in_c_refuses_what_does_not_fit_and_writes_nothing_outside_the_body(images, wrong):
     layout = layout_of(3, 2, 1)
+    image = images[CompiledImage, 3]
     with mmap.mmap(-1, layout.dtype.itemsize) as file:
-        image = image_of(CompiledImage, 3, [])
         write = writer(image, layout, file)
         write(*GOOD.values())
         with pytest.raises((ValueError, TypeError, OverflowError)):
@@ -112,11 +126,13 @@ def test_the_writer_in_c_is_used_where_the_image_has_the_compiled_form(monkeypat
     assert kinds == ["builtin_function_or_method", "method"]
 
 
-def test_without_the_extension_the_writer_is_in_python(monkeypatch):
+@BUILT
+def test_without_the_extension_the_writer_is_in_python(images, monkeypatch):
     monkeypatch.setattr(body, "extension", None)
     layout = layout_of(3, 2, 1)
+    image = images[CompiledImage, 3]
     with mmap.mmap(-1, layout.dtype.itemsize) as file:
-        write = writer(image_of(CompiledImage, 3, []), layout, file)
+        write = writer(image, layout, file)
         assert type(write).__name__ == "method"
         write(*GOOD.values())
         assert file[BODY : BODY + 8] == (1).to_bytes(8, "little")

@@ -74,7 +74,7 @@ def run(copied: Copied, folder: Path, given: argparse.Namespace) -> int:
 def tried(copied: Copied, reached: Reached, mutation: Mutation, budget: float) -> dict[str, Any]:
     """What the tests say to one mutant."""
     tests, spent = [], 0.0
-    for test in reached.tests(mutation.file, mutation.line):
+    for test in reached.tests(mutation.file, mutation.line, mutation.statement):
         spent += reached.seconds[test]
         if spent < budget:
             tests.append(test)

@@ -20,6 +20,8 @@ CALCULATED = {
 }  # fmt: skip
 Change = tuple[str, ast.AST, str]
 """Kind, node, and the text in its place."""
+Placed = tuple[str, int, Change]
+"""A change with the function and the first line of the statement in which it is."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,8 @@ class Mutation:
 
     file: str
     line: int
+    statement: int
+    """The first line of the statement: coverage may know that one only."""
     kind: str
     key: str
     begin: tuple[int, int]
@@ -47,18 +51,18 @@ def mutations(root: Path, file: str) -> list[Mutation]:
     source = (root / file).read_text("utf-8")
     lines, seen = source.splitlines(), Counter[str]()
     found = []
-    for where, (kind, node, text) in _changes(ast.parse(source), ""):
+    for where, statement, (kind, node, text) in _changes(ast.parse(source), ""):
         assert isinstance(node, ast.stmt | ast.expr)
         assert node.end_lineno is not None and node.end_col_offset is not None
         name = f"{file} {where} {kind} {lines[node.lineno - 1].strip()}"
         seen[name] += 1
         begin, end = (node.lineno, node.col_offset), (node.end_lineno, node.end_col_offset)
-        found.append(Mutation(file, node.lineno, kind, f"{name} #{seen[name]}", begin, end, text))
+        found.append(Mutation(file, node.lineno, statement, kind, f"{name} #{seen[name]}", begin, end, text))
     return found
 
 
-def _changes(node: ast.AST, where: str) -> Iterator[tuple[str, Change]]:
-    """The changes in a node and below, with the function in which each is."""
+def _changes(node: ast.AST, where: str) -> Iterator[Placed]:
+    """The changes in a node and below."""
     for child in ast.iter_child_nodes(node):
         if isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
             inner = f"{where}.{child.name}".lstrip(".")
@@ -66,21 +70,22 @@ def _changes(node: ast.AST, where: str) -> Iterator[tuple[str, Change]]:
                 if isinstance(child, ast.ClassDef):
                     yield from _changes(ast.Module([statement], []), inner)
                 else:
-                    yield from ((inner, change) for change in _in_statement(statement))
+                    yield from ((inner, line, change) for line, change in _in_statement(statement, statement.lineno))
         elif not isinstance(child, ast.expr):
             yield from _changes(child, where)
 
 
-def _in_statement(node: ast.AST) -> Iterator[Change]:
-    """The changes within a function. Annotations, strings and nested texts stay."""
+def _in_statement(node: ast.AST, line: int) -> Iterator[tuple[int, Change]]:
+    """The changes within a function, with the lines of their statements. Annotations and strings stay."""
     if isinstance(node, ast.JoinedStr) or (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)):
         return
-    yield from _of(node)
+    line = node.lineno if isinstance(node, ast.stmt) else line
+    yield from ((line, change) for change in _of(node))
     for name, value in ast.iter_fields(node):
         if name not in ("annotation", "returns", "decorator_list", "args" if isinstance(node, ast.FunctionDef) else ""):
             for child in value if isinstance(value, list) else [value]:
                 if isinstance(child, ast.AST):
-                    yield from _in_statement(child)
+                    yield from _in_statement(child, line)
 
 
 def _of(node: ast.AST) -> Iterator[Change]:

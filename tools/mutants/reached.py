@@ -60,7 +60,8 @@ class Reached:
             name, seconds = json.loads(line)
             self.seconds[name] += seconds
 
-    def tests(self, file: str, line: int) -> list[str]:
-        """Tests that reach the line, the quickest first."""
-        contexts = self._data.contexts_by_lineno(str(self._root / file)).get(line, [])
+    def tests(self, file: str, *lines: int) -> list[str]:
+        """Tests that reach the first of the lines that any reaches, the quickest first."""
+        known = self._data.contexts_by_lineno(str(self._root / file))
+        contexts = next((found for line in lines if any(found := known.get(line, []))), [])
         return sorted(filter(None, contexts), key=lambda name: self.seconds[name])
