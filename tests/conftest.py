@@ -44,12 +44,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker(pytest.mark.timeout(limit, **(own.kwargs if own else {})), append=False)
 
 
-def pytest_collection_finish() -> None:
-    """What the modules of all tests hold stays: no collection of garbage looks through it again."""
-    gc.collect()
-    gc.freeze()
-
-
 def in_good_order(items: list[pytest.Item]) -> None:
     """The slow ones first, in each process (xdist begins with equal parts of the list): none is left over for the end.
     Those of a file stay together, as they share fixtures."""
@@ -62,6 +56,14 @@ def in_good_order(items: list[pytest.Item]) -> None:
         first = [item for item in slow if files.index(item.path) % workers == worker]
         ordered += [*first, *islice(quick, max(0, size - len(first)))]
     items[:] = [*ordered, *quick]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def nothing_to_collect() -> None:
+    """What the tests before have left, and the modules of all tests, is not looked through by any collection of garbage
+    in this module: each took up to a second."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(params=first(1, CHOSEN_FIRST))
