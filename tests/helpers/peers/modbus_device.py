@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 
 SOURCE = Path(__file__).with_name("modbus_peer.c")
-PATIENT = 10.0
+PATIENT = 30.0
 """s: the timeout of calls that are to succeed, on however busy a machine."""
 
 

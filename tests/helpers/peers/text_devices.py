@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import IO
 
 PEERS = Path(__file__).parent
-PATIENT = 10.0
+PATIENT = 30.0
 """s: for calls that are to succeed, on however busy a machine."""
 _kept: list[tempfile.TemporaryDirectory[str]] = []  # removed when the program ends
 
