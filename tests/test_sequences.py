@@ -8,6 +8,7 @@ import functools
 import gc
 import sys
 import warnings
+import weakref
 from typing import Any
 
 import pytest
@@ -1147,3 +1148,46 @@ def test_umo_needs_no_asyncio_loop():
     with pytest.raises(RuntimeError):
         asyncio.get_running_loop()
     assert steps_until_done(gather(wait("2 ms"), until(lambda: True))) == 3
+
+
+def test_an_error_that_the_application_handles_keeps_nothing_alive():
+    """The collector is off while a machine runs, and an application may try again for a day."""
+
+    class Large:
+        pass
+
+    left = []
+
+    async def fails():
+        at_hand = Large()
+        left.append(weakref.ref(at_hand))
+        await next_period()
+        raise ValueError(type(at_hand).__name__)
+
+    async def again_and_again():
+        while True:
+            with contextlib.suppress(ValueError):
+                await together(fails(), wait(10.0))
+            with contextlib.suppress(TimeExpired):
+                async with timeout(0.002):
+                    await fails_late()
+            with contextlib.suppress(TimeExpired):
+                at_hand = Large()
+                left.append(weakref.ref(at_hand))
+                await until(lambda at_hand=at_hand: at_hand is None, 0.002)
+            at_hand = None
+
+    async def fails_late():
+        at_hand = Large()
+        left.append(weakref.ref(at_hand))
+        await wait(10.0)
+
+    gc.disable()
+    try:
+        with Cycle() as cycle:
+            cycle.start(again_and_again())
+            cycle.steps(60)
+            assert len(left) > 20
+            assert sum(each() is not None for each in left[:-4]) == 0
+    finally:
+        gc.enable()

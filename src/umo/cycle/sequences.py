@@ -185,7 +185,8 @@ class Task:
         self.done = False
         self.result: Any = None
         self.error: BaseException | None = None
-        """What it failed with."""
+        """What it failed with, if it was started beside others. Not of a part of `together`, whose error an application
+        may handle and go on: an error that its own frames refer to is never freed while the collector is off."""
         self.limits: list[timeout] = []
         """Of the blocks that it is in, the outermost first."""
 
@@ -210,19 +211,15 @@ class Task:
         """One step; whether that was the last. The first needs no tick. What the sequence raises comes out here."""
         if self.done:
             return True
-        try:
-            if not self._begun:
-                self._begin()
-                tick = None
-            if tick is None or not self.limits:
-                self._step(self._sequence.send, tick)
-            else:
-                self._step_within_limits(tick)
-            if self._cancelling:
-                self.cancel()
-        except BaseException as error:
-            self.error = error  # its text is asked for by who needs it: it may take long
-            raise
+        if not self._begun:
+            self._begin()
+            tick = None
+        if tick is None or not self.limits:
+            self._step(self._sequence.send, tick)
+        else:
+            self._step_within_limits(tick)
+        if self._cancelling:
+            self.cancel()
         return self.done
 
     def _step_within_limits(self, tick: Tick) -> None:
@@ -349,7 +346,12 @@ class Sequences:
         self._advancing = True
         try:
             for task in self._tasks.copy():  # what they start begins with the next period
-                if task.advance(tick):
+                try:
+                    over = task.advance(tick)
+                except BaseException as error:
+                    task.error = error  # its text is asked for by who needs it: it may take long
+                    raise
+                if over:
                     self._tasks.remove(task)
         finally:
             self._advancing = False

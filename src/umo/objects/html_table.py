@@ -16,7 +16,7 @@ from umo.objects.families import FROM, families, folded, in_words
 from umo.objects.node import Node
 from umo.objects.quality import Quality
 from umo.objects.vector import Vector
-from umo.text import cause_of
+from umo.user_code import attempt
 
 T = TypeVar("T")
 LONGEST = 200
@@ -74,10 +74,10 @@ def never_raises(make: Callable[[T], str]) -> Callable[[T], str]:
 
     @wraps(make)
     def shown(thing: T) -> str:
-        try:
-            return make(thing)
-        except Exception as error:
-            return f"<div><b>{escape(type(thing).__name__)}</b> cannot be shown: {escape(cause_of(error))}</div>"
+        text, error = attempt(make, thing)
+        if error is not None:
+            text = f"<div><b>{escape(type(thing).__name__)}</b> cannot be shown: {escape(str(error))}</div>"
+        return str(text)
 
     return shown
 
