@@ -43,13 +43,14 @@ def attempt(call: Callable[..., Any], *arguments: Any) -> tuple[Any, Told | None
     try:
         return call(*arguments), None
     except BaseException as error:
-        if is_interrupt(error):
-            raise
         return None, told(error)
 
 
 def told(error: BaseException) -> Told:
-    """What to tell of an error that has been caught. It lets go of the frames in which it was raised."""
+    """What to tell of an error that has just been caught. It lets go of the frames in which it was raised. A Ctrl-C is
+    raised again."""
+    if is_interrupt(error):
+        raise error
     text = text_of(error) if isinstance(error, UmoError) else located(error)
     _let_go(error)
     return Told(type(error), text if len(text) <= LONGEST else f"{text[:LONGEST]}...")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import inf
 
 from umo.errors import RangeError
 from umo.objects import BinaryActuator, Rotation, UpDown
@@ -31,7 +30,7 @@ class Stepping:
         """One period towards `position` in steps; True once it is within half a step and the output is DOWN. RangeError
         if the position is not finite; then nothing is written."""
         due = position - self.count
-        if not -inf < due < inf:
+        if due - due != 0.0:  # NaN, or infinite
             raise RangeError(f"{self.step.path}: {position} is no position to step to")
         self.refused = False
         if self.step.read() is UpDown.UP:

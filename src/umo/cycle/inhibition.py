@@ -10,7 +10,7 @@ import numpy as np
 
 from umo.objects import Compound, Interlock
 from umo.objects.interlock import interlocks_of
-from umo.user_code import Told, as_json, attempt
+from umo.user_code import as_json, told
 
 SHOWN = 100
 """Characters of a result that is not one."""
@@ -32,8 +32,15 @@ class Inhibition:
 
     def ask(self, latch: bool) -> bool:
         """Evaluate the condition. True if it starts to inhibit now. `latch`: a latched interlock stays from now on."""
-        before, (holds, error) = self.reason, attempt(self.interlock.condition)
-        found = None if holds is False else _reason(self.interlock, holds, error)  # nearly always False
+        before, found = self.reason, None
+        try:
+            holds = self.interlock.condition()  # not by `attempt`: there may be a thousand
+            if holds is False and before is None:  # nearly always
+                self.held = False
+                return False
+            found = _reason(self.interlock, holds)
+        except BaseException as error:
+            found = _cannot(self.interlock, told(error).text)
         self.held = found is not None
         if self.held or not self._latched:
             self.reason = found
@@ -56,10 +63,12 @@ def inhibitions_of(root: Compound, slot_of: Mapping[int, int], order: Sequence[i
     return found
 
 
-def _reason(interlock: Interlock, holds: Any, error: Told | None) -> str | None:
-    """Why it inhibits now, None if it does not. A condition that cannot be evaluated counts as true."""
-    if error is None and isinstance(holds, bool | np.bool_):
+def _reason(interlock: Interlock, holds: Any) -> str | None:
+    """Why it inhibits now, None if it does not. What is no bool counts as true: None, for want of a return."""
+    if isinstance(holds, bool | np.bool_):
         return interlock.reason if holds else None
-    # None, for want of a return, would never forbid
-    cause = error.text if error is not None else f"it gives {as_json(holds, SHOWN)}, which is not True or False"
+    return _cannot(interlock, f"it gives {as_json(holds, SHOWN)}, which is not True or False")
+
+
+def _cannot(interlock: Interlock, cause: str) -> str:
     return f"the condition {interlock.reason!r} cannot be evaluated: {cause}"

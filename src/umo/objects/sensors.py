@@ -44,10 +44,10 @@ class BinarySensor(Binary[S]):
         that was never read (`on_error="mark"`): it has no state."""
         image = self._image
         level = image.values[self._slot] if self._synchronous else image.read_now(self._slot)
+        if not level:
+            return self._zero
         if level == 1.0:
             return self._one
-        if level == 0.0:
-            return self._zero
         raise BadInput(self.path, Quality.BAD, why="it was never read")
 
 
