@@ -207,7 +207,8 @@ def test_nothing_that_a_table_meets_raises(monkeypatch: pytest.MonkeyPatch) -> N
     m = bench()
     with connect(m):
         monkeypatch.setattr(type(m._machine), "facts", lambda self: 1 / 0)
-        assert m._repr_html_() == "<div><b>Bench</b> cannot be shown: ZeroDivisionError: division by zero</div>"
+        shown = m._repr_html_()
+        assert shown.startswith("<div><b>Bench</b> cannot be shown: ZeroDivisionError: division by zero (")
 
 
 # Running stations and black boxes -----------------------------------------------------------------------

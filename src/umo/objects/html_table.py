@@ -76,7 +76,7 @@ def never_raises(make: Callable[[T], str]) -> Callable[[T], str]:
     def shown(thing: T) -> str:
         text, error = attempt(make, thing)
         if error is not None:
-            text = f"<div><b>{escape(type(thing).__name__)}</b> cannot be shown: {escape(str(error))}</div>"
+            text = f"<div><b>{escape(type(thing).__name__)}</b> cannot be shown: {escape(error.text)}</div>"
         return str(text)
 
     return shown
