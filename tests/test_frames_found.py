@@ -189,6 +189,17 @@ def test_no_other_process_can_cut_write_or_unseal_the_frames() -> None:
         assert reader.read()["number"].tolist() == [1, 2, 3, 4, 5, 6]
 
 
+def test_a_kernel_without_the_seal_against_writing_has_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("umo.frames.memory.FUTURE_WRITE", 1 << 14)
+    with running() as (m, ring, _), Reader(ring.path) as reader:
+        assert reader.ends is not None
+        periods(m, 3)
+        for size in (0, 1 << 30):
+            with pytest.raises(PermissionError):
+                os.ftruncate(reader.ends.frames, size)
+        assert len(reader.read()) == 3
+
+
 def test_memory_that_can_be_cut_is_not_read() -> None:
     ends, readers = Ends.pair()
     os.write(ends.frames, bytes(8192))

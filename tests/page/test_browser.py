@@ -211,7 +211,7 @@ def test_the_page_follows_a_station_that_starts_again(page: Any) -> None:
         with running():
             page.goto(served.url + "#view=machine&raw=1")
             eventually(lambda: page.locator('tr[data-path="encoder"]').count())
-        page.get_by_text("has ended").wait_for()
+        page.get_by_text("press has ended. The page waits").wait_for()
         with running(count=20):
             page.get_by_text("has started again").wait_for()
             eventually(lambda: cell(page, "encoder", "raw") == "21")

@@ -18,6 +18,7 @@ from umo.objects import Atomic, Compound
 from umo.process import Started
 from umo.process.job import Job
 from umo.process.outcome import Outcome
+from umo.text import cause_of
 
 from .console import err
 from .running import readers
@@ -57,7 +58,7 @@ class Seen:
 def follow(job: Job, seen: Seen, observers: list[Callable[[Any], None]]) -> tuple[Outcome, float]:
     """Start the job, show every frame to the observers until it ends: its outcome, and the s that it ran."""
     with Started(job) as started, _passed_on(started):
-        told, begun, lost = 0, None, 0
+        told, begun, lost, shown = 0, None, 0, True
         while True:
             outcome = started.outcome
             if begun is None and started.frames is not None:
@@ -69,11 +70,8 @@ def follow(job: Job, seen: Seen, observers: list[Callable[[Any], None]]) -> tupl
             for notice in started.notices[told:]:
                 _say(notice)
             told = len(started.notices)
-            if started.frames is not None:
-                for row in started.frames.read():
-                    seen.take(row)
-                    for observer in observers:
-                        observer(seen)
+            if started.frames is not None and shown:
+                shown = _show(started.frames, seen, observers)
                 lost = started.frames.lost
             if outcome is not None:
                 break
@@ -84,6 +82,19 @@ def follow(job: Job, seen: Seen, observers: list[Callable[[Any], None]]) -> tupl
     if lost:
         _say(f"{lost} periods came too fast to be noted in the trace")
     return outcome, elapsed
+
+
+def _show(frames: Reader, seen: Seen, observers: list[Callable[[Any], None]]) -> bool:
+    """Show the new frames to the observers. False: what stands in them makes no sense; the machine runs on."""
+    try:
+        for row in frames.read():
+            seen.take(row)
+            for observer in observers:
+                observer(seen)
+    except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+        _say(f"the periods of this run are not shown any longer: {cause_of(error)}")
+        return False
+    return True
 
 
 def _name_other_runs(started: Started) -> None:

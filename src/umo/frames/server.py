@@ -24,7 +24,7 @@ LONGEST = 107
 """Bytes of a socket's address (unix(7), sun_path)."""
 WAITING = 64
 """Clients that may wait for an answer at once."""
-ANSWER = 2.0
+ANSWER = 1.0
 """s that a client waits for the descriptors."""
 ROOT = 0
 
