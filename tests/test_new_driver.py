@@ -31,7 +31,7 @@ from umo.testing.conformance import conform
 
 
 def test_every_rule_of_the_line_is_tried(subject):
-    certificate = conform(subject, only={LINE}, cycles=10)
+    certificate = conform(subject, only={LINE}, cycles=10, minutes=10)
     assert {{each.rule: str(each.verdict) for each in certificate.findings}} == dict.fromkeys({LINE}, "passed")
 """
 

@@ -59,6 +59,8 @@ class Trial:
         self.before: dict[str, object] = {}
         """The process, as it was before the first driver."""
         self._dirty = False
+        self._is_full = False
+        """The device has turned away a second driver."""
 
     def begin(self) -> None:
         """Note what is there before the first driver."""
@@ -152,7 +154,11 @@ class Trial:
 
     @contextmanager
     def second(self, direct: bool = False) -> Iterator[Probe | None]:
-        """Another open driver of the device, whose outputs were not initialised; None if there is room for one."""
+        """Another open driver of the device, whose outputs were not initialised; None if there is room for one, which
+        is waited for once."""
+        if self._is_full:
+            yield None
+            return
         probe = self.new(direct)
         try:
             try:
@@ -160,6 +166,7 @@ class Trial:
                 for each in self.subject.inputs:
                     probe.initialize(each.channel, None)
             except OSError:
+                self._is_full = True
                 yield None
             else:
                 yield probe
