@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from umo.duration import seconds
 from umo.errors import DeclarationError, WiringError
 
 
-def within(name: str, value: int, least: int, most: int, why: str = "") -> None:
+def within(name: str, value: Any, least: int, most: int, why: str = "") -> int:
+    """A whole number within limits, as it is."""
     if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
         raise WiringError(f"{name} must be a whole number from {least} to {most}{why}, not {value!r}")
+    return value
 
 
 def one_of(name: str, value: object, known: Sequence[object]) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from typing_extensions import TypeVar
 
-from umo.errors import ChannelsFailed
+from umo.errors import ChannelsFailed, DriverError
 from umo.text import cause_of
 
 IntArray = npt.NDArray[np.int64]
@@ -54,6 +54,13 @@ class Channel:
         of one class share the places of a device: with several units, the channel needs a field for the unit."""
         own = tuple(getattr(self, field.name) for field in fields(self)[len(fields(Channel)) :])
         return ((self.direction, own),) if own else (self.text,)
+
+    def check(self, raw: int) -> None:
+        """DriverError if this cannot be written: the channel is an input, or the raw integer does not fit its bits."""
+        if Direction.OUTPUT not in self.direction:
+            raise DriverError(f"{self.text} is an input")
+        if not self.lowest <= raw <= self.highest:
+            raise DriverError(f"{raw} does not fit {self.text}: it takes {self.lowest} to {self.highest}")
 
     @property
     def lowest(self) -> int:

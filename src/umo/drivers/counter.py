@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from umo.drivers._device_file import explained
+from umo.drivers._options import within
 from umo.drivers.contract import Channel, Direction, Driver
 from umo.errors import ChannelError, DriverError, WiringError
 from umo.text import did_you_mean
@@ -62,8 +63,7 @@ class Counter(Driver[CounterChannel]):
             raise WiringError(f"device must be the name or path of a counter, not {device!r}")
         if not isinstance(signed, bool):
             raise WiringError(f"signed must be true or false, not {signed!r}")
-        if isinstance(bits, bool) or not isinstance(bits, int) or not 1 <= bits <= _WIDEST + signed:
-            raise WiringError(f"bits must be a whole number from 1 to {_WIDEST + signed}, not {bits!r}")
+        within("bits", bits, 1, _WIDEST + signed)
         self.device, self._bits, self._signed, self._function = device, bits, signed, function
         self._wired_enables: set[int] = set()
         self._used: dict[CounterChannel, int | None] = {}
@@ -120,10 +120,7 @@ class Counter(Driver[CounterChannel]):
         return self._decoded(channel, text)
 
     def write(self, channel: CounterChannel, raw: int) -> None:
-        if channel.direction is Direction.INPUT:
-            raise DriverError(f"{channel.text} is an input")
-        if not channel.lowest <= raw <= channel.highest:
-            raise DriverError(f"{raw} does not fit {channel.text}: it takes {channel.lowest} to {channel.highest}")
+        channel.check(raw)
         self._begin()
         self._transfer(channel, str(raw & (1 << channel.bits) - 1))
 

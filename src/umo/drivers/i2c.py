@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from umo.drivers._device_file import opening
+from umo.drivers._options import within
 from umo.drivers.registers.driver import RegisterDriver
-from umo.drivers.registers.map import RegisterChannel, whole
+from umo.drivers.registers.map import RegisterChannel
 from umo.errors import DriverError, WiringError
 
 SYSFS = Path("/sys/bus/i2c/devices")
@@ -63,9 +64,9 @@ class I2c(RegisterDriver):
         if isinstance(bus, str) and not bus.startswith("/"):
             raise WiringError(f'bus must be a number or a path such as "/dev/i2c-1", not {bus!r}')
         if not isinstance(bus, str):
-            whole("bus", bus, 0, 1_000_000)
+            within("bus", bus, 0, 1_000_000)
         self.path = bus if isinstance(bus, str) else f"/dev/i2c-{bus}"
-        self.address = whole("address (7 bits, without the bit for reading)", address, 0x08, 0x77)
+        self.address = within("address (7 bits, without the bit for reading)", address, 0x08, 0x77)
         self._pec, self._address_bits = pec, address_bits
         if pec and (auto_increment or address_bits != 8):
             raise WiringError("pec is for registers moved one by one, with addresses of 8 bits")

@@ -8,8 +8,9 @@ from collections.abc import Iterable
 from typing import Any, Literal
 
 from umo.drivers._device_file import opening
+from umo.drivers._options import within
 from umo.drivers.registers.driver import RegisterDriver
-from umo.drivers.registers.map import RegisterChannel, whole
+from umo.drivers.registers.map import RegisterChannel
 from umo.errors import DriverError, WiringError
 
 _MODES = (0, 1, 2, 3)
@@ -79,18 +80,18 @@ class Spi(RegisterDriver):
         ):
             if value not in choices:
                 raise WiringError(f"{name} must be one of {', '.join(map(str, choices))}, not {value!r}")
-        self.path = f"/dev/spidev{whole('bus', bus, 0, 65535)}.{whole('chip_select', chip_select, 0, 255)}"
+        self.path = f"/dev/spidev{within('bus', bus, 0, 65535)}.{within('chip_select', chip_select, 0, 255)}"
         self._settings: dict[str, int] = {"mode": mode, "bits_per_word": bits_per_word}
-        self._settings["max_speed_hz"] = whole("max_speed_hz", max_speed_hz, 1, 1_000_000_000)
+        self._settings["max_speed_hz"] = within("max_speed_hz", max_speed_hz, 1, 1_000_000_000)
         self._word = bits_per_word // 8
         self._command = address_bits // 8
         highest = (1 << address_bits) - 1
         masks = {"read_mask": read_mask, "write_mask": write_mask, "burst_mask": burst_mask}
         if not address_bits:
             masks["read_mask"] = 0
-        self._masks = {name: whole(name, mask, 0, highest) for name, mask in masks.items()}
-        self._shift = whole("address_shift", address_shift, 0, max(address_bits - 1, 0))
-        self._dummies = whole("dummy_bytes", dummy_bytes, -self._command, _MOST_DUMMIES)
+        self._masks = {name: within(name, mask, 0, highest) for name, mask in masks.items()}
+        self._shift = within("address_shift", address_shift, 0, max(address_bits - 1, 0))
+        self._dummies = within("dummy_bytes", dummy_bytes, -self._command, _MOST_DUMMIES)
         self._spidev = _library()
         self._device: Any = None
         super().__init__(registers or {}, page_register, auto_increment, identity or {}, setup or {}, address_bits)

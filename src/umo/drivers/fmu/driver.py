@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from umo.drivers._options import within
 from umo.drivers.contract import Direction, Driver, IntArray, PhysicalScale
 from umo.drivers.fmu.variables import TICK, FmuChannel, channel_of, check_start, described, variables_of
-from umo.errors import ChannelsFailed, DriverError, WiringError
+from umo.errors import ChannelsFailed, DriverError
 
 if TYPE_CHECKING:
     from umo.drivers.fmu.instance import FmuInstance
@@ -52,8 +53,7 @@ class Fmu(Driver[FmuChannel]):
     def __init__(
         self, *, model: Path, start_values: Mapping[str, int | float | bool | str] | None = None, substeps: int = 1
     ) -> None:
-        if isinstance(substeps, bool) or not isinstance(substeps, int) or not 1 <= substeps <= 1_000_000:
-            raise WiringError(f"substeps must be a whole number from 1 to 1000000, not {substeps!r}")
+        within("substeps", substeps, 1, 1_000_000)
         self.model = Path(model).absolute()
         self._substeps = substeps
         self._description = described(self.model)

@@ -167,10 +167,7 @@ class Iio(Driver[IioChannel]):
 
     def _write(self, channels: Sequence[IioChannel], raws: list[int]) -> None:
         for channel, raw in zip(channels, raws, strict=True):  # before the first is sent
-            if Direction.OUTPUT not in channel.direction:
-                raise DriverError(f"{channel.text} is an input")
-            if not channel.lowest <= raw <= channel.highest:
-                raise DriverError(f"{raw} does not fit {channel.text}: it takes {channel.lowest} to {channel.highest}")
+            channel.check(raw)
         deadline = self._begin()
         self._each(channels, lambda i, channel: self._transfer(channel.name, str(raws[i])), deadline)
 

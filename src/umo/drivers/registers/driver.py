@@ -11,10 +11,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from umo.drivers._options import within
 from umo.drivers._plans import Plans
 from umo.drivers.contract import Direction, Driver, IntArray
 from umo.drivers.registers.blocks import BlockPart, RegisterBlock, places_of, plan
-from umo.drivers.registers.map import FORMS, LARGEST, ChipRegisters, Register, RegisterChannel, whole
+from umo.drivers.registers.map import FORMS, LARGEST, ChipRegisters, Register, RegisterChannel
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, WiringError
 
 D = TypeVar("D")
@@ -42,7 +43,7 @@ class RegisterDriver(Driver[RegisterChannel]):
         address_bits: int,
     ) -> None:
         if page_register is not None:
-            whole("page_register", page_register, 0, (1 << address_bits) - 1)
+            within("page_register", page_register, 0, (1 << address_bits) - 1)
         self._map = ChipRegisters(
             registers, address_bits=address_bits, paged=page_register is not None, bytewise=auto_increment
         )
@@ -249,10 +250,10 @@ class RegisterDriver(Driver[RegisterChannel]):
         channel = self.channel(name)
         if Direction.INPUT not in channel.direction:
             raise WiringError(f"identity: {name} cannot be read")
-        return channel, whole(f"identity.{name}", value, channel.lowest, channel.highest)
+        return channel, within(f"identity.{name}", value, channel.lowest, channel.highest)
 
     def _writable(self, name: str, value: int) -> tuple[RegisterChannel, int]:
         channel = self.channel(name)
         if Direction.OUTPUT not in channel.direction:
             raise WiringError(f"setup: {name} cannot be written")
-        return channel, whole(f"setup.{name}", value, channel.lowest, channel.highest)
+        return channel, within(f"setup.{name}", value, channel.lowest, channel.highest)

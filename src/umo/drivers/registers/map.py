@@ -10,6 +10,7 @@ from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+from umo.drivers._options import within
 from umo.drivers.contract import Channel, Direction
 from umo.errors import ChannelError, DriverError, WiringError
 from umo.text import did_you_mean
@@ -98,13 +99,6 @@ class RegisterChannel(Channel):
         mask = (1 << self.bits) - 1 << self.low
         return contents & ~mask | raw << self.low & mask
 
-    def check(self, raw: int) -> None:
-        """DriverError if it cannot be written."""
-        if self.direction is Direction.INPUT:
-            raise DriverError(f"{self.text} is an input")
-        if not self.lowest <= raw <= self.highest:
-            raise DriverError(f"{raw} does not fit {self.text}: it takes {self.lowest} to {self.highest}")
-
 
 class ChipRegisters:
     """The registers of a chip by name, from the wiring's `[drivers.NAME.registers]`; WiringError names what is wrong.
@@ -173,16 +167,16 @@ class ChipRegisters:
         if page is not None and not self._paged:
             raise WiringError(f"{what}.page needs the driver's option page_register")
         self.registers[name] = Register(
-            whole(f"{what}.address", table["address"], 0, self._highest - self._span(bits)),
+            within(f"{what}.address", table["address"], 0, self._highest - self._span(bits)),
             bits,
             order,
             _truth(f"{what}.signed", table.get("signed", False)),
-            whole(f"{what}.shift", table.get("shift", 0), 0, bits - 1),
-            None if page is None else whole(f"{what}.page", page, 0, 255),
+            within(f"{what}.shift", table.get("shift", 0), 0, bits - 1),
+            None if page is None else within(f"{what}.page", page, 0, 255),
             ACCESS[access],
             None
             if (initial := table.get("initial")) is None
-            else whole(f"{what}.initial", initial, 0, (1 << bits) - 1),
+            else within(f"{what}.initial", initial, 0, (1 << bits) - 1),
         )
         fields = table.get("fields", {})
         if not isinstance(fields, Mapping):
@@ -227,11 +221,4 @@ def _one_of(what: str, value: Any, choices: tuple[Any, ...]) -> Any:
 def _truth(what: str, value: Any) -> bool:
     if not isinstance(value, bool):
         raise WiringError(f"{what} must be true or false, not {value!r}")
-    return value
-
-
-def whole(what: str, value: Any, least: int, most: int) -> int:
-    """A whole number within limits; WiringError otherwise."""
-    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-        raise WiringError(f"{what} must be a whole number from {least} to {most}, not {value!r}")
     return value

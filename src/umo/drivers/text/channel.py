@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 from typing_extensions import TypedDict
 
+from umo.drivers._options import within
 from umo.drivers.contract import Channel, Direction, PhysicalScale
 from umo.drivers.text.pattern import NoValue, Pattern, RawOf, UnexpectedAnswer, shown
 from umo.drivers.text.template import Template, numbered
@@ -198,8 +199,7 @@ class Channels:
         direction = Direction.BOTH if reading and setting else Direction.INPUT if reading else Direction.OUTPUT
         levels = [*(reading.states.values() if reading else ()), *(setting.levels if setting else ())]
         bits = table.get("bits", max(levels).bit_length() or 1 if levels else _MOST_BITS)
-        if isinstance(bits, bool) or not isinstance(bits, int) or not 1 <= bits <= _MOST_BITS:
-            raise WiringError(f"{where}.bits must be a whole number from 1 to {_MOST_BITS}, not {bits!r}")
+        within(f"{where}.bits", bits, 1, _MOST_BITS)
         signed = table.get("signed", bits > 1 and not levels)
         if units is not None and levels:
             raise WiringError(f"{where}.units is for a number; levels have no unit")

@@ -71,11 +71,7 @@ class MyCard(Driver):
             return device.get(channel.text)
 
     def write(self, channel: Channel, raw: int) -> None:
-        if Direction.OUTPUT not in channel.direction:
-            raise DriverError(f"{channel.text} is an input")
-        low, high = channel.lowest, channel.highest
-        if not low <= raw <= high:
-            raise DriverError(f"{raw} does not fit {channel.text}: {low} to {high}")
+        channel.check(raw)
         with self._connection() as device:
             device.set(channel.text, raw)
 

@@ -111,11 +111,7 @@ class MyCard(Driver):
 
     def _set(self, channels: Sequence[Channel], raws: Sequence[int]) -> None:
         for channel, raw in zip(channels, raws, strict=True):  # before anything is sent
-            if Direction.OUTPUT not in channel.direction:
-                raise DriverError(f"{channel.text} is an input")
-            low, high = channel.lowest, channel.highest
-            if not low <= raw <= high:
-                raise DriverError(f"{raw} does not fit {channel.text}: {low} to {high}")
+            channel.check(raw)
         failed = {}
         for i, (_, status, value) in enumerate(self._ask(SET, channels, raws)):
             if status:
