@@ -116,6 +116,7 @@ class Letters:
         self.waiting: deque[HandCommand] = deque()
         self.taken = self.dropped = 0
         self.stop: tuple[int, str] | None = None
+        self.asked = [0]
         self.signs: dict[str, tuple[int, float]] = {}
         """The lease of whom, and when, by path."""
 
@@ -737,6 +738,9 @@ def test_anybody_may_stop_the_machine() -> None:
     with Rig() as rig:
         for _ in range(3 * TAKEN_PER_PERIOD):  # no queue delays it
             rig.send("tune", "speed", 1.0)
+        rig.letters.asked[0] = 7  # garbage
+        rig.periods()
+        assert rig.m.running
         rig.letters.stop = signal.SIGINT, "ann, a test"
         rig.periods()
         assert not rig.m.running

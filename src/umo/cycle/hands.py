@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import partial
@@ -98,6 +98,10 @@ class Levels(Protocol):
     """What hands say of now. Quick; raises nothing."""
 
     @property
+    def asked(self) -> Sequence[int]:
+        """One number, always the same one: not 0 if `stop` is to be looked at."""
+
+    @property
     def stop(self) -> tuple[int, str] | None:
         """The signal as after which the run is to end, and who asks for it; None: nobody does."""
 
@@ -154,6 +158,7 @@ class Hands:
         self._machine = machine
         self.inbox = inbox
         self._levels = levels
+        self._asked = levels.asked
         self._clock = clock
         self.stopped_by = ""
         """Who has asked for a stop from outside."""
@@ -172,7 +177,7 @@ class Hands:
 
     def look(self) -> None:
         """See who is still there; take what has come in; go on with what runs."""
-        if self._levels.stop is not None:
+        if self._asked[0]:
             self.look_for_stop()
         if self._active:
             self._look_for_life()

@@ -44,6 +44,9 @@ class Cells:
             raise FramesError("the cells of this run do not fit its frames")
         self.memory = memoryview(self._map)
         self.words = self.memory[: len(self._map) & ~7].cast("Q")
+        self.asked, self.head = (self.words[at >> 3 : (at >> 3) + 1] for at in (STOP, HEAD))
+        """One number each, for the look in each period: not 0 if somebody asks for a stop, or there is garbage; the
+        number of commands written so far."""
         paths = [LEASE, *(str(entry["path"]) for entry in (*layout.objects, *layout.actions))]
         self._signs = {path: (SIGNS >> 3) + 2 * number for number, path in enumerate(paths)}
 
@@ -80,6 +83,7 @@ class Cells:
         return self.words[at + 1] * 1e-9 if self.words[at] == lease else 0.0
 
     def close(self) -> None:
-        self.words.release()
+        for view in (self.asked, self.head, self.words):
+            view.release()
         self.memory.release()
         self._map.close()

@@ -20,7 +20,7 @@ from typing import Any
 from umo.cycle.hands import HandCommand
 from umo.errors import CommandRefused, FramesError
 from umo.frames import Reader
-from umo.frames.cells import HEAD, QUEUE, SLOT, SLOTS, Cells
+from umo.frames.cells import QUEUE, SLOT, SLOTS, Cells
 
 try:
     import fcntl
@@ -41,7 +41,7 @@ class Receiver:
     """The machine's end."""
 
     def __init__(self, cells: Cells) -> None:
-        self._words, self._memory = cells.words, cells.memory
+        self._head, self._memory = cells.head, cells.memory
         self.taken = 0
         self.dropped = 0
         self._doubted = 0
@@ -49,12 +49,12 @@ class Receiver:
 
     def take(self) -> HandCommand | None:
         """The next command; None if there is none. Whatever is not a command is counted and dropped."""
-        head = self._words[HEAD >> 3]
+        head = self._head[0]
         if head == self.taken:
             return None
         if not self.taken < head <= self.taken + SLOTS:  # so many cannot have come in
             self.dropped += 1
-            self._words[HEAD >> 3] = self.taken
+            self._head[0] = self.taken
             return None
         for _ in range(min(head - self.taken, DROPS)):
             number = self.taken + 1
@@ -89,7 +89,7 @@ class Sender:
 
     def __init__(self, reader: Reader, cells: Cells) -> None:
         self._reader = reader
-        self._words, self._memory = cells.words, cells.memory
+        self._head, self._memory = cells.head, cells.memory
         self._alone = threading.Lock()  # threads of this process share the lock of the file
         assert reader.ends is not None
         try:  # opened anew: a lock belongs to whoever has opened the file, and all clients were given one and the same
@@ -105,7 +105,7 @@ class Sender:
         until = time.monotonic() + PATIENCE
         while True:
             with self._alone, self._turn(until):
-                head = max(self._words[HEAD >> 3], self._reader.taken)
+                head = max(self._head[0], self._reader.taken)
                 if head - self._reader.taken < SLOTS:
                     self._put(head, text)
                     return head + 1
@@ -117,7 +117,7 @@ class Sender:
         number, at = head + 1, QUEUE + head % SLOTS * SLOT
         entry = ENTRY.pack(_checksum(len(text), number, text), len(text), number) + text
         self._memory[at : at + len(entry)] = entry
-        self._words[HEAD >> 3] = number
+        self._head[0] = number
 
     @contextmanager
     def _turn(self, until: float) -> Iterator[None]:
