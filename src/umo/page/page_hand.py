@@ -77,11 +77,11 @@ class PageHand:
 
     async def carry_out(self, message: dict[str, Any]) -> None:
         """Send a command of the page. Its answers are told when they come: `begun` for a long action, then its end."""
-        if len(self._following) >= MOST_ASKED:
-            await self._answer(message, CommandState.REFUSED, f"up to {MOST_ASKED} commands at once")
-            return
         if message.get("do") == "stop":
             await self._stop(message)
+            return
+        if len(self._following) >= MOST_ASKED:
+            await self._answer(message, CommandState.REFUSED, f"up to {MOST_ASKED} commands at once")
             return
         more = {name: message[name] for name in TAKEN if name in message}
         if message.get("do") == "lease":
