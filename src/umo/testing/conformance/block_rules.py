@@ -151,7 +151,7 @@ def _raws(trial: Trial, probe: Probe) -> None:
         if part.tolist() != raws:
             raise RuleBroken(f"write_many changed its array from {raws} to {part.tolist()}")
         part[:] = [output.other(number + 1) for output in outputs]  # for the next period; not sent yet
-        _check(trial, probe, outputs, raws, "write_many, whose array was changed later,")
+        _check(trial, probe, outputs, raws, "a write_many whose array was changed later")
 
 
 def _outs(probe: Probe, texts: tuple[str, ...]) -> None:

@@ -100,7 +100,7 @@ def _right(trial: Trial, probe: Probe, after: str) -> None:
     """The outputs obey, as far as they can be seen."""
     for number, output in enumerate(trial.visible):
         probe.write(output.channel, output.other(number))
-        trial.expect(probe, output, output.other(number), f"write({output.other(number)}), since {after},")
+        trial.expect(probe, output, output.other(number), f"write({output.other(number)}) since {after}")
 
 
 @rule(
