@@ -15,7 +15,7 @@ PYTEST := $(BIN)/python -m pytest -n auto --dist worksteal
 test: $(STAMP)
 	$(PYTEST) -m "not full" $(ARGS)
 
-# The page in a browser; make test runs three of these tests.
+# The page in a browser; make test runs some of these tests.
 test-page: $(STAMP)
 	$(PYTEST) tests/page $(ARGS)
 
@@ -39,6 +39,7 @@ lint: $(STAMP)
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/python tools/lint.py
+	tools/javascript/check
 
 # About two minutes; python -m bench --help for the longer ones (--live, --kills).
 bench: $(STAMP)

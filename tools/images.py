@@ -109,10 +109,10 @@ def show_views() -> None:
         started.stop()
 
 
-def show_hands() -> None:
+def show_operate() -> None:
     """In manual mode, after homing: no motion of the application has the axes."""
     with umo.start("ztheta", realtime=True, manual=True, acknowledge=True) as started, open_page(1200, 750) as page:
-        page.get_by_role("tab", name="Hands").click()
+        page.get_by_role("tab", name="Operate").click()
         page.get_by_label("Your name").fill("Ann")
         page.get_by_role("button", name="Take the lease").click()
         page.locator('[data-control="home"] button').first.click()
@@ -125,7 +125,7 @@ def show_hands() -> None:
         page.locator('[data-control="z.jog"] [data-sign="-1"]').hover()
         page.mouse.down()
         page.get_by_text("z.jog: done").wait_for()
-        page.screenshot(path=PICTURES / "page-hands.png")
+        page.screenshot(path=PICTURES / "page-operate.png")
         started.stop()
 
 
@@ -143,7 +143,7 @@ if __name__ == "__main__":
     while_turning(show_twin)
     while_turning(show_notebook)
     show_views()
-    show_hands()
+    show_operate()
     plot("run.png", "ztheta")
     plot("conveyor.png", "conveyor")
     plot("furnace.png", "furnace", "--zones", "8", "--faults", "broken-thermocouple:3")

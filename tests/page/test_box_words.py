@@ -6,7 +6,7 @@ import time
 
 from umo.frames import Reader, rings
 from umo.latency import blackbox
-from umo.page.box_words import Box, newest_box
+from umo.page.box_words import BoxInWords, newest_box
 
 from .conftest import running
 
@@ -22,17 +22,17 @@ def kept(reason: str) -> Reader:
 
 def test_a_black_box_belongs_to_its_run() -> None:
     with running(), kept("first") as reader:
-        first = newest_box(reader.about, Box())
+        first = newest_box(reader.about, BoxInWords())
         assert first.text.endswith(": first")
         assert newest_box(reader.about, first) is first
     with running(), Reader(rings()[0]) as reader:
-        assert newest_box(reader.about, Box()) == Box()  # that of the run before is not this one's
+        assert newest_box(reader.about, BoxInWords()) == BoxInWords()  # that of the run before is not this one's
         with kept("second"):
-            assert newest_box(reader.about, Box()).text.endswith(": second")
+            assert newest_box(reader.about, BoxInWords()).text.endswith(": second")
 
 
 def test_a_damaged_black_box_is_nobodys() -> None:
     with running(), kept("whole") as reader:
         damaged = blackbox.name_for(blackbox.folder(), "press", time.time() + 1)
         damaged.write_bytes(b"umoframe" + bytes(500))
-        assert newest_box(reader.about, Box()).text.endswith(": whole")
+        assert newest_box(reader.about, BoxInWords()).text.endswith(": whole")

@@ -58,6 +58,7 @@ def test_the_filter_leaves_what_it_names(page: Any) -> None:
         assert page.locator("tr[data-path]").count() == 1
 
 
+@pytest.mark.smoke
 def test_the_scope_measures_pauses_and_saves(page: Any, tmp_path: Path) -> None:
     with running(box=Scripted({"encoder": [1, 3] * 1000}), count=1000), serving() as served:
         page.goto(served.url + "#traces=encoder,valve&span=1")
@@ -134,7 +135,7 @@ def test_the_texts_of_the_axes_are_whole_and_none_covers_another(page: Any, widt
     page.add_init_script(WRITTEN)
     with running(box=Scripted({"encoder": [-147_866, -147_871] * 2000}), count=2000), serving() as served:
         page.goto(served.url + "#traces=encoder,motor&span=1")
-        texts = eventually(lambda: "-73933" in (found := written(page)) and "V" in found and found)
+        texts = eventually(lambda: "-73933" in (found := written(page)) and "motor [V]" in found and found)
         for (one, a), (other, b) in itertools.combinations(texts.items(), 2):
             apart = a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1]
             assert apart, f"{one} and {other}"
@@ -184,10 +185,10 @@ def test_a_trigger_stops_at_an_edge(page: Any) -> None:
         page.get_by_label("Trigger", exact=True).select_option("rising")
         for label in ("trigger", "level", "before", "once"):
             page.locator(".trigger label").filter(has_text=re.compile(f"^{label}")).wait_for()
-        eventually(lambda: "waiting" in page.locator(".hint").inner_text())
+        eventually(lambda: "waiting" in page.locator(".bar .hint").first.inner_text())
         page.locator('.legend tr[data-path="encoder"] td').nth(4).filter(has_text=re.compile(".")).wait_for()
         step(400)
-        eventually(lambda: "triggered at" in page.locator(".hint").inner_text())
+        eventually(lambda: "triggered at" in page.locator(".bar .hint").first.inner_text())
 
 
 def test_the_page_says_what_to_type_when_nothing_runs_and_then_shows_it(page: Any) -> None:
@@ -206,12 +207,13 @@ def test_several_stations_are_a_list(page: Any) -> None:
         page.locator(".legend").wait_for()
 
 
+@pytest.mark.smoke
 def test_the_page_follows_a_station_that_starts_again(page: Any) -> None:
     with serving() as served:
         with running():
             page.goto(served.url + "#view=machine&raw=1")
             eventually(lambda: page.locator('tr[data-path="encoder"]').count())
-        page.get_by_text("press has ended. The page waits").wait_for()
+        page.locator("#notice").get_by_text("has ended").wait_for()
         with running(count=20):
             page.get_by_text("has started again").wait_for()
             eventually(lambda: cell(page, "encoder", "raw") == "21")
@@ -285,6 +287,7 @@ def test_the_theme_is_the_systems_until_the_switch_changes_it(page: Any, scheme:
         assert page.evaluate(theme) != scheme
 
 
+@pytest.mark.smoke
 def test_nothing_is_wider_than_a_phone(page: Any) -> None:
     page.set_viewport_size({"width": 390, "height": 844})
     with running(), serving() as served:

@@ -22,11 +22,12 @@ from umo.frames.memory import Ends, fill
 from umo.frames.server import FrameServer
 from umo.objects import Quality
 from umo.page import feed
-from umo.page.box_words import Box
+from umo.page.box_words import BoxInWords
 from umo.page.feed import Feed
 from umo.page.live import Live
+from umo.page.page_hand import PageHand
 from umo.page.server import Options, listen, server
-from umo.page.session import MOST_ASKED, Session
+from umo.page.session import MOST_ASKED
 from umo.page.watched import Watched
 from umo.testing import Scripted
 
@@ -71,13 +72,13 @@ def test_a_state_has_the_values_of_the_last_frame_and_then_what_has_changed(clie
 
 def test_states_are_made_only_for_the_run_that_a_page_shows(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[str] = []
-    real = Watched._take_state
+    real = Watched.state
 
-    def counted(watched: Watched) -> None:
+    def counted(watched: Watched, full: bool) -> str:
         made.append(watched.station)
-        real(watched)
+        return real(watched, full)
 
-    monkeypatch.setattr(Watched, "_take_state", counted)
+    monkeypatch.setattr(Watched, "state", counted)
     with running("press"), running("oven"):
         eventually(lambda: len(client.get("stations")["stations"]) == 2)
         client.send(type="watch", name="press")
@@ -146,7 +147,7 @@ def test_a_page_is_answered_while_something_is_measured(client: Client, monkeypa
 
 def test_a_page_gets_states_while_a_black_box_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
     go_on = threading.Event()
-    monkeypatch.setattr("umo.page.watched.newest_box", lambda *given: Box("x", f"read: {go_on.wait(PATIENCE)}"))
+    monkeypatch.setattr("umo.page.watched.newest_box", lambda *given: BoxInWords("x", f"read: {go_on.wait(PATIENCE)}"))
     monkeypatch.setattr("umo.page.feed.AROUND", 0.01)
     with running() as step, serving() as served, opened(served.socket) as client:
         client.get("description")
@@ -182,25 +183,24 @@ def test_a_page_that_nothing_can_be_sent_to_any_longer_is_closed(monkeypatch: py
             again.get("description")
 
 
-def test_a_page_whose_hand_cannot_be_closed_is_sent_nothing_any_longer(monkeypatch: pytest.MonkeyPatch) -> None:
-    ended: list[bool] = []
-    real = Session._send_all
+def test_a_page_whose_hand_cannot_be_closed_harms_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    closed: list[bool] = []
 
-    async def sending(session: Session) -> None:
-        try:
-            await real(session)
-        finally:
-            ended.append(True)
+    class Stuck(PageHand):
+        async def close(self) -> None:
+            await super().close()
+            closed.append(True)
+            raise ZeroDivisionError
 
-    async def broken(session: Session) -> None:
-        raise ZeroDivisionError
-
-    monkeypatch.setattr(Session, "_send_all", sending)
-    monkeypatch.setattr(Session, "_drop_hand", broken)
+    monkeypatch.setattr("umo.page.session.PageHand", Stuck)
     with running(), serving() as served:
         with opened(served.socket) as client:
             client.get("description")
-        eventually(lambda: ended)
+            client.send(type="command", id=1, do="lease")
+            client.get("answer")
+        eventually(lambda: closed)
+        with opened(served.socket) as other:
+            other.get("state")
 
 
 def test_a_page_may_ask_for_a_bounded_number_of_answers(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -314,14 +314,13 @@ def test_a_ring_that_cannot_be_read_is_dropped_and_the_others_go_on(
     assert capfd.readouterr().err.count("is not shown: IndexError: no such row") == 1
 
 
-@pytest.mark.parametrize("method", ["_take_state", "_events"])
 def test_a_run_whose_state_cannot_be_told_is_dropped_and_the_page_goes_on(
-    client: Client, monkeypatch: pytest.MonkeyPatch, method: str
+    client: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def broken(watched: Watched) -> list[Any]:
+    def broken(reader: Reader, start: int = 0) -> list[Any]:
         raise ValueError("7 is not a valid CommandState")
 
-    monkeypatch.setattr(Watched, method, broken)
+    monkeypatch.setattr(Reader, "events", broken)
     with running("press"):
         client.get("description")
         assert client.get("stations")["stations"] == []

@@ -83,7 +83,7 @@ def view(
     ] = None,
     key: Annotated[Path | None, typer.Option(metavar="FILE.key", help="Private key of the certificate.")] = None,
 ) -> None:
-    """Show running stations in a browser: scope, machine, twin, hands. Prints the address, which carries a token.
+    """Show running stations in a browser: scope, machine, twin, operate. Prints the address, which carries a token.
 
     The page is served by a process of its own, which reads the frames: it does not disturb the station. It listens
     on loopback, where pages may command (tab Hands), and needs the token everywhere. At another address (--host) the

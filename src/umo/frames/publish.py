@@ -16,8 +16,8 @@ from umo.cycle.machine import ConnectedMachine
 from umo.cycle.phases import Phases
 from umo.cycle.stage import Stage
 from umo.errors import FramesError
-from umo.frames.ending import tell_end
 from umo.frames.folder import new_path
+from umo.frames.last_event import tell_end
 from umo.frames.layout import Layout, describe_objects, describe_signals
 from umo.frames.memory import Ends
 from umo.frames.ring import Ring

@@ -18,7 +18,7 @@ SAME = ("pid", "started", "started_monotonic")
 """Facts that a run and its black boxes have in common, and no other run has."""
 
 
-class Box(NamedTuple):
+class BoxInWords(NamedTuple):
     """A black box in words."""
 
     name: str = ""
@@ -28,7 +28,7 @@ class Box(NamedTuple):
     """Why it was written."""
 
 
-def newest_box(about: Mapping[str, Any], known: Box) -> Box:
+def newest_box(about: Mapping[str, Any], known: BoxInWords) -> BoxInWords:
     """The newest black box of the run that `about` describes; `known` where nothing is newer. It opens files and may
     compute for some 10 ms: call it in a thread."""
     try:
@@ -58,7 +58,7 @@ def _run_of(path: Path) -> tuple[Any, ...] | None:
         return None
 
 
-def _read(path: Path) -> Box:
+def _read(path: Path) -> BoxInWords:
     """When and why it was written, and the causes of the last missed periods in it."""
     try:
         with Reader(path) as reader:
@@ -70,6 +70,6 @@ def _read(path: Path) -> Box:
             if len(verdicts) > 1:
                 counts = ", ".join(f"{cause} {count}" for cause, count in tally(verdicts).items())
                 lines.append(f"all {len(verdicts)} occasions: {counts}")
-            return Box(path.name, "\n".join(lines), reason)
+            return BoxInWords(path.name, "\n".join(lines), reason)
     except Exception as error:  # of a damaged file: whatever json, struct, numpy, mmap raise
-        return Box(path.name, f"{path.name} cannot be read ({type(error).__name__})")
+        return BoxInWords(path.name, f"{path.name} cannot be read ({type(error).__name__})")

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from umo.cycle.events import CommandState, Event
 from umo.latency import blackbox
-from umo.page.box_words import Box
+from umo.page.box_words import BoxInWords
 from umo.system.record import Ended, standing
 
 UNKNOWN = "it ended without a word: all of its processes were killed"
@@ -21,7 +21,7 @@ class Ending(NamedTuple):
     text: str
 
 
-def ending_of(about: Mapping[str, Any], last: Event | None, box: Box) -> Ending | None:
+def ending_of(about: Mapping[str, Any], last: Event | None, box: BoxInWords) -> Ending | None:
     """How the run ended that `about` describes; None: nothing tells it. `last` is its event of the end. It reads
     records: call it in a thread; again after a while, as the guardian may still be resetting."""
     stands = _record(about)

@@ -21,7 +21,7 @@ from starlette.requests import cookie_parser
 from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from umo.page.certificate import covers
+from umo.page.certified_names import covers
 from umo.page.strangers import Visit
 
 WRONG_TAKES = 0.5

@@ -25,7 +25,7 @@ from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
 
 from umo.page import strangers, twin
-from umo.page.certificate import names_in
+from umo.page.certified_names import names_in
 from umo.page.feed import Feed
 from umo.page.guard import Guard
 from umo.page.live import Stretch, made

@@ -13,11 +13,11 @@ import numpy as np
 from umo.cycle.commands import IN_HAND
 from umo.cycle.events import Event
 from umo.frames import Reader, Stage
-from umo.frames.ending import is_end
 from umo.frames.frames_table import progress_of
 from umo.frames.history import History
+from umo.frames.last_event import is_end
 from umo.objects import Quality
-from umo.page.box_words import Box, newest_box
+from umo.page.box_words import BoxInWords, newest_box
 from umo.page.ending import UNKNOWN, Ending, ending_of
 from umo.text import printable
 
@@ -51,7 +51,7 @@ class Watched:
         """Of the state: the next one is made when a page asks for it."""
         self._taken = 0
         """The number of the state that was made last."""
-        self.box = Box()
+        self.box = BoxInWords()
         """The newest black box of this run."""
         self.ending: Ending | None = None
         """How the run ended; None: it has not, or that is still being found out."""

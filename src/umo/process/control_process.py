@@ -23,7 +23,7 @@ from umo.cycle.stopping import SIGNALS, TimeLimit, request_stop
 from umo.errors import FramesError, StopError
 from umo.frames import Ring, published
 from umo.frames.cells import Cells
-from umo.frames.ending import tell
+from umo.frames.last_event import tell
 from umo.frames.memory import Ends
 from umo.frames.server import FrameServer
 from umo.objects import Compound, DigitalSensor

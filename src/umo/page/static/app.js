@@ -3,51 +3,77 @@
 import { address, el, setText, store } from "./dom.js";
 import { Feed } from "./feed.js";
 import { Hand, words } from "./hand.js";
+import { forbidden, statusOf } from "./status.js";
+import { nextTab } from "./tabs.js";
 
+/** @type {Record<string, () => Promise<Page.View>>} */
 const VIEWS = {
   scope: () => import("./scope.js"), machine: () => import("./machine.js"),
-  twin: () => import("./twin.js"), hands: () => import("./hands.js"),
+  twin: () => import("./twin.js"), operate: () => import("./operate.js"),
 };
-const SILENT = 1;  // s without news, after which the page says so
+
+/** @template {HTMLElement} T @param {string} selector @returns {T} */
+const byName = (selector) => /** @type {T} */ (document.querySelector(selector));
 
 const feed = new Feed();
 const hand = new Hand(feed);
-const main = document.querySelector("#view");
-const notice = document.querySelector("#notice");
-const summary = document.querySelector("#summary");
-const stop = document.querySelector("#stop");
-let mounted = null;  // {name, run, module}
+const main = byName("#view");
+const status = byName("#status");
+const notice = byName("#notice");
+const summary = byName("#summary");
+const reasons = byName("#forbidden");
+const spoken = byName("#spoken");  // what is told; the seconds beside it change all the time
+const seconds = byName("#seconds");
+/** @type {HTMLButtonElement} */
+const acknowledge = byName("#acknowledge");
+/** @type {HTMLButtonElement} */
+const stop = byName("#stop");
+/** @type {HTMLButtonElement[]} */
+const tabs = [...document.querySelectorAll("button")].filter((button) => button.dataset.view);
+/** @type {{name: string, run: string | null, view: Page.View} | null} */
+let mounted = null;
 let asked = 0;
+/** @type {{name: string | null, run: string | null} | null} */
 let lastRun = null;
 
 function viewName() {
-  const name = address.get("view");
+  const name = address.get("view") ?? "";
   return Object.hasOwn(VIEWS, name) ? name : "scope";
 }
 
 /** Show the view of the address, or the list of stations if none is chosen. */
 async function show() {
   const name = feed.description ? viewName() : "stations";
-  for (const tab of document.querySelectorAll("[data-view]")) {
-    tab.setAttribute("aria-selected", String(tab.dataset.view === name));
+  for (const tab of tabs) {
+    const chosen = tab.dataset.view === name;
+    tab.setAttribute("aria-selected", String(chosen));
+    tab.tabIndex = chosen ? 0 : -1;
     tab.disabled = !feed.description;
   }
   const turn = ++asked;  // another view that is still being loaded is not shown any more
   if (mounted?.name === name && mounted.run === feed.run && name !== "stations") return;
-  const module = name === "stations" ? { mount: mountStations, unmount() {} } : await VIEWS[name]().catch(() => null);
-  if (turn !== asked || !module) return;  // the server has gone in between: shown again when it is back
-  mounted?.module.unmount();
-  const element = el("section", { className: name, "aria-label": name });
+  const view = name === "stations" ? { mount: mountStations, unmount() {} } : await VIEWS[name]().catch(() => null);
+  if (turn !== asked || !view) return;  // the server has gone in between: shown again when it is back
+  mounted?.view.unmount();
+  const element = el("section", { className: name });
   main.replaceChildren(element);
-  mounted = { name, run: feed.run, module };
-  module.mount(element, feed, hand);
+  if (name === "stations") {
+    main.removeAttribute("role");
+    main.removeAttribute("aria-labelledby");
+  } else {
+    main.setAttribute("role", "tabpanel");
+    main.setAttribute("aria-labelledby", `tab-${name}`);
+  }
+  mounted = { name, run: feed.run, view };
+  view.mount(element, feed, hand);
 }
 
-/** The list of running stations, and what to type if there is none. */
+/** The list of running stations, and what to type if there is none. @param {HTMLElement} element */
 function mountStations(element) {
-  const lines = feed.stations.map((station) => el("li", {}, el("button", {
-    textContent: `${station.name}${station.wiring ? ` (${station.wiring})` : ""}: ${station.stage}`,
-    onclick: () => choose(station.name),
+  const lines = feed.stations.map(({ name, wiring, stage, ending }) => el("li", {}, el("button", {
+    className: ending?.failed ? "failed" : "",
+    textContent: `${name}${wiring ? ` (${wiring})` : ""}: ${ending ? `${ending.failed ? "failed" : "ended"}: ${ending.text}` : stage}`,
+    onclick: () => choose(name),
   })));
   if (lines.length) element.append(el("h2", { textContent: "Stations" }), el("ul", {}, ...lines));
   const missing = feed.wanted && !feed.stations.some(({ name }) => name === feed.wanted);
@@ -58,25 +84,27 @@ function mountStations(element) {
   element.append(el("p", { textContent: "It appears here by itself." }));
 }
 
+/** @param {string} name */
 function choose(name) {
-  address.set({ station: name, traces: null });
+  address.set({ station: name, traces: null, colours: null });
   feed.watch(name);
 }
 
+/** What is wrong, or how the run ended, in place of the summary: the views do not move. */
 function say() {
-  const stage = feed.state?.stage;
-  let text = "";
-  if (!feed.connected) {
-    text = "The connection to the server is lost. The page tries again by itself.";
-    if (feed.refused) text = "The server refuses this page. Open the address that `umo view` has printed.";
-  } else if (stage === "ended") text = `${feed.station} has ended. The page waits for it to start again.`;
-  else if (feed.description && feed.unheard > SILENT) text = `Nothing heard from the server for ${feed.unheard.toFixed(0)} s.`;
-  else if (feed.state?.silent > SILENT) text = `No new frame for ${feed.state.silent.toFixed(0)} s.`;
-  setText(notice, text);
+  const { connected, refused, unheard, station, state } = feed;
+  const { kind, text, seconds: since } = statusOf({ connected, refused, unheard, station, state });
+  status.className = kind;
+  setText(spoken, text);
+  setText(seconds, since);
+  notice.title = text;
   notice.hidden = !text;
-  document.body.classList.toggle("stale", Boolean(text));
+  summary.hidden = Boolean(text);
+  document.body.classList.toggle("stale", kind === "warn");
+  document.body.classList.toggle("ended", feed.ended);
 }
 
+/** @param {string} text */
 function announce(text) {
   const toast = el("div", { className: "toast", role: "status", textContent: text });
   document.body.append(toast);
@@ -84,14 +112,21 @@ function announce(text) {
 }
 
 function onState() {
-  const { progress, missed, mode } = feed.state;
+  const { state } = feed;
+  if (!state) return;
+  const { progress, missed, mode } = state;
   const [text = "", done = 0, total = 0] = progress ?? [];
   const parts = [feed.station, text + (total ? `, ${done} of ${total}` : ""), `missed ${missed}`];
   if (mode) parts.push(mode);
   if (hand.holder) parts.push(`lease: ${hand.leased ? "you" : hand.holder}`);
   setText(summary, parts.filter(Boolean).join(" · "));
+  const why = forbidden(state.inhibited).map((reason) => `⊘ ${reason}`).join("; ");
+  setText(reasons, why);
+  reasons.title = why;
+  acknowledge.hidden = !why || !hand.possible || feed.ended;
+  acknowledge.disabled = !hand.leased;
   document.title = `${feed.station} · umo`;
-  stop.hidden = !hand.possible || feed.state.stage === "ended";
+  stop.hidden = !hand.possible || feed.ended;
   say();
 }
 
@@ -101,7 +136,7 @@ feed.on("connection", () => {
   if (feed.connected && lastRun) announce("The connection to the server is back.");
 });
 feed.on("server", () => {
-  feed.wanted ??= feed.server.station;
+  feed.wanted ??= feed.server?.station ?? null;
 });
 feed.on("stations", () => { if (!feed.description) show(); });
 feed.on("description", () => {
@@ -110,28 +145,41 @@ feed.on("description", () => {
     lastRun = { name: feed.station, run: feed.run };
   } else {
     setText(summary, "");
-    stop.hidden = true;
+    setText(reasons, "");
+    stop.hidden = acknowledge.hidden = true;
   }
   say();
   show();
 });
 
-for (const tab of document.querySelectorAll("[data-view]")) {
+for (const [place, tab] of tabs.entries()) {
   tab.onclick = () => {
-    address.set({ view: tab.dataset.view });
+    address.set({ view: tab.dataset.view ?? null });
     show();
   };
+  tab.onkeydown = (event) => {
+    const next = nextTab(event.key, place, tabs.length);
+    if (next === null) return;
+    event.preventDefault();
+    tabs[next].focus();
+    tabs[next].click();
+  };
 }
-document.querySelector("#home").onclick = (event) => {
+byName("#home").onclick = (event) => {
   event.preventDefault();
-  address.set({ station: null, traces: null });
+  address.set({ station: null, traces: null, colours: null });
   feed.watch("");
 };
-stop.onclick = async () => {
-  const answer = await hand.ask({ do: "stop" }, `stop ${feed.station}`);
+
+/** A command from the header; what comes of it is said. @param {{do: string, path?: string}} message @param {string} what */
+async function command(message, what) {
+  const answer = await hand.ask(message, what);
   if (answer.state !== "done") announce(words(hand.asked[0]));
-};
-document.querySelector("#theme").onclick = () => {
+}
+
+stop.onclick = () => command({ do: "stop" }, `stop ${feed.station}`);
+acknowledge.onclick = () => command({ do: "acknowledge", path: "" }, "acknowledge");
+byName("#theme").onclick = () => {
   const dark = getComputedStyle(document.documentElement).colorScheme.includes("dark");
   const theme = dark ? "light" : "dark";
   document.documentElement.dataset.theme = theme;
@@ -147,8 +195,9 @@ window.addEventListener("hashchange", () => {
   }
 });
 document.addEventListener("keydown", (event) => {
-  if (event.target.matches("input, select, textarea") || event.ctrlKey || event.metaKey || event.altKey) return;
-  const tab = document.querySelectorAll("[data-view]")[Number(event.key) - 1];
+  const target = /** @type {Element} */ (event.target);
+  if (target.matches("input, select, textarea") || event.ctrlKey || event.metaKey || event.altKey) return;
+  const tab = tabs[Number(event.key) - 1];
   if (tab && !tab.disabled) tab.click();
 });
 

@@ -1,17 +1,18 @@
 /** The points of a scope: those of the server's messages put together. */
 
 export class Buffer {
+  /** @param {number} traces  How many. */
   constructor(traces) {
     this.times = new Float64Array(0);
     this.low = Array.from({ length: traces }, () => new Float64Array(0));
     this.high = this.low;
   }
 
-  /** Replace what is at or after `from` by new points; drop what is before `oldest`. */
+  /** Replace what is at or after `from` by new points; drop what is before `oldest`. @param {Page.Points} points */
   take({ from, times, low, high }, oldest = -Infinity) {
     const keep = from < 0 ? 0 : lowerBound(this.times, from);
     const first = Math.min(Math.max(0, lowerBound(this.times, oldest) - 1), keep);
-    const join = (old, added) => {
+    const join = (/** @type {Float64Array} */ old, /** @type {Float64Array} */ added) => {
       const all = new Float64Array(keep - first + added.length);
       all.set(old.subarray(first, keep));
       all.set(added, keep - first);
@@ -25,7 +26,7 @@ export class Buffer {
 
   get last() { return this.times.length ? this.times[this.times.length - 1] : null; }
 
-  /** The middle of the least and greatest value of a trace at a time; null: none. */
+  /** The middle of the least and greatest value of a trace at a time; null: none. @param {number} trace @param {number} time */
   at(trace, time) {
     const index = Math.min(lowerBound(this.times, time), this.times.length - 1);
     if (index < 0) return null;
@@ -35,7 +36,7 @@ export class Buffer {
   }
 }
 
-/** The index of the first time that is not before `time`. */
+/** The index of the first time that is not before `time`. @param {ArrayLike<number>} times @param {number} time */
 export function lowerBound(times, time) {
   let low = 0;
   let high = times.length;
@@ -47,7 +48,7 @@ export function lowerBound(times, time) {
   return low;
 }
 
-/** For a line through the least and the greatest value of each point: every point twice. */
+/** For a line through the least and the greatest value of each point: every point twice. @param {Float64Array} low @param {Float64Array} high */
 export function doubled(low, high) {
   if (low === high) return withGaps(low);
   const all = new Float64Array(2 * low.length);
@@ -58,7 +59,7 @@ export function doubled(low, high) {
   return withGaps(all);
 }
 
-/** uPlot draws a gap where there is null. */
+/** uPlot draws a gap where there is null. @param {Float64Array} numbers */
 function withGaps(numbers) {
   for (let i = 0; i < numbers.length; i++) {
     if (Number.isNaN(numbers[i])) return Array.from(numbers, (value) => (Number.isNaN(value) ? null : value));

@@ -1,136 +1,135 @@
-/** Controls made from the declarations: actuators, actions, jogs, tunable numbers. */
+/** Controls made from the declarations: actuators, actions, jogs, tunable numbers, sensors. */
 
-import { el, isBinary, setText, shortNumber, shown, unitOf } from "./dom.js";
+import { el, isBinary, setText, shown } from "./dom.js";
+import { NumberInput, plain } from "./number.js";
+import { shownQuality } from "./quality.js";
 
-const SLIDER = 500;  // steps
+/**
+ * @typedef {import("./feed.js").Feed} Feed
+ * @typedef {import("./hand.js").Hand} Hand
+ */
+
 const OFTEN = 100;  // ms between two values of a slider that is moved
 const LET_GO = ["pointerup", "pointercancel", "keyup"];  // end a jog wherever they happen: its button may be gone
 const JOG = 0.1;  // of the range: the first value of a jog
 
+/** @param {string} path */
 const name = (path) => path.slice(path.lastIndexOf(".") + 1);
-const bounded = (about) => Number.isFinite(about.minimum) && Number.isFinite(about.maximum);
-const plain = (value) => shortNumber(value).replace(/\.0$/, "");
-const span = (about) => (bounded(about) ? `${plain(about.minimum)} to ${plain(about.maximum)}` : "");
+/** @param {string} text */
 const sentence = (text) => text.split(/(?<=\.) /)[0].replaceAll("`", "");
 
-/** A number field; what is outside of the range is refused by the machine, in its words. */
-function field(about, label, value = "", placeholder = span(about).replace(" to ", "…")) {
-  return el("input", { type: "number", step: "any", value, placeholder, title: [span(about), about.unit].filter(Boolean).join(" "), "aria-label": label });
-}
-
-/** An input with the name and the unit of what it gives. */
-const labelled = (about, input) => el("label", {}, `${about.name} `, input, about.unit && el("span", { className: "unit", textContent: about.unit }));
-
-/** A slider over the range of a number; null if it has no range. */
-function slider(about, label, listeners) {
-  if (!bounded(about)) return null;
-  const step = (about.maximum - about.minimum) / SLIDER || "any";
-  return el("input", { type: "range", min: about.minimum, max: about.maximum, step, "aria-label": `${label}, slider`, ...listeners });
-}
-
-/** A slider between the ends of its range. */
-const between = (about, input) => input && el("div", { className: "range" }, el("small", { textContent: plain(about.minimum) }), input, el("small", { textContent: plain(about.maximum) }));
-
-const isBusy = (input) => input && document.activeElement === input;
-
-/** One actuator: named states, or a slider and a field; kept up until it is released. */
+/** One actuator: named states, or a number; kept up until it is released. */
 export class ActuatorControl {
+  /** @param {Hand} hand @param {Page.Entry} entry */
   constructor(hand, entry) {
     this._hand = hand;
     this._entry = entry;
     this.path = entry.path;
-    this._value = el("output", {});
+    /** @type {ReturnType<typeof setTimeout> | null} */
+    this._timer = null;
+    this._newest = 0;
     this._release = el("button", { textContent: "Release", type: "button", title: "Send the default; the program may write it again", onclick: () => this._letGo() });
-    this._inputs = isBinary(entry) ? this._states() : this._numbers();
+    this._number = isBinary(entry) ? null : new NumberInput(entry, entry.path, { slide: (value) => this._slid(value) });
+    this._buttons = this._number ? [el("button", { textContent: "Set", type: "submit" })] : this._states();
     this._reason = el("small", { className: "reason" });
-    this.element = el("form", { className: "control actuator", "data-control": entry.path, noValidate: true, onsubmit: (event) => this._submitted(event) },
-      el("span", { className: "label", textContent: name(entry.path) }), this._value,
-      ...this._inputs.filter((input) => input !== this._slider), this._release, between(entry, this._slider), this._reason);
+    this.element = el("form", { className: "control actuator", "data-control": entry.path, noValidate: true, onsubmit: (/** @type {Event} */ event) => this._submitted(event) },
+      el("span", { className: "label" }, name(entry.path), this._reason), this._number?.element, ...this._buttons, this._release);
   }
 
   _states() {
-    const states = [this._entry.zero, this._entry.one];
+    const states = [this._entry.zero ?? "", this._entry.one ?? ""];
     return states.map((state) => el("button", { textContent: state, type: "button", "data-state": state, "aria-pressed": "false", onclick: () => this._write(state) }));
   }
 
-  _numbers() {
-    this._field = field(this._entry, this.path);
-    this._slider = slider(this._entry, this.path, { oninput: () => this._moved() });
-    return [this._field, el("button", { textContent: "Set", type: "submit" }), this._slider].filter(Boolean);
-  }
-
+  /** @param {Event} event */
   _submitted(event) {
     event.preventDefault();
-    if (this._field && this._field.value !== "") this._write(Number(this._field.value));
+    const value = this._number?.value ?? null;
+    if (value !== null) this._write(value);
   }
 
-  /** The slider is moved: its newest value every `OFTEN` ms. */
-  _moved() {
-    this._field.value = shortNumber(Number(this._slider.value));
+  /** The slider is moved: its newest value every `OFTEN` ms. @param {number} value */
+  _slid(value) {
+    this._newest = value;
     this._timer ??= setTimeout(() => {
       this._timer = null;
-      if (this._hand.leased && this.element.isConnected) this._write(Number(this._slider.value));
+      if (this._hand.leased && this.element.isConnected) this._write(this._newest);
     }, OFTEN);
   }
 
+  /** @param {number | string} value */
   async _write(value) {
     const before = this._hand.holds(this.path);
     this._hand.hold(this.path);
+    this._number?.taken();
     const answer = await this._hand.ask({ do: "write", path: this.path, value }, `${this.path} = ${value}`);
     if (answer.state !== "done" && !before) this._hand.letGo(this.path);
   }
 
   _letGo() {
-    clearTimeout(this._timer);
+    if (this._timer) clearTimeout(this._timer);
     this._timer = null;
     this._hand.letGo(this.path);
     this._hand.ask({ do: "let go", path: this.path }, `release ${this.path}`);
   }
 
+  /** @param {Feed} feed */
   refresh(feed) {
     const value = feed.latest(this.path)?.value ?? null;
-    if (!isBinary(this._entry)) setText(this._value, shown(this._entry, value));  // the pressed button is the state
-    const reason = feed.state.inhibited?.[this.path] ?? "";
-    setText(this._reason, reason);
+    const reason = feed.state?.inhibited?.[this.path] ?? "";
+    setText(this._reason, reason && "⊘ inhibited");
+    this._reason.title = reason;
+    this.element.classList.toggle("inhibited", Boolean(reason));
     const enabled = this._hand.leased && this._hand.manual;
-    for (const input of this._inputs) input.disabled = !enabled;
+    for (const button of this._buttons) button.disabled = !enabled;
+    this._number?.enable(enabled);
     this._release.disabled = !(enabled && this._hand.holds(this.path));
-    for (const button of this.element.querySelectorAll("[data-state]")) {
+    for (const button of this._number ? [] : this._buttons) {
       const on = value !== null && button.dataset.state === (value > 0.5 ? this._entry.one : this._entry.zero);
       button.setAttribute("aria-pressed", String(on));
     }
-    if (value === null || isBinary(this._entry) || this._timer) return;
-    if (this._slider && !isBusy(this._slider)) this._slider.value = value;
-    if (!isBusy(this._field) && !isBusy(this._slider)) this._field.value = plain(value);
+    if (!this._timer) this._number?.show(value);
   }
 }
 
+/** An input with the name of what it gives. @param {Page.Argument} about @param {Node} input */
+const labelled = (about, input) => el("label", {}, `${about.name} `, input);
+
 /** One input for each argument of an action. */
 class Arguments {
+  /** @param {Page.Action} action @param {(about: Page.Argument) => boolean} only */
   constructor(action, only = () => true) {
+    /** @type {Map<Page.Argument, NumberInput | HTMLInputElement | HTMLSelectElement>} */
     this._inputs = new Map(action.arguments.filter(only).map((about) => [about, this._input(action, about)]));
-    this.elements = [...this._inputs].map(([about, input]) => labelled(about, input));
-    this.all = [...this._inputs.values()];
+    this.elements = [...this._inputs].map(([about, input]) => labelled(about, input instanceof NumberInput ? input.element : input));
   }
 
+  /** @param {Page.Action} action @param {Page.Argument} about */
   _input(action, about) {
     const label = `${action.path} ${about.name}`;
-    const value = about.default ?? "";
-    if (about.kind === "choice") return el("select", { "aria-label": label }, ...about.choices.map((choice) => el("option", { textContent: choice, selected: choice === value })));
+    const value = /** @type {any} */ (about.default ?? "");
+    if (about.kind === "choice") return el("select", { "aria-label": label }, ...(about.choices ?? []).map((choice) => el("option", { textContent: choice, selected: choice === value })));
     if (about.kind === "bool") return el("input", { type: "checkbox", checked: Boolean(value), "aria-label": label });
     if (about.kind === "text") return el("input", { type: "text", value, "aria-label": label });
-    return field(about, label, value);
+    return new NumberInput(about, label, { value });
+  }
+
+  /** @param {boolean} enabled */
+  enable(enabled) {
+    for (const input of this._inputs.values()) {
+      if (input instanceof NumberInput) input.enable(enabled);
+      else input.disabled = !enabled;
+    }
   }
 
   /** What is given; an empty field is not. */
   values() {
+    /** @type {Record<string, unknown>} */
     const given = {};
     for (const [about, input] of this._inputs) {
-      if (about.default !== undefined && input.value === String(about.default)) continue;
-      if (about.kind === "bool") given[about.name] = input.checked;
-      else if (input.value !== "" || (about.kind === "text" && about.required)) {
-        given[about.name] = about.kind === "number" || about.kind === "integer" ? Number(input.value) : input.value;
-      }
+      const value = input instanceof NumberInput ? input.value : about.kind === "bool" ? /** @type {HTMLInputElement} */ (input).checked : input.value;
+      const empty = value === null || (value === "" && !(about.kind === "text" && about.required));
+      if (!empty && value !== about.default) given[about.name] = value;
     }
     return given;
   }
@@ -138,16 +137,18 @@ class Arguments {
 
 /** An action that is called: its button, its arguments, and a way to cancel it while it runs. */
 export class ActionControl {
+  /** @param {Hand} hand @param {Page.Action} action */
   constructor(hand, action) {
     this._hand = hand;
     this._action = action;
     this._arguments = new Arguments(action);
     this._call = el("button", { textContent: name(action.path), title: action.help, type: "submit" });
-    this._cancel = el("button", { textContent: "Cancel", type: "button", hidden: true, onclick: () => hand.ask({ do: "cancel", path: action.path }) });
-    this.element = el("form", { className: "control action", "data-control": action.path, noValidate: true, onsubmit: (event) => this._submitted(event) },
+    this._cancel = el("button", { textContent: "Cancel", type: "button", className: "cancel", onclick: () => hand.ask({ do: "cancel", path: action.path }) });
+    this.element = el("form", { className: "control action", "data-control": action.path, noValidate: true, onsubmit: (/** @type {Event} */ event) => this._submitted(event) },
       this._call, ...this._arguments.elements, this._cancel, el("small", { textContent: sentence(action.help), title: action.help }));
   }
 
+  /** @param {Event} event */
   _submitted(event) {
     event.preventDefault();
     const given = this._arguments.values();
@@ -157,30 +158,31 @@ export class ActionControl {
 
   refresh() {
     const enabled = this._hand.allows(this._action);
-    for (const input of [this._call, ...this._arguments.all]) input.disabled = !enabled;
+    this._call.disabled = !enabled;
+    this._arguments.enable(enabled);
     const begun = this._hand.asked.some(({ path, state }) => path === this._action.path && state === "begun");
-    this._cancel.hidden = !begun;
-    this._cancel.disabled = !this._hand.leased;
+    this._cancel.classList.toggle("away", !begun);  // its room stays: nothing moves under a button that is held
+    this._cancel.disabled = !begun || !this._hand.leased;
   }
 }
 
 /** An action that lasts while its button is held. With a range on both sides of 0: one button for each direction. */
 export class JogControl {
+  /** @param {Hand} hand @param {Page.Action} action */
   constructor(hand, action) {
     this._hand = hand;
     this._action = action;
     this._about = action.arguments.find(({ kind }) => kind === "number") ?? null;
     this._others = new Arguments(action, (about) => about !== this._about);
-    this._buttons = this._about && this._about.minimum < 0 ? [this._button("−", -1), this._button("+", 1)] : [this._button("Hold", 1)];
-    this._speed = this._about && field(this._about, `${action.path} ${this._about.name}`, this._first());
+    this._buttons = (this._about?.minimum ?? 0) < 0 ? [this._button("−", -1), this._button("+", 1)] : [this._button("Hold", 1)];
+    this._speed = this._about && new NumberInput(this._about, `${action.path} ${this._about.name}`, { value: first(this._about) });
     this.element = el("div", { className: "control jog", "data-control": action.path },
       el("span", { className: "label", textContent: name(action.path) }), ...this._buttons,
-      this._speed && labelled(this._about, this._speed),
+      this._about && this._speed && labelled(this._about, this._speed.element),
       ...this._others.elements, el("small", { textContent: "Hold the button.", title: action.help }));
   }
 
-  _first() { return Number.isFinite(this._about.maximum) ? Number((JOG * this._about.maximum).toPrecision(2)) : ""; }
-
+  /** @param {string} textContent @param {number} sign */
   _button(textContent, sign) {
     const start = () => this._start(sign);
     const button = el("button", { textContent, "aria-label": `${this._action.path} ${textContent}`, "data-sign": sign });
@@ -199,11 +201,13 @@ export class JogControl {
     return button;
   }
 
+  /** @param {number} sign */
   async _start(sign) {
     const { path } = this._action;
     if (this._hand.holds(path)) return;
     const given = this._others.values();
-    if (this._about && this._speed.value !== "") given[this._about.name] = sign * Number(this._speed.value);
+    const speed = this._speed?.value ?? null;
+    if (this._about && speed !== null) given[this._about.name] = sign * Math.abs(speed);
     this._hand.hold(path, { jog: this._stop, lost: () => this._mark(null) });
     this._mark(sign);
     for (const kind of LET_GO) window.addEventListener(kind, this._stop);
@@ -224,60 +228,86 @@ export class JogControl {
     this._mark(null);
   }
 
+  /** @param {number | null} sign */
   _mark(sign) { for (const button of this._buttons) button.classList.toggle("held", Number(button.dataset.sign) === sign); }
 
   refresh() {
     const enabled = this._hand.allows(this._action);
     for (const button of this._buttons) button.disabled = !enabled;
-    if (this._speed) this._speed.disabled = !enabled;
-    for (const input of this._others.all) input.disabled = !enabled;
+    this._speed?.enable(enabled);
+    this._others.enable(enabled);
   }
 }
 
-/** A tunable number: its present value, and a new one. */
+/** @param {Page.Argument} about */
+const first = ({ maximum }) => (maximum !== undefined && Number.isFinite(maximum) ? Number((JOG * maximum).toPrecision(2)) : "");
+
+/** A tunable number, and the way back to what it was before. */
 export class TunableControl {
+  /** @param {Hand} hand @param {Page.Tunable} about */
   constructor(hand, about) {
     this._hand = hand;
     this._about = about;
-    this._value = el("output", {});
-    this._field = field(about, about.path, "", bounded(about) ? "" : "new value");
-    this._slider = slider(about, about.path, { onchange: () => this._tune(Number(this._slider.value)) });
+    this._number = new NumberInput(about, about.path, { slide: (value, done) => { if (done) this._tune(value); } });
     this._set = el("button", { textContent: "Set", type: "submit" });
-    this.element = el("form", { className: "control tunable", "data-control": about.path, noValidate: true, onsubmit: (event) => this._submitted(event) },
-      el("span", { className: "label", textContent: about.name }), this._value, this._field, this._set, between(about, this._slider));
+    this._undo = el("button", { textContent: "Undo", type: "button", onclick: () => this._back() });
+    this.element = el("form", { className: "control tunable", "data-control": about.path, noValidate: true, onsubmit: (/** @type {Event} */ event) => this._submitted(event) },
+      el("span", { className: "label", textContent: about.name }), this._number.element, this._set, this._undo);
   }
 
+  /** @param {Event} event */
   _submitted(event) {
     event.preventDefault();
-    if (this._field.value !== "") this._tune(Number(this._field.value));
+    if (this._number.value !== null) this._tune(this._number.value);
   }
 
+  /** @param {number} value */
   async _tune(value) {
     const { path } = this._about;
+    const before = this._hand.feed.state?.tuned?.[path] ?? null;
     const { state } = await this._hand.ask({ do: "tune", path, value }, `${path} = ${plain(value)}`);
-    if (state === "done") this._field.value = "";
+    if (state !== "done") return;
+    this._number.taken();
+    if (before !== null && before !== value) this._hand.tuned.push(path, before);
   }
 
+  /** To the value before the last change by this page. */
+  async _back() {
+    const { path } = this._about;
+    const value = this._hand.tuned.last(path);
+    if (value === null) return;
+    const { state } = await this._hand.ask({ do: "tune", path, value }, `${path} = ${plain(value)} (undo)`);
+    if (state === "done") this._hand.tuned.pop(path);
+  }
+
+  /** @param {Feed} feed */
   refresh(feed) {
-    const value = feed.state.tuned?.[this._about.path] ?? null;
-    setText(this._value, `${plain(value)} ${unitOf(this._about)}`.trimEnd());
+    this._number.show(feed.state?.tuned?.[this._about.path] ?? null);
     const enabled = this._hand.leased;
-    for (const input of [this._set, this._field, this._slider]) if (input) input.disabled = !enabled;
-    if (this._slider && !isBusy(this._slider) && value !== null) this._slider.value = value;
+    this._set.disabled = !enabled;
+    this._number.enable(enabled);
+    const before = this._hand.tuned.last(this._about.path);
+    this._undo.disabled = !enabled || before === null;
+    this._undo.title = before === null ? "Nothing to undo" : `Back to ${plain(before)}`;
   }
 }
 
-/** A sensor beside the controls: its value. */
+/** A sensor beside the controls: its value, and its quality where that is not good. */
 export class SensorControl {
+  /** @param {Page.Entry} entry */
   constructor(entry) {
     this._entry = entry;
     this._value = el("output", {});
-    this.element = el("div", { className: "control sensor", "data-control": entry.path }, el("span", { className: "label", textContent: name(entry.path) }), this._value);
+    this._word = el("small", { className: "word" });
+    this.element = el("div", { className: "control sensor", "data-control": entry.path }, el("span", { className: "label", textContent: name(entry.path) }), this._word, this._value);
   }
 
+  /** @param {Feed} feed */
   refresh(feed) {
     const found = feed.latest(this._entry.path);
+    const { sign, word, kind } = shownQuality(found?.quality ?? 4, feed.description?.qualities ?? [], feed.ended);
     setText(this._value, shown(this._entry, found?.value ?? null));
-    this.element.classList.toggle("bad", (found?.quality ?? 4) >= 3);
+    setText(this._word, word ? `${sign} ${word}` : kind === "last" ? "last value" : "");
+    this.element.dataset.quality = kind;
   }
 }

@@ -1,22 +1,27 @@
 /** Small helpers: elements, numbers, the address. */
 
-/** An element with properties, attributes (`data-`, `aria-`, role) and children. */
+/**
+ * An element with properties, attributes (`data-`, `aria-`, role) and children.
+ * @template {keyof HTMLElementTagNameMap} T
+ * @param {T} tag @param {Record<string, unknown>} properties @param {(Node | string | null | undefined)[]} children
+ * @returns {HTMLElementTagNameMap[T]}
+ */
 export function el(tag, properties = {}, ...children) {
   const element = document.createElement(tag);
   for (const [name, value] of Object.entries(properties)) {
-    if (name in element && !name.includes("-") && name !== "list") element[name] = value;
-    else if (value !== null && value !== undefined) element.setAttribute(name, value);
+    if (name in element && !name.includes("-") && !["list", "role"].includes(name)) /** @type {any} */ (element)[name] = value;
+    else if (value !== null && value !== undefined) element.setAttribute(name, String(value));
   }
   element.append(...children.filter((child) => child !== null && child !== undefined));
   return element;
 }
 
-/** Set the text of an element if it differs: nothing is laid out again for nothing. */
+/** Set the text of an element if it differs: nothing is laid out again for nothing. @param {Element} element @param {string} text */
 export function setText(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
-/** A number in up to five significant digits. */
+/** A number in up to five significant digits. @param {number | null | undefined} value */
 export function shortNumber(value) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "-";
   const size = Math.abs(value);
@@ -25,28 +30,32 @@ export function shortNumber(value) {
   return String(Number(value.toPrecision(5)));
 }
 
+/** @param {{unit?: string} | null | undefined} entry */
 export const unitOf = (entry) => (!entry?.unit || entry.unit === "sampling_period" ? "" : entry.unit);
-export const isBinary = (entry) => Boolean(entry) && "one" in entry;
+/** @param {Page.Entry | null | undefined} entry */
+export const isBinary = (entry) => Boolean(entry && "one" in entry);
 
-/** The value of an object or signal with its unit, or its state. */
+/** The value of an object or signal with its unit, or its state. @param {Page.Entry} entry @param {number | null | undefined} value */
 export function shown(entry, value) {
-  if (isBinary(entry)) return value === null || value === undefined ? "-" : value > 0.5 ? entry.one : entry.zero;
+  if (isBinary(entry)) return (value === null || value === undefined ? "-" : value > 0.5 ? entry.one : entry.zero) ?? "-";
   const number = shortNumber(value);
   return number === "-" ? number : `${number} ${unitOf(entry)}`.trimEnd();
 }
 
-/** Seconds as `1.5 ms`, `12.3 s`, `2 min`. */
+/** Seconds as `1.5 ms`, `12.3 s`, `2 min`; null: never. @param {number | null} seconds */
 export function duration(seconds) {
   if (seconds === null) return "never";
   const size = Math.abs(seconds);
   if (size < 1e-3) return `${shortNumber(seconds * 1e6)} µs`;
   if (size < 1) return `${shortNumber(seconds * 1e3)} ms`;
-  return size < 120 ? `${seconds.toFixed(size < 10 ? 2 : 1)} s` : `${Math.round(seconds / 60)} min`;
+  return size < 120 ? `${Number(seconds.toFixed(size < 10 ? 2 : 1))} s` : `${Math.round(seconds / 60)} min`;
 }
 
 /** What is chosen, kept in the address after `#`. */
 export const address = {
+  /** @param {string} name */
   get(name) { return new URLSearchParams(location.hash.slice(1)).get(name); },
+  /** @param {Record<string, string | null>} values  null: not kept. */
   set(values) {
     const all = new URLSearchParams(location.hash.slice(1));
     for (const [name, value] of Object.entries(values)) {
@@ -59,21 +68,23 @@ export const address = {
 
 /** What is kept on this computer; nothing in a browser without storage. */
 export const store = {
+  /** @param {string} name */
   get(name) {
     try { return localStorage.getItem(`umo-${name}`) ?? ""; } catch { return ""; }
   },
+  /** @param {string} name @param {string} value */
   set(name, value) {
     try { localStorage.setItem(`umo-${name}`, value); } catch { /* no storage */ }
   },
 };
 
-/** The paths on the scope, as the address has them; null: nothing was chosen yet. */
+/** The paths on the scope, as the address has them; null: nothing was chosen yet. @returns {string[] | null} */
 export function tracesOfAddress() {
   const text = address.get("traces");
   return text === null ? null : text.split(",").filter(Boolean);
 }
 
-/** Offer a file for saving. */
+/** Offer a file for saving. @param {string} name @param {Blob} blob */
 export function save(name, blob) {
   const link = el("a", { href: URL.createObjectURL(blob), download: name });
   link.click();

@@ -3,11 +3,11 @@
 const RETRY = [250, 500, 1000, 2000];  // ms from one attempt to the next
 
 /**
- * @typedef {{times: Float64Array, low: Float64Array[], high: Float64Array[], from: number, trigger?: number,
- *   start?: number}} Points  Per trace the least and the greatest value of each point; NaN: no value.
+ * @typedef {"server" | "stations" | "description" | "state" | "connection"} Kind
+ * @typedef {{paths: string[], start: number, stop: number}} Stretch
  */
 
-/** The numbers of a binary message. @param {ArrayBuffer} buffer @returns {{head: object, points: Points}} */
+/** The numbers of a binary message. @param {ArrayBuffer} buffer @returns {{head: {id: number, window?: boolean}, points: Page.Points & {id: number}}} */
 export function unpack(buffer) {
   const length = new DataView(buffer).getUint32(0, true);
   const head = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
@@ -27,19 +27,37 @@ export function unpack(buffer) {
 export class Feed {
   constructor() {
     this.connected = false;
+    this.refused = false;
+    /** @type {Page.Server | null} */
     this.server = null;
+    /** @type {Page.Line[]} */
     this.stations = [];
-    /** Name of the run to show; "": the list of stations; null: what the server chooses. */
+    /** @type {string | null} Name of the run to show; "": the list of stations; null: what the server chooses. */
     this.wanted = null;
+    /** @type {Page.Description | null} */
     this.description = null;
+    /** @type {Page.State | null} */
     this.state = null;
+    /** @type {Page.Entry[]} Objects and signals. */
+    this.entries = [];
+    /** @type {number[]} Places in `entries` of what the last state has changed. */
+    this.changed = [];
+    /** @type {Map<string, number>} */
     this._index = new Map();
+    /** @type {number[][]} */
     this._values = [];
-    /** The last ones of the run, the newest last. */
+    /** @type {Page.Event[]} The last ones of the run, the newest last. */
     this.events = [];
+    /** @type {[number, number][]} When periods were missed, and how many. */
+    this.misses = [];
+    /** @type {Map<Kind, Set<() => void>>} */
     this._listeners = new Map();
+    /** @type {Map<number, {listener: (points: Page.Points) => void, begin: () => void}>} */
     this._subscriptions = new Map();
+    /** @type {Map<number, {resolve: (message: any) => void, reject: (error: Error) => void, onBegun: (message: any) => void}>} */
     this._waiting = new Map();
+    /** @type {WebSocket | null} */
+    this._socket = null;
     this._id = 0;
     this._attempt = 0;
     this._heard = 0;
@@ -47,6 +65,9 @@ export class Feed {
 
   /** Name of the run that is shown. */
   get station() { return this.description ? this.description.name : null; }
+
+  /** Whether the run that is shown is over: what is shown are its last values. */
+  get ended() { return this.state?.stage === "ended"; }
 
   /** Id of the run that is shown: it changes when the station is started again. */
   get run() { return this.description ? this.description.run : null; }
@@ -62,6 +83,7 @@ export class Feed {
     socket.onclose = ({ code }) => this._closed(code);
   }
 
+  /** @param {number} code */
   _closed(code) {
     const was = this.connected;
     this.connected = false;
@@ -74,13 +96,14 @@ export class Feed {
     setTimeout(() => this.start(), RETRY[Math.min(this._attempt++, RETRY.length - 1)]);
   }
 
+  /** @param {any} message */
   _text(message) {
-    const known = this[`_on_${message.type}`];
+    const known = /** @type {any} */ (this)[`_on_${message.type}`];
     if (known) known.call(this, message);
     else this._answer(message);
   }
 
-  /** The first message. Before it the server may still refuse this page: it closes the socket with 4401. */
+  /** The first message. Before it the server may still refuse this page: it closes the socket with 4401. @param {Page.Server} message */
   _on_server(message) {
     this.server = message;
     this._attempt = 0;
@@ -89,12 +112,14 @@ export class Feed {
     this._emit("connection");
   }
 
+  /** @param {{stations: Page.Line[]}} message */
   _on_stations({ stations }) {
     this.stations = stations;
     if (this.description && !stations.some(({ name }) => name === this.station)) this._forget();  // e.g. ended while the server was away
     this._emit("stations");
   }
 
+  /** @param {Page.Description} message */
   _on_description(message) {
     this.description = message;
     this.wanted = message.name;
@@ -104,24 +129,29 @@ export class Feed {
     this._values = [];
     this.state = null;
     this.events = [];
+    this.misses = [];
     this._emit("description");
     for (const subscription of this._subscriptions.values()) subscription.begin();
   }
 
+  /** @param {Page.State} message */
   _on_state(message) {
     if (message.full) this._values = [];
     this.changed = Object.keys(message.values).map(Number);
     for (const index of this.changed) this._values[index] = message.values[index];
     this.state = message;
     this.events = message.events ?? this.events;
+    this.misses = message.misses ?? this.misses;
     this._heard = performance.now();
     this._emit("state");
   }
 
+  /** @param {{id: number, text: string}} message */
   _on_error(message) {
     if (!this._answer(message, true)) console.warn(message.text);
   }
 
+  /** @param {any} message */
   _answer(message, failed = false) {
     const waiting = this._waiting.get(message.id);
     if (!waiting) return false;
@@ -135,13 +165,14 @@ export class Feed {
     return true;
   }
 
+  /** @param {ArrayBuffer} data */
   _binary(data) {
     const { head, points } = unpack(data);
     if (head.window) this._answer(points);
     else this._subscriptions.get(head.id)?.listener(points);
   }
 
-  /** Show another run; "": the list of stations. */
+  /** Show another run; "": the list of stations. @param {string} name */
   watch(name) {
     this.wanted = name;
     this._forget();
@@ -156,16 +187,16 @@ export class Feed {
   /** s since the last state came. */
   get unheard() { return (performance.now() - this._heard) / 1000; }
 
-  /** The present value of an object or signal; null: it is not known. */
+  /** The present value of an object or signal; null: it is not known. @param {string} path @returns {Page.Sample | null} */
   latest(path) {
-    const found = this._values[this._index.get(path)];
+    const found = this._values[this._index.get(path) ?? -1];
     if (!found) return null;
     const [value, raw = null, quality = 0] = found;
-    return { value, raw, quality, time: this.state.time };
+    return { value, raw, quality, time: this.state?.time };
   }
 
-  /** The unit or states of an object or signal. */
-  entry(path) { return this.entries?.[this._index.get(path)] ?? null; }
+  /** The unit or states of an object or signal. @param {string} path @returns {Page.Entry | null} */
+  entry(path) { return this.entries[this._index.get(path) ?? -1] ?? null; }
 
   /** s on the station's clock between which the server knows the history. */
   range() { return { start: this.state?.start ?? 0, stop: this.state?.stop ?? 0 }; }
@@ -173,7 +204,7 @@ export class Feed {
   /**
    * Points about 30 times a second, until `close`.
    * @param {{paths: string[], span: number, width: number, trigger?: object}} request
-   * @param {(points: Points) => void} listener
+   * @param {(points: Page.Points) => void} listener
    */
   subscribe(request, listener) {
     const id = ++this._id;
@@ -191,29 +222,30 @@ export class Feed {
     };
   }
 
-  /** The history between two times, reduced to `width` pixels. @returns {Promise<Points>} */
+  /** The history between two times, reduced to `width` pixels. @param {Stretch & {width: number}} request @returns {Promise<Page.Points>} */
   window(request) { return this._ask({ type: "window", ...request }); }
 
-  /** Minimum, maximum, mean, rms and frequency of all samples between two times; of a state the share of time and the changes. */
+  /** Minimum, maximum, mean, rms and frequency of all samples between two times; of a state the share of time and the changes. @param {Stretch} request @returns {Promise<{values: (Record<string, number> | null)[]}>} */
   measure(request) { return this._ask({ type: "measure", ...request }); }
 
   /**
-   * A command for the station. @returns {Promise<{state: string, text: string}>} its end, in the machine's words.
-   * @param {(answer: object) => void} [onBegun] Called when a long action has begun.
+   * A command for the station. @param {object} message @returns {Promise<Page.Answer>} its end, in the machine's words.
+   * @param {(answer: Page.Answer) => void} [onBegun] Called when a long action has begun.
    */
   command(message, onBegun = () => {}) { return this._ask({ ...message, type: "command" }, onBegun); }
 
   /** Answer a state with what this page holds: it proves that the page is there. @param {string[]} held */
-  touch(held) { this._send({ type: "touch", number: this.state.number, held }); }
+  touch(held) { this._send({ type: "touch", number: this.state?.number ?? 0, held }); }
 
-  /** A GET from this server as JSON; Error with the status otherwise. */
+  /** A GET from this server as JSON; Error with the status otherwise. @param {string} path @returns {Promise<any>} */
   async json(path) {
     const response = await fetch(path, { credentials: "same-origin" });
     if (!response.ok) throw new Error(`${path}: ${response.status}`);
     return response.json();
   }
 
-  _ask(message, onBegun) {
+  /** @param {object} message @param {(answer: any) => void} onBegun @returns {Promise<any>} */
+  _ask(message, onBegun = () => {}) {
     if (!this.connected) return Promise.reject(new Error("there is no connection to the server"));
     const id = ++this._id;
     return new Promise((resolve, reject) => {
@@ -222,16 +254,18 @@ export class Feed {
     });
   }
 
+  /** @param {object} message */
   _send(message) {
-    if (this._socket.readyState === WebSocket.OPEN) this._socket.send(JSON.stringify(message));
+    if (this._socket?.readyState === WebSocket.OPEN) this._socket.send(JSON.stringify(message));
   }
 
-  /** Call a listener on "server", "stations", "description", "state" or "connection"; the result ends that. */
+  /** Call a listener on "server", "stations", "description", "state" or "connection"; the result ends that. @param {Kind} kind @param {() => void} listener @returns {() => void} */
   on(kind, listener) {
     const all = this._listeners.get(kind) ?? new Set();
     this._listeners.set(kind, all.add(listener));
-    return () => all.delete(listener);
+    return () => { all.delete(listener); };
   }
 
+  /** @param {Kind} kind */
   _emit(kind) { for (const listener of [...(this._listeners.get(kind) ?? [])]) listener(); }
 }

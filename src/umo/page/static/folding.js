@@ -1,8 +1,10 @@
 /** Like objects of lists in one line, as `umo watch` has them. */
 
+/** @typedef {{name: string, group: string, places: number[]}} Line */
+
 const FROM = 3;  // members from which they are folded
 
-/** A path with `*` for its indexes. */
+/** A path with `*` for its indexes. @param {string} path */
 export const generalised = (path) => path.split(".").map((part) => (/^\d+$/.test(part) ? "*" : part)).join(".");
 
 /** The name of like paths: `zones[0..39].heater`. @param {string[]} paths */
@@ -17,24 +19,29 @@ export function folded(paths) {
 
 /**
  * The lines of a list of paths: one for each object, or for a family of at least three.
- * @returns {{name: string, group: string, places: number[]}[]}  In the order of the groups' first members.
+ * @param {string[]} paths @returns {Line[]}  In the order of the groups' first members.
  */
 export function linesOf(paths) {
+  /** @type {Map<string, number[]>} */
   const families = new Map();
   paths.forEach((path, place) => {
     const family = generalised(path);
     families.set(family, [...(families.get(family) ?? []), place]);
   });
+  /** @type {Line[]} */
   const lines = [];
   for (const places of families.values()) {
     if (places.length >= FROM) lines.push(line(folded(places.map((place) => paths[place])), places));
     else for (const place of places) lines.push(line(paths[place], [place]));
   }
+  /** @type {Map<string, Line[]>} */
   const groups = new Map();
   for (const each of lines) groups.set(each.group, [...(groups.get(each.group) ?? []), each]);
   return [...groups.values()].flat();
 }
 
+/** @param {string} name @param {number[]} places @returns {Line} */
 function line(name, places) {
-  return { name, group: name.includes(".") ? name.slice(0, name.indexOf(".")) : "", places };
+  const [group] = name.match(/^[^.[]+(\[[^\]]*\])?(?=\.)/) ?? [""];
+  return { name, group, places };
 }

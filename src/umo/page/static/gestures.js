@@ -1,29 +1,49 @@
 /** Wheel, click and touch on the plot. */
 
 const CLICK = 4;  // pixels that a pointer may move in a click
+const DOUBLE = 350;  // ms from one click to the next of a double click
+const NEAR = 12;  // pixels between them
 
 /**
  * @param {HTMLElement} over  The plot.
  * @param {{zoom: (factor: number, share: number) => void, pan: (share: number) => void, click: (x: number) => void,
- *   live: () => void}} act  Shares are of the plot's width.
+ *   undoClick: () => void, live: () => void, hover: (x: number | null) => void}} act  Shares are of the plot's width.
+ *   A double click is a click that is undone, then `live`.
  */
 export function gestures(over, act) {
+  /** @type {Map<number, number>} */
   const touches = new Map();
+  /** @type {number | null} */
   let start = null;
+  let clicked = { x: NaN, at: -Infinity };
+  /** @param {MouseEvent} event */
   const place = (event) => event.clientX - over.getBoundingClientRect().left;
+  /** @param {number} x @param {number} at */
+  const click = (x, at) => {
+    if (at - clicked.at < DOUBLE && Math.abs(x - clicked.x) < NEAR) {
+      clicked = { x: NaN, at: -Infinity };
+      act.undoClick();
+      act.live();
+    } else {
+      clicked = { x, at };
+      act.click(x);
+    }
+  };
   over.addEventListener("wheel", (event) => {
     event.preventDefault();
     if (event.shiftKey || Math.abs(event.deltaX) > Math.abs(event.deltaY)) {
       act.pan((event.deltaX || event.deltaY) / over.clientWidth);
     } else act.zoom(Math.exp(Math.min(Math.max(event.deltaY, -200), 200) * 0.002), place(event) / over.clientWidth);
   }, { passive: false });
-  over.addEventListener("dblclick", () => act.live());
   over.addEventListener("pointerdown", (event) => {
     start = place(event);
     if (event.pointerType === "touch") touches.set(event.pointerId, place(event));
   });
   over.addEventListener("pointermove", (event) => {
-    if (!touches.has(event.pointerId)) return;
+    if (!touches.has(event.pointerId)) {
+      act.hover(place(event));
+      return;
+    }
     const before = [...touches.values()];
     touches.set(event.pointerId, place(event));
     const now = [...touches.values()];
@@ -33,10 +53,12 @@ export function gestures(over, act) {
       act.zoom(Math.min(Math.max(factor, 0.5), 2), (now[0] + now[1]) / 2 / over.clientWidth);
     }
   });
+  /** @param {PointerEvent} event */
   const end = (event) => {
     touches.delete(event.pointerId);
-    if (event.type === "pointerup" && start !== null && Math.abs(place(event) - start) < CLICK) act.click(start);
+    if (event.type === "pointerup" && start !== null && Math.abs(place(event) - start) < CLICK) click(start, event.timeStamp);
     start = null;
+    if (event.type === "pointerleave") act.hover(null);
   };
-  for (const kind of ["pointerup", "pointercancel", "pointerleave"]) over.addEventListener(kind, end);
+  for (const kind of /** @type {const} */ (["pointerup", "pointercancel", "pointerleave"])) over.addEventListener(kind, end);
 }

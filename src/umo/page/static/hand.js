@@ -1,5 +1,9 @@
 /** The hand of this page: its lease, what it holds, and what it has asked for. */
 
+import { Undo } from "./undo.js";
+
+/** @typedef {{what: string, path: string, state: string, text: string}} Asked */
+
 const KEPT = 30;  // commands that are remembered
 const ENDS = ["done", "refused", "failed", "cancelled"];
 
@@ -7,16 +11,28 @@ export class Hand {
   /** @param {import("./feed.js").Feed} feed */
   constructor(feed) {
     this.feed = feed;
-    /** @type {{what: string, path: string, state: string, text: string}[]} The newest first. */
+    /** @type {Asked[]} The newest first. */
     this.asked = [];
-    this._held = new Map();  // path -> what to do when it is lost
+    /** What tunable numbers were before this page changed them. */
+    this.tuned = new Undo();
+    /** @type {Map<string, {jog: (() => void) | null, lost: () => void, since: number}>} */
+    this._held = new Map();
+    /** @type {number | null} */
     this._number = null;
+    this._run = feed.run;
+    /** @type {Set<() => void>} */
     this._listeners = new Set();
     feed.on("state", () => this._onState());
     feed.on("connection", () => this._lost());
-    feed.on("description", () => this._lost());
+    feed.on("description", () => this._changedRun());
     for (const event of ["pagehide", "blur"]) window.addEventListener(event, () => this.letGoOfJogs());
     document.addEventListener("visibilitychange", () => document.hidden && this.letGoOfJogs());
+  }
+
+  _changedRun() {
+    if (this.feed.run !== this._run) this.tuned.clear();
+    this._run = this.feed.run;
+    this._lost();
   }
 
   /** Whether pages of this server may command, and the station takes commands. */
@@ -26,17 +42,18 @@ export class Hand {
 
   /** Whether this page has the lease. */
   get leased() {
-    return this._number !== null && this.feed.connected && this.feed.state?.stage !== "ended" && Boolean(this.holder) && this.feed.state.lease.number === this._number;
+    return this._number !== null && this.feed.connected && !this.feed.ended && Boolean(this.holder) && this.feed.state?.lease?.number === this._number;
   }
 
   get manual() { return this.feed.state?.mode === "manual"; }
 
-  /** Whether this page may call an action now. */
+  /** Whether this page may call an action now. @param {Page.Action} action */
   allows(action) { return this.leased && (this.manual || action.harmless); }
 
+  /** @param {string} who @param {boolean} over  From another one. */
   async take(who, over) {
     const answer = await this.ask({ do: "lease", who, over }, over ? "take the lease over" : "take the lease");
-    if (answer.state === "done") this._number = answer.lease;
+    if (answer.state === "done") this._number = answer.lease ?? null;
     this._changed();
   }
 
@@ -45,7 +62,10 @@ export class Hand {
     this._lost();
   }
 
-  /** Send a command and remember its answer, which is never an exception. */
+  /**
+   * Send a command and remember its answer, which is never an exception.
+   * @param {{do: string, path?: string} & Record<string, unknown>} message @returns {Promise<Page.Answer>}
+   */
   async ask(message, what = "") {
     const entry = { what: what || [message.do, message.path].filter(Boolean).join(" "), path: message.path ?? "", state: "sent", text: "" };
     this._remember(entry);
@@ -55,26 +75,28 @@ export class Hand {
       answer = await this.feed.command(message, () => { entry.state = "begun"; this._changed(); });
       if (!ENDS.includes(answer.state)) answer = { state: "failed", text: `unknown answer ${answer.state}` };
     } catch (error) {
-      answer = { state: "refused", text: error.message };
+      answer = { state: "refused", text: String(error instanceof Error ? error.message : error) };
     }
     Object.assign(entry, { state: answer.state, text: answer.text ?? "" });
     this._changed();
     return answer;
   }
 
-  /** Keep a path up from now on. `jog`: it ends too when the window loses the focus. */
-  hold(path, { jog = null, lost = () => {} } = {}) { this._held.set(path, { jog, lost, since: this.feed.state.time }); }
+  /** Keep a path up from now on. `jog`: it ends too when the window loses the focus. @param {string} path @param {{jog?: (() => void) | null, lost?: () => void}} [how] */
+  hold(path, { jog = null, lost = () => {} } = {}) { this._held.set(path, { jog, lost, since: this.feed.state?.time ?? 0 }); }
 
+  /** @param {string} path */
   letGo(path) { this._held.delete(path); }
 
+  /** @param {string} path */
   holds(path) { return this._held.has(path); }
 
   letGoOfJogs() { for (const { jog } of [...this._held.values()]) jog?.(); }
 
   _onState() {
-    const { number, holder } = this.feed.state.lease ?? {};
-    for (const { path, state, time } of this.feed.state.events ?? []) {  // the machine has let go by itself
-      if (state === "cancelled" && this._held.get(path)?.since < time) this._drop(path);
+    const { number = 0, holder = "" } = this.feed.state?.lease ?? {};
+    for (const { path, state, time } of this.feed.state?.events ?? []) {  // the machine has let go by itself
+      if (state === "cancelled" && (this._held.get(path)?.since ?? Infinity) < time) this._drop(path);
     }
     if (this.leased) this.feed.touch([...this._held.keys()]);
     else if (this._number !== null && (number > this._number || (number === this._number && !holder))) {
@@ -85,12 +107,14 @@ export class Hand {
     this._changed();
   }
 
+  /** @param {Asked} entry */
   _remember(entry) { this.asked = [entry, ...this.asked].filter(({ state }, i) => i < KEPT || state === "begun"); }
 
+  /** @param {string} path */
   _drop(path) {
-    const { lost } = this._held.get(path);
+    const held = this._held.get(path);
     this._held.delete(path);
-    lost();
+    held?.lost();
   }
 
   /** The lease is another's or nobody's: the machine has let go of everything. */
@@ -100,22 +124,22 @@ export class Hand {
     this._changed();
   }
 
-  /** Call a listener when the lease, the mode or an answer has changed; the result ends that. */
+  /** Call a listener when the lease, the mode or an answer has changed; the result ends that. @param {() => void} listener */
   on(listener) {
     this._listeners.add(listener);
-    return () => this._listeners.delete(listener);
+    return () => { this._listeners.delete(listener); };
   }
 
   _changed() { for (const listener of [...this._listeners]) listener(); }
 }
 
-/** An answer in words. */
+/** An answer in words. @param {Asked} asked */
 export function words({ what, state, text }) {
   const plain = state === "done" && text ? unquoted(text) : text.replace(/^[A-Z]\w+: /, "");
   return [what, state === "sent" ? "…" : state, plain].filter(Boolean).join(": ");
 }
 
-/** A result, which comes as JSON. */
+/** A result, which comes as JSON. @param {string} text */
 function unquoted(text) {
   try {
     const value = JSON.parse(text);

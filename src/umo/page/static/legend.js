@@ -1,22 +1,29 @@
 /** The table below the scope: a line for each trace with its value, the cursors, and the measured values. */
 
 import { colour } from "./chart.js";
+import { wallTime } from "./clock.js";
 import { duration, el, isBinary, setText, shortNumber, shown, unitOf } from "./dom.js";
+
+/** @typedef {Record<string, number> | null} Measured */
 
 const MEASURED = [["minimum", "min"], ["maximum", "max"], ["mean", "mean"], ["rms", "rms"], ["frequency", "frequency"]];
 
 export class Legend {
-  /** @param {(path: string) => void} remove */
+  /** @param {import("./feed.js").Feed} feed @param {(path: string) => void} remove */
   constructor(feed, remove) {
     this._feed = feed;
     this._remove = remove;
     this._body = el("tbody");
-    const heads = ["trace", "value", "A", "B", "B - A", ...MEASURED.map(([, title]) => title), ""];
+    /** @type {{row: HTMLElement, cells: HTMLElement[]}[]} */
+    this._rows = [];
+    this._now = el("th", { textContent: "value", scope: "col" });
+    const heads = ["A", "B", "B - A", ...MEASURED.map(([, title]) => title), ""].map((title) => el("th", { textContent: title, scope: "col" }));
     this._time = el("caption");
-    this.element = el("div", { className: "legend" },
-      el("table", {}, this._time, el("thead", {}, el("tr", {}, ...heads.map((title) => el("th", { textContent: title, scope: "col" })))), this._body));
+    this.element = el("div", { className: "legend", tabIndex: 0, role: "region", "aria-label": "Values of the traces" },
+      el("table", {}, this._time, el("thead", {}, el("tr", {}, el("th", { textContent: "trace", scope: "col" }), this._now, ...heads)), this._body));
   }
 
+  /** @param {import("./chart.js").Chart} chart */
   show(chart) {
     this._chart = chart;
     this._rows = chart.traces.map((trace) => this._row(trace));
@@ -24,9 +31,10 @@ export class Legend {
     this.refresh();
   }
 
-  _row({ path, entry, index }) {
+  /** @param {Page.Trace} trace */
+  _row({ path, entry, colour: number }) {
     const swatch = el("i", { className: "swatch" });
-    swatch.style.background = colour(index);
+    swatch.style.background = colour(number);
     const cells = Array.from({ length: isBinary(entry) ? 4 : 4 + MEASURED.length }, () => el("td"));
     if (isBinary(entry)) cells.push(el("td", { colSpan: MEASURED.length }));
     const close = el("button", { textContent: "×", title: `Remove ${path}`, "aria-label": `Remove ${path}`, onclick: () => this._remove(path) });
@@ -36,30 +44,45 @@ export class Legend {
 
   /** Values now and at the cursors. */
   refresh() {
+    if (!this._chart) return;
     const { cursors, buffer, traces } = this._chart;
-    const [a, b] = cursors;
-    const both = a !== null && b !== null;
-    setText(this._time, both ? `B - A: ${duration(b - a)} (${shortNumber(1 / Math.abs(b - a))} Hz); measured between the cursors` : "measured over the time shown");
+    const { times } = cursors;
+    setText(this._now, this._feed.ended ? "last value" : "value");
+    setText(this._time, this._caption(times));
     traces.forEach(({ path, entry, index }, i) => {
       const { cells } = this._rows[i];
-      const at = cursors.map((time) => (time === null ? null : buffer.at(index, time)));
+      const [a, b] = times.map((time) => (time === null ? null : buffer.at(index, time)));
       setText(cells[0], shown(entry, this._feed.latest(path)?.value));
-      cursors.forEach((time, k) => setText(cells[1 + k], time === null ? "" : shown(entry, at[k])));
-      const differ = both && !isBinary(entry) && at[0] !== null && at[1] !== null;
-      setText(cells[3], differ ? `${shortNumber(at[1] - at[0])} ${unitOf(entry)}` : "");
+      setText(cells[1], times[0] === null ? "" : shown(entry, a));
+      setText(cells[2], times[1] === null ? "" : shown(entry, b));
+      const differ = !isBinary(entry) && a !== null && b !== null;
+      setText(cells[3], differ ? `${shortNumber(b - a)} ${unitOf(entry)}` : "");
     });
   }
 
-  /** @param {(object | null)[]} values  Per trace. */
+  /** @param {(number | null)[]} times */
+  _caption([a, b]) {
+    const utc = this._feed.state?.utc;
+    const at = (/** @type {string} */ name, /** @type {number | null} */ time) => {
+      if (time === null) return "";
+      const clock = wallTime(utc, time);
+      return `${name}: ${time.toFixed(4)} s${clock && ` (${clock})`}`;
+    };
+    const both = a !== null && b !== null;
+    const measured = both ? `B - A: ${duration(b - a)} (${shortNumber(1 / Math.abs(b - a))} Hz); measured between the cursors` : "measured over the time shown";
+    return [at("A", a), at("B", b), measured].filter(Boolean).join("; ");
+  }
+
+  /** @param {Measured[]} values  Per trace. */
   measured(values) {
-    this._chart.traces.forEach(({ entry }, i) => {
+    this._chart?.traces.forEach(({ entry }, i) => {
       const cells = this._rows[i].cells.slice(4);
       words(entry, values[i]).forEach((text, k) => setText(cells[k], text));
     });
   }
 }
 
-/** What was measured, cell by cell; of a state: the share of time and the changes. */
+/** What was measured, cell by cell; of a state: the share of time and the changes. @param {Page.Entry} entry @param {Measured} found */
 function words(entry, found) {
   if (!isBinary(entry)) return MEASURED.map(([name]) => (found?.[name] == null ? "" : `${shortNumber(found[name])}${name === "frequency" ? " Hz" : ""}`));
   return [found ? `${entry.one} ${(100 * found.on).toFixed(1)} % of the time, changes: ${found.changes}` : ""];

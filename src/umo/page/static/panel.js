@@ -1,28 +1,34 @@
 /** Beside the objects: the run, the lease, the newest black box, the events. */
 
 import { duration, el, setText } from "./dom.js";
+import { sentence } from "./marks.js";
 
 const EVENTS = 100;  // shown
 
 export class Panel {
+  /** @param {import("./feed.js").Feed} feed */
   constructor(feed) {
     this._feed = feed;
     this._facts = el("dl");
+    /** @type {Map<string, [HTMLElement, HTMLElement]>} */
     this._values = new Map();
     this._box = el("pre", { className: "box" });
     this._events = el("ol", { className: "events" });
     this._eventsTitle = el("h2", { textContent: "Events", hidden: true });
-    this.element = el("aside", {}, el("h2", { textContent: "Run" }), this._facts,
-      el("h2", { textContent: "Last black box" }), this._box, this._eventsTitle, this._events);
+    this._shown = "";
+    this.element = el("aside", { tabIndex: 0, "aria-label": "Run, black box, events" }, el("h2", { textContent: "Run" }), this._facts,
+      el("h2", { textContent: "Last black box of this run" }), this._box, this._eventsTitle, this._events);
   }
 
   refresh() {
     const { state, description } = this._feed;
+    if (!state || !description) return;
     const [text = "", done = 0, total = 0] = state.progress ?? [];
     this._fact("station", `${description.station}${description.wiring ? ` (${description.wiring})` : ""}`);
     this._fact("state", state.stage);
+    this._fact("end", state.ending?.text, state.ending?.failed);
     this._fact("mode", state.mode);
-    this._fact("lease", holderOf(state.lease));
+    this._fact("lease", state.lease?.holder);
     this._fact("progress", text + (total ? `, ${done} of ${total}` : ""));
     this._fact("time", state.time === undefined ? "" : `${state.time.toFixed(1)} s`);
     this._fact("period", duration(description.period));
@@ -34,18 +40,21 @@ export class Panel {
     this._show(this._feed.events);
   }
 
-  _fact(name, value) {
-    if (!this._values.has(name)) {
-      const parts = [el("dt", { textContent: name }), el("dd", { "data-fact": name })];
+  /** @param {string} name @param {string | undefined} value */
+  _fact(name, value, failed = false) {
+    let parts = this._values.get(name);
+    if (!parts) {
+      parts = [el("dt", { textContent: name }), el("dd", { "data-fact": name })];
       this._facts.append(...parts);
       this._values.set(name, parts);
     }
-    const [title, cell] = this._values.get(name);
+    const [title, cell] = parts;
     title.hidden = cell.hidden = !value;
+    cell.classList.toggle("failed", failed);
     setText(cell, value ?? "");
   }
 
-  /** The newest first. */
+  /** The newest first. @param {Page.Event[]} events */
   _show(events) {
     const shown = events.slice(-EVENTS).reverse().map(sentence);
     const text = shown.join("\n");
@@ -55,13 +64,3 @@ export class Panel {
     this._events.replaceChildren(...shown.map((textContent) => el("li", { textContent })));
   }
 }
-
-/** `12.345 s z.motor: limited (by ann): done`. */
-function sentence(event) {
-  const { time, path = "", text = "", who = "", asked = "", state = "" } = event;
-  const when = typeof time === "number" ? `${time.toFixed(3)} s` : "";
-  const what = [path, asked, state && state !== "none" ? state : "", text].filter(Boolean).join(": ");
-  return [when, what, who ? `(${who})` : ""].filter(Boolean).join(" ");
-}
-
-const holderOf = (lease) => (lease && (lease.holder ?? (typeof lease === "string" ? lease : ""))) || "";

@@ -1,13 +1,13 @@
 /** One line of the machine: an object or a signal, or a family of like ones. */
 
 import { duration, el, isBinary, setText, shortNumber, shown, unitOf } from "./dom.js";
-
-const STALE = 3;
+import { shownQuality, STALE } from "./quality.js";
 
 export class Row {
   /**
+   * @param {import("./feed.js").Feed} feed @param {string} name
    * @param {number[]} places  In the feed's entries; several: a family.
-   * @param {{family: string, open: boolean, inside: boolean}} how
+   * @param {{family: string, open: boolean, inside: boolean}} how @param {() => void} act  When its name is clicked.
    */
   constructor(feed, name, places, how, act) {
     this._feed = feed;
@@ -16,7 +16,7 @@ export class Row {
     this._paths = places.map((place) => feed.entries[place].path);
     const mark = how.family ? (how.open ? "▾ " : "▸ ") : "";
     const title = how.family ? "Fold or unfold" : "Put on the scope, or take off";
-    this._sign = el("td", { className: "quality" });
+    this._sign = el("td", { className: "quality", role: "cell" });
     this._value = el("td", { className: "value" });
     this._age = el("td", { className: "age" });
     this._raw = el("td", { className: "raw" });
@@ -43,51 +43,56 @@ export class Row {
 
   /** Show the present values. */
   refresh() {
-    const found = this._paths.map((path) => this._feed.latest(path)).filter(Boolean);
+    const found = this._paths.flatMap((path) => this._feed.latest(path) ?? []);
     if (!found.length) return;
     setText(this._value, this._text(found.map(({ value }) => value)));
     this._quality(Math.max(...found.map(({ quality }) => quality)), found);
     const [{ raw }] = found;
     setText(this._raw, found.length === 1 && raw !== null ? String(raw) : "");
-    this._inhibited();
+    this._forbidden();
   }
 
+  /** @param {(number | null)[]} values */
   _text(values) {
     if (values.length === 1) return shown(this._entry, values[0]);
+    const known = values.filter((value) => value !== null);
     if (isBinary(this._entry)) {
-      const ones = values.filter((value) => value > 0.5).length;
+      const ones = known.filter((value) => value > 0.5).length;
       if (ones === 0 || ones === values.length) return shown(this._entry, values[0]);
       return `${ones} ${this._entry.one}, ${values.length - ones} ${this._entry.zero}`;
     }
-    const known = values.filter((value) => value !== null);
     const low = known.reduce((a, b) => Math.min(a, b), Infinity);
     const high = known.reduce((a, b) => Math.max(a, b), -Infinity);
     if (!known.length) return "-";
     return low === high ? shown(this._entry, low) : `${shortNumber(low)} to ${shortNumber(high)} ${unitOf(this._entry)}`.trimEnd();
   }
 
-  /** The worst one, with how many have it; the age of the oldest value. */
+  /** The worst one, with how many have it; the age of the oldest value. @param {number} worst @param {Page.Sample[]} found */
   _quality(worst, found) {
     const signal = !("kind" in this._entry);
-    const [sign, name] = this._feed.description.qualities[worst];  // colour is not the only difference
-    setText(this._sign, signal ? "" : sign);
-    this._sign.title = signal ? "" : name;
-    this._sign.setAttribute("aria-label", signal ? "" : name);
-    this.element.dataset.quality = signal ? "" : name;
+    const { state, description, ended } = this._feed;
+    const { sign, word, kind } = shownQuality(worst, description?.qualities ?? [], ended);  // colour is not the only difference
+    const title = kind === "last" ? "the last value before the end" : kind;
+    setText(this._sign, signal && !ended ? "" : sign);
+    this._sign.title = signal ? "" : title;
+    this._sign.setAttribute("aria-label", signal ? "" : title);
+    this.element.dataset.quality = signal ? (ended ? "last" : "") : kind;
     const count = found.length > 1 ? `${found.filter(({ quality }) => quality === worst).length} ` : "";
-    if (worst > 0) this._value.append(el("em", { textContent: ` ${count}${name}` }));
-    const ages = this._places.map((place) => this._feed.state.ages[place]).filter((age) => age !== undefined);
-    const age = ages.includes(null) ? null : Math.max(...ages);
-    setText(this._age, worst >= STALE && ages.length ? duration(age) : signal ? "" : this._fresh());
+    if (word) this._value.append(el("em", { textContent: ` ${count}${word}` }));
+    const ages = this._places.map((place) => state?.ages[place]).filter((age) => age !== undefined);
+    const age = ages.includes(null) ? null : Math.max(.../** @type {number[]} */ (ages));
+    setText(this._age, worst >= STALE && ages.length ? duration(age) : ended ? "last" : signal ? "" : this._fresh());
   }
 
   _fresh() { return this._entry.synchronous ? "" : "on demand"; }
 
-  /** The reason why an actuator stands at its default. */
-  _inhibited() {
-    const reasons = this._feed.state.inhibited ?? {};
-    const path = this._paths.find((each) => each in reasons);
-    setText(this._reason, path ? `⊘ inhibited: ${reasons[path]}` : "");
+  /** Why an actuator stands at its default, or who works it. */
+  _forbidden() {
+    const { inhibited = {}, by_hand: byHand = [] } = this._feed.state ?? {};
+    const path = this._paths.find((each) => each in inhibited);
+    const hand = !path && this._paths.some((each) => byHand.includes(each));
+    setText(this._reason, path ? `⊘ inhibited: ${inhibited[path]}` : hand ? "by hand" : "");
+    this.element.classList.toggle("inhibited", Boolean(path));
   }
 
   /** Whether it is on the scope. @param {string[]} traces */

@@ -1,9 +1,12 @@
 /** The scope: objects and signals against time. */
 
 import { Chart } from "./chart.js";
+import { wallDay, wallTime } from "./clock.js";
+import { coloursOf, fromAddress, toAddress } from "./colours.js";
 import { address, duration, el, isBinary, save, setText, tracesOfAddress, unitOf } from "./dom.js";
 import { gestures } from "./gestures.js";
 import { Legend } from "./legend.js";
+import { markAt, marksOf } from "./marks.js";
 import { Trigger } from "./trigger.js";
 
 const SPANS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300];  // s
@@ -12,9 +15,12 @@ const FIRST = { numbers: 4, states: 2 };  // traces where none was chosen
 const MOST = 32;
 const MEASURE = 1000;  // ms
 const SETTLE = 120;  // ms without a change of the view before its history is asked for
+const STEP = 0.01;  // of the time shown: a cursor moved by a key
 
+/** @type {Scope | null} */
 let scope = null;
 
+/** @param {HTMLElement} element @param {import("./feed.js").Feed} feed */
 export function mount(element, feed) { scope = new Scope(element, feed); }
 
 export function unmount() {
@@ -23,73 +29,104 @@ export function unmount() {
 }
 
 class Scope {
+  /** @param {HTMLElement} element @param {import("./feed.js").Feed} feed */
   constructor(element, feed) {
     this.feed = feed;
     this.span = Number(address.get("span")) || 10;
-    this.view = null;  // [from, to] while it stands still
+    /** @type {[number, number] | null} While it stands still. */
+    this.view = null;
+    /** @type {string[]} */
+    this.paths = [];
+    /** @type {number | null} Where a triggered picture begins. */
+    this._from = null;
+    /** @type {(() => void)[]} */
     this._closing = [];
-    this._build(element);
-    const chosen = tracesOfAddress() ?? firstTraces(feed);
-    this._show(chosen.filter((path) => feed.entry(path)).slice(0, MOST));
-    const key = (event) => this._key(event);
-    const theme = () => this._show(this.paths);
+    this.how = { lanes: address.get("lanes") === "1", declared: address.get("range") === "declared" };
+    /** @type {number | null} */
+    this._drawn = null;
+    /** @type {{close: () => void} | null} */
+    this._subscription = null;
+    const button = (/** @type {string} */ text, /** @type {string} */ title, /** @type {() => void} */ onclick) => el("button", { textContent: text, title, onclick });
+    this._add = el("input", { type: "search", placeholder: "Add object or signal", list: "paths", "aria-label": "Add object or signal" });
+    this._add.addEventListener("change", () => this._added());
+    this._pause = button("Pause", "Space", () => this.pause());
+    this._spans = el("select", { title: "Time shown", "aria-label": "Time shown", onchange: () => this._spanned(Number(this._spans.value)) });
+    this._lanes = el("input", { type: "checkbox", checked: this.how.lanes, onchange: () => this._arrange() });
+    this._declared = el("input", { type: "checkbox", checked: this.how.declared, onchange: () => this._arrange() });
+    this.trigger = new Trigger(feed, () => this._subscribe());
+    this._plot = el("div", { className: "plot" });
+    this._hint = el("span", { className: "hint" });
+    this._hover = el("span", { className: "hint hover" });
+    this.legend = new Legend(feed, (path) => { this._show(this.paths.filter((other) => other !== path)); });
+    element.append(
+      el("div", { className: "bar" }, this._add, el("datalist", { id: "paths" }, ...feed.entries.map(({ path }) => el("option", { value: path }))),
+        this._pause, this._spans, button("Live", "Home, or a double click", () => this.live()), this.trigger.element,
+        el("label", { title: "A lane with an axis for each number" }, this._lanes, "Lanes"),
+        el("label", { title: "Axes over the declared ranges; they stand still" }, this._declared, "Declared range"),
+        button("Clear cursors", "Esc; A and B set one, comma and full stop move it", () => this._clear()), button("PNG", "Save as a picture", () => this._picture()),
+        button("CSV", "Save every sample of the time shown", () => this._csv()), this._hint),
+      this._plot, this._hover, this.legend.element,
+    );
+    const chosen = (tracesOfAddress() ?? firstTraces(feed)).filter((path) => feed.entry(path)).slice(0, MOST);
+    this._colours = fromAddress(chosen, address.get("colours"));
+    /** @type {Chart} */
+    this.chart = this._show(chosen, null);
+    const key = (/** @type {KeyboardEvent} */ event) => this._key(event);
+    const theme = () => { this._show(this.paths); };
     document.addEventListener("keydown", key);
     window.addEventListener("theme", theme);
     this._closing.push(
       () => document.removeEventListener("keydown", key),
       () => window.removeEventListener("theme", theme),
-      feed.on("state", () => this.legend.refresh()),
+      feed.on("state", () => this._onState()),
       feed.on("connection", () => this._subscribe()),
     );
     this._timer = setInterval(() => this._measure(), MEASURE);
   }
 
-  _build(element) {
-    const button = (text, title, onclick) => el("button", { textContent: text, title, onclick });
-    this._paths = el("datalist", { id: "paths" }, ...this.feed.entries.map(({ path }) => el("option", { value: path })));
-    this._add = el("input", { type: "search", placeholder: "Add object or signal", list: "paths", "aria-label": "Add object or signal" });
-    this._add.addEventListener("change", () => this._added());
-    this._pause = button("Pause", "Space", () => this.pause());
-    this._spans = el("select", { title: "Time shown", "aria-label": "Time shown", onchange: () => this._spanned(Number(this._spans.value)) });
-    this.trigger = new Trigger(this.feed, () => this._subscribe());
-    this._plot = el("div", { className: "plot" });
-    this._hint = el("span", { className: "hint" });
-    this.legend = new Legend(this.feed, (path) => this._show(this.paths.filter((other) => other !== path)));
-    element.append(
-      el("div", { className: "bar" }, this._add, this._paths, this._pause, this._spans,
-        button("Live", "Home", () => this.live()), this.trigger.element,
-        button("Clear cursors", "Esc", () => this._clear()), button("PNG", "Save as a picture", () => this._picture()),
-        button("CSV", "Save every sample of the time shown", () => this._csv()), this._hint),
-      this._plot, this.legend.element,
-    );
+  _arrange() {
+    this.how = { lanes: this._lanes.checked, declared: this._declared.checked };
+    address.set({ lanes: this.how.lanes ? "1" : null, range: this.how.declared ? "declared" : null });
+    this._show(this.paths);
   }
 
-  /** Draw these traces from now on. */
-  _show(paths) {
+  /** Draw these traces from now on. @param {string[]} paths @param {Chart | null} before @returns {Chart} */
+  _show(paths, before = this.chart) {
     this.paths = [...new Set(paths)];
-    address.set({ traces: this.paths.join(",") || "-", span: String(this.span) });
-    const cursors = this.chart?.cursors;
-    this.chart?.destroy();
-    const traces = this.paths.map((path, index) => ({ path, index, entry: this.feed.entry(path) }));
-    this.chart = new Chart(this._plot, traces, { onZoom: (from, to) => this._zoomTo(from, to) });
-    if (cursors) this.chart.cursors = cursors;
-    gestures(this.chart.plot.over, {
+    this._colours = coloursOf(this.paths, this._colours);
+    this._colours = new Map(this.paths.map((path) => [path, this._colours.get(path) ?? 0]));
+    address.set({ traces: this.paths.join(",") || "-", colours: toAddress(this._colours), span: String(this.span) });
+    before?.destroy();
+    const traces = this.paths.map((path, index) => (
+      { path, index, entry: /** @type {Page.Entry} */ (this.feed.entry(path)), colour: this._colours.get(path) ?? 0 }
+    ));
+    const chart = new Chart(this._plot, traces, this.how, (from, to) => this._still([from, to]));
+    this.chart = chart;
+    if (before) chart.cursors = before.cursors;
+    chart.marks = this._marks();
+    gestures(chart.plot.over, {
       zoom: (factor, share) => this._zoom(factor, share),
       pan: (share) => this._pan(share),
-      click: (x) => this._cursor(this.chart.timeAt(x)),
+      click: (x) => this._moved(() => chart.cursors.click(chart.timeAt(x))),
+      undoClick: () => this._moved(() => chart.cursors.undo()),
       live: () => this.live(),
+      hover: (x) => this._hovered(x === null ? null : chart.timeAt(x)),
     });
-    this.legend.show(this.chart);
+    this.legend.show(chart);
     this.trigger.choices(this.paths);
     this._fillSpans();
     this._subscribe();
     if (this.view) this._settle(0);
+    return chart;
   }
 
+  /** The time shown, also one that no choice has, as after a zoom. */
   _fillSpans() {
-    const spans = SPANS.includes(this.span) ? SPANS : [...SPANS, this.span].sort((a, b) => a - b);
-    this._spans.replaceChildren(...spans.map((span) => el("option", { value: String(span), textContent: duration(span) })));
-    this._spans.value = String(this.span);
+    const span = this.view ? Number((this.view[1] - this.view[0]).toPrecision(3)) : this.span;
+    if (Number(this._spans.value) === span && this._spans.length) return;
+    const spans = SPANS.includes(span) ? SPANS : [...SPANS, span].sort((a, b) => a - b);
+    this._spans.replaceChildren(...spans.map((each) => el("option", { value: String(each), textContent: duration(each) })));
+    this._spans.value = String(span);
   }
 
   // Live data ------------------------------------------------------------------------------------------
@@ -105,15 +142,15 @@ class Scope {
     this._subscription = this.feed.subscribe(trigger ? { ...request, trigger } : request, (points) => this._take(points));
   }
 
-  /** Points from the server: drawn with the next picture of the browser. */
+  /** Points from the server: drawn with the next picture of the browser. @param {Page.Points} points */
   _take(points) {
     const { chart } = this;
     if (points.trigger !== undefined) {
       chart.trigger = points.trigger;
-      setText(this._hint, `triggered at ${points.trigger.toFixed(4)} s`);
+      setText(this._hint, `triggered at ${this._moment(points.trigger, 4)}`);
     } else if (points.from < 0) chart.trigger = null;
     chart.buffer.take(points, points.times[points.times.length - 1] - this.span);
-    this._from = points.trigger === undefined ? null : points.start;
+    this._from = points.trigger === undefined ? null : points.start ?? null;
     this._drawn ??= requestAnimationFrame(() => this._draw());
   }
 
@@ -122,13 +159,23 @@ class Scope {
     const began = performance.now();
     const last = this.chart.buffer.last;
     if (this.view) this.chart.draw(this.view);
-    else if (this._from !== null && this._from !== undefined) this.chart.draw([this._from, this._from + this.span]);
+    else if (this._from !== null) this.chart.draw([this._from, this._from + this.span]);
     else if (last !== null) this.chart.draw([last - this.span, last]);
     queueMicrotask(() => {  // after uPlot's, which draws
       performance.measure("umo-scope", { start: began, end: performance.now() });
       performance.clearMeasures("umo-scope");
     });
   }
+
+  _onState() {
+    this.legend.refresh();
+    const marks = this._marks();
+    if (marks.length === this.chart.marks.length && marks.at(-1)?.text === this.chart.marks.at(-1)?.text) return;
+    this.chart.marks = marks;
+    if (this.view || this.feed.ended) this.chart.draw();
+  }
+
+  _marks() { return marksOf(this.feed.events, this.feed.misses); }
 
   // What is shown --------------------------------------------------------------------------------------
 
@@ -141,9 +188,11 @@ class Scope {
   live() {
     this.view = null;
     this._from = null;
+    this._fillSpans();
     this._subscribe();
   }
 
+  /** @param {[number, number]} view */
   _still([from, to]) {
     const { start, stop } = this.feed.range();
     const span = Math.min(Math.max(to - from, SHORTEST), Math.max(stop - start, SHORTEST));
@@ -151,28 +200,28 @@ class Scope {
     const was = this.view;
     this.view = [begin, begin + span];
     if (!was) this._subscribe();
+    this._fillSpans();
     this.chart.draw(this.view);
     this._settle(SETTLE);
   }
 
-  /** Ask for the history of the view when it has not changed for a while. */
+  /** Ask for the history of the view when it has not changed for a while. @param {number} wait */
   _settle(wait) {
     clearTimeout(this._settling);
     this._settling = setTimeout(async () => {
-      const [start, stop] = this.view ?? [];
-      if (start === undefined || !this.paths.length) return;
+      if (!this.view || !this.paths.length) return;
+      const [start, stop] = this.view;
       const chart = this.chart;
       try {
         const points = await this.feed.window({ paths: this.paths, start: start - 0.01 * (stop - start), stop: stop + 0.01 * (stop - start), width: chart.width });
         if (chart !== this.chart || !this.view || this.view[0] !== start || this.view[1] !== stop) return;
         chart.buffer.take({ ...points, from: -1 });
         this._draw();
-      } catch (error) { setText(this._hint, error.message); }
+      } catch (error) { setText(this._hint, String(error instanceof Error ? error.message : error)); }
     }, wait);
   }
 
-  _zoomTo(from, to) { this._still([from, to]); }
-
+  /** @param {number} factor @param {number} share */
   _zoom(factor, share) {
     if (!this.view) {
       this._spanned(Math.min(Math.max(Number((this.span * factor).toPrecision(3)), 0.01), 300));
@@ -183,43 +232,58 @@ class Scope {
     this._still([middle - (middle - from) * factor, middle + (to - middle) * factor]);
   }
 
+  /** @param {number} share */
   _pan(share) {
     const [from, to] = this.view ?? this.chart.range;
     this._still([from + share * (to - from), to + share * (to - from)]);
   }
 
+  /** @param {number} span */
   _spanned(span) {
     this.span = span;
     address.set({ span: String(span) });
-    this._fillSpans();
     if (this.view) {
       const middle = (this.view[0] + this.view[1]) / 2;
       this._still([middle - span / 2, middle + span / 2]);
       return;
     }
+    this._fillSpans();
     clearTimeout(this._settling);
     this._settling = setTimeout(() => this._subscribe(), SETTLE);
   }
 
-  /** Click: cursor A, then B; then the nearer one moves. */
-  _cursor(time) {
-    const { cursors } = this.chart;
-    const free = cursors.indexOf(null);
-    const nearer = Math.abs(time - cursors[0]) <= Math.abs(time - cursors[1]) ? 0 : 1;
-    cursors[free < 0 ? nearer : free] = time;
-    this._redraw();
-    this._measure();
-  }
-
-  _clear() {
-    this.chart.cursors = [null, null];
-    this._redraw();
-    this._measure();
-  }
-
-  _redraw() {
+  /** The cursors have changed by this. @param {() => void} act */
+  _moved(act) {
+    act();
     this.chart.draw();
     this.legend.refresh();
+    this._measure();
+  }
+
+  _clear() { this._moved(() => this.chart.cursors.clear()); }
+
+  /** Set a cursor in the middle, by a key. @param {number} which */
+  _setCursor(which) {
+    const [from, to] = this.chart.range;
+    this._moved(() => this.chart.cursors.set(which, (from + to) / 2));
+  }
+
+  /** @param {number} share  Of the time shown. */
+  _moveCursor(share) {
+    const [from, to] = this.chart.range;
+    this._moved(() => this.chart.cursors.move(share * (to - from)));
+  }
+
+  /** Where the mouse is: the time, and what happened there. @param {number | null} time */
+  _hovered(time) {
+    const mark = time === null ? null : markAt(this.chart.marks, time, this.chart.pixel);
+    setText(this._hover, time === null ? "" : [this._moment(time, 3), mark?.text].filter(Boolean).join(" · "));
+  }
+
+  /** @param {number} time @param {number} digits */
+  _moment(time, digits) {
+    const clock = wallTime(this.feed.state?.utc, time);
+    return `${time.toFixed(digits)} s${clock && ` (${clock})`}`;
   }
 
   _added() {
@@ -236,8 +300,7 @@ class Scope {
   async _measure() {
     const chart = this.chart;
     if (this._measuring || !this.paths.length || !this.feed.connected || document.hidden) return;
-    const between = chart.cursors.every((time) => time !== null);
-    const [start, stop] = between ? [...chart.cursors].sort((a, b) => a - b) : chart.range;
+    const [start, stop] = chart.cursors.between ?? chart.range;
     this._measuring = true;
     try {
       const { values } = await this.feed.measure({ paths: this.paths, start, stop });
@@ -246,23 +309,33 @@ class Scope {
   }
 
   async _picture() {
-    save(`${this.feed.station}.png`, await this.chart.picture(`${this.feed.station}, ${this.chart.range.map((time) => time.toFixed(3)).join(" to ")} s`));
+    const [from, to] = this.chart.range;
+    const utc = this.feed.state?.utc;
+    const day = wallDay(utc, from);
+    const times = `${from.toFixed(3)} to ${to.toFixed(3)} s${day && `, ${day} ${wallTime(utc, from)} to ${wallTime(utc, to)}`}`;
+    const picture = await this.chart.picture(`${this.feed.station}, ${times}`);
+    if (picture) save(`${this.feed.station}.png`, picture);
   }
 
   /** Every sample of the time shown, from the server straight into a file. */
   _csv() {
     const [start, stop] = this.chart.range;
-    const query = new URLSearchParams([...this.paths.map((path) => ["path", path]), ["start", start], ["stop", stop]]);
-    el("a", { href: `csv/${encodeURIComponent(this.feed.station)}?${query}`, download: `${this.feed.station}.csv` }).click();
+    const query = new URLSearchParams([...this.paths.map((path) => ["path", path]), ["start", String(start)], ["stop", String(stop)]]);
+    el("a", { href: `csv/${encodeURIComponent(this.feed.station ?? "")}?${query}`, download: `${this.feed.station}.csv` }).click();
   }
 
+  /** @param {KeyboardEvent} event */
   _key(event) {
-    if (event.target.matches("input, select, textarea, button") && event.key !== "Escape") return;
+    const target = /** @type {Element} */ (event.target);
+    if (target.matches("input, select, textarea, button, [role=tab]") && event.key !== "Escape") return;
     if (event.ctrlKey || event.metaKey || event.altKey) return;
-    const act = {
+    /** @type {Record<string, () => void>} */
+    const acts = {
       " ": () => this.pause(), "+": () => this._zoom(0.5, 0.5), "-": () => this._zoom(2, 0.5), Home: () => this.live(),
       ArrowLeft: () => this._pan(-0.1), ArrowRight: () => this._pan(0.1), Escape: () => this._clear(),
-    }[event.key];
+      a: () => this._setCursor(0), b: () => this._setCursor(1), ",": () => this._moveCursor(-STEP), ".": () => this._moveCursor(STEP),
+    };
+    const act = acts[event.key];
     if (!act) return;
     event.preventDefault();
     act();
@@ -278,6 +351,7 @@ class Scope {
   }
 }
 
+/** @param {import("./feed.js").Feed} feed */
 function firstTraces(feed) {
   const numbers = feed.entries.filter((entry) => !isBinary(entry) && unitOf(entry)).slice(0, FIRST.numbers);
   const states = feed.entries.filter(isBinary).slice(0, FIRST.states);

@@ -5,10 +5,10 @@ import { el, isBinary, setText, unitOf } from "./dom.js";
 const KINDS = { "": "none", rising: "rising edge", falling: "falling edge", above: "above", below: "below" };
 
 export class Trigger {
-  /** @param {() => void} changed */
+  /** @param {import("./feed.js").Feed} feed @param {() => void} changed */
   constructor(feed, changed) {
     this._feed = feed;
-    const option = ([value, textContent]) => el("option", { value, textContent });
+    const option = (/** @type {string[]} */ [value, textContent]) => el("option", { value, textContent });
     this._kind = el("select", { "aria-label": "Trigger" }, ...Object.entries(KINDS).map(option));
     this._path = el("select", { "aria-label": "Trigger on" });
     this._level = el("input", { type: "number", step: "any", value: "0.5", "aria-label": "Trigger level" });
@@ -28,7 +28,7 @@ export class Trigger {
     this.element = el("span", { className: "bar trigger" }, el("label", {}, "trigger", this._kind), this._more);
   }
 
-  /** The traces that it may wait for. */
+  /** The traces that it may wait for. @param {string[]} paths */
   choices(paths) {
     const before = this._path.value;
     this._path.replaceChildren(...paths.map((path) => el("option", { value: path, textContent: path })));

@@ -2,15 +2,20 @@
 
 import { TwinView } from "./twin/view.js";
 
-const NONE = "This station declares no twin. A file twin.py in its folder would: docs/howto-declare-a-twin.md.";
+/** @typedef {import("./feed.js").Feed} Feed */
 
+const NONE = "This station declares no twin. A file twin.py in its folder would: docs/howto-declare-a-twin.md.";
+const LOADING = "The twin is loading\u2026";
+
+/** @type {TwinView | null} */
 let view = null;
 let turn = 0;
 
-/** Show the twin of the feed's station in an empty element. */
+/** Show the twin of the feed's station in an empty element. @param {HTMLElement} element @param {Feed} feed */
 export async function mount(element, feed) {
   unmount();
   const mine = turn;
+  tell(element, LOADING);
   const description = await asked(feed);
   if (mine !== turn) return; // another one was mounted meanwhile, or this one unmounted
   if (description.error) tell(element, description.error);
@@ -29,23 +34,33 @@ export function shown() {
   return view;
 }
 
+/** @param {Feed} feed @returns {Promise<Page.Twin>} */
 async function asked(feed) {
   try {
-    return (await feed.json(`twin/${encodeURIComponent(feed.station)}`)) ?? { error: NONE };
+    return (await feed.json(`twin/${encodeURIComponent(feed.station ?? "")}`)) ?? { error: NONE };
   } catch (error) {
-    return { error: /404/.test(error.message) ? NONE : `The twin cannot be shown: ${error.message}` };
+    const text = words(error);
+    return /** @type {Page.Twin} */ ({ error: /404/.test(text) ? NONE : `The twin cannot be shown: ${text}` });
   }
 }
 
+/** @param {HTMLElement} element @param {Feed} feed @param {Page.Twin} description */
 function made(element, feed, description) {
   try {
-    return new TwinView(element, feed, description);
+    const twin = new TwinView(feed, description);
+    element.replaceChildren(twin.element);
+    twin.begin();
+    return twin;
   } catch (error) {
-    tell(element, `The twin cannot be drawn: ${error.message}`);
+    tell(element, `The twin cannot be drawn: ${words(error)}`);
     return null;
   }
 }
 
+/** @param {HTMLElement} element @param {string} text */
 function tell(element, text) {
-  element.replaceChildren(Object.assign(document.createElement("p"), { className: "twin-note", textContent: text }));
+  element.replaceChildren(Object.assign(document.createElement("p"), { className: "twin-note", role: "status", textContent: text }));
 }
+
+/** @param {unknown} error */
+const words = (error) => (error instanceof Error ? error.message : String(error));

@@ -6,6 +6,9 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 const STEP = Math.PI / 24; // of a key, rad
 const FROM = new THREE.Vector3(0.55, -0.8, 0.5).normalize();
 
+/** @type {Record<string, [number, number]>} */
+const TURNS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+
 export class Eye {
   /** @param {HTMLElement} element takes mouse, touch and keys @param {() => void} changed */
   constructor(element, changed) {
@@ -15,16 +18,18 @@ export class Eye {
     this.controls.addEventListener("change", changed);
     this.controls.maxPolarAngle = Math.PI * 0.98;
     this.bounds = new THREE.Box3();
+    /** @type {Page.Twin["view"]} */
     this.view = null;
   }
 
-  /** What is looked at: its box, and the view that its declaration gives, or null. */
+  /** What is looked at: its box, and the view that its declaration gives, or null. @param {THREE.Box3} bounds @param {Page.Twin["view"]} view */
   look(bounds, view) {
     this.bounds = bounds;
     this.view = view;
     this.reset();
   }
 
+  /** @param {number} width @param {number} height */
   resize(width, height) {
     this.camera.aspect = width / Math.max(height, 1);
     this.camera.updateProjectionMatrix();
@@ -44,9 +49,9 @@ export class Eye {
     return this.#stand(target, from.clone().multiplyScalar(this.#distance(from, target)));
   }
 
-  /** True if the key was one of the eye's. */
+  /** True if the key was one of the eye's. @param {KeyboardEvent} event */
   press(event) {
-    const turn = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
+    const turn = TURNS[event.key];
     if (turn && event.shiftKey) this.#pan(...turn);
     else if (turn) this.#orbit(...turn);
     else if (event.key === "+" || event.key === "=") this.#zoom(1 / 1.15);
@@ -61,6 +66,7 @@ export class Eye {
     this.controls.dispose();
   }
 
+  /** @param {THREE.Vector3} target @param {THREE.Vector3} away */
   #stand(target, away) {
     const far = away.length();
     this.camera.near = far / 200;
@@ -71,7 +77,7 @@ export class Eye {
     this.controls.update();
   }
 
-  /** How far away every corner of the box is in view. */
+  /** How far away every corner of the box is in view. @param {THREE.Vector3} from @param {THREE.Vector3} target */
   #distance(from, target) {
     const right = new THREE.Vector3().crossVectors(this.camera.up, from).normalize();
     const up = new THREE.Vector3().crossVectors(from, right);
@@ -87,6 +93,7 @@ export class Eye {
     return distance;
   }
 
+  /** @param {number} x @param {number} y */
   #orbit(x, y) {
     const away = this.camera.position.clone().sub(this.controls.target);
     away.applyAxisAngle(this.camera.up, x * STEP);
@@ -99,6 +106,7 @@ export class Eye {
     this.controls.update();
   }
 
+  /** @param {number} x @param {number} y */
   #pan(x, y) {
     const step = this.camera.position.distanceTo(this.controls.target) * 0.05;
     const way = new THREE.Vector3(x, -y, 0).multiplyScalar(step).applyQuaternion(this.camera.quaternion);
@@ -107,6 +115,7 @@ export class Eye {
     this.controls.update();
   }
 
+  /** @param {number} factor */
   #zoom(factor) {
     this.camera.position.sub(this.controls.target).multiplyScalar(factor).add(this.controls.target);
     this.controls.update();

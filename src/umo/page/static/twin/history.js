@@ -8,16 +8,19 @@ const FINE = { before: 4, after: 8, rate: 100 }; // s, s, samples a second
 /** @typedef {{start: number, stop: number, of: Map<string, {times: Float64Array, values: ArrayLike<number>}>}} Window */
 
 export class History {
-  /** @param {object} feed of the page @param {object[]} entries path and unit, or states, of each value */
+  /** @param {import("../feed.js").Feed} feed @param {Page.Entry[]} entries path and unit, or states, of each value */
   constructor(feed, entries) {
     this.feed = feed;
     this.entries = entries;
     this.binary = new Map(entries.map((entry) => [entry.path, "one" in entry]));
-    this.coarse = this.fine = null;
+    /** @type {Window | null} */
+    this.coarse = null;
+    /** @type {Window | null} */
+    this.fine = null;
     this.asking = false;
   }
 
-  /** Ask for what is needed to show time `t`; resolves to true when something new has come. */
+  /** Ask for what is needed to show time `t`; resolves to true when something new has come. @param {number} t */
   async load(t) {
     if (this.asking || covers(this.fine, t)) return false;
     this.asking = true;
@@ -33,10 +36,12 @@ export class History {
     }
   }
 
-  /** The value at a time: between two samples on a straight line, a state as it was before. NaN: not loaded. */
+  /** The value at a time: between two samples on a straight line, a state as it was before. NaN: not loaded. @param {string} path @param {number} t */
   at(path, t) {
     const window = covers(this.fine, t) ? this.fine : this.coarse;
-    const { times, values } = window?.of.get(path) ?? { times: [], values: [] };
+    const found = window?.of.get(path);
+    const times = found?.times ?? new Float64Array(0);
+    const values = found?.values ?? [];
     if (!times.length) return NaN;
     const i = Math.max(countUntil(times, t) - 1, 0);
     const steps = this.binary.get(path) || t < times[i] || !(times[i + 1] > times[i]) || !Number.isFinite(values[i + 1]);
@@ -44,7 +49,7 @@ export class History {
     return values[i] + ((values[i + 1] - values[i]) * (t - times[i])) / (times[i + 1] - times[i]);
   }
 
-  /** @returns {Promise<Window>} */
+  /** @param {number} start @param {number} stop @param {number} width @returns {Promise<Window>} */
   async #window(start, stop, width) {
     const most = Math.max(50, Math.floor(MOST / this.entries.length));
     const asked = { start, stop, width: Math.min(Math.max(width, 1), most) };
@@ -62,16 +67,17 @@ export class History {
   }
 }
 
-/** One number for each minimum and maximum: the mean, of a state the higher level. */
+/** One number for each minimum and maximum: the mean, of a state the higher level. @param {Page.Entry[]} entries @param {{low: Float64Array[], high: Float64Array[]}} points */
 export function middles(entries, { low, high }) {
   return entries.map((entry, i) => ("one" in entry ? high[i] : low[i].map((value, j) => (value + high[i][j]) / 2)));
 }
 
+/** @param {Window | null} window @param {number} t @returns {window is Window} */
 function covers(window, t) {
-  return Boolean(window) && t >= window.start && t <= window.stop;
+  return window !== null && t >= window.start && t <= window.stop;
 }
 
-/** How many of the times are at most t. */
+/** How many of the times are at most t. @param {Float64Array} times @param {number} t */
 function countUntil(times, t) {
   let low = 0;
   let high = times.length;

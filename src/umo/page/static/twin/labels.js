@@ -2,28 +2,32 @@
 
 import * as THREE from "three";
 
+/** @typedef {import("./scene.js").Body} Body */
+
 const MOST = 60;
 
 export class Labels {
   /**
    * @param {HTMLElement} element the layer above the picture @param {import("./scene.js").TwinScene} scene
-   * @param {string[][]} qualities sign and words of each
+   * @param {[string, string][]} qualities sign and words of each
    */
   constructor(element, scene, qualities) {
     this.qualities = qualities;
     this.element = element;
     this.scene = scene;
     this.all = false;
+    /** @type {Body | null} */
     this.chosen = null;
+    /** @type {Map<Body, HTMLElement>} */
     this.shown = new Map();
   }
 
-  /** Show those of all driven bodies, at most 60, or only that of the chosen one. */
+  /** Show those of all driven bodies, at most 60, or only that of the chosen one. @param {boolean} all */
   show(all) {
     this.all = all;
   }
 
-  /** Choose the body under a place of the picture, -1 to 1 each; none where there is none. */
+  /** Choose the body under a place of the picture, -1 to 1 each; none where there is none. @param {number} x @param {number} y @param {THREE.Camera} camera */
   choose(x, y, camera) {
     const ray = new THREE.Raycaster();
     ray.setFromCamera(new THREE.Vector2(x, y), camera);
@@ -31,7 +35,11 @@ export class Labels {
     this.chosen = hits.find((hit) => hit.object.userData.body && seen(hit.object))?.object.userData.body ?? null;
   }
 
-  /** Put each where its body is now. */
+  /**
+   * Put each where its body is now.
+   * @param {THREE.Camera} camera @param {number} width @param {number} height
+   * @param {(path: string) => Page.TwinSample | null} sample
+   */
   place(camera, width, height, sample) {
     const wanted = new Set(this.#wanted());
     for (const [body, label] of this.shown)
@@ -41,18 +49,17 @@ export class Labels {
       }
     const boxes = [];
     for (const body of wanted) {
-      if (!this.shown.has(body)) this.#add(body);
-      const label = this.shown.get(body);
+      const label = this.shown.get(body) ?? this.#add(body);
       const text = this.#text(body, sample);
       if (label.textContent !== text) label.textContent = text;
       const at = middle(body).project(camera);
       label.hidden = Math.abs(at.z) > 1 || !seen(body.node);
-      if (!label.hidden) boxes.push({ label, x: ((at.x + 1) / 2) * width, y: ((1 - at.y) / 2) * height });
+      if (!label.hidden) boxes.push({ label, x: ((at.x + 1) / 2) * width, y: ((1 - at.y) / 2) * height, w: 0, h: 0 });
     }
     this.#arrange(boxes, width);
   }
 
-  /** Side by side, none over another, none cut off at the right. */
+  /** Side by side, none over another, none cut off at the right. @param {{label: HTMLElement, x: number, y: number, w: number, h: number}[]} boxes @param {number} width */
   #arrange(boxes, width) {
     for (const box of boxes) [box.w, box.h] = [box.label.offsetWidth, box.label.offsetHeight];
     boxes.sort((one, other) => one.y - other.y);
@@ -72,39 +79,51 @@ export class Labels {
     this.chosen = null;
   }
 
+  /** Of bodies that the same values drive, the first one: a value is told once. */
   #wanted() {
-    const driven = this.all ? this.scene.bodies.filter((body) => pathsOf(body).length).slice(0, MOST) : [];
+    const told = new Set([""]);
+    const first = (/** @type {Body} */ body) => {
+      const paths = pathsOf(body).join();
+      return !told.has(paths) && told.add(paths);
+    };
+    const driven = this.all ? this.scene.bodies.filter(first).slice(0, MOST) : [];
     return this.chosen && !driven.includes(this.chosen) ? [...driven, this.chosen] : driven;
   }
 
+  /** @param {Body} body */
   #add(body) {
     const label = document.createElement("span");
     label.className = "twin-label";
     this.element.append(label);
     this.shown.set(body, label);
+    return label;
   }
 
+  /** @param {Body} body @param {(path: string) => Page.TwinSample | null} sample */
   #text(body, sample) {
     const lines = pathsOf(body).map((path) => `${path} ${shownValue(this.scene.entries.get(path), sample(path), this.qualities)}`);
     return [body.name, ...lines].join("\n");
   }
 }
 
-/** A value as text: with its unit, or the name of its state; and its quality, if that is not good. */
+/** A value as text: with its unit, or the name of its state; and its quality, if that is not good.
+ * @param {Page.Entry | undefined} entry @param {Page.TwinSample | null} found @param {[string, string][]} qualities */
 export function shownValue(entry, found, qualities) {
-  if (!found || !Number.isFinite(found.value)) return "no value";
+  if (!entry || !found || !Number.isFinite(found.value)) return "no value";
   const quality = found.quality ? ` (${qualities[found.quality][1]})` : "";
   if ("one" in entry) return (found.value > 0.5 ? entry.one : entry.zero) + quality;
   const size = Math.abs(found.value);
   const digits = size >= 1000 ? 0 : size >= 100 ? 1 : size >= 10 ? 2 : 3;
-  return `${found.value.toFixed(digits)} ${entry.unit}`.trim() + quality;
+  return `${found.value.toFixed(digits)} ${entry.unit ?? ""}`.trim() + quality;
 }
 
+/** @param {Body} body */
 function pathsOf({ told }) {
   const paths = [...told.joints, ...told.colours, ...told.visible].map((drive) => drive.path);
   return [...new Set([...paths, ...told.carried.flatMap((load) => [load.sensor, load.speed])])];
 }
 
+/** @param {Body} body */
 function middle(body) {
   if (!body.meshes.length) return body.node.getWorldPosition(new THREE.Vector3());
   const box = new THREE.Box3();
@@ -112,7 +131,8 @@ function middle(body) {
   return box.getCenter(new THREE.Vector3());
 }
 
+/** @param {THREE.Object3D} object */
 function seen(object) {
-  for (let each = object; each; each = each.parent) if (!each.visible) return false;
+  for (let each = /** @type {THREE.Object3D | null} */ (object); each; each = each.parent) if (!each.visible) return false;
   return true;
 }

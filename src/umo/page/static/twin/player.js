@@ -3,20 +3,14 @@
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 5, 10];
 
 export class Player {
-  /** @param {object} feed of the page @param {() => void} changed called when another time is to be shown */
+  /** @param {import("../feed.js").Feed} feed @param {() => void} changed called when another time is to be shown */
   constructor(feed, changed) {
     this.feed = feed;
     this.changed = changed;
-    /** s on the cycle's clock; null: live */
+    /** @type {number | null} s on the cycle's clock; null: live */
     this.time = null;
     this.speed = 1;
     this.playing = false;
-    this.#build();
-    this.refresh();
-  }
-
-  /** The bar below the picture. */
-  #build() {
     this.play = button("Play", "Play from the time that is shown (Space)", () => this.toggle());
     this.slider = Object.assign(document.createElement("input"), { type: "range", step: "0.01", title: "Time" });
     this.slider.setAttribute("aria-label", "Time that is shown");
@@ -29,8 +23,10 @@ export class Player {
     this.live = button("Live", "Follow the station (End)", () => this.follow());
     this.element = Object.assign(document.createElement("div"), { className: "twin-player" });
     this.element.append(this.play, this.slider, this.text, this.rate, this.live);
+    this.refresh();
   }
 
+  /** @param {number} time */
   seek(time) {
     const { start, stop } = this.feed.range();
     this.time = Math.min(Math.max(time, start), stop);
@@ -53,9 +49,9 @@ export class Player {
     this.changed();
   }
 
-  /** So many seconds have passed. */
+  /** So many seconds have passed. @param {number} seconds */
   advance(seconds) {
-    if (!this.playing) return;
+    if (!this.playing || this.time === null) return;
     const next = this.time + seconds * this.speed;
     if (next >= this.feed.range().stop) this.follow();
     else this.seek(next);
@@ -65,16 +61,16 @@ export class Player {
   refresh() {
     const { start, stop } = this.feed.range();
     if (this.time !== null && this.time < start) this.time = start; // the server keeps no more
-    this.slider.min = start;
-    this.slider.max = stop;
-    this.slider.value = this.time ?? stop;
+    this.slider.min = String(start);
+    this.slider.max = String(stop);
+    this.slider.value = String(this.time ?? stop);
     const ago = this.time === null ? "live" : `${(this.time - stop).toFixed(1)} s`;
     this.text.textContent = `${(this.time ?? stop).toFixed(2)} s (${ago})`;
     this.play.textContent = this.playing ? "Pause" : "Play";
     this.live.setAttribute("aria-pressed", String(this.time === null));
   }
 
-  /** True if the key was one of the player's. */
+  /** True if the key was one of the player's. @param {KeyboardEvent} event */
   press(event) {
     if (event.key === " ") this.toggle();
     else if (event.key === "End") this.follow();
@@ -84,6 +80,7 @@ export class Player {
   }
 }
 
+/** @param {string} text @param {string} title @param {() => void} pressed */
 export function button(text, title, pressed) {
   const made = Object.assign(document.createElement("button"), { type: "button", textContent: text, title });
   made.addEventListener("click", pressed);

@@ -3,18 +3,30 @@
 import * as THREE from "three";
 import { loadsAt } from "./loads.js";
 
-/** @typedef {{value: number, quality: number}} Sample  quality as in frames: 0 good ... 4 bad */
+/**
+ * @typedef {Page.TwinSample} Sample
+ * @typedef {THREE.Mesh<THREE.BufferGeometry, THREE.MeshLambertMaterial>} Mesh
+ * @typedef {Page.Carried & {node: THREE.Group, meshes: Mesh[], shown: [number, number][]}} Carried
+ * @typedef {{path: string, node: THREE.Group, move: (value: number) => void}} Joint
+ * @typedef {{name: string, parent: string, told: Page.Body, base: THREE.Group, node: THREE.Group, meshes: Mesh[],
+ *   joints: Joint[], carried: Carried[], poor: boolean, visible: Page.Body["visible"],
+ *   colours: {path: string, show: (value: number) => void}[], fade: (poor: boolean) => void}} Body
+ * @typedef {{times: Float64Array, columns: Map<string, ArrayLike<number>>, now: number}} Past  Of the loads on belts.
+ */
 
 const GHOST = 0.35;
 
 export class TwinScene {
-  /** @param {object} description of the twin, as the server gives it */
+  /** @param {Page.Twin} description of the twin, as the server gives it */
   constructor(description) {
     this.description = description;
     this.root = new THREE.Group();
     this.entries = new Map(description.paths.map((entry) => [entry.path, entry]));
+    /** @type {Map<string, THREE.BufferGeometry>} */
     this.geometries = new Map();
+    /** @type {Map<string, THREE.MeshLambertMaterial>} */
     this.materials = new Map();
+    /** @type {Body[]} */
     this.bodies = description.bodies.map((body) => this.#body(body));
     this.byName = new Map(this.bodies.map((body) => [body.name, body]));
     for (const body of this.bodies) (this.byName.get(body.parent)?.node ?? this.root).add(body.base);
@@ -28,7 +40,7 @@ export class TwinScene {
 
   /** Move everything. Without a value a body stays as it was.
    * @param {(path: string) => Sample | null} sample
-   * @param {{times: Float64Array, columns: Map<string, Float64Array>, now: number} | null} past of the loads on belts */
+   * @param {Past | null} past */
   update(sample, past = null) {
     for (const body of this.bodies) {
       let poor = false;
@@ -51,21 +63,33 @@ export class TwinScene {
   /** The values that joints are moved by and that are not good, with the quality of each; no value: 4.
    * @param {(path: string) => Sample | null} sample @returns {Map<string, number>} */
   poor(sample) {
-    const joints = this.bodies.flatMap((body) => body.joints.map(({ path }) => [path, sample(path)?.quality ?? 4]));
-    return new Map(joints.filter(([, quality]) => quality > 0));
+    /** @type {Map<string, number>} */
+    const found = new Map();
+    for (const { joints } of this.bodies) for (const { path } of joints) {
+      const quality = sample(path)?.quality ?? 4;
+      if (quality > 0) found.set(path, quality);
+    }
+    return found;
   }
 
-  /** Where a body's origin is in the world, m, and its rotation (w, x, y, z). For tests. */
+  /** Where a body's origin is in the world, m, and its rotation (w, x, y, z). For tests. @param {string} name */
   pose(name) {
-    const { node } = this.byName.get(name);
+    const { node } = this.#named(name);
     const at = node.getWorldPosition(new THREE.Vector3());
     const q = node.getWorldQuaternion(new THREE.Quaternion());
     return { position: at.toArray(), rotation: [q.w, q.x, q.y, q.z] };
   }
 
-  /** Fronts and rears of the loads that a body carries now, m. For tests. */
+  /** Fronts and rears of the loads that a body carries now, m. For tests. @param {string} name */
   loads(name) {
-    return this.byName.get(name).carried.flatMap((load) => load.shown);
+    return this.#named(name).carried.flatMap((load) => load.shown);
+  }
+
+  /** @param {string} name */
+  #named(name) {
+    const body = this.byName.get(name);
+    if (!body) throw new Error(`no body ${name}`);
+    return body;
   }
 
   /** What is drawn of it, as a box. */
@@ -78,6 +102,7 @@ export class TwinScene {
     for (const body of this.bodies) for (const mesh of body.meshes) mesh.material.dispose();
   }
 
+  /** @param {Page.Body} told @returns {Body} */
   #body(told) {
     const base = new THREE.Group();
     place(base, told);
@@ -91,33 +116,42 @@ export class TwinScene {
     const meshes = told.shapes.map((shape) => this.#mesh(shape, driven));
     if (meshes.length) node.add(...meshes);
     const carried = told.carried.map((load) => ({ ...load, node, meshes: [], shown: [] }));
-    const body = { name: told.name, parent: told.parent, told, base, node, meshes, joints, carried, poor: false };
+    const colours = told.colours.map((colour) => makeColour(colour, meshes));
+    const fade = (/** @type {boolean} */ poor) => meshes.forEach((mesh, i) => opaque(mesh.material, poor ? GHOST : told.shapes[i].opacity));
+    const body = { name: told.name, parent: told.parent, told, base, node, meshes, joints, carried, poor: false, visible: told.visible, colours, fade };
     for (const mesh of meshes) mesh.userData.body = body;
-    body.visible = told.visible;
-    body.colours = told.colours.map((colour) => makeColour(colour, meshes));
-    body.fade = (poor) => meshes.forEach((mesh, i) => opaque(mesh.material, poor ? GHOST : told.shapes[i].opacity));
     return body;
   }
 
+  /** @param {Page.Shape} shape @param {boolean} own  Whether its material is its own. */
   #mesh(shape, own) {
     const key = JSON.stringify([shape.kind, shape.size, shape.kind === "mesh" ? [shape.vertices, shape.faces] : 0]);
-    if (!this.geometries.has(key)) this.geometries.set(key, geometry(shape));
-    const mesh = new THREE.Mesh(this.geometries.get(key), own ? material(shape) : this.#shared(shape));
-    if (shape.kind === "ellipsoid") mesh.scale.set(...shape.size);
+    const mesh = new THREE.Mesh(this.#kept(key, () => geometry(shape)), own ? material(shape) : this.#shared(shape));
+    if (shape.kind === "ellipsoid") mesh.scale.fromArray(shape.size);
     place(mesh, shape);
     return mesh;
   }
 
-  #shared(shape) {
-    const key = `${shape.colour} ${shape.opacity}`;
-    if (!this.materials.has(key)) this.materials.set(key, material(shape));
-    return this.materials.get(key);
+  /** @param {string} key @param {() => THREE.BufferGeometry} make */
+  #kept(key, make) {
+    const found = this.geometries.get(key) ?? make();
+    this.geometries.set(key, found);
+    return found;
   }
 
+  /** @param {{colour: string, opacity: number}} shape */
+  #shared(shape) {
+    const key = `${shape.colour} ${shape.opacity}`;
+    const found = this.materials.get(key) ?? material(shape);
+    this.materials.set(key, found);
+    return found;
+  }
+
+  /** @param {Carried} load @param {Past} past */
   #showLoads(load, past) {
-    load.shown = loadsAt(load, past.times, past.columns.get(load.sensor), past.columns.get(load.speed), past.now);
+    load.shown = loadsAt(load, past.times, past.columns.get(load.sensor) ?? [], past.columns.get(load.speed) ?? [], past.now);
     while (load.meshes.length < load.shown.length) {
-      const mesh = new THREE.Mesh(this.#unitBox(), this.#shared({ colour: load.colour, opacity: 1 }));
+      const mesh = new THREE.Mesh(this.#kept("unit", () => new THREE.BoxGeometry()), this.#shared({ colour: load.colour, opacity: 1 }));
       load.meshes.push(mesh);
       load.node.add(mesh);
     }
@@ -129,19 +163,15 @@ export class TwinScene {
       mesh.position.set((front + rear) / 2, 0, load.size[1] / 2);
     });
   }
-
-  #unitBox() {
-    if (!this.geometries.has("unit")) this.geometries.set("unit", new THREE.BoxGeometry());
-    return this.geometries.get("unit");
-  }
 }
 
+/** @param {THREE.Object3D} object @param {{position: [number, number, number], rotation: [number, number, number, number]}} where */
 function place(object, { position, rotation: [w, x, y, z] }) {
   object.position.set(...position);
   object.quaternion.set(x, y, z, w).normalize();
 }
 
-/** A joint: the group below which everything moves, and the motion from the object's value. */
+/** A joint: the group below which everything moves, and the motion from the object's value. @param {Page.Joint} joint @param {THREE.Group} parent @returns {Joint} */
 function makeJoint({ kind, path, axis, factor, offset, range, anchor }, parent) {
   const along = new THREE.Vector3(...axis);
   const moved = new THREE.Group();
@@ -153,7 +183,7 @@ function makeJoint({ kind, path, axis, factor, offset, range, anchor }, parent) 
     node.position.set(...anchor).negate();
     moved.add(node);
   }
-  const move = (value) => {
+  const move = (/** @type {number} */ value) => {
     let q = factor * value + offset;
     if (range) q = Math.min(Math.max(q, range[0]), range[1]);
     if (kind === "hinge") moved.quaternion.setFromAxisAngle(along, q);
@@ -162,22 +192,24 @@ function makeJoint({ kind, path, axis, factor, offset, range, anchor }, parent) 
   return { path, node, move };
 }
 
+/** @param {Page.Colour} colour @param {Mesh[]} meshes */
 function makeColour({ path, stops, shape }, meshes) {
   const painted = shape === null ? meshes : [meshes[shape]];
-  const colours = stops.map(([at, colour]) => [at, new THREE.Color(colour)]);
+  const colours = stops.map(([at, colour]) => ({ at, colour: new THREE.Color(colour) }));
   const mixed = new THREE.Color();
-  const show = (value) => {
-    const next = colours.findIndex(([at]) => at >= value);
-    const [high, above] = colours.at(next);
-    const [low, below] = colours[next < 0 ? colours.length - 1 : Math.max(next - 1, 0)];
-    mixed.lerpColors(below, above, high > low ? (value - low) / (high - low) : 0);
+  const show = (/** @type {number} */ value) => {
+    const next = colours.findIndex(({ at }) => at >= value);
+    const high = colours[next < 0 ? colours.length - 1 : next];
+    const low = colours[next < 0 ? colours.length - 1 : Math.max(next - 1, 0)];
+    mixed.lerpColors(low.colour, high.colour, high.at > low.at ? (value - low.at) / (high.at - low.at) : 0);
     for (const mesh of painted) mesh.material.color.copy(mixed);
   };
   return { path, show };
 }
 
+/** @param {Page.Shape} shape @returns {THREE.BufferGeometry} */
 function geometry({ kind, size, vertices, faces }) {
-  if (kind === "box") return new THREE.BoxGeometry(...size);
+  if (kind === "box") return new THREE.BoxGeometry(size[0], size[1], size[2]);
   if (kind === "sphere") return new THREE.SphereGeometry(size[0], 24, 16);
   if (kind === "ellipsoid") return new THREE.SphereGeometry(0.5, 24, 16);
   if (kind === "cylinder") return new THREE.CylinderGeometry(size[0], size[0], size[1], 32).rotateX(Math.PI / 2);
@@ -191,12 +223,14 @@ function geometry({ kind, size, vertices, faces }) {
   return flat;
 }
 
+/** @param {{colour: string, opacity: number}} shape */
 function material({ colour, opacity }) {
   const made = new THREE.MeshLambertMaterial({ color: colour });
   opaque(made, opacity);
   return made;
 }
 
+/** @param {THREE.Material} made @param {number} opacity */
 function opaque(made, opacity) {
   made.opacity = opacity;
   made.transparent = opacity < 1;

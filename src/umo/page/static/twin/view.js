@@ -1,7 +1,7 @@
 /** The view "Twin": the picture, drawn only when something has changed, its buttons and its time. */
 
 import * as THREE from "three";
-import { setText } from "../dom.js";
+import { isBinary, setText } from "../dom.js";
 import { Belts } from "./belts.js";
 import { Eye } from "./camera.js";
 import { History } from "./history.js";
@@ -13,25 +13,59 @@ const BAD = 4; // quality
 const MANY = 64; // paths of a subscription: more are taken from the state of the station, 10 times a second
 
 export class TwinView {
-  /** @param {HTMLElement} element @param {object} feed of the page @param {object} description of the twin */
-  constructor(element, feed, description) {
+  /** @param {import("../feed.js").Feed} feed @param {Page.Twin} description */
+  constructor(feed, description) {
     this.feed = feed;
+    this.description = description;
     this.scene = new TwinScene(description);
     this.history = new History(feed, description.paths);
+    /** @type {Map<string, number>} */
     this.live = new Map();
+    /** @type {Map<string, Page.TwinSample>} */
     this.samples = new Map();
-    this.sample = (path) => this.samples.get(path) ?? null;
+    this.sample = (/** @type {string} */ path) => this.samples.get(path) ?? null;
     this.frame = 0;
     /** Pictures drawn so far. For tests. */
     this.drawn = 0;
     this.listeners = new AbortController();
+    /** @type {(() => void)[]} */
     this.closers = [];
-    this.#build(element, description);
+    /** @type {string | undefined} */
+    this.qualities = undefined;
+    /** @type {number | undefined} When the picture before was drawn, while it plays. */
+    this.before = undefined;
+    this.element = Object.assign(document.createElement("div"), { className: "twin-view" });
+    this.picture = Object.assign(document.createElement("div"), { className: "twin-picture", tabIndex: 0 });
+    this.picture.setAttribute("role", "application");
+    const keys = "arrows: orbit, with Shift: pan, + and -: zoom, R: reset view, F: fit, L: labels, Space: play, End: live";
+    this.picture.setAttribute("aria-label", `3D view of ${feed.station}. Keys: ${keys}`);
+    this.renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true });
+    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    this.world = new THREE.Scene();
+    this.ground = makeGround(this.scene.bounds(), description.floor);
+    this.world.add(this.scene.root, this.ground, ...lights());
+    this.layer = Object.assign(document.createElement("div"), { className: "twin-labels" });
+    this.labels = new Labels(this.layer, this.scene, feed.description?.qualities ?? []);
+    this.player = new Player(feed, () => this.draw());
+    this.picture.append(this.renderer.domElement, this.layer);
+    this.labelling = button("Labels", "Names and values of the bodies (L); or click on a body", () => this.#label());
+    this.labelling.setAttribute("aria-pressed", "false");
+    this.poor = Object.assign(document.createElement("span"), { className: "twin-poor", role: "status" });
+    this.eye = new Eye(this.picture, () => this.draw());
+    this.element.append(this.#tools(), this.picture, this.player.element);
+    this.theming = new MutationObserver(() => this.#theme());
+    this.resizing = new ResizeObserver(() => this.#resize());
+    this.belts = new Belts(feed, this.scene, () => this.draw());
+    this.closers.push(() => this.belts.close());
+  }
+
+  /** Go on when the element stands in the page. */
+  begin() {
     this.#listen();
     this.#subscribe();
     this.#theme();
     this.#resize();
-    this.eye.look(this.scene.bounds(), description.view);
+    this.eye.look(this.scene.bounds(), this.description.view);
   }
 
   /** Draw with the next picture of the browser. */
@@ -56,36 +90,8 @@ export class TwinView {
     this.element.remove();
   }
 
-  #build(element, description) {
-    this.element = Object.assign(document.createElement("div"), { className: "twin-view" });
-    this.picture = Object.assign(document.createElement("div"), { className: "twin-picture", tabIndex: 0 });
-    this.picture.setAttribute("role", "application");
-    const keys = "arrows: orbit, with Shift: pan, + and -: zoom, R: reset view, F: fit, L: labels, Space: play, End: live";
-    this.picture.setAttribute("aria-label", `3D view of ${this.feed.station}. Keys: ${keys}`);
-    this.renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true });
-    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
-    this.world = new THREE.Scene();
-    const sun = new THREE.DirectionalLight("#ffffff", 1.9);
-    sun.position.set(0.4, -0.8, 1);
-    const fill = new THREE.DirectionalLight("#ffffff", 0.7);
-    fill.position.set(-1, -0.3, 0.4);
-    this.world.add(this.scene.root, new THREE.HemisphereLight("#ffffff", "#8a8f96", 1.5), sun, fill);
-    this.ground = makeGround(this.scene.bounds(), description.floor);
-    this.world.add(this.ground);
-    this.layer = Object.assign(document.createElement("div"), { className: "twin-labels" });
-    this.labels = new Labels(this.layer, this.scene, this.feed.description.qualities);
-    this.player = new Player(this.feed, () => this.draw());
-    this.picture.append(this.renderer.domElement, this.layer);
-    this.element.append(this.#tools(), this.picture, this.player.element);
-    element.append(this.element);
-    this.eye = new Eye(this.picture, () => this.draw());
-  }
-
   #tools() {
     const tools = Object.assign(document.createElement("div"), { className: "twin-tools" });
-    this.labelling = button("Labels", "Names and values of the bodies (L); or click on a body", () => this.#label());
-    this.labelling.setAttribute("aria-pressed", "false");
-    this.poor = Object.assign(document.createElement("span"), { className: "twin-poor", role: "status" });
     tools.append(
       button("Reset view", "First view (R)", () => this.eye.reset()),
       button("Fit", "Fit everything into the window (F)", () => this.eye.fit()),
@@ -104,6 +110,7 @@ export class TwinView {
   #listen() {
     const { signal } = this.listeners;
     this.picture.addEventListener("keydown", (event) => this.#press(event), { signal });
+    /** @type {[number, number] | null} */
     let down = null;
     this.picture.addEventListener("pointerdown", (event) => (down = [event.clientX, event.clientY]), { signal });
     this.picture.addEventListener("pointerup", (event) => {
@@ -111,18 +118,18 @@ export class TwinView {
       down = null;
     }, { signal });
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.#theme(), { signal });
-    this.theming = new MutationObserver(() => this.#theme());
     this.theming.observe(document.documentElement, { attributes: true });
-    this.resizing = new ResizeObserver(() => this.#resize());
     this.resizing.observe(this.picture);
   }
 
+  /** @param {KeyboardEvent} event */
   #press(event) {
     if (event.ctrlKey || event.altKey || event.metaKey) return;
     const taken = event.key === "l" ? (this.#label(), true) : this.eye.press(event) || this.player.press(event);
     if (taken) event.preventDefault();
   }
 
+  /** @param {PointerEvent} event */
   #choose(event) {
     const { left, top, width, height } = this.picture.getBoundingClientRect();
     const [x, y] = [(event.clientX - left) / width, (event.clientY - top) / height];
@@ -137,10 +144,9 @@ export class TwinView {
       const live = this.feed.subscribe({ paths, span: 0, width: 1 }, (data) => this.#liveCame(paths, data));
       this.closers.push(() => live.close());
     }
-    this.belts = new Belts(this.feed, this.scene, () => this.draw());
-    this.closers.push(() => this.belts.close());
   }
 
+  /** @param {string[]} paths @param {Page.Points} points */
   #liveCame(paths, { times, low, high }) {
     if (!times.length) return;
     const last = times.length - 1;
@@ -148,6 +154,7 @@ export class TwinView {
     this.#take(paths, values);
   }
 
+  /** @param {string[]} paths */
   #stateCame(paths) {
     this.player.refresh();
     const found = paths.map((path) => this.feed.latest(path));
@@ -157,7 +164,7 @@ export class TwinView {
     if (paths.length > MANY) this.#take(paths, found.map((latest) => latest?.value ?? NaN));
   }
 
-  /** New values of the station: drawn if they are others. */
+  /** New values of the station: drawn if they are others. @param {string[]} paths @param {number[]} values */
   #take(paths, values) {
     const same = paths.every((path, i) => Object.is(this.live.get(path), values[i]));
     if (same) return;
@@ -165,8 +172,9 @@ export class TwinView {
     if (this.player.time === null) this.draw();
   }
 
+  /** @param {string} path */
   #isState(path) {
-    return "one" in this.scene.entries.get(path);
+    return isBinary(this.scene.entries.get(path));
   }
 
   /** The values at the time that is shown. */
@@ -186,7 +194,7 @@ export class TwinView {
     }
   }
 
-  /** Have the past loaded that the time needs; draw again when it has come. */
+  /** Have the past loaded that the time needs; draw again when it has come. @param {number} time */
   async #fetch(time) {
     try {
       if (await this.history.load(time)) this.draw();
@@ -195,6 +203,7 @@ export class TwinView {
     }
   }
 
+  /** @param {number} now  ms. */
   #render(now) {
     if (this.frame === -1) return;
     this.frame = 0;
@@ -214,7 +223,7 @@ export class TwinView {
 
   /** Why bodies are drawn faintly. */
   #tellPoor() {
-    const words = [...this.scene.poor(this.sample)].map(([path, quality]) => `${path} ${this.feed.description.qualities[quality][1]}`);
+    const words = [...this.scene.poor(this.sample)].map(([path, quality]) => `${path} ${this.feed.description?.qualities[quality]?.[1]}`);
     setText(this.poor, words.length ? `Drawn faintly: ${words.join(", ")}` : "");
   }
 
@@ -232,19 +241,26 @@ export class TwinView {
   }
 }
 
-/** A grid of lines 0.1 m apart, wider where the machine is; not there without a floor. */
+function lights() {
+  const sun = new THREE.DirectionalLight("#ffffff", 1.9);
+  sun.position.set(0.4, -0.8, 1);
+  const fill = new THREE.DirectionalLight("#ffffff", 0.7);
+  fill.position.set(-1, -0.3, 0.4);
+  return [new THREE.HemisphereLight("#ffffff", "#8a8f96", 1.5), sun, fill];
+}
+
+/** A grid of lines 0.1 m apart, wider where the machine is; not there without a floor. @param {THREE.Box3} bounds @param {number | null} floor */
 function makeGround(bounds, floor) {
   const size = bounds.getSize(new THREE.Vector3());
   const middle = bounds.getCenter(new THREE.Vector3());
   const width = Math.max(size.x, size.y, 0.1) * 3;
   const step = 10 ** Math.round(Math.log10(width / 20));
   const lines = Math.max(2, 2 * Math.ceil(width / step / 2));
-  const grid = new THREE.GridHelper(lines * step, lines, "#ffffff", "#ffffff");
-  grid.geometry.deleteAttribute("color");
-  grid.material.dispose();
-  grid.material = new THREE.LineBasicMaterial({ transparent: true, opacity: 0.45 });
+  const { geometry } = new THREE.GridHelper(lines * step, lines, "#ffffff", "#ffffff");
+  geometry.deleteAttribute("color");
+  const grid = new THREE.LineSegments(geometry, new THREE.LineBasicMaterial({ transparent: true, opacity: 0.45 }));
   grid.rotation.x = Math.PI / 2;
-  const snapped = (x) => Math.round(x / step) * step;
+  const snapped = (/** @type {number} */ x) => Math.round(x / step) * step;
   grid.position.set(snapped(middle.x), snapped(middle.y), floor ?? 0);
   grid.visible = floor !== null;
   return grid;

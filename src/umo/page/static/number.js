@@ -1,0 +1,67 @@
+/** The one widget for a number: a field that shows its value and takes a new one, its unit, a slider over its range. */
+
+import { el, shortNumber } from "./dom.js";
+
+const SLIDER = 500;  // steps
+
+/** @typedef {{name?: string, unit?: string, minimum?: number, maximum?: number}} About */
+
+/** @param {number | null} value */
+export const plain = (value) => shortNumber(value).replace(/\.0$/, "");
+
+/** `0…10`; empty without a range. @param {About} about */
+export const rangeText = ({ minimum, maximum }) => (bounded({ minimum, maximum }) ? `${plain(minimum ?? 0)}…${plain(maximum ?? 0)}` : "");
+
+/** @param {About} about */
+const bounded = ({ minimum, maximum }) => Number.isFinite(minimum) && Number.isFinite(maximum);
+
+/** What is outside of the range is refused by the machine, in its words. */
+export class NumberInput {
+  /**
+   * @param {About} about @param {string} label  For those who hear it.
+   * @param {{value?: string | number, slide?: ((value: number, done: boolean) => void) | null}} [how]
+   *   `slide`: called while the slider is moved and when it is let go of; null: there is none.
+   */
+  constructor(about, label, { value = "", slide = null } = {}) {
+    const title = [rangeText(about), about.unit].filter(Boolean).join(" ");
+    this.field = el("input", { type: "number", step: "any", value, placeholder: rangeText(about), title, "aria-label": label });
+    this.field.addEventListener("input", () => { this._edited = true; });
+    this.field.addEventListener("blur", () => { this._edited = false; });
+    this._edited = false;
+    this.slider = slide && bounded(about) ? this._slider(about, label, slide) : null;
+    this.element = el("span", { className: "number" }, this.field, about.unit && about.unit !== "sampling_period" ? el("span", { className: "unit", textContent: about.unit }) : null, this.slider);
+  }
+
+  /** @param {About} about @param {string} label @param {(value: number, done: boolean) => void} slide */
+  _slider(about, label, slide) {
+    const { minimum = 0, maximum = 0 } = about;
+    const slider = el("input", { type: "range", min: minimum, max: maximum, step: (maximum - minimum) / SLIDER || "any", title: rangeText(about), "aria-label": `${label}, slider` });
+    slider.oninput = () => {
+      this.field.value = plain(Number(slider.value));
+      slide(Number(slider.value), false);
+    };
+    slider.onchange = () => slide(Number(slider.value), true);
+    return slider;
+  }
+
+  /** What is given; null: nothing. */
+  get value() { return this.field.value === "" ? null : Number(this.field.value); }
+
+  /** Show the present value, unless a new one is being given. @param {number | null} value */
+  show(value) {
+    const busy = document.activeElement;
+    if (value === null || busy === this.slider || (busy === this.field && this._edited)) return;
+    const text = plain(value);
+    if (this.field.value !== text) this.field.value = text;
+    if (this.slider) this.slider.value = String(value);
+  }
+
+  /** The value was taken: what comes next is shown. */
+  taken() { this._edited = false; }
+
+  /** @param {boolean} enabled */
+  enable(enabled) {
+    this.field.disabled = !enabled;
+    if (this.slider) this.slider.disabled = !enabled;
+  }
+}

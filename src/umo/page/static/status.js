@@ -1,0 +1,43 @@
+/** The line of the page that says how the run and the connection are. */
+
+const SILENT = 1;  // s without news, after which the page says so
+
+/**
+ * @typedef {{connected: boolean, refused?: boolean, unheard: number, station: string | null, state: Page.State | null}} Known
+ * @typedef {{kind: "" | "warn" | "failed" | "ended", text: string, seconds: string}} Status
+ *   `text` is told to those who hear the page; `seconds`, which follow it, change all the time and are not.
+ */
+
+/** What is wrong, or how the run ended; an empty text: all is well. @param {Known} known @returns {Status} */
+export function statusOf({ connected, refused, unheard, station, state }) {
+  if (!connected) {
+    const lost = "The connection to the server is lost. The page tries again by itself.";
+    const out = "The server refuses this page. Open the address that `umo view` has printed.";
+    return warning(refused ? out : lost);
+  }
+  if (state?.stage === "ended") return ended(station ?? "", state.ending);
+  if (station && unheard > SILENT) return warning("Nothing heard from the server", unheard);
+  if (state && state.silent > SILENT) return warning("No new frame", state.silent);
+  return { kind: "", text: "", seconds: "" };
+}
+
+/** @param {string} text @param {number | null} seconds @returns {Status} */
+const warning = (text, seconds = null) => ({ kind: "warn", text, seconds: seconds === null ? "" : ` for ${seconds.toFixed(0)} s.` });
+
+/** @param {string} station @param {Page.Ending | null} ending @returns {Status} */
+function ended(station, ending) {
+  if (!ending) return { kind: "ended", text: `${station} has ended.`, seconds: "" };
+  const text = `${station} ${ending.failed ? "failed" : "has ended"}: ${ending.text}.`.replace(/\.\.$/, ".");
+  return { kind: ending.failed ? "failed" : "ended", text, seconds: "" };
+}
+
+/**
+ * What forbids actuators, each reason once with how many it forbids: `the emergency stop was pressed (2 actuators)`.
+ * @param {Record<string, string> | undefined} inhibited
+ */
+export function forbidden(inhibited) {
+  /** @type {Map<string, number>} */
+  const counts = new Map();
+  for (const reason of Object.values(inhibited ?? {})) counts.set(reason, (counts.get(reason) ?? 0) + 1);
+  return [...counts].map(([reason, count]) => `${reason} (${count} actuator${count > 1 ? "s" : ""})`);
+}

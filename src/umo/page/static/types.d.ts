@@ -1,0 +1,139 @@
+/** What the server tells (umo/page/watched.py), and what the modules of the page give each other. */
+
+declare namespace Page {
+  /** An object or a signal. */
+  interface Entry {
+    path: string;
+    kind?: string;
+    unit?: string;
+    one?: string;
+    zero?: string;
+    minimum?: number;
+    maximum?: number;
+    wire?: string;
+    synchronous?: boolean;
+    actuator?: boolean;
+  }
+
+  /** A number, a choice or a text that is given. */
+  interface Argument {
+    name: string;
+    kind?: string;
+    unit?: string;
+    minimum?: number;
+    maximum?: number;
+    choices?: string[];
+    default?: unknown;
+    required?: boolean;
+  }
+
+  interface Action { path: string; help: string; arguments: Argument[]; harmless: boolean; kept_up: boolean }
+
+  interface Tunable { path: string; name: string; unit?: string; minimum?: number; maximum?: number }
+
+  interface Description {
+    name: string;
+    run: string;
+    station: string;
+    wiring: string;
+    pid: number;
+    period: number;
+    objects: Entry[];
+    signals: Entry[];
+    actions: Action[];
+    tunables: Tunable[];
+    qualities: [string, string][];
+  }
+
+  interface Ending { failed: boolean; text: string }
+
+  interface Event { time: number; path: string; text: string; who: string; command: number; state: string; asked: string }
+
+  interface State {
+    run: string;
+    number: number;
+    stage: string;
+    box: string;
+    missed: number;
+    lost: number;
+    start: number;
+    stop: number;
+    silent: number;
+    ages: Record<number, number | null>;
+    ending: Ending | null;
+    utc: number | null;
+    time?: number;
+    progress?: [string, number, number];
+    execution?: number;
+    inhibited?: Record<string, string>;
+    by_hand?: string[];
+    mode?: string;
+    tuned?: Record<string, number | null>;
+    lease?: { number: number; holder: string };
+    events?: Event[];
+    misses?: [number, number][];
+    full: boolean;
+    values: Record<number, number[]>;
+  }
+
+  interface Server { station: string | null; hands: boolean; version: string }
+
+  interface Line { name: string; stage: string; wiring: string; ending?: Ending }
+
+  /** A value with what is known of it. */
+  interface Sample { value: number | null; raw: number | null; quality: number; time?: number }
+
+  /** Per trace the least and the greatest value of each point; NaN: no value. */
+  interface Points {
+    times: Float64Array;
+    low: Float64Array[];
+    high: Float64Array[];
+    from: number;
+    trigger?: number;
+    start?: number;
+  }
+
+  interface Answer { state: string; text: string; lease?: number }
+
+  /** A line on the scope. `index`: its place in the buffer. */
+  interface Trace { path: string; entry: Entry; index: number; colour: number }
+
+  /** Something that happened, on the scope. */
+  interface Mark { time: number; kind: "command" | "mode" | "missed" | "guard"; text: string }
+
+  /** A value that moves a body, and how (umo/twin/declared.py). */
+  interface Joint { kind: string; path: string; axis: [number, number, number]; factor: number; offset: number; range: [number, number] | null; anchor: [number, number, number] }
+
+  interface Colour { path: string; stops: [number, string][]; shape: number | null }
+
+  interface Carried { sensor: string; speed: string; level: number; factor: number; offset: number; over: number; size: [number, number]; colour: string }
+
+  interface Shape { kind: string; size: number[]; position: [number, number, number]; rotation: [number, number, number, number]; colour: string; opacity: number; vertices: number[]; faces: number[] }
+
+  interface Body {
+    name: string;
+    parent: string;
+    position: [number, number, number];
+    rotation: [number, number, number, number];
+    joints: Joint[];
+    colours: Colour[];
+    visible: { path: string; level: number }[];
+    carried: Carried[];
+    shapes: Shape[];
+  }
+
+  interface Twin {
+    bodies: Body[];
+    paths: Entry[];
+    view: { target: [number, number, number]; eye: [number, number, number] } | null;
+    floor: number | null;
+    error?: string;
+  }
+
+  /** A value with its quality, 0 good ... 4 bad. */
+  interface TwinSample { value: number; quality: number }
+
+  interface View { mount(element: HTMLElement, feed: import("./feed.js").Feed, hand: import("./hand.js").Hand): void; unmount(): void }
+}
+
+interface Window { uPlot: typeof import("uplot") }

@@ -1,0 +1,70 @@
+/** The messages of the server, and what they make of a page's state. */
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { Feed, unpack } from "../../../src/umo/page/static/feed.js";
+
+globalThis.WebSocket ??= /** @type {any} */ ({ OPEN: 1 });  // this node has none
+
+/** As umo/page/live.py packs it. */
+function packed(head, rows) {
+  const text = new TextEncoder().encode(JSON.stringify(head));
+  const padding = (8 - ((4 + text.length) % 8)) % 8;
+  const buffer = new ArrayBuffer(4 + text.length + padding + 8 * rows.flat().length);
+  new DataView(buffer).setUint32(0, text.length + padding, true);
+  new Uint8Array(buffer, 4).set(text);
+  new Uint8Array(buffer, 4 + text.length, padding).fill(32);
+  new Float64Array(buffer, 4 + text.length + padding).set(rows.flat());
+  return buffer;
+}
+
+test("a binary message is unpacked, with equal values once", () => {
+  const { head, points } = unpack(packed({ id: 3, count: 2, traces: 2, same: true }, [[0, 1], [5, 6], [7, 8]]));
+  assert.equal(head.id, 3);
+  assert.deepEqual(points.low.map((row) => [...row]), [[5, 6], [7, 8]]);
+  assert.equal(points.low, points.high);
+  const both = unpack(packed({ id: 3, count: 1, traces: 1, same: false }, [[0], [5], [7]])).points;
+  assert.deepEqual([both.low[0][0], both.high[0][0]], [5, 7]);
+});
+
+const DESCRIPTION = { type: "description", name: "press", run: "r1", objects: [{ path: "motor", unit: "V" }], signals: [{ path: "error", unit: "V" }] };
+const state = (more) => JSON.stringify({ type: "state", run: "r1", number: 1, stage: "running", ages: {}, start: 0, stop: 1, full: true, values: {}, ...more });
+
+test("states are put together from what has changed; events and misses stay until new ones come", () => {
+  const feed = new Feed();
+  let states = 0;
+  feed.on("state", () => { states += 1; });
+  feed._text(DESCRIPTION);
+  feed._text(JSON.parse(state({ values: { 0: [1.5, 300, 0], 1: [0.1] }, events: [{ text: "x" }], misses: [[1, 2]] })));
+  feed._text(JSON.parse(state({ full: false, number: 2, values: { 0: [2.5, 500, 3] } })));
+  assert.equal(states, 2);
+  assert.deepEqual(feed.latest("motor"), { value: 2.5, raw: 500, quality: 3, time: undefined });
+  assert.equal(feed.latest("error")?.value, 0.1);
+  assert.equal(feed.latest("nothing"), null);
+  assert.deepEqual([feed.events.length, feed.misses], [1, [[1, 2]]]);
+  assert.deepEqual(feed.changed, [0]);
+  assert.equal(feed.ended, false);
+});
+
+test("another run begins with nothing known of the one before", () => {
+  const feed = new Feed();
+  feed._text(DESCRIPTION);
+  feed._text(JSON.parse(state({ values: { 0: [1.5, 300, 0] }, events: [{ text: "x" }] })));
+  feed._text({ ...DESCRIPTION, run: "r2" });
+  assert.deepEqual([feed.latest("motor"), feed.events, feed.state], [null, [], null]);
+});
+
+test("a command that cannot be sent is an error, and answers go to who has asked", async () => {
+  const feed = new Feed();
+  await assert.rejects(feed.command({ do: "stop" }), /no connection/);
+  feed.connected = true;
+  let begun = false;
+  const answer = feed.command({ do: "call" }, () => { begun = true; });
+  feed._text({ type: "answer", id: 1, state: "begun" });
+  feed._text({ type: "answer", id: 1, state: "done", text: "" });
+  assert.equal((await answer).state, "done");
+  assert.equal(begun, true);
+  const failed = feed.measure({ paths: [], start: 0, stop: 1 });
+  feed._text({ type: "error", id: 2, text: "no station is chosen" });
+  await assert.rejects(failed, /no station is chosen/);
+});

@@ -1,0 +1,163 @@
+/** The scope's numbers: buffer, axes, colours, cursors, marks, times. node --test, without a browser. */
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { axesOf, declaredRange, inLane, laneSplits, rangeOf, tick } from "../../../src/umo/page/static/axes.js";
+import { Buffer, doubled, lowerBound } from "../../../src/umo/page/static/buffer.js";
+import { wallDay, wallTime } from "../../../src/umo/page/static/clock.js";
+import { coloursOf, fromAddress, toAddress } from "../../../src/umo/page/static/colours.js";
+import { Cursors } from "../../../src/umo/page/static/cursors.js";
+import { duration, shortNumber, shown } from "../../../src/umo/page/static/dom.js";
+import { markAt, marksOf, sentence } from "../../../src/umo/page/static/marks.js";
+
+const f64 = (...numbers) => Float64Array.from(numbers);
+const trace = (path, unit, more = {}) => ({ path, index: 0, colour: 0, entry: { path, unit, ...more } });
+const rounded = (least, most, share) => [least - share * (most - least), most + share * (most - least)];
+
+test("points of messages are joined: the last one is sent again, old ones are dropped", () => {
+  const buffer = new Buffer(1);
+  const first = f64(1, 2, 3);
+  const one = [first];
+  buffer.take({ from: -1, times: f64(0, 1, 2), low: one, high: one });
+  const more = [f64(30, 4)];
+  buffer.take({ from: 2, times: f64(2, 3), low: more, high: more }, 1);
+  assert.deepEqual([...buffer.times], [0, 1, 2, 3]);  // one point before the oldest stays: the line begins at the edge
+  assert.deepEqual([...buffer.low[0]], [1, 2, 30, 4]);
+  assert.equal(buffer.low, buffer.high);
+  buffer.take({ from: 4, times: f64(4), low: [f64(0)], high: [f64(8)] }, 3);
+  assert.deepEqual([...buffer.times], [2, 3, 4]);
+  assert.deepEqual([...buffer.high[0]], [30, 4, 8]);
+  assert.equal(buffer.last, 4);
+});
+
+test("a value at a time is that of the nearest point; none is null", () => {
+  const buffer = new Buffer(1);
+  assert.equal(buffer.at(0, 1), null);
+  buffer.take({ from: -1, times: f64(0, 1), low: [f64(0, NaN)], high: [f64(4, NaN)] });
+  assert.equal(buffer.at(0, 0.4), 2);
+  assert.equal(buffer.at(0, 0.6), null);
+  assert.equal(buffer.at(0, -9), 2);
+});
+
+test("lowerBound is the first index that is not before", () => {
+  const times = f64(0, 1, 1, 2);
+  for (const [time, index] of [[-1, 0], [0, 0], [0.5, 1], [1, 1], [1.5, 3], [2, 3], [3, 4]]) assert.equal(lowerBound(times, time), index);
+});
+
+test("a line passes the least and the greatest value of each point, with gaps where there is none", () => {
+  assert.deepEqual([...doubled(f64(1, 3), f64(2, 4))], [1, 2, 3, 4]);
+  const same = f64(1, NaN, 2);
+  assert.deepEqual(doubled(same, same), [1, null, 2]);
+});
+
+test("removing a trace does not recolour the others; a new one gets the lowest number that is free", () => {
+  let colours = coloursOf(["a", "b", "c"]);
+  assert.deepEqual([...colours.values()], [0, 1, 2]);
+  colours = coloursOf(["b", "c"], colours);
+  assert.deepEqual([colours.get("b"), colours.get("c")], [1, 2]);
+  colours = coloursOf(["b", "c", "d"], colours);
+  assert.equal(colours.get("d"), 0);
+});
+
+test("colours stand in the address when they are not in order", () => {
+  assert.equal(toAddress(new Map([["a", 0], ["b", 1]])), null);
+  assert.equal(toAddress(new Map([["b", 1], ["c", 2]])), "1.2");
+  assert.deepEqual([...fromAddress(["b", "c"], "1.2")], [["b", 1], ["c", 2]]);
+  for (const text of [null, "", "1", "1.1", "1.2.3", "x.y", "-1.2"]) assert.equal(fromAddress(["b", "c"], text).size, 0);
+});
+
+test("clicks set A, then B, then move the nearer one; a double click leaves both as they were", () => {
+  const cursors = new Cursors();
+  cursors.click(1);
+  assert.deepEqual(cursors.times, [1, null]);
+  assert.equal(cursors.between, null);
+  cursors.click(5);
+  cursors.click(4);
+  assert.deepEqual(cursors.times, [1, 4]);
+  cursors.click(2);
+  assert.deepEqual(cursors.times, [2, 4]);
+  cursors.undo();
+  assert.deepEqual(cursors.times, [1, 4]);
+  cursors.set(0, 9);
+  cursors.move(-0.5);
+  assert.deepEqual(cursors.times, [8.5, 4]);
+  assert.deepEqual(cursors.between, [4, 8.5]);
+  cursors.clear();
+  cursors.move(1);
+  assert.deepEqual(cursors.times, [null, null]);
+});
+
+test("traces of one unit share an axis with their names; in lanes each has its own", () => {
+  const traces = [trace("z.position", "mm"), trace("z.setpoint", "mm"), trace("motor", "V")];
+  assert.deepEqual(axesOf(traces, false).map(({ name }) => name), ["z.position, z.setpoint [mm]", "motor [V]"]);
+  const lanes = axesOf(traces, true);
+  assert.deepEqual(lanes.map(({ name, lane, lanes: count }) => [name, lane, count]), [["z.position [mm]", 0, 3], ["z.setpoint [mm]", 1, 3], ["motor [V]", 2, 3]]);
+  assert.equal(new Set(lanes.map(({ scale }) => scale)).size, 3);
+  const many = Array.from({ length: 9 }, (_, i) => trace(`zones.${i}.temperature`, "degC"));
+  assert.deepEqual(axesOf(many, false).map(({ name }) => name), ["9 traces [degC]"]);
+});
+
+test("an axis covers its values; about a constant it is a band between round numbers", () => {
+  assert.deepEqual(rangeOf(null, null, rounded), [null, null]);
+  assert.deepEqual(rangeOf(0, 10, rounded), [-1, 11]);
+  assert.deepEqual(rangeOf(0, 0, rounded), [-1, 1]);
+  const [least, most] = rangeOf(227, 227, rounded);
+  assert.ok(least < 227 && most > 227 && most - least < 114);
+  assert.deepEqual(rangeOf(1e-300, 1e-300, rounded).every(Number.isFinite), true);
+});
+
+test("the declared range is that of all traces of an axis, if each has one", () => {
+  const [axis] = axesOf([trace("a", "V", { minimum: -10, maximum: 10 }), trace("b", "V", { minimum: 0, maximum: 24 })], false);
+  assert.deepEqual(declaredRange(axis), [-10, 24]);
+  const [other] = axesOf([trace("a", "V", { minimum: -10, maximum: 10 }), trace("error", "V")], false);
+  assert.equal(declaredRange(other), null);
+});
+
+test("in a lane a trace fills its part of the height, and no other", () => {
+  for (const lanes of [2, 3, 7]) {
+    for (let lane = 0; lane < lanes; lane++) {
+      const [bottom, top] = inLane([10, 30], { lane, lanes });
+      const share = (value) => (value - bottom) / (top - bottom);  // from below
+      assert.ok(share(10) > (lanes - 1 - lane) / lanes && share(30) < (lanes - lane) / lanes);
+    }
+  }
+  assert.deepEqual(inLane([10, 30], { lane: 0, lanes: 1 }), [10, 30]);
+});
+
+test("a lane has two to four round numbers", () => {
+  for (const [least, most] of [[0, 1], [-3, 17], [740, 765], [1e-6, 3e-6], [-150000, 120000]]) {
+    const splits = laneSplits([least, most]);
+    assert.ok(splits.length >= 2 && splits.length <= 4, String(splits));
+    assert.ok(splits.every((value) => value >= least - 1e-9 * (most - least) && value <= most + 1e-9 * (most - least)));
+    assert.ok(splits.every((value) => tick(value).length < 8), String(splits.map(tick)));
+  }
+});
+
+test("what happened is marked by what it was, in the order of time, and told near its place", () => {
+  const events = [
+    { time: 2, path: "", asked: "mode manual", command: 3, who: "ann", state: "done", text: "" },
+    { time: 5, path: "z.jog", asked: "call z.jog", command: 4, who: "ann", state: "done", text: "" },
+    { time: 6, path: "z.motor", asked: "", command: 0, who: "", state: "none", text: "limited" },
+  ];
+  const marks = marksOf(events, [[3, 2]]);
+  assert.deepEqual(marks.map(({ time, kind }) => [time, kind]), [[2, "mode"], [3, "missed"], [5, "command"], [6, "guard"]]);
+  assert.equal(markAt(marks, 3.05, 0.01)?.text, "3.000 s 2 periods missed");
+  assert.equal(markAt(marks, 3.5, 0.01), null);
+  assert.equal(sentence(events[2]), "6.000 s z.motor: limited");
+});
+
+test("a time on the wall clock is local, to the millisecond; none in virtual time", () => {
+  const date = new Date(2026, 10, 22, 9, 5, 7, 250);
+  const utc = date.getTime() / 1e3 - 3.5;
+  assert.equal(wallTime(utc, 3.5), "09:05:07.250");
+  assert.equal(wallDay(utc, 3.5), "2026-11-22");
+  assert.equal(wallTime(null, 3.5) + wallDay(undefined, 3.5) + wallTime(utc, NaN), "");
+});
+
+test("numbers, durations and states in words", () => {
+  assert.deepEqual([1234.56, 0.00001234, 12.34567, null, NaN].map(shortNumber), ["1234.6", "1.234e-5", "12.346", "-", "-"]);
+  assert.deepEqual([0.0005, 0.25, 2.34, 12.34, 300, null].map(duration), ["500 µs", "250 ms", "2.34 s", "12.3 s", "5 min", "never"]);
+  assert.equal(shown({ path: "v", one: "ON", zero: "OFF" }, 1), "ON");
+  assert.equal(shown({ path: "v", one: "ON", zero: "OFF" }, null), "-");
+  assert.equal(shown({ path: "m", unit: "V" }, 1.5), "1.5 V");
+});
