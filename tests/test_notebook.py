@@ -273,7 +273,8 @@ def test_a_station_without_a_frame_and_one_that_is_detached_say_so() -> None:
         assert table.rows["encoder"]["value"] == "-"
         encoder = station.encoder
         station.close()
-        assert station._repr_html_().endswith("cannot be shown: FramesError: press (rig) is detached</div>")
+        assert station._repr_html_().endswith("cannot be shown: press (rig) is detached</div>")
+        assert repr(station).endswith("detached>")
         assert "press (rig) is detached" in encoder._repr_html_()
 
 

@@ -228,8 +228,9 @@ class RemoteStation(RemotePart):
         self.close()
 
     def __repr__(self) -> str:
-        about = self.reader.about
-        return f"<{about['station']}, pid {about['pid']}, {self.reader.state}, {self.mode or 'no commands'}>"
+        about, reader = self.reader.about, self.reader
+        now = "detached" if reader.closed else f"{reader.state}, {self.mode or 'no commands'}"
+        return f"<{about['station']}, pid {about['pid']}, {now}>"
 
 
 def _raised(event: Event) -> Exception:
