@@ -106,7 +106,7 @@ class Client:
     def send(self, **message: Any) -> None:
         self._socket.send(json.dumps(message))
 
-    def send_text(self, text: str) -> None:
+    def send_text(self, text: str | bytes) -> None:
         self._socket.send(text)
 
     def get(self, kind: str) -> Any:

@@ -296,3 +296,49 @@ def test_nothing_is_wider_than_a_phone(page: Any) -> None:
             page.locator(f"section.{view} tbody tr").first.wait_for()
             assert page.evaluate("document.documentElement.scrollWidth") <= 390
             page.goto("about:blank")
+
+
+def test_a_run_that_failed_is_red_in_each_view_and_its_values_are_the_last(page: Any) -> None:
+    with serving() as served:
+        with pytest.raises(ValueError, match="no part"), running():
+            page.goto(served.url + "#view=scope")
+            page.locator(".legend").wait_for()
+            raise ValueError("no part under the cup")
+        for view in ("machine", "scope", "operate"):
+            page.locator(f"[data-view={view}]").click()
+            page.locator(f"section.{view}").wait_for()
+            page.locator("#status.failed").get_by_text("press failed: ValueError: no part under the cup").wait_for()
+        page.locator("[data-view=machine]").click()
+        page.locator('tr[data-path="encoder"][data-quality="last"]').wait_for()
+        assert page.locator('tr[data-quality="good"]').count() == 0
+
+
+def test_the_views_are_tabs_with_a_panel_and_arrow_keys(page: Any) -> None:
+    with running(), serving() as served:
+        page.goto(served.url)
+        page.locator(".legend").wait_for()
+        page.get_by_role("tab", name="Scope").focus()
+        page.keyboard.press("ArrowRight")
+        page.get_by_role("tabpanel", name="Machine").locator(".objects").wait_for()
+        assert page.evaluate("document.activeElement.id") == "tab-machine"
+        page.keyboard.press("End")
+        page.get_by_role("tabpanel", name="Operate").locator(".parts").wait_for()
+
+
+def test_a_double_click_sets_no_cursor_and_a_zoom_changes_the_time_select(page: Any) -> None:
+    with running(count=3000, box=Scripted({"encoder": range(1, 9000)})), serving() as served:
+        page.goto(served.url + "#traces=encoder,motor,valve&span=2")
+        plot = page.locator(".plot .u-over")
+        plot.dblclick(position={"x": 200, "y": 50})
+        assert page.locator("caption").inner_text() == "measured over the time shown"
+        swatch = page.locator('tr[data-path="valve"] .swatch')
+        colour = swatch.get_attribute("style")
+        page.get_by_label("Remove motor").click()
+        page.locator('tr[data-path="motor"]').wait_for(state="detached")
+        assert swatch.get_attribute("style") == colour
+        box = plot.bounding_box()
+        page.mouse.move(box["x"] + 100, box["y"] + 50)
+        page.mouse.down()
+        page.mouse.move(box["x"] + 100 + box["width"] / 4, box["y"] + 50, steps=5)
+        page.mouse.up()
+        assert float(page.get_by_label("Time shown").input_value()) == pytest.approx(0.5, rel=0.05)

@@ -59,8 +59,8 @@ class Session:
         try:
             while True:
                 await self._take(await self._socket.receive_text())
-        except (WebSocketDisconnect, KeyError):  # KeyError: a binary message
-            pass
+        except (WebSocketDisconnect, KeyError, RuntimeError):  # KeyError: a binary message; RuntimeError: it is closed,
+            pass  # because nothing could be sent any longer
         finally:
             self._feed.pages -= 1
             sending.cancel()
