@@ -2,6 +2,7 @@
 
 import gc
 import os
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from itertools import islice
@@ -19,6 +20,8 @@ from helpers.image_forms import CHOSEN_FIRST, choose  # noqa: E402
 from helpers.tiers import first  # noqa: E402
 
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # hundreds of processes import umo: it is compiled once
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # in the background of a shell; programs of the tests inherit it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 settings.register_profile("umo", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("umo")
 
