@@ -65,6 +65,9 @@ class Copied:
         (place / "umo_mutants.pth").write_text("\n".join(map(str, lines)) + "\n")
         (place / "umo_mutants_start.py").write_text(COVERED)
         (place / f"{PLUGIN}.py").write_text(NOTE_TEST)
+        command = self.root / ".venv" / "bin" / "umo"
+        command.write_text(f"#!{command.with_name('python')}\nimport sys\nfrom umo.cli import main\nsys.exit(main())\n")
+        command.chmod(0o755)
 
     def pytest(self, words: list[str], seconds: float, **environment: str) -> tuple[int | None, str]:
         """Status and output of pytest in the copy; without a status if it took longer. No process of it stays."""
