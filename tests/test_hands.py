@@ -7,7 +7,6 @@ import gc
 import json
 import signal
 import weakref
-from collections import deque
 from collections.abc import Iterator
 from typing import Any, Literal
 
@@ -15,6 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from helpers.letters import Letters
 from helpers.machines import actuator, relay, sensor, switch, timer
 from umo import (
     BinaryActuator,
@@ -107,26 +107,6 @@ class Press(Compound):
 
 BOOT = 1000.0
 """The clock of the signs of life when the cycle's clock is 0, s."""
-
-
-class Letters:
-    """An inbox that a test fills, and the levels of its hands."""
-
-    def __init__(self) -> None:
-        self.waiting: deque[HandCommand] = deque()
-        self.taken = self.dropped = 0
-        self.stop: tuple[int, str] | None = None
-        self.asked = [0]
-        self.signs: dict[str, tuple[int, float]] = {}
-        """The lease of whom, and when, by path."""
-
-    def signed(self, path: str, lease: int) -> float:
-        number, seen = self.signs.get(path, (0, 0.0))
-        return seen if number == lease else 0.0
-
-    def take(self) -> HandCommand | None:
-        self.taken += bool(self.waiting)
-        return self.waiting.popleft() if self.waiting else None
 
 
 class Rig:

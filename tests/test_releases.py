@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from helpers.letters import Letters
 from umo import BinaryActuator, Compound, DigitalActuator, OpenClosed, connect
 from umo.cycle.hands import HandCommand, Hands, Mode
 from umo.stations.conveyor.objects import machine as conveyor
@@ -31,15 +32,6 @@ def test_every_held_action_that_ships_is_tried() -> None:
     assert found == {(make, path) for make, path, _, _ in HELD.values()}
 
 
-class Letters:
-    def __init__(self) -> None:
-        self.waiting: list[HandCommand] = []
-        self.taken = self.dropped = 0
-
-    def take(self) -> HandCommand | None:
-        return self.waiting.pop(0) if self.waiting else None
-
-
 @pytest.mark.parametrize("name", HELD)
 @settings(max_examples=30)
 @given(steps=st.lists(st.sampled_from(STEPS), max_size=8))
@@ -49,7 +41,8 @@ def test_what_is_switched_off_stays_off_whatever_is_released(name: str, steps: l
         if make is conveyor:
             put(m.emergency_stop, OpenClosed.CLOSED)
         letters = Letters()
-        hands = m._machine.hands = Hands(m._machine, letters, Mode.MANUAL)
+        clock = m._machine.clock
+        hands = m._machine.hands = Hands(m._machine, letters, letters, Mode.MANUAL, lambda: 1.0 + clock.now)
 
         def send(do: str, path: str = "", **more: Any) -> None:
             letters.waiting.append(HandCommand(1, "hand", "key", do, path, **more))
@@ -70,7 +63,8 @@ def test_what_is_switched_off_stays_off_whatever_is_released(name: str, steps: l
             elif step == "give back":
                 send("give back")
             elif step == "keep":
-                send("keep", held=(path,))
+                letters.signs |= dict.fromkeys(("", path), (hands.lease.number, 1.0 + clock.now))
+                periods(m, 3)
             else:
                 periods(m, 50)
         periods(m, 600)  # the lease has ended, and nothing is kept up

@@ -104,6 +104,9 @@ class Faulty(Driver[Any]):
     def close(self) -> None:
         self.driver.close()
 
+    def stop_waiting(self) -> None:
+        self.driver.stop_waiting()
+
     def report(self) -> Mapping[str, Any]:
         return self.driver.report()
 
