@@ -324,6 +324,7 @@ def test_what_does_not_fit_into_the_time_is_left_out_from_the_end_and_named() ->
     assert certificate.finding("range").verdict is Judgement.NOT_TRIED or "levels" in certificate.left_out[0]
     assert certificate.finding("memory").why == "left out, as the time was up (--minutes)"
     assert "the rule memory" in certificate.left_out
+    assert "the rule end" not in certificate.left_out and certificate.finding("end").verdict is Judgement.PASSED
     assert certificate.passed and certificate.status.endswith("(the line was not tried, cut short)")
 
 

@@ -115,7 +115,7 @@ class _Examination:
         standing = rule.theme == "standing"
         if self.ended and not (standing and not self.trial.watch.over):
             return _told(rule, Judgement.NOT_TRIED, self.ended)
-        if not self.trial.budget.begin(rule) and not standing:
+        if not standing and not self.trial.budget.begin(rule):
             return _told(rule, Judgement.NOT_TRIED, "left out, as the time was up (--minutes)")
         part = self._part(number, rule)
         part(0.0)

@@ -43,7 +43,7 @@ FREE = 4096
 """Bytes by which the memory may grow at any rate."""
 CIRCULAR = 0.5
 """Objects for each call that only the garbage collector frees."""
-TIMED = 1000
+TIMED = 300
 
 
 @rule(
