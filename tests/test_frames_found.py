@@ -18,8 +18,8 @@ from helpers.publishing import running, writer
 from umo import FramesError, connect, published
 from umo.frames import Reader, Stage, rings
 from umo.frames.folder import folder, new_path
+from umo.frames.frame_server import FrameServer
 from umo.frames.memory import Ends
-from umo.frames.server import FrameServer
 from umo.testing import Scripted, VirtualTimer, periods
 
 LISTER = """
@@ -209,7 +209,7 @@ def test_memory_that_can_be_cut_is_not_read() -> None:
 
 
 def test_a_server_that_does_not_answer_costs_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("umo.frames.server.ANSWER", 0.01)
+    monkeypatch.setattr("umo.frames.frame_server.ANSWER", 0.01)
     ends, readers = Ends.pair()
     server = FrameServer(new_path("bench"), readers)
     server.listen()
@@ -222,11 +222,13 @@ def test_a_server_that_does_not_answer_costs_a_sentence(monkeypatch: pytest.Monk
 
 def test_a_server_gives_nothing_to_another_user(monkeypatch: pytest.MonkeyPatch) -> None:
     with running() as (_, ring, _connection):
-        monkeypatch.setattr("umo.frames.server._peer", lambda connection: os.getuid() + 1)
-        monkeypatch.setattr("umo.frames.server.ROOT", -1)
+        monkeypatch.setattr("umo.frames.frame_server._peer", lambda connection: os.getuid() + 1)
+        monkeypatch.setattr("umo.frames.frame_server.ROOT", -1)
         with pytest.raises(FramesError, match=r"is another user's \(uid "):
             Reader(ring.path)
-        monkeypatch.setattr("umo.frames.server.ROOT", os.getuid())
-        monkeypatch.setattr("umo.frames.server._peer", lambda connection: 0 if connection.getsockname() == "" else 7)
+        monkeypatch.setattr("umo.frames.frame_server.ROOT", os.getuid())
+        monkeypatch.setattr(
+            "umo.frames.frame_server._peer", lambda connection: 0 if connection.getsockname() == "" else 7
+        )
         with pytest.raises(FramesError, match="another version of umo, or to another user"):
             Reader(ring.path)

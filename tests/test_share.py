@@ -19,7 +19,7 @@ from umo.process.outcome import Outcome
 from umo.process.share import Share
 from umo.process.silence import LOOK
 from umo.system import cores, processes
-from umo.system.cores import Place
+from umo.system.cores import CorePlace
 
 
 def may_use_fifo() -> bool:
@@ -39,15 +39,15 @@ needs_fifo = pytest.mark.skipif(not may_use_fifo(), reason="needs SCHED_FIFO and
 
 
 @pytest.fixture
-def place(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Callable[..., Place]]:
+def place(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Callable[..., CorePlace]]:
     """Takes places of this test alone, on three cores: other stations run on this computer."""
     monkeypatch.setattr(cores, "NAME", f"umo test {tmp_path}"[-60:])
     monkeypatch.setattr(cores, "isolated_cores", list)
     monkeypatch.setattr(cores.os, "sched_getaffinity", lambda pid: {0, 1, 2})
-    taken: list[Place] = []
+    taken: list[CorePlace] = []
 
-    def take(cpu: int | None = None) -> Place:
-        taken.append(Place(cpu))
+    def take(cpu: int | None = None) -> CorePlace:
+        taken.append(CorePlace(cpu))
         return taken[-1]
 
     yield take

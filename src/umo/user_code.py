@@ -22,7 +22,7 @@ LONGEST = 2000
 """Characters of an error that are told."""
 
 
-class Told(NamedTuple):
+class Raised(NamedTuple):
     """An error of the user's code, ready to be told. The exception's own traceback is gone: it would keep alive every
     object that the code had at hand."""
 
@@ -34,7 +34,7 @@ class Told(NamedTuple):
         return f"{self.kind.__name__}: {self.text}"
 
 
-def attempt(call: Callable[..., Any], *arguments: Any) -> tuple[Any, Told | None]:
+def attempt(call: Callable[..., Any], *arguments: Any) -> tuple[Any, Raised | None]:
     """The result of a call of the user's code and None; or None and what it raised, whatever that is.
 
     Only a Ctrl-C passes: a KeyboardInterrupt in the main thread, while Python's own handler of SIGINT is installed.
@@ -46,14 +46,14 @@ def attempt(call: Callable[..., Any], *arguments: Any) -> tuple[Any, Told | None
         return None, told(error)
 
 
-def told(error: BaseException) -> Told:
+def told(error: BaseException) -> Raised:
     """What to tell of an error that has just been caught. It lets go of the frames in which it was raised. A Ctrl-C is
     raised again."""
     if is_interrupt(error):
         raise error
     text = text_of(error) if isinstance(error, UmoError) else located(error)
     _let_go(error)
-    return Told(type(error), text if len(text) <= LONGEST else f"{text[:LONGEST]}...")
+    return Raised(type(error), text if len(text) <= LONGEST else f"{text[:LONGEST]}...")
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from conformance.subjects import careful, simulated
 from umo.drivers.contract import Channel, Driver
 from umo.drivers.simulated import Simulated
 from umo.errors import StopError
-from umo.testing.conformance import Certificate, Input, Judgement, Output, Plan, Subject, TcpTap, conform, examine
+from umo.testing.conformance import Certificate, Input, Judgement, Output, Subject, TcpTap, TimePlan, conform, examine
 
 
 def test_many_cycles_of_the_simulated_circuit_leave_nothing_behind() -> None:
@@ -310,7 +310,7 @@ def test_a_wrong_reading_is_told_as_a_wrong_reading_where_levels_are_recorded() 
 
 
 def test_what_does_not_fit_into_the_time_is_left_out_from_the_end_and_named() -> None:
-    plans: list[Plan] = []
+    plans: list[TimePlan] = []
 
     class Slow(Simulated):
         def write(self, channel: Channel, raw: int) -> None:

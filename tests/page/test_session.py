@@ -16,10 +16,10 @@ from umo.errors import FramesError
 from umo.frames import Reader
 from umo.frames.cells import size_of
 from umo.frames.folder import folder
+from umo.frames.frame_server import FrameServer
 from umo.frames.history import History
 from umo.frames.layout import Layout, arrange
 from umo.frames.memory import Ends, fill
-from umo.frames.server import FrameServer
 from umo.objects import Quality
 from umo.page import feed
 from umo.page.box_words import BoxInWords

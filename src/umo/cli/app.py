@@ -28,7 +28,7 @@ USUAL = "0 done; 1 the machine, a device or code failed; 2 a mistake, told on st
 """Exit statuses of most commands (docs/command-line.md)."""
 
 
-class Panel:
+class HelpPanel:
     """A panel of the help. Makes commands in it, whose own help ends with examples and exit statuses."""
 
     def __init__(self, title: str) -> None:
@@ -41,7 +41,7 @@ class Panel:
         return app.command(name, epilog=end, rich_help_panel=self._title, **options)
 
 
-command = Panel("Stations")
+command = HelpPanel("Stations")
 
 _STATION = typer.Argument(
     metavar="STATION", help="Directory of a station, or the name of a shipped one (ztheta, conveyor, furnace)."

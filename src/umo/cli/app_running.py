@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from .app import Panel, Take, finite, guarded
+from .app import HelpPanel, Take, finite, guarded
 
-command = Panel("Running stations")
+command = HelpPanel("Running stations")
 
 Running = Annotated[
     str, typer.Argument(metavar="STATION", help="Name or pid of a station that runs in real time (see `umo ps`).")

@@ -7,10 +7,10 @@ from typing import Annotated
 
 import typer
 
-from .app import OF_THE_MACHINE, Acknowledge, Panel, StationName, Take, WiringName, finite, guarded
+from .app import OF_THE_MACHINE, Acknowledge, HelpPanel, StationName, Take, WiringName, finite, guarded
 
-command = Panel("Machines, wirings, drivers")
-command_of_new = Panel("New stations and drivers")
+command = HelpPanel("Machines, wirings, drivers")
+command_of_new = HelpPanel("New stations and drivers")
 BY_HAND = "0 done; 1 a device failed; 2 a mistake, told on stderr; 3 an actuator is not at its default; 130 Ctrl-C"
 """Exit statuses of the commands that open devices."""
 

@@ -8,10 +8,10 @@ from enum import Enum
 from math import copysign, inf, isfinite, nan
 from typing import Protocol
 
+from umo.control.checks import check_numbers
 from umo.control.claim import Claim
 from umo.control.inputs import HOMING, Accept, value_of
 from umo.control.profile import Profile
-from umo.control.settings import check_numbers
 from umo.cycle.sequences import next_period, together
 from umo.errors import AxisError, DeclarationError, RangeError
 from umo.objects import Compound, DigitalSensor, Quality, Range, action

@@ -7,8 +7,8 @@ from math import isinf
 from typing import Any
 
 from umo.control.axis import STILL, Axis, Met
+from umo.control.checks import check_numbers
 from umo.control.inputs import state_of
-from umo.control.settings import check_numbers
 from umo.errors import DeclarationError, HomingError
 from umo.objects import BinaryActuator, BinarySensor, TwoState
 

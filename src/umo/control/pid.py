@@ -8,7 +8,7 @@ from math import inf, isfinite, nan
 
 import numpy as np
 
-from umo.control.settings import check_numbers
+from umo.control.checks import check_numbers
 from umo.errors import RangeError
 from umo.objects.scaling import FloatArray
 from umo.objects.vector import BoolArray

@@ -7,7 +7,7 @@ from math import frexp, inf, isfinite
 from types import ModuleType
 from typing import Any, NamedTuple
 
-from umo.control.settings import check_numbers
+from umo.control.checks import check_numbers
 from umo.errors import RangeError
 
 

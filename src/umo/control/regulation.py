@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from math import inf
 from typing import Generic, TypeVar
 
+from umo.control.checks import check_numbers
 from umo.control.inputs import Accept, value_of
-from umo.control.settings import check_numbers
 from umo.errors import DeclarationError, RangeError
 from umo.objects import BinaryActuator, DigitalSensor, TwoState
 

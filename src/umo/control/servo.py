@@ -8,9 +8,9 @@ from math import copysign, inf
 
 import numpy as np
 
+from umo.control.checks import check_numbers
 from umo.control.inputs import Accept, value_of
 from umo.control.pid import PID, VectorPID
-from umo.control.settings import check_numbers
 from umo.errors import DeclarationError
 from umo.objects import DigitalActuator, DigitalSensor, Vector
 from umo.objects.scaling import FloatArray

@@ -7,9 +7,9 @@ from math import inf, isfinite
 from types import MappingProxyType
 
 from umo.control.axis import Axis
+from umo.control.checks import check_numbers
 from umo.control.inputs import value_of
 from umo.control.servo import Servo
-from umo.control.settings import check_numbers
 from umo.errors import AxisError
 from umo.objects import DigitalActuator, Range
 

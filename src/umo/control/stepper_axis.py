@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from umo.control.axis import Axis
+from umo.control.checks import check_numbers
 from umo.control.inputs import value_of
-from umo.control.settings import check_numbers
 from umo.control.stepping import STEPS_PER_PERIOD, Stepping
 from umo.cycle.sequences import wait
 from umo.errors import AxisError

@@ -27,7 +27,7 @@ from umo.cycle.sequences import Sequences, Task
 from umo.errors import CommandRefused, DriverError, PathError, StateError, TaskFailed, UmoError
 from umo.objects import Atomic, Binary, BinaryActuator, Compound, DigitalActuator, Range
 from umo.text import did_you_mean
-from umo.user_code import Told, as_json, attempt
+from umo.user_code import Raised, as_json, attempt
 
 if TYPE_CHECKING:
     from umo.cycle.machine import ConnectedMachine
@@ -394,12 +394,12 @@ class Hands:
         for path in list(self._held):
             self._release(path, why)
 
-    def _cancel_running(self, why: str, path: str = "") -> list[Told]:
+    def _cancel_running(self, why: str, path: str = "") -> list[Raised]:
         """The errors of the cleaning up."""
         found = [each for each in self._running if path in ("", each.command.path)]
         return [error for each in found if (error := self._end(each, why)) is not None]
 
-    def _end(self, action: _Action, why: str) -> Told | None:
+    def _end(self, action: _Action, why: str) -> Raised | None:
         """Cancel an action and what it has started; the error of the cleaning up."""
         self._running.remove(action)
         asked = action.task is not None

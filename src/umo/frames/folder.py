@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from umo.errors import FramesError
-from umo.frames.server import is_served, is_socket
+from umo.frames.frame_server import is_served, is_socket
 from umo.system import folders
 
 SUFFIX = ".sock"

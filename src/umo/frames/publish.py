@@ -17,11 +17,11 @@ from umo.cycle.phases import Phases
 from umo.cycle.stage import Stage
 from umo.errors import FramesError
 from umo.frames.folder import new_path
+from umo.frames.frame_server import FrameServer
 from umo.frames.last_event import tell_end
 from umo.frames.layout import Layout, describe_objects, describe_signals
 from umo.frames.memory import Ends
 from umo.frames.ring import Ring
-from umo.frames.server import FrameServer
 
 
 @contextmanager

@@ -18,6 +18,7 @@ from umo.cycle.events import CommandState, Event
 from umo.cycle.hands import Mode
 from umo.cycle.stage import Stage
 from umo.errors import FramesError, PathError
+from umo.frames.frame_server import is_socket, receive
 from umo.frames.frames_table import html_of_frames
 from umo.frames.layout import (
     CHECKSUM,
@@ -44,7 +45,6 @@ from umo.frames.layout import (
     Places,
 )
 from umo.frames.memory import Ends, mapped
-from umo.frames.server import is_socket, receive
 from umo.objects import Quality
 from umo.objects.html_table import never_raises
 from umo.system import folders

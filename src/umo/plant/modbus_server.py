@@ -27,7 +27,7 @@ class ExceptionAnswer(Exception):
         self.code = code
 
 
-class Cells(Protocol):
+class RegisterCells(Protocol):
     """The four tables. Both methods raise ExceptionAnswer; a refused write has changed nothing."""
 
     def read(self, table: str, address: int, count: int) -> list[int]: ...
@@ -35,7 +35,7 @@ class Cells(Protocol):
     def write(self, table: str, address: int, values: Sequence[int]) -> None: ...
 
 
-def answer(request: bytes, cells: Cells) -> bytes:
+def answer(request: bytes, cells: RegisterCells) -> bytes:
     """The answer to a request, both without their header; `request` has a function code at least."""
     function, body = request[0], request[1:]
     try:
@@ -44,7 +44,7 @@ def answer(request: bytes, cells: Cells) -> bytes:
         return bytes([function | 0x80, refused.code])
 
 
-def _answer(function: int, body: bytes, cells: Cells) -> bytes:
+def _answer(function: int, body: bytes, cells: RegisterCells) -> bytes:
     if function in _READS:
         return _read(function, body, cells)
     if function in (5, 6):
@@ -54,7 +54,7 @@ def _answer(function: int, body: bytes, cells: Cells) -> bytes:
     raise ExceptionAnswer(ILLEGAL_FUNCTION)
 
 
-def _read(function: int, body: bytes, cells: Cells) -> bytes:
+def _read(function: int, body: bytes, cells: RegisterCells) -> bytes:
     table, most = _READS[function]
     address, count = _two_words(body, len(body))
     if not 1 <= count <= most:
@@ -64,7 +64,7 @@ def _read(function: int, body: bytes, cells: Cells) -> bytes:
     return bytes([len(packed)]) + packed
 
 
-def _write_one(function: int, body: bytes, cells: Cells) -> bytes:
+def _write_one(function: int, body: bytes, cells: RegisterCells) -> bytes:
     address, value = _two_words(body, len(body))
     if function == 6:
         cells.write("holding", address, [value])
@@ -75,7 +75,7 @@ def _write_one(function: int, body: bytes, cells: Cells) -> bytes:
     return body
 
 
-def _write_many(function: int, body: bytes, cells: Cells) -> bytes:
+def _write_many(function: int, body: bytes, cells: RegisterCells) -> bytes:
     address, count = _two_words(body, 4 if len(body) > 4 else 0)
     packed = body[5:]
     table, most, size = ("coil", 1968, (count + 7) // 8) if function == 15 else ("holding", 123, 2 * count)

@@ -7,13 +7,13 @@ import signal
 from collections.abc import Callable
 from contextlib import suppress
 
+from umo.process.control_watch import ControlWatch
 from umo.process.job import Plan
 from umo.process.last_words import say_last
 from umo.process.life import Life, Who
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome
 from umo.process.reset import Resetter, summary
-from umo.process.watched import Watched
 from umo.process.watcher import Watcher
 from umo.system import realtime
 from umo.system.custody import Custody
@@ -52,7 +52,7 @@ class Conclusion:
         # one below the guardian: a driver that loops for ever must not keep the guardian from ending it
         realtime.guard(process.priority - 1, process.cpu)
 
-    def step_in(self, control: Watched, why: str, said: Callable[[str], object]) -> Outcome:
+    def step_in(self, control: ControlWatch, why: str, said: Callable[[str], object]) -> Outcome:
         """The control process died without resetting the machine, or hangs: make sure that it is dead, then reset."""
         control.process.send(signal.SIGKILL)
         left = self._reset(control, said)
@@ -60,11 +60,11 @@ class Conclusion:
         told = f"not reached: {summary(left)}" if left else f"the {self.title} reset every actuator"
         return Outcome(Failed("ControlLost", f"{what}\n{told}", 1), unsafe=True, unreached=list(left))
 
-    def _who_died(self, control: Watched) -> str:
+    def _who_died(self, control: ControlWatch) -> str:
         both = "guardian and control process were killed"
         return both if self.title == STANDBY else f"the control process {control.ending()}"
 
-    def settle(self, control: Watched, outcome: Outcome, said: Callable[[str], object]) -> Outcome:
+    def settle(self, control: ControlWatch, outcome: Outcome, said: Callable[[str], object]) -> Outcome:
         """The control process has ended by itself. Retry the actuators that it could not reset."""
         if outcome.unreached:
             left = self._reset(control, said)  # all of them: the list may have been cut, and the order counts
@@ -75,7 +75,7 @@ class Conclusion:
             outcome.failure.status = 3 if left else 1
         return outcome
 
-    def _reset(self, control: Watched, said: Callable[[str], object]) -> dict[str, str]:
+    def _reset(self, control: ControlWatch, said: Callable[[str], object]) -> dict[str, str]:
         """Reset every actuator, in stop order; what was not reached, with the cause."""
         self._life.begin_reset()
         while self._spares:

@@ -23,17 +23,17 @@ from umo.cycle.stopping import SIGNALS, TimeLimit, request_stop
 from umo.errors import FramesError, StopError
 from umo.frames import Ring, published
 from umo.frames.cells import Cells
+from umo.frames.frame_server import FrameServer
 from umo.frames.last_event import tell
 from umo.frames.memory import Ends
-from umo.frames.server import FrameServer
 from umo.objects import Compound, DigitalSensor
+from umo.process.control_watch import WHERE
 from umo.process.job import Plan
 from umo.process.last_words import say_last
 from umo.process.life import Life, Who
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome, plain, plain_reports, status_of
 from umo.process.silence import STARVED
-from umo.process.watched import WHERE
 from umo.remote.queue import Receiver
 from umo.system import realtime
 from umo.system.custody import Custody

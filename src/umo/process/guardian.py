@@ -19,6 +19,7 @@ from umo.cycle.stage import Stage
 from umo.cycle.stopping import SIGNALS
 from umo.process.conclusion import Conclusion
 from umo.process.control_process import WATCHED_EVERY, Control, carry_out
+from umo.process.control_watch import ControlWatch
 from umo.process.job import Job, Plan
 from umo.process.last_words import say_last
 from umo.process.life import Life, Who
@@ -28,10 +29,9 @@ from umo.process.reset import BURIAL
 from umo.process.share import Share
 from umo.process.silence import LOOK, Silence
 from umo.process.standby import Standby
-from umo.process.watched import Watched
 from umo.process.watcher import Watcher
 from umo.system import realtime
-from umo.system.cores import Place
+from umo.system.cores import CorePlace
 from umo.system.custody import Custody
 from umo.system.processes import adjust_oom_score, name_process
 from umo.system.streams import keep_open, log_on_lines
@@ -89,20 +89,20 @@ class Guardian:
         """The number of looks one after the other in which listening failed."""
         self._told: set[str] = set()
         self._is_standby = False
-        self._control: Watched | None = None
+        self._control: ControlWatch | None = None
         self._traces = tempfile.TemporaryFile()  # noqa: SIM115  (as long as the process)
         self._watcher = Watcher(plan.name)
         self._end = Conclusion(plan, custody, self._life, channel, self._watcher)
         limit = max(self._process.hang_timeout, WATCHED_EVERY)
         self._standby = Standby(self._life, limit, self._take_over, channel, self._say)
 
-    def _take_core(self) -> Place | None:
+    def _take_core(self) -> CorePlace | None:
         """The core that the wiring names; without one, under SCHED_FIFO, the core with the fewest other stations."""
         process = self._plan.wired.process
         fifo = realtime.use_fifo(process.priority + 1) is None
         if not fifo and process.cpu is None:
             return None
-        place = Place(process.cpu)
+        place = CorePlace(process.cpu)
         self._plan.wired = replace(self._plan.wired, process=replace(process, cpu=place.core))
         self._core = place.core if fifo else None
         return place
@@ -122,7 +122,7 @@ class Guardian:
             control = Control(self._plan, self._custody, self._life, self._channel, guardian, self._watcher.frames)
             carry_out(control, self._traces)
         self._watcher.forked()
-        self._control = Watched(pid, self._life, self._traces.fileno())
+        self._control = ControlWatch(pid, self._life, self._traces.fileno())
         with suppress(Exception):
             realtime.guard(self._process.priority, self._process.cpu)
         self._standby.appoint()
@@ -164,7 +164,7 @@ class Guardian:
             self._stop = self._stop or signal.SIGTERM  # a control process that is alive stops the machine by itself
             self._guard()
 
-    def _keep(self, control: Watched) -> Outcome:
+    def _keep(self, control: ControlWatch) -> Outcome:
         hung = self._watch(control)
         outcome = Outcome.decode(self._life.reported()) if self._life.stage is Stage.ENDED else None
         if outcome is None:
@@ -177,7 +177,7 @@ class Guardian:
 
     # While it runs -------------------------------------------------------------------------------------
 
-    def _watch(self, control: Watched) -> str:
+    def _watch(self, control: ControlWatch) -> str:
         """Until the control process is gone (""), or hangs: then what is known of it."""
         share = Share(control.process.pid, self._core, self._say)
         silence = Silence(self._life, share, self._process.hang_timeout, self._plan.wired.period or 0.0)

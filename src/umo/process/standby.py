@@ -17,7 +17,7 @@ from typing import NoReturn
 from umo.process.life import Life, Who
 from umo.process.messages import MessageSocket
 from umo.process.reset import BURIAL, IGNORED
-from umo.system.processes import Process, name_process
+from umo.system.processes import ProcessHandle, name_process
 from umo.text import cause_of
 
 LOOK = 0.1
@@ -46,7 +46,7 @@ class Standby:
         self._take_over = take_over
         self._channel = channel
         self._say = say
-        self._guardian = Process(os.getpid())
+        self._guardian = ProcessHandle(os.getpid())
         self._pid = 0
         self._due = 0.0
         """Time at which another one is forked, if there is none."""

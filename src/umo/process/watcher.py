@@ -14,8 +14,8 @@ from umo.errors import FramesError
 from umo.frames import Reader
 from umo.frames.cells import Cells
 from umo.frames.folder import new_path
+from umo.frames.frame_server import FrameServer
 from umo.frames.memory import Ends
-from umo.frames.server import FrameServer
 from umo.latency import blackbox
 from umo.system import realtime
 from umo.text import Moment, text_of

@@ -18,7 +18,7 @@ PLACES = 16
 """The number of places on a core that are counted."""
 
 
-class Place:
+class CorePlace:
     """A place on a core, taken for the control process of the process that makes this. `cpu` is the core asked for."""
 
     def __init__(self, cpu: int | None = None) -> None:

@@ -20,7 +20,7 @@ LONGEST_NAME = 15
 """Bytes of the name of a process (prctl(2), PR_SET_NAME)."""
 
 
-class Process:
+class ProcessHandle:
     """A process, known by a descriptor: no other process can take its place, as with its id (pidfd_open(2), Linux 5.3;
     by its id alone where that is refused)."""
 

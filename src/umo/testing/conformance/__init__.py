@@ -16,7 +16,7 @@
 `umo conform` does this with a wiring; docs/howto-prove-a-driver.md describes both.
 """
 
-from umo.testing.conformance.budget import Plan
+from umo.testing.conformance.budget import TimePlan
 from umo.testing.conformance.certificate import Certificate, Finding, Judgement, TransferTime
 from umo.testing.conformance.examine import conform
 from umo.testing.conformance.pty_tap import PtyTap
@@ -31,12 +31,12 @@ __all__ = [
     "Input",
     "Judgement",
     "Output",
-    "Plan",
     "PtyTap",
     "Rule",
     "Subject",
     "Tap",
     "TcpTap",
+    "TimePlan",
     "TransferTime",
     "all_rules",
     "conform",

@@ -19,7 +19,7 @@ SHARES = {"long run": 0.9, "memory": 1.0}
 
 
 @dataclass(frozen=True)
-class Pace:
+class CallTime:
     """What one call takes, in s; measured from a few calls."""
 
     opening: float = 0.0
@@ -31,10 +31,10 @@ class Pace:
 
 
 @dataclass(frozen=True)
-class Plan:
+class TimePlan:
     """What a run will take. `str` is a sentence for the user."""
 
-    pace: Pace
+    pace: CallTime
     budget: float
     """s that it may take."""
     least: dict[str, float]
@@ -85,7 +85,7 @@ class Budget:
         self.spent: list[str] = []
         """What was left out for want of time, in words."""
 
-    def plan(self, pace: Pace, cycles: int | None) -> Plan:
+    def plan(self, pace: CallTime, cycles: int | None) -> TimePlan:
         """Taken as the basis from now on. `cycles`: of the long run; None: all that it can use."""
         opening, transfer = pace.opening * SLACK, pace.transfer * pace.channels * SLACK
         shown = {}
@@ -94,7 +94,7 @@ class Budget:
             self._least[rule.id] = cost.opens * opening + cost.each * transfer + cost.waits * pace.wait
             more = pace.transfer * SLACK * CALLS if rule.id == "long run" else cost.more * transfer
             shown[rule.id] = self._least[rule.id] + (more if cycles is None else min(more, cycles * transfer))
-        return Plan(pace, self._seconds, dict(self._least), shown)
+        return TimePlan(pace, self._seconds, dict(self._least), shown)
 
     def begin(self, rule: Rule) -> bool:
         """Whether the rule fits. If so, `more` is for it from now on."""

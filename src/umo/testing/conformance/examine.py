@@ -14,7 +14,7 @@ from typing import Any
 
 from umo.drivers.contract import Driver
 from umo.errors import Failure, StopError
-from umo.testing.conformance.budget import Budget, Plan
+from umo.testing.conformance.budget import Budget, TimePlan
 from umo.testing.conformance.certificate import Certificate, Finding, Judgement
 from umo.testing.conformance.probe import Stopped, call_of
 from umo.testing.conformance.rules import NotTried, Rule, RuleBroken, chosen_rules
@@ -24,7 +24,7 @@ from umo.text import reported
 
 OnProgress = Callable[[str, float], object]
 """Called with the rule and the share of the whole that is done, ten times a second."""
-OnPlan = Callable[[Plan], object]
+OnPlan = Callable[[TimePlan], object]
 """Called with what the run will take, before the first rule."""
 INTERVAL = 0.1
 MINUTES = 2.0

@@ -41,17 +41,17 @@ def late_answer(trial: Trial) -> str | None:
     return None if trial.line.ordered else "on a serial line: answers that come before the next request"
 
 
-Call = tuple[Callable[..., object], tuple[Any, ...]]
+SpoiledCall = tuple[Callable[..., object], tuple[Any, ...]]
 
 
-def _calls(trial: Trial, probe: Probe) -> list[Call]:
+def _calls(trial: Trial, probe: Probe) -> list[SpoiledCall]:
     """Reads of two channels, and a write."""
-    found: list[Call] = [(probe.read, (text,)) for text in trial.readable[:MOST]]
+    found: list[SpoiledCall] = [(probe.read, (text,)) for text in trial.readable[:MOST]]
     found += [(probe.write, (each.channel, each.other())) for each in trial.subject.outputs[:1]]
     return found
 
 
-def _comes_late(trial: Trial, probe: Probe, behind: bool, asked: Call, later: Call) -> bool:
+def _comes_late(trial: Trial, probe: Probe, behind: bool, asked: SpoiledCall, later: SpoiledCall) -> bool:
     """Whether the first call had an answer, which came after its timeout."""
     line = trial.line
     _alive(trial, probe)
@@ -146,7 +146,7 @@ def old_answer(trial: Trial) -> None:
         raise NotTried("answers carry no number, or nothing is steady: an earlier answer cannot be told")
 
 
-def _steady_reads(trial: Trial, probe: Probe) -> Iterator[Call]:
+def _steady_reads(trial: Trial, probe: Probe) -> Iterator[SpoiledCall]:
     for text in trial.known[:1]:
         yield probe.read, (text,)
 

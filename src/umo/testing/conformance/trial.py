@@ -14,7 +14,7 @@ from typing import Any
 
 from umo.cycle.transfer import PATIENCE
 from umo.drivers.contract import Direction, Driver
-from umo.testing.conformance.budget import Budget, Pace
+from umo.testing.conformance.budget import Budget, CallTime
 from umo.testing.conformance.certificate import TransferTime
 from umo.testing.conformance.probe import Probe, Stopped, Watch, call_of
 from umo.testing.conformance.process import state, threads
@@ -44,7 +44,7 @@ class Trial:
         self.subject = subject
         self.cycles = cycles
         self.budget = budget if budget is not None else Budget(inf, ())
-        self.pace = Pace()
+        self.pace = CallTime()
         self.haste = subject.timeout
         """s: the timeout of calls that must time out."""
         self.watch = Watch()
@@ -78,7 +78,7 @@ class Trial:
         opening = monotonic() - began - sum(taken)
         self.haste = min(self.subject.timeout, max(HASTE_LEAST, HASTE * max(taken, default=0.0)))
         mean = sum(taken) / max(1, len(taken))
-        self.pace = Pace(opening, mean, self.haste, max(1, len(self.channels)))
+        self.pace = CallTime(opening, mean, self.haste, max(1, len(self.channels)))
 
     # Drivers -----------------------------------------------------------------------------------------
 

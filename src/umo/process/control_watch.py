@@ -11,18 +11,18 @@ from time import monotonic, sleep
 from umo.cycle.stopping import SIGNALS, signal_name
 from umo.process.life import Life
 from umo.process.reset import BURIAL
-from umo.system.processes import Process, is_stopped
+from umo.system.processes import ProcessHandle, is_stopped
 from umo.text import in_brackets, place_among
 
 WHERE = signal.SIGUSR2
 """At this signal the control process writes down where its Python code stands."""
 
 
-class Watched:
+class ControlWatch:
     """The control process, from its fork to its end. `traces` is the file in which it writes down where it stands."""
 
     def __init__(self, pid: int, life: Life, traces: int) -> None:
-        self.process = Process(pid)
+        self.process = ProcessHandle(pid)
         self._life = life
         self._traces = traces
         self._status: int | None = None
