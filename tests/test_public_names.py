@@ -91,7 +91,7 @@ NAMES = {
         "Input",
         "Judgement",
         "Output",
-        "Plan",
+        "TimePlan",
         "PtyTap",
         "Rule",
         "Subject",
