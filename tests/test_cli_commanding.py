@@ -82,6 +82,7 @@ def test_an_action_is_called_with_units_and_waited_for(conveyor: umo.Started) ->
         (["tune", "conveyor", "window", "1 m"], "window: 1000 mm is outside 1 to 100"),
         (["mode", "conveyor", "automatisch"], "there is no mode 'automatisch'; there are: automatic, manual"),
         (["mode", "convejor"], "'convejor' is not running (did you mean 'conveyor'?)"),
+        (["acknowledge", "conveyor", "bolt"], "no object 'bolt' in Conveyor (did you mean 'belt'?)"),
         (["set", "conveyor", "entry", "COVERED"], "entry is a sensor; only actuators can be set"),
     ],
 )
@@ -89,6 +90,12 @@ def test_a_mistake_is_said_in_a_line_with_status_2(conveyor: umo.Started, words:
     result = run(*words)
     assert (result.exit_code, text in said(result)) == (2, True), said(result)
     assert len(result.stderr.strip().splitlines()) <= 2
+
+
+def test_latched_interlocks_are_acknowledged(conveyor: umo.Started) -> None:
+    for words, said_of in ((["belt"], "belt"), ([], "conveyor")):
+        result = run("acknowledge", "conveyor", *words)
+        assert (result.exit_code, result.stdout) == (0, f"{said_of}: acknowledged\n"), said(result)
 
 
 def test_a_number_is_tuned_and_how_to_keep_it_is_said(conveyor: umo.Started) -> None:
