@@ -308,7 +308,7 @@ def test_a_wrong_value_is_refused_in_the_machine_s_own_words(
     for value in (31.0, 25.0):
         field.fill(f"{value:g}")
         field.press("Enter")
-        eventually(lambda value=value: station.window == value)  # type: ignore[misc]
+        eventually(lambda value=value: f"-> {value:g}" in answers(page))  # type: ignore[misc]
     eventually(lambda: control(page, "window").get_by_label("window", exact=True).input_value() == "25")
     control(page, "window").get_by_role("button", name="Undo").click()
     eventually(lambda: station.window == 31.0)

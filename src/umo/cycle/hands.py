@@ -299,7 +299,7 @@ class Hands:
         tunable = _known(self._machine.tunables, command.path, "tunable number")
         before = tunable.read()
         tunable.set(command.value)
-        return CommandState.DONE, json.dumps(f"{before:g} -> {tunable.read():g}")
+        return CommandState.DONE, json.dumps(f"{before:.15g} -> {tunable.read():.15g}")
 
     def _write(self, command: HandCommand) -> tuple[CommandState, str]:
         self.lease.check(command.key)

@@ -1,6 +1,7 @@
 /** Controls made from the declarations: actuators, actions, jogs, tunable numbers, sensors. */
 
 import { el, isBinary, setText, shown } from "./dom.js";
+import { unquoted } from "./hand.js";
 import { NumberInput, plain } from "./number.js";
 import { shownQuality } from "./quality.js";
 
@@ -264,11 +265,11 @@ export class TunableControl {
   /** @param {number} value */
   async _tune(value) {
     const { path } = this._about;
-    const before = this._hand.feed.state?.tuned?.[path] ?? null;
-    const { state } = await this._hand.ask({ do: "tune", path, value }, `${path} = ${plain(value)}`);
+    const { state, text } = await this._hand.ask({ do: "tune", path, value }, `${path} = ${plain(value)}`);
     if (state !== "done") return;
     this._number.taken();
-    if (before !== null && before !== value) this._hand.tuned.push(path, before);
+    const before = parseFloat(unquoted(text ?? ""));  // the machine's answer: "25 -> 31"; the last state may be older
+    if (Number.isFinite(before) && before !== value) this._hand.tuned.push(path, before);
   }
 
   /** To the value before the last change by this page. */

@@ -140,7 +140,7 @@ export function words({ what, state, text }) {
 }
 
 /** A result, which comes as JSON. @param {string} text */
-function unquoted(text) {
+export function unquoted(text) {
   try {
     const value = JSON.parse(text);
     return typeof value === "string" ? value : text;
