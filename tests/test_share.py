@@ -125,7 +125,7 @@ def look_until(share: Share, reached: Callable[[], bool], most: int = 500) -> No
 def test_a_control_process_that_works_for_long_gives_way_until_its_next_sign_of_life(spinning) -> None:
     pid = spinning(max(os.sched_getaffinity(0)), 10, "spin").pid
     share = Share(pid, None, lambda text: None)
-    look_until(share, lambda: os.sched_getparam(pid).sched_priority == 1)
+    look_until(share, lambda: os.sched_getscheduler(pid) == os.SCHED_OTHER)
     share.begin()
     assert os.sched_getparam(pid).sched_priority == 10
 

@@ -142,9 +142,9 @@ def _judge(kind: Kind, found: Try, run: Run, moment: int) -> tuple[Try, Run, int
     found.wrong = ""
     if not ended:
         found.unsafe = f"its processes still ran {kind.limit:g} s later"
-    if any(at_end):
+    if any(at_end) and kind.resets:
         found.unsafe = _join(found.unsafe, f"{_named(at_end)} not at the default at the end")
-    else:
+    elif not any(at_end):
         found.ms = max(0.0, (run.box.since - moment) * 1e-6)
     run.close()
     found.said = run.said()

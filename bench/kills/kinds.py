@@ -14,16 +14,22 @@ from bench.kills.strikes import (
     STOP,
     TERM,
     Strike,
+    all_stopped_then,
     asleep,
     at_once,
+    at_work,
     each,
     ending,
     faulty,
     guardian_stopped_then,
     interrupted_while_retrying,
+    neighbours_loop,
     one,
+    standby_killed_then_both,
     starting,
     stopping,
+    then_stopped,
+    together,
     twice,
     without_descriptors,
     without_processes,
@@ -58,6 +64,8 @@ class Kind:
     """A fault of the box that is there before the machine starts."""
     limit: float = 15.0
     """s after the strike within which all processes must have ended."""
+    resets: bool = True
+    """Whether a process is left that resets the machine."""
     takes: float = 0.0
     """s that a try takes beyond starting the machine and ending it."""
 
@@ -77,7 +85,31 @@ KILLS = [
     Kind("SIGSTOP of the guardian, SIGKILL of the starter", guardian_stopped_then("starter", KILL), KILLED, 10),
     Kind("SIGKILL of the starter", one("starter", KILL), KILLED, 40, BOTH),
     Kind("SIGKILL of the starter under nohup", one("starter", KILL), KILLED, 30, BOTH, NOHUP),
-    Kind("SIGSTOP of all three for 3 s", asleep(3.0), LOST, 10, takes=3),
+    Kind("SIGSTOP of all for 3 s", asleep(3.0), LOST, 10, takes=3),
+]
+SHORTLY = (0.0, 0.06)
+"""s."""
+TOGETHER = [
+    Kind("SIGKILL of guardian and control at once", together("guardian", "control"), LOST, 60),
+    Kind("SIGKILL of the guardian, then control", together("guardian", "control", apart=SHORTLY), LOST, 60),
+    Kind("SIGKILL of control, then the guardian", together("control", "guardian", apart=SHORTLY), LOST, 60),
+    Kind("SIGKILL of the guardian's group", together("guardian", group=True), LOST, 20),
+    Kind("SIGKILL of the control process's group", together("control", group=True), LOST, 20),
+    Kind("SIGKILL of standby and guardian at once", together("standby", "guardian"), LOST, 20),
+    Kind("SIGKILL of standby and control at once", together("standby", "control"), LOST, 20),
+    Kind("SIGKILL of standby, TERM", then_stopped(together("standby")), (-TERM,), 20),
+    Kind("SIGKILL of standby, then of guardian and control", standby_killed_then_both, LOST, 20),
+    Kind(
+        "SIGKILL of guardian, standby and control", together("guardian", "standby", "control"), (1, 3), 10, resets=False
+    ),
+    Kind("SIGSTOP of guardian and control", together("guardian", "control", number=STOP), LOST, 20, takes=3),
+    Kind("SIGSTOP of all but umo run, TERM to it", all_stopped_then(TERM), (1, 143), 10, (COMMAND,)),
+]
+NEIGHBOURS = [
+    Kind("two other stations loop for ever, TERM", neighbours_loop, (-TERM,), 10, takes=6),
+    Kind(
+        "os.fork in control code, TERM", then_stopped(at_work), (-TERM,), 10, setting=Setting(arguments=("--fork", "1"))
+    ),
 ]
 STOPS = [
     Kind("INT to the starter", one("starter", INT), {COMMAND: (130,), PROGRAM: (-INT,)}, 30, BOTH),
@@ -85,7 +117,7 @@ STOPS = [
     Kind("HUP to the starter", one("starter", HUP), {COMMAND: (129,), PROGRAM: (-HUP,)}, 30, BOTH),
     Kind("TERM to the starter under nohup", one("starter", TERM), (143,), 10, (COMMAND,), NOHUP),
     Kind("INT twice, 5 to 60 ms apart", twice(INT), {COMMAND: (130,), PROGRAM: (-INT, 130)}, 40, (COMMAND, PROGRAM)),
-    Kind("TERM to all three at once", each(TERM), {COMMAND: (143,), PROGRAM: (-TERM,)}, 40, (COMMAND, PROGRAM)),
+    Kind("TERM to all at once", each(TERM), {COMMAND: (143,), PROGRAM: (-TERM,)}, 40, (COMMAND, PROGRAM)),
     Kind(
         "leaving the block as the application ends",
         ending,
@@ -165,7 +197,7 @@ PROTOCOL += [
         takes=0.5,
     ),
 ]
-KINDS = KILLS + STOPS + DEVICE + WANT + PROTOCOL
+KINDS = KILLS + TOGETHER + NEIGHBOURS + STOPS + DEVICE + WANT + PROTOCOL
 
 
 def possible(kind: Kind) -> bool:

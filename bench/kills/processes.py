@@ -36,6 +36,17 @@ def children(pid: int) -> list[int]:
     return sorted(other for other in _pids() if parent(other) == pid and alive(other))
 
 
+def child(pid: int, name: str) -> int:
+    """The living child of this name; 0 if there is none."""
+    return next((other for other in children(pid) if _name(other) == name), 0) if pid else 0
+
+
+def _name(pid: int) -> str:
+    with suppress(OSError):
+        return Path(f"/proc/{pid}/comm").read_text().strip()
+    return ""
+
+
 def marked(text: str) -> set[int]:
     """The living processes that have this text in their environment, whoever started them."""
     found = set()
@@ -54,6 +65,12 @@ def send(pid: int, number: int) -> None:
     """A signal to a process that may have ended meanwhile."""
     with suppress(ProcessLookupError):
         os.kill(pid, number)
+
+
+def send_to_group(pid: int, number: int) -> None:
+    """A signal to the group of a process."""
+    with suppress(ProcessLookupError):
+        os.killpg(os.getpgid(pid), number)
 
 
 def end_marked(text: str) -> None:

@@ -1,4 +1,7 @@
-"""A program of a user's own that starts the machine: `python program.py STATION [--periods N] [--leave LEAST MOST]`.
+"""A program of a user's own that starts the machine: `python program.py STATION [OPTIONS]`.
+
+    --periods N, --fork N, --loop N     as the station's application has them
+    --leave LEAST MOST
 
 It leaves the block at some moment from LEAST to MOST seconds after the machine has begun to run, else waits for the
 machine's own end; its exit status is the outcome's.
@@ -17,10 +20,12 @@ import umo
 def main() -> int:
     parser = argparse.ArgumentParser()
     parser.add_argument("station")
-    parser.add_argument("--periods", type=int, default=0)
+    for name in ("--periods", "--fork", "--loop"):
+        parser.add_argument(name, type=int, default=0)
     parser.add_argument("--leave", type=float, nargs=2)
     options = parser.parse_args()
-    started = umo.start(options.station, "box", periods=options.periods, acknowledge=True)
+    chosen = {"periods": options.periods, "fork": options.fork, "loop": options.loop}
+    started = umo.start(options.station, "box", **chosen, acknowledge=True)
     try:
         with started:
             if options.leave is None:

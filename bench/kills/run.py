@@ -99,11 +99,13 @@ class Run:
         return told or next(iter(processes.children(self.starter.pid)), 0)
 
     def process(self, which: str) -> int:
-        """The starter, the guardian or the control process as soon as there is one; 0 if all ended before."""
+        """The starter, the guardian, its standby or the control process as soon as there is one; 0 if all ended
+        before."""
         find: dict[str, Callable[[], int]] = {
             "starter": lambda: self.starter.pid,
             "guardian": lambda: self.guardian,
-            "control": lambda: self.control or next(iter(processes.children(self.guardian or self.starter.pid)), 0),
+            "control": lambda: self.control or processes.child(self.guardian, "umo control"),
+            "standby": lambda: processes.child(self.guardian, "umo standby"),
         }
         until = monotonic() + START_LIMIT
         while not (pid := find[which]()) and self.starter.poll() is None and monotonic() < until:
@@ -111,8 +113,9 @@ class Run:
         return pid
 
     @property
-    def three(self) -> list[int]:
-        return [self.starter.pid, self.guardian, self.control]
+    def all(self) -> list[int]:
+        """Starter, guardian, standby guardian and control process."""
+        return [self.starter.pid, self.guardian, self.process("standby"), self.control]
 
     # Its course ------------------------------------------------------------------------------------------
 

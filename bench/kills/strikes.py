@@ -8,7 +8,8 @@ from random import Random
 from time import monotonic_ns, sleep
 
 from bench.kills import limits, processes
-from bench.kills.run import START_LIMIT, NotStruck, Run
+from bench.kills.box import Box
+from bench.kills.run import START_LIMIT, How, NotStruck, Run, Setting
 
 Strike = Callable[[Run, Random], int]
 INT, TERM, HUP = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
@@ -44,12 +45,77 @@ def one(which: str, number: int) -> Strike:
     return strike
 
 
+def together(*which: str, number: int = KILL, apart: tuple[float, float] = (0.0, 0.0), group: bool = False) -> Strike:
+    """A signal to several of them, or to their groups, one after the other in this order, `apart` s from one another;
+    without that at once, in any order."""
+
+    def strike(run: Run, moments: Random) -> int:
+        at_work(run, moments)
+        pids = [run.process(each) for each in which]
+        if not any(apart):
+            moments.shuffle(pids)
+        moment = monotonic_ns()
+        for i, pid in enumerate(pids):
+            if i and any(apart):
+                sleep(moments.uniform(*apart))
+            (processes.send_to_group if group else processes.send)(pid, number)
+        return moment
+
+    return strike
+
+
+def then_stopped(strike: Strike) -> Strike:
+    """The machine rides over it, and is asked to stop afterwards; the moment is that of asking."""
+
+    def struck(run: Run, moments: Random) -> int:
+        strike(run, moments)
+        sleep(moments.uniform(0.1, 0.3))
+        if run.starter.poll() is not None or not all(run.box.values):
+            raise NotStruck(f"it did not go on: {run.said()}")
+        moment = monotonic_ns()
+        processes.send(run.starter.pid, TERM)
+        return moment
+
+    return struck
+
+
+def standby_killed_then_both(run: Run, moments: Random) -> int:
+    """The standby guardian is killed; a little later, when another one has taken its place, guardian and control."""
+    at_work(run, moments)
+    before = run.process("standby")
+    processes.send(before, KILL)
+    until = monotonic_ns() + round(START_LIMIT * 1e9)
+    while run.process("standby") in (0, before) and monotonic_ns() < until:
+        sleep(processes.LOOK)
+    return together("guardian", "control")(run, moments)
+
+
+def neighbours_loop(run: Run, moments: Random) -> int:
+    """Two more stations are started and loop for ever, on two cores; each is ended by its own guardian."""
+    run.wait_running()
+    folders = [run.folder / f"neighbour{i}" for i in range(2)]
+    for folder in folders:
+        folder.mkdir()
+    boxes = [Box(folder) for folder in folders]
+    setting = Setting(arguments=("--loop", "100"))
+    neighbours = [Run(How.PROGRAM, box, folder, setting) for box, folder in zip(boxes, folders, strict=True)]
+    try:
+        for each in neighbours:
+            if not each.wait_end(START_LIMIT) or each.status != 1 or any(each.box.values):
+                raise NotStruck(f"a neighbour did not end as it must: {each.said()}")
+    finally:
+        for each in neighbours:
+            each.close()
+            each.box.close()
+    return then_stopped(lambda run, moments: 0)(run, moments)
+
+
 def each(number: int) -> Strike:
-    """To all three at once, as a service manager does."""
+    """To all of them at once, as a service manager does."""
 
     def strike(run: Run, moments: Random) -> int:
         moment = at_work(run, moments)
-        for pid in moments.sample(run.three, 3):
+        for pid in moments.sample(run.all, 4):
             processes.send(pid, number)
         return moment
 
@@ -63,6 +129,21 @@ def twice(number: int) -> Strike:
         moment = at_work(run, moments)
         processes.send(run.starter.pid, number)
         sleep(moments.uniform(0.005, 0.06))
+        processes.send(run.starter.pid, number)
+        return moment
+
+    return strike
+
+
+def all_stopped_then(number: int) -> Strike:
+    """Nobody is left to stop the machine; then a signal to the starter."""
+
+    def strike(run: Run, moments: Random) -> int:
+        at_work(run, moments)
+        for pid in run.all[1:]:
+            processes.send(pid, STOP)
+        sleep(moments.uniform(0.0, 0.5))
+        moment = monotonic_ns()
         processes.send(run.starter.pid, number)
         return moment
 
@@ -83,16 +164,16 @@ def guardian_stopped_then(which: str, number: int) -> Strike:
 
 
 def asleep(seconds: float) -> Strike:
-    """All three stand still for a while, as on a suspended laptop; the moment is that of going on."""
+    """All of them stand still for a while, as on a suspended laptop; the moment is that of going on."""
 
     def strike(run: Run, moments: Random) -> int:
         at_work(run, moments)
-        three = moments.sample(run.three, 3)
-        for pid in three:
+        pids = moments.sample(run.all, 4)
+        for pid in pids:
             processes.send(pid, STOP)
         sleep(seconds)
         moment = monotonic_ns()
-        for pid in moments.sample(three, 3):
+        for pid in moments.sample(pids, 4):
             processes.send(pid, CONT)
         return moment
 

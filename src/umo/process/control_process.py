@@ -6,10 +6,9 @@ import faulthandler
 import gc
 import os
 import signal
-import sys
 import threading
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from math import inf
 from typing import IO, Any, NoReturn
 
@@ -291,31 +290,16 @@ class Control:
             request_stop(self._life.asked or None)
 
 
-def carry_out(control: Control, traces: IO[bytes]) -> NoReturn:
-    """The control process, from its fork to its end. It writes down in `traces` where it stands when it is asked."""
-    try:
-        name_process("umo control")
-        adjust_oom_score(SOONER)
-        os.register_at_fork(after_in_child=control.stand_aside)
-        for number in SIGNALS:  # until the machine is connected
-            signal.signal(number, control.take_note)
-        control.wait_for_admission()
-        faulthandler.register(WHERE, file=traces, all_threads=False)
-        outcome = control.run()
-        control.say_how_it_ended(outcome)
-        _end(outcome.status)
-    except BaseException:
-        with suppress(BaseException):
-            sys.excepthook(*sys.exc_info())
-    finally:
-        os._exit(1)
-
-
-def _end(status: int) -> NoReturn:
-    """Leave without the exit handlers of the guardian that this process was forked from."""
-    for stream in (sys.stdout, sys.stderr):
-        try:
-            stream.flush()
-        except (OSError, ValueError):
-            continue
-    os._exit(status)
+def drive_and_report(control: Control, traces: IO[bytes]) -> int:
+    """The control process, from its fork to its exit status. It writes down in `traces` where it stands when it is
+    asked."""
+    name_process("umo control")
+    adjust_oom_score(SOONER)
+    os.register_at_fork(after_in_child=control.stand_aside)
+    for number in SIGNALS:  # until the machine is connected
+        signal.signal(number, control.take_note)
+    control.wait_for_admission()
+    faulthandler.register(WHERE, file=traces, all_threads=False)
+    outcome = control.run()
+    control.say_how_it_ended(outcome)
+    return outcome.status

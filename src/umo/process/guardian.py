@@ -18,7 +18,7 @@ from dataclasses import replace
 from umo.cycle.stage import Stage
 from umo.cycle.stopping import SIGNALS
 from umo.process.conclusion import Conclusion
-from umo.process.control_process import WATCHED_EVERY, Control, carry_out
+from umo.process.control_process import WATCHED_EVERY, Control, drive_and_report
 from umo.process.control_watch import ControlWatch
 from umo.process.job import Job, Plan
 from umo.process.last_words import say_last
@@ -33,7 +33,7 @@ from umo.process.watcher import Watcher
 from umo.system import realtime
 from umo.system.cores import CorePlace
 from umo.system.custody import Custody
-from umo.system.processes import adjust_oom_score, name_process
+from umo.system.processes import adjust_oom_score, carry_out, flush, name_process
 from umo.system.streams import keep_open, log_on_lines
 from umo.text import cause_of
 
@@ -112,6 +112,7 @@ class Guardian:
         for number in SIGNALS:
             signal.signal(number, self._ask)
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # ignored, it would leave nobody to wait for
+        flush()
         self._life.hold(Who.GUARDIAN)
         self._end.resetter.stand_by()
         if why := self._watcher.make():
@@ -120,7 +121,7 @@ class Guardian:
         pid = self._life.fork(Who.CONTROL)
         if pid == 0:
             control = Control(self._plan, self._custody, self._life, self._channel, guardian, self._watcher.frames)
-            carry_out(control, self._traces)
+            carry_out(lambda: drive_and_report(control, self._traces))
         self._watcher.forked()
         self._control = ControlWatch(pid, self._life, self._traces.fileno())
         with suppress(Exception):

@@ -10,13 +10,12 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from math import inf
 from time import monotonic, sleep
 from types import FrameType
-from typing import Literal, NoReturn
+from typing import Literal
 
 from umo.cycle.stop_order import stop_sequence
 from umo.cycle.stopping import signal_name
@@ -25,6 +24,7 @@ from umo.errors import DeviceTimeout
 from umo.objects import Compound
 from umo.process.board import Board, Reached
 from umo.system import realtime
+from umo.system.processes import carry_out, name_process
 from umo.text import cause_of, some
 from umo.wiring import Wired
 
@@ -68,7 +68,7 @@ class Resetter:
         self._heard, self._start = os.pipe()
         self._child = os.fork()
         if self._child == 0:
-            self._wait_for_work()
+            carry_out(self._wait_for_work)
 
     def dismiss(self) -> None:
         """The machine ended safely: no reset is needed."""
@@ -162,7 +162,7 @@ class Resetter:
             self._child = 0
             return False
         if self._child == 0:
-            self._work_as_child(numbers)
+            carry_out(lambda: self._work_as_child(numbers))
         return True
 
     def _follow(self, is_dead: Callable[[], bool], limit: float, until: float) -> None:
@@ -233,36 +233,34 @@ class Resetter:
 
     # In the child --------------------------------------------------------------------------------------
 
-    def _wait_for_work(self) -> NoReturn:
-        try:
-            realtime.die_with_parent(signal.SIGKILL)
-            for number in IGNORED:
-                signal.signal(number, signal.SIG_IGN)
-            os.close(self._start)
-            spares = [os.open(os.devnull, os.O_RDONLY) for _ in range(SPARES)]
-            if os.read(self._heard, 1):
-                for file in spares:
-                    os.close(file)
-                self._work_as_child(list(range(len(self._wires))))
-        finally:
-            os._exit(1)
+    def _wait_for_work(self) -> int:
+        self._become_child()
+        os.close(self._start)
+        spares = [os.open(os.devnull, os.O_RDONLY) for _ in range(SPARES)]
+        if not os.read(self._heard, 1):
+            return 1
+        for file in spares:
+            os.close(file)
+        return self._work(range(len(self._wires)))
 
-    def _work_as_child(self, numbers: list[int]) -> NoReturn:
-        try:
-            realtime.die_with_parent(signal.SIGKILL)
-            for number in IGNORED:
-                signal.signal(number, signal.SIG_IGN)
-            with suppress(Exception):
-                self._guard()
-            self._bring_to_defaults(numbers, lambda: None)
-            os._exit(0)
-        except BaseException:
-            with suppress(BaseException):
-                sys.excepthook(*sys.exc_info())
-        finally:
-            os._exit(1)
+    def _work_as_child(self, numbers: Sequence[int]) -> int:
+        self._become_child()
+        return self._work(numbers)
 
-    def _bring_to_defaults(self, numbers: list[int], look: Callable[[], object]) -> None:
+    def _become_child(self) -> None:
+        """One that ends with the guardian, and not by a signal that asks the run to stop."""
+        name_process("umo reset")
+        realtime.die_with_parent(signal.SIGKILL)
+        for number in IGNORED:
+            signal.signal(number, signal.SIG_IGN)
+
+    def _work(self, numbers: Sequence[int]) -> int:
+        with suppress(Exception):
+            self._guard()
+        self._bring_to_defaults(numbers, lambda: None)
+        return 0
+
+    def _bring_to_defaults(self, numbers: Sequence[int], look: Callable[[], object]) -> None:
         """Open, initialise at the defaults, reset once the old process is dead, and again when what was under way has
         been carried out; then give all back."""
         board = self._board
@@ -291,7 +289,7 @@ class Resetter:
             with suppress(BaseException):
                 transfer.close(name)
 
-    def _open(self, numbers: list[int], transfer: Transfer, names: dict[int, str]) -> list[str]:
+    def _open(self, numbers: Sequence[int], transfer: Transfer, names: dict[int, str]) -> list[str]:
         """The drivers that could be opened; the actuators of the others are noted."""
         opened = []
         for name in dict.fromkeys(names[id(self._wires[number].driver)] for number in numbers):

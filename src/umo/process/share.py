@@ -16,7 +16,6 @@ from umo.system.processes import running_on, state, title_of
 
 OVERLONG = 0.04
 """s that a control process may work, or wait for a processor, before its guardian does something."""
-LEAST_PRIORITY = 1
 
 
 class Share:
@@ -42,8 +41,9 @@ class Share:
     @property
     def kept_waiting(self) -> float:
         """s for which others had the processor, as far as that is certain: on a core of its own somebody must be known
-        who had it."""
-        return self._waited if self._core is None or self._other else 0.0
+        who had it. 0 for a control process that had worked for long itself."""
+        certain = not self._priority and (self._core is None or self._other)
+        return self._waited if certain else 0.0
 
     @property
     def by_whom(self) -> str:
@@ -55,7 +55,7 @@ class Share:
         self._last, self._ran, self._waited, self._other = None, 0.0, 0.0, ""
         if self._priority:
             with suppress(OSError):
-                os.sched_setparam(self._pid, os.sched_param(self._priority))
+                os.sched_setscheduler(self._pid, os.SCHED_FIFO, os.sched_param(self._priority))
             self._priority = 0
 
     def look(self) -> None:
@@ -69,7 +69,7 @@ class Share:
         self._last = now
         if self._ran > OVERLONG:
             self._give_way()
-        if self._waited > OVERLONG and self._core is not None and not self._other:
+        elif self._waited > OVERLONG and self._core is not None and not self._other:
             self._find_room()
 
     def _times(self) -> tuple[float, float, float] | None:
@@ -82,21 +82,22 @@ class Share:
         return None
 
     def _give_way(self) -> None:
+        """From now on it is an ordinary process: the devices, too, may be served by such ones of this computer."""
         with suppress(OSError):
             priority = os.sched_getparam(self._pid).sched_priority
-            if priority > LEAST_PRIORITY:
-                os.sched_setparam(self._pid, os.sched_param(LEAST_PRIORITY))
+            if priority:
+                os.sched_setscheduler(self._pid, os.SCHED_OTHER, os.sched_param(0))
                 self._priority = priority
 
     def _find_room(self) -> None:
         """Another process has its core: let it run on every core."""
-        other = running_on(os.sched_getaffinity(self._pid), {self._pid, os.getpid()})
-        if other is None:
-            return
-        self._other = title_of(other)
         with suppress(OSError):
+            other = running_on(os.sched_getaffinity(self._pid), {self._pid, os.getpid()})
+            if other is None:
+                return
+            self._other = title_of(other)
             os.sched_setaffinity(self._pid, self._cores)
-        self._say(
-            f"the control process did not get core {self._core} for {self._waited * 1e3:.0f} ms: {self._other} had it; "
-            "from now on it runs on every core"
-        )
+            self._say(
+                f"the control process did not get core {self._core} for {self._waited * 1e3:.0f} ms: {self._other} had "
+                "it; from now on it runs on every core"
+            )

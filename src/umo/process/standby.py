@@ -8,16 +8,14 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
 from collections.abc import Callable
 from contextlib import suppress
 from time import monotonic, sleep
-from typing import NoReturn
 
 from umo.process.life import Life, Who
 from umo.process.messages import MessageSocket
 from umo.process.reset import BURIAL, IGNORED
-from umo.system.processes import ProcessHandle, name_process
+from umo.system.processes import ProcessHandle, carry_out, name_process
 from umo.text import cause_of
 
 LOOK = 0.1
@@ -62,7 +60,7 @@ class Standby:
             )
             return
         if self._pid == 0:
-            self._stand_by()
+            carry_out(self._stand_by)
         self._channel.send("standby", pid=self._pid)
 
     def look(self) -> None:
@@ -88,20 +86,14 @@ class Standby:
 
     # The standby guardian ------------------------------------------------------------------------------
 
-    def _stand_by(self) -> NoReturn:
-        try:
-            name_process("umo standby")
-            for number in IGNORED:
-                signal.signal(number, signal.SIG_IGN)
-            self._wait()
-            self._make_sure()
-            self._take_over()
-            os._exit(0)
-        except BaseException:
-            with suppress(BaseException):
-                sys.excepthook(*sys.exc_info())
-        finally:
-            os._exit(1)
+    def _stand_by(self) -> int:
+        name_process("umo standby")
+        for number in IGNORED:
+            signal.signal(number, signal.SIG_IGN)
+        self._wait()
+        self._make_sure()
+        self._take_over()
+        return 0
 
     def _wait(self) -> None:
         """Until the guardian is dead, or has given no sign of life in so many looks: the whole computer may stand still

@@ -6,9 +6,11 @@ import ctypes
 import os
 import select
 import signal
-from collections.abc import Collection
+import sys
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from pathlib import Path
+from typing import NoReturn
 
 from umo.text import printable
 
@@ -58,6 +60,27 @@ def adjust_oom_score(change: int) -> None:
     file = Path("/proc/self/oom_score_adj")
     with suppress(OSError, ValueError):
         file.write_text(str(max(-1000, min(1000, int(file.read_text()) + change))))
+
+
+def carry_out(work: Callable[[], int]) -> NoReturn:
+    """In a process that was forked: do its work and end with the status that it gives, 1 after an error, which is
+    printed. Nothing of the process that it was forked from is run: no exit handlers, no callers."""
+    status = 1
+    try:
+        status = work()
+    except BaseException:
+        with suppress(BaseException):
+            sys.excepthook(*sys.exc_info())
+    finally:
+        flush()
+        os._exit(status)
+
+
+def flush() -> None:
+    """Write what was printed. Before a fork: else the child would write it again."""
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):
+            stream.flush()
 
 
 def is_stopped(pid: int) -> bool:
