@@ -202,6 +202,23 @@ def test_a_guardian_that_cannot_fork_a_standby_guardian_says_so_and_goes_on(
     assert_safe(cells)
 
 
+def test_a_standby_guardian_says_on_stderr_how_the_run_ended_where_nobody_else_is_left(
+    tmp_path: Path, cells: Cells, capfd: pytest.CaptureFixture[str]
+) -> None:
+    run = running(tmp_path)
+    os.kill(run.guardian, signal.SIGSTOP)  # so it does not say it itself
+    for pid in (run.control, run.guardian):
+        os.kill(pid, signal.SIGKILL)
+    run.channel.close()
+    run.until_all_ended()
+    (line,) = [line for line in capfd.readouterr().err.splitlines() if "umo:" in line]
+    assert line.startswith(
+        "umo: Machine: the process that started it is gone; guardian and control process were killed"
+    )
+    assert line.endswith("; the standby guardian reset every actuator")
+    assert_safe(cells)
+
+
 def test_a_control_process_without_any_guardian_says_and_records_how_it_ended(
     tmp_path: Path, cells: Cells, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -105,8 +105,10 @@ TOGETHER = [
     Kind("SIGSTOP of guardian and control", together("guardian", "control", number=STOP), LOST, 20, takes=3),
     Kind("SIGSTOP of all but umo run, TERM to it", all_stopped_then(TERM), (1, 143), 10, (COMMAND,)),
 ]
+PATIENTLY = Setting(timeout="300 ms")
+"""The box is an ordinary process of the computer on which the stations loop."""
 NEIGHBOURS = [
-    Kind("two other stations loop for ever, TERM", neighbours_loop, (-TERM,), 10, takes=6),
+    Kind("two other stations loop for ever, TERM", neighbours_loop, (-TERM,), 10, setting=PATIENTLY, takes=6),
     Kind(
         "os.fork in control code, TERM", then_stopped(at_work), (-TERM,), 10, setting=Setting(arguments=("--fork", "1"))
     ),
