@@ -306,8 +306,7 @@ def test_the_guardian_keeps_the_hold_until_its_resets_are_done(tmp_path: Path, c
     run = Run(wiring, "forever").until_running()
     kinds = []
     while "notice" not in kinds:  # "not reached yet, trying"
-        message = run.channel.receive(30)
-        assert message is not None
+        message = run.next()
         kinds.append(message["kind"])
     second = Run(wiring, acknowledge=True).outcome()
     assert second.status == 2

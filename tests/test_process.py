@@ -281,8 +281,7 @@ def test_a_device_that_stays_away_is_named_with_status_3(tmp_path: Path, cells: 
 
 def test_a_device_that_comes_back_is_reset_after_all(tmp_path: Path, cells: Cells, away: Path) -> None:
     run = Run(process_box.wiring(tmp_path / "box", at=25, action="kill", away=str(away)), "forever").until_running()
-    message = run.channel.receive(30)
-    assert message is not None
+    message = run.next()
     assert message["kind"] == "notice"
     assert "retrying for up to 10 s: valve and motor: driver box (file " in message["text"]
     assert "could not be opened: no route to the device" in message["text"]
@@ -299,8 +298,7 @@ def test_outputs_that_the_control_process_could_not_reach_are_tried_by_the_guard
     run = Run(process_box.wiring(tmp_path / "box", at=25, action="raise", away=str(away)), "forever").until_running()
     kinds = []
     while "notice" not in kinds:
-        message = run.channel.receive(30)
-        assert message is not None
+        message = run.next()
         kinds.append(message["kind"])
     away.unlink()
     outcome = run.outcome()

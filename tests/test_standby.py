@@ -89,9 +89,8 @@ def test_a_standby_guardian_that_died_is_replaced_and_the_next_one_resets(tmp_pa
     run = running(tmp_path)
     for number in (signal.SIGKILL, signal.SIGSTOP):
         os.kill(run.standby, number)
-        while (message := run.channel.receive(30)) and message["kind"] == "notice":
+        while (message := run.next())["kind"] == "notice":
             run.notices.append(message["text"])
-        assert message is not None
         assert message["kind"] == "standby"
         assert message["pid"] != run.standby
         run.standby = message["pid"]

@@ -17,6 +17,8 @@ from umo.process.outcome import Outcome
 from umo.system.record import Ended, all_standing
 
 TESTS = Path(__file__).parents[1]
+NEIGHBOURS = "the control process did not get core"
+"""The beginning of a notice that other stations had the core."""
 
 
 class Run:
@@ -50,7 +52,7 @@ class Run:
     def until_running(self) -> Run:
         """Until the control process says so; its pid and that of the standby guardian are known then."""
         while not self.control:
-            message = self._next()
+            message = self.next()
             if message["kind"] == "standby":
                 self.standby = message["pid"]
             elif message["kind"] == "notice":
@@ -62,15 +64,25 @@ class Run:
 
     def message(self, kind: str) -> dict[str, Any]:
         """The next message, which is of this kind."""
-        message = self._next()
+        message = self.next()
         assert message["kind"] == kind, message
         return message
 
-    def _next(self) -> dict[str, Any]:
-        message = self.channel.receive(30)
-        assert message is not None
-        self._close(message)
+    def next(self) -> dict[str, Any]:
+        """The next message."""
+        message = self._receive()
+        assert message is not None, "the run ended"
         return message
+
+    def _receive(self) -> dict[str, Any] | None:
+        """None at the end. What other stations of this computer do to this one is passed over."""
+        while True:
+            message = self.channel.receive(60)
+            assert message is not None or self.channel.ended, "neither a message nor an end within a minute"
+            for file in [] if message is None else message["files"]:
+                os.close(file)
+            if message is None or NEIGHBOURS not in message.get("text", ""):
+                return message
 
     def until_all_ended(self) -> None:
         """Until every process of the run has ended."""
@@ -81,12 +93,7 @@ class Run:
     def outcome(self) -> Outcome:
         """How it ended: what was said, which is the guardian's exit status as well."""
         said = None
-        while not self.channel.ended:
-            message = self.channel.receive(60)
-            assert message is not None or self.channel.ended, "neither an outcome nor an end within a minute"
-            if message is None:
-                break
-            self._close(message)
+        while (message := self._receive()) is not None:
             if message["kind"] == "notice":
                 self.notices.append(message["text"])
             if message["kind"] in ("left", "ended"):  # the last counts
@@ -97,11 +104,6 @@ class Run:
         if os.WIFEXITED(status):
             assert os.WEXITSTATUS(status) == said.status
         return said
-
-    @staticmethod
-    def _close(message: dict[str, Any]) -> None:
-        for file in message["files"]:
-            os.close(file)
 
 
 def standing() -> list[Ended]:
