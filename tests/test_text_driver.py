@@ -255,7 +255,7 @@ def test_a_greeting_ends_the_boot_time() -> None:
 
 def test_a_boot_time_goes_on_from_call_to_call() -> None:
     with line_server(plain) as server:
-        driver = Text(host="127.0.0.1", port=server.port, channels=CHANNELS, boot_time=0.1)
+        driver = Text(host="127.0.0.1", port=server.port, channels=CHANNELS, boot_time=1.0)
         driver.timeout = 0.03
         with pytest.raises(DeviceTimeout, match=r"has not started yet: timed out \(30 ms\)"):
             driver.open()

@@ -44,11 +44,11 @@ class ControlWatch:
 
     def _has_ended(self) -> bool:
         if not self._dead:
+            self._dead = self.process.ended  # first: a process that has ended by now can be waited for
             with suppress(ChildProcessError):  # the standby guardian is not its parent
                 pid, status = os.waitpid(self.process.pid, os.WNOHANG)
                 if pid:
                     self._status, self._dead = status, True
-            self._dead = self._dead or self.process.ended
         return self._dead
 
     def ending(self) -> str:
