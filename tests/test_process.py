@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import os
 import re
-import select
 import signal
 import sys
 from collections.abc import Iterator
@@ -17,7 +16,7 @@ import pytest
 
 from helpers import process_box
 from helpers.process_box import CALLS, Cells
-from helpers.runs import Run, assert_safe, standing
+from helpers.runs import Run, assert_safe, standing, until_dead
 from helpers.tiers import first, some
 from umo.cycle import transfer
 from umo.process import reset, silence
@@ -211,9 +210,7 @@ def test_what_was_not_reached_is_said_on_stderr_where_the_starter_is_gone(
 ) -> None:
     wiring = process_box.wiring(tmp_path / "box", at=25, action="kill", away=str(away), process={"reset_for": "500 ms"})
     run = Run(wiring, "forever").until_running()
-    control = os.pidfd_open(run.control)
-    assert select.select([control], [], [], 20)[0], "the control process was not killed"
-    os.close(control)
+    until_dead(run.control)
     run.channel.close()
     os.waitpid(run.guardian, 0)
     (line,) = [line for line in capfd.readouterr().err.splitlines() if line.startswith("umo:")]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import select
 import signal
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +12,7 @@ import pytest
 
 from helpers import process_box
 from helpers.process_box import Cells
-from helpers.runs import Run, assert_safe, standing
+from helpers.runs import Run, assert_safe, standing, until_dead
 from umo.cycle import transfer
 from umo.process import conclusion, guardian
 from umo.process.life import Life, Who
@@ -35,16 +34,6 @@ def soon(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def running(folder: Path, application: str = "forever", **options: Any) -> Run:
     return Run(process_box.wiring(folder / "box", **options), application).until_running()
-
-
-def until_dead(pid: int) -> None:
-    """Until a process that was killed has ended."""
-    try:
-        file = os.pidfd_open(pid)
-    except ProcessLookupError:
-        return
-    assert select.select([file], [], [], 20)[0]
-    os.close(file)
 
 
 ORDERS = [("guardian", "control"), ("control", "guardian")]

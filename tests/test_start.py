@@ -14,6 +14,7 @@ import pytest
 import umo
 from helpers import process_box
 from helpers.process_box import Cells
+from helpers.runs import until_dead
 from helpers.waiting import until
 from umo.cycle.stage import Stage
 
@@ -115,12 +116,8 @@ def test_a_program_that_is_killed_takes_its_machine_along_safely(tmp_path: Path)
     pids = [int(word) for word in program.stdout.readline().split()]
     program.wait()
     program.stdout.close()
-    files = [os.pidfd_open(pid) for pid in pids if Path(f"/proc/{pid}").exists()]
-    import select
-
-    for file in files:
-        assert select.select([file], [], [], 30)[0], "it goes on running"
-        os.close(file)
+    for pid in pids:
+        until_dead(pid)
     assert Cells(tmp_path / "box").levels == {"motor": 0, "valve": 0}
 
 

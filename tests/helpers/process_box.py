@@ -130,8 +130,10 @@ async def returns_the_lethal(m: Machine) -> object:
 
 
 class SlowError(Exception):
+    """Takes 1.5 s."""
+
     def __str__(self) -> str:
-        spin_for(0.5)
+        spin_for(1.5)
         return "said slowly"
 
 
@@ -153,7 +155,7 @@ async def breaks_its_stop_order(m: Machine) -> None:
 async def closes_everything(m: Machine) -> None:
     await drive(m)
     os.closerange(3, 200)
-    await drive(m, 10**9)  # until it waits for a tick: a period that is late does not read the timer
+    await drive(m, 10**9)
 
 
 async def deaf(m: Machine) -> None:
@@ -277,10 +279,11 @@ class Box(Driver):
 def wiring(file: Path, **options: Any) -> dict[str, Any]:
     """A wiring of `machine()` to a box, plain data."""
     process = {"hang_timeout": "5 s"} | options.pop("process", {})  # what a busy machine does is not tested here
+    period = options.pop("period", "1 ms")
     return {
         "drivers": {"box": {"type": "helpers.process_box:Box", "file": str(file), **options}},
         "wire": {
-            "timer": {"driver": "timerfd", "period": "1 ms"},
+            "timer": {"driver": "timerfd", "period": period},
             "switch": {"driver": "box"},
             "motor": {"driver": "box"},
             "valve": {"driver": "box"},

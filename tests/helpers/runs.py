@@ -106,6 +106,16 @@ class Run:
         return said
 
 
+def until_dead(pid: int) -> None:
+    """Until a process that was killed, or kills itself, has ended."""
+    try:
+        file = os.pidfd_open(pid)
+    except ProcessLookupError:
+        return
+    assert select.select([file], [], [], 20)[0], f"process {pid} goes on"
+    os.close(file)
+
+
 def standing() -> list[Ended]:
     """The devices that stand stopped."""
     return all_standing()

@@ -274,6 +274,7 @@ class Control:
             others = [thread.name for thread in threading.enumerate() if thread is not threading.main_thread()]
             text = f"the control process has other Python threads, which will delay it: {', '.join(others)}"
             self._channel.send("notice", text=text)
+        self._life.enter(Stage.RUNNING)  # first: who is told so may count on it
         self._channel.send(
             "running",
             pid=os.getpid(),
@@ -281,7 +282,6 @@ class Control:
             files=[] if ring is None or self._frames is None else self._frames[1].ends,
             refusals=[[refusal.what, refusal.why, refusal.grant] for refusal in refusals],
         )
-        self._life.enter(Stage.RUNNING)
         self._stop_if_asked()
 
     def _stop_if_asked(self) -> None:

@@ -11,11 +11,15 @@ from time import monotonic, sleep
 from umo.cycle.stopping import SIGNALS, signal_name
 from umo.process.life import Life
 from umo.process.reset import BURIAL
-from umo.system.processes import ProcessHandle, is_stopped
+from umo.system.processes import ProcessHandle, is_stopped, state
 from umo.text import in_brackets, place_among
 
 WHERE = signal.SIGUSR2
 """At this signal the control process writes down where its Python code stands."""
+UNABLE = "TtDX"
+"""States in which it cannot: stopped, in a call of the kernel that no signal ends, gone."""
+TOLD_WITHIN = 0.05
+"""Timeout in s for that; a process that has a processor needs 0.1 ms. The machine is reset afterwards."""
 
 
 class ControlWatch:
@@ -69,10 +73,20 @@ class ControlWatch:
 
     def _where(self) -> str:
         """Where its Python code stands, as far as it can still tell."""
+        if state(self.process.pid) in UNABLE:
+            return ""
         with suppress(OSError):
             self.process.send(WHERE)
-            sleep(0.003)
-            text = os.pread(self._traces, 1 << 16, 0).decode(errors="replace")
-            frames = re.findall(r'^  File "(.+)", line (\d+) in (.+)$', text, re.MULTILINE)  # the innermost first
+            frames = re.findall(r'^  File "(.+)", line (\d+) in (.+)$', self._told(), re.MULTILINE)  # innermost first
             return place_among((file, int(line), function) for file, line, function in reversed(frames))
         return ""
+
+    def _told(self) -> str:
+        """What it writes down, once no more is added between two looks."""
+        text, until = b"", monotonic() + TOLD_WITHIN
+        while monotonic() < until:
+            sleep(0.0005)
+            before, text = text, os.pread(self._traces, 1 << 16, 0)
+            if text and text == before:
+                break
+        return text.decode(errors="replace")
