@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -55,8 +56,9 @@ def test_a_slow_driver_is_named(tmp_path: Path) -> None:
     wiring = patient(tmp_path)
     wiring["drivers"]["box"]["type"] = "helpers.process_box:Slow"
     verdict = longest(wiring, "slow_driver", Cause.DRIVER)
-    assert verdict.text.startswith("driver box took 2")
-    assert verdict.text.endswith("(sample)")
+    took = re.fullmatch(r"driver box took (.+) ms \(sample\)", verdict.text)
+    assert took, verdict.text
+    assert float(took[1]) >= 20.0
 
 
 def test_a_collection_is_named(tmp_path: Path) -> None:
@@ -104,7 +106,7 @@ def test_umo_why_prints_the_last_box(tmp_path: Path, capsys: pytest.CaptureFixtu
     for path in blackbox.boxes(blackbox.folder()):
         assert why(None, False, path) == 0
     said = capsys.readouterr().out
-    assert "driver box took 2" in said
+    assert re.search(r"driver box took \d", said)
     assert "sample box, us" in said
 
 
