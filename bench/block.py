@@ -7,6 +7,7 @@ that it reads: the median of the block, in the row's unit.
 
 from __future__ import annotations
 
+import argparse
 import gc
 import json
 import subprocess
@@ -83,6 +84,7 @@ def _real_time() -> float:
 
 
 def main() -> None:
+    argparse.ArgumentParser(description=__doc__).parse_args()
     with ExitStack() as stack:
         found = rows(stack)
         gc.collect()

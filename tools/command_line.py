@@ -1,10 +1,8 @@
-"""Makes docs/command-line.md of the command's own help.
-
-python tools/command_line.py
-"""
+"""Makes docs/command-line.md of the command's own help."""
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 from typing import Any
 
@@ -89,4 +87,5 @@ def _row(what: str, parameter: Any) -> str:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     PAGE.write_text(page(), encoding="utf-8")

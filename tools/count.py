@@ -1,6 +1,4 @@
-"""Counts the tables of docs/machines.md: what is a machine's own, and what umo carries.
-
-    python tools/count.py        writes them into the page; so does make docs
+"""Counts the tables of docs/machines.md: what is a machine's own, and what umo carries. `make docs` calls it.
 
 A line is a line of a file that is not empty. The library's lines are those of the functions of umo that a run in
 virtual time calls, without the station's own and without the command line.
@@ -8,7 +6,7 @@ virtual time calls, without the station's own and without the command line.
 
 from __future__ import annotations
 
-import inspect
+import argparse
 import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -21,7 +19,6 @@ import umo.control
 from umo import Compound
 from umo.objects import Atomic
 from umo.process.station import Station, find
-from umo.wiring import driver_options
 
 SOURCE = Path(umo.__file__).parent
 PAGE = Path(__file__).parents[1] / "docs" / "machines.md"
@@ -73,14 +70,9 @@ def carried(name: str) -> int:
         if event == "call":
             called.add(frame.f_code)
 
-    main, wiring = station.main, station.wiring(None)
-    assert main is not None
-    given = RUNS[name]
-    for_main = {key: value for key, value in given.items() if key in inspect.signature(main).parameters}
-    for_drivers = {key: value for key, value in given.items() if key in driver_options(wiring)}
     sys.setprofile(note)
     try:
-        umo.run(station.machine(), wiring, lambda m: main(m, **for_main), **for_drivers)
+        umo.run(station.machine(), station.wiring(None), station.main, **RUNS[name])
     finally:
         sys.setprofile(None)
     found = {(code.co_filename, line) for code in called if _is_library(code) for line in _lines_of(code)}
@@ -160,4 +152,5 @@ def _row(what: str, cells: Sequence[object]) -> str:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     PAGE.write_text(with_tables(PAGE.read_text("utf-8")), "utf-8")

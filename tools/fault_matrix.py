@@ -36,7 +36,7 @@ from umo.objects import Binary
 from umo.process.outcome import message_of, plain
 from umo.process.station import find
 from umo.testing.faults import KINDS
-from umo.wiring import Wired, resolve
+from umo.wiring import Wired, resolve, share
 from umo.wiring.faults.effects import Effect
 from umo.wiring.faults.words import OF_DRIVERS, InjectedFault
 from umo.wiring.faults.wrapper import Faulty
@@ -255,12 +255,8 @@ def carried_out(
     """Run the station, at most so many periods. `then` is called after each period, with its time."""
     station = find(trial.name)
     machine, file = station.machine(**trial.machine), station.wiring(None)
-    main = station.main
-    assert main is not None
-    names = main.__code__.co_varnames[1 : main.__code__.co_argcount]
-    for_main = {key: value for key, value in trial.options.items() if key in names}
-    for_plant = {key: value for key, value in trial.options.items() if key in ("parts", "seed")}
-    wired = resolve(machine, file, for_plant | {"fault": list(faults), "fault_seed": SEED})
+    shares = share(trial.options, application=station.main, wiring=file)
+    wired = resolve(machine, file, shares.wiring | {"fault": list(faults), "fault_seed": SEED})
     connection = connect(machine, wired)
     run = Run(machine, wired, connection.stop)
 
@@ -290,7 +286,7 @@ def carried_out(
         with connection as m:
             run.plant = connection.driver("plant")
             connection.machine.observers.append(observe)
-            run.result = drive(m, lambda m: main(m, **for_main))
+            run.result = drive(m, station.main, **shares.application)
     except Exception as error:
         run.error = error
     run.reports = dict(connection.reports)

@@ -3,6 +3,7 @@ and for those of page and notebook the extra `page`, Playwright and Chromium."""
 
 from __future__ import annotations
 
+import argparse
 import shutil
 import subprocess
 import sys
@@ -139,6 +140,7 @@ def plot(picture: str, *words: str) -> None:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     while_turning(photograph)
     while_turning(show_twin)
     while_turning(show_notebook)

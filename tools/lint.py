@@ -1,16 +1,24 @@
 """The lints of this tree that no linter has: `make lint`.
 
 One name stands for one module and for one class or type; nothing in the package imports the package itself (a circle);
-test modules import what they share from tests/helpers, never each other.
+test modules import what they share from tests/helpers, never each other; every link, file, test and command that README
+and docs/ name exists.
 """
 
 from __future__ import annotations
 
+import argparse
 import ast
+import re
 import sys
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
+
+from typer.main import get_command
+
+from umo.cli.app import app
 
 ROOT = Path(__file__).parents[1]
 TREE, TESTS = ROOT / "src" / "umo", ROOT / "tests"
@@ -20,14 +28,26 @@ ROLES = {"__init__", "application", "control", "objects", "plant", "run", "error
 """Modules with one part in many places: a station's files, a driver's, a command of the command line, its errors."""
 ROLES_OF_CLASSES = {"Plant"}
 """Classes that each station has."""
+CODE = re.compile(r"^```.*?^```|`[^`\n]+`", re.M | re.S)
+LINK = re.compile(r"\]\((?!https?:)([^)#]+)")
+FILE = re.compile(r"(?<![\w./~-])(?:tests|tools|bench|docs|src|umo|stations)/[\w./-]*\w")
+TEST = re.compile(r"\btest_\w+")
+PROGRAM = re.compile(r"(?:python -m |bin/)((?:bench|tools)[\w.]*)")
+MAKE = re.compile(r"^`?(?:\$ )?make ([a-z-]+)", re.M)
+UMO = re.compile(r"^(?:`|\$ )umo ([a-z][\w-]*)([^\n`|&#]*)", re.M)
+OPTION = re.compile(r"(?<=\s)--?[a-z][\w-]*")
 
 
 def main() -> int:
     """Print each problem in a line; 1 if there is one."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     files = [file for file in sorted(TREE.rglob("*.py")) if "template" not in file.parts]
     parsed = {file: ast.parse(file.read_text("utf-8")) for file in files}
     tests = {file: ast.parse(file.read_text("utf-8")) for file in sorted(TESTS.rglob("*.py"))}
     problems = [*same_modules(files), *same_classes(parsed), *circles(parsed), *tests_importing_tests(tests)]
+    known = {file.stem for file in tests} | {name for module in tests.values() for name in _tests(module)}
+    for page in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]:
+        problems += [f"{_places([page])} names {what}, which does not exist" for what in missing(page, known)]
     print("\n".join(problems) or "All checks passed!")
     return bool(problems)
 
@@ -74,6 +94,34 @@ def tests_importing_tests(tests: dict[Path, ast.Module]) -> Iterator[str]:
         for name, line in _imports(module):
             if name.rpartition(".")[2].startswith("test_"):
                 yield f"{_places([file])}:{line} imports {name}: what tests share stands in tests/helpers"
+
+
+def missing(page: Path, tests: set[str]) -> Iterator[str]:
+    """Links, and in code: files, tests (of this tree or of the page), programs, targets of make, commands."""
+    text = page.read_text("utf-8")
+    code = "\n".join(CODE.findall(text))
+    commands: dict[str, Any] = get_command(app).commands  # type: ignore[attr-defined]
+    targets = re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text("utf-8"), re.M)
+    known = tests.union(re.findall(r"def (test_\w+)", text), re.findall(r"(test_\w+)\.py", code))
+    yield from (link for link in LINK.findall(text) if not (page.parent / link).exists())
+    for file in FILE.findall(code):
+        if not any((folder / file).exists() for folder in (ROOT, ROOT / "src", TREE)):
+            yield file
+    yield from (name for name in TEST.findall(code) if name not in known)
+    for name in PROGRAM.findall(code):
+        if not list(ROOT.glob(name.replace(".", "/") + "*")):
+            yield f"python -m {name}"
+    yield from (f"make {name}" for name in MAKE.findall(code) if name not in targets)
+    for name, words in UMO.findall(code):
+        if name not in commands:
+            yield f"umo {name}"
+        elif not commands[name].context_settings.get("ignore_unknown_options"):  # else they may be the station's
+            options = {flag for each in commands[name].params for flag in (*each.opts, *each.secondary_opts)}
+            yield from (f"umo {name} {flag}" for flag in OPTION.findall(words) if flag not in {"--help", *options})
+
+
+def _tests(module: ast.Module) -> Iterator[str]:
+    return (node.name for node in module.body if isinstance(node, ast.FunctionDef) and node.name.startswith("test_"))
 
 
 def _imports(module: ast.Module) -> Iterator[tuple[str, int]]:

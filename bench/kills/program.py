@@ -18,7 +18,7 @@ import umo
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser()
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("station")
     for name in ("--periods", "--fork", "--loop"):
         parser.add_argument(name, type=int, default=0)
