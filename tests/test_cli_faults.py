@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import json
 import tomllib
-from contextlib import suppress
 from pathlib import Path
 
-import pytest
-
-from umo import TaskFailed, connect, drive
 from umo.plant.register_map import register_maps
 from umo.plant.simulation import Simulation
 from umo.process.station import find
@@ -31,27 +27,6 @@ def test_a_run_with_a_fault_says_so(umo, tmp_path):
     assert (folder / "trace.csv").read_text().splitlines()[0].endswith(",injected_faults[]")
 
 
-def test_a_run_without_faults_does_not_mention_them(umo, tmp_path):
-    result = umo("run", "conveyor", "--parts", "1", "--summary", "s.json")
-    assert result.exit_code == 0
-    assert "fault" not in result.stdout + (tmp_path / "s.json").read_text()
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("belt.sped stuck", "no object or driver 'belt.sped' (did you mean 'belt.speed'?)"),
-        ("belt.speed stock", "no kind 'stock' (did you mean 'stuck'?)"),
-        ("belt.speed noise 3 kg", "cannot be converted to 'm/s'"),
-    ],
-)
-def test_a_wrong_fault_is_a_mistake_of_the_user(umo, text, message):
-    result = umo("run", "conveyor", "--fault", text)
-    assert result.exit_code == 2
-    assert message in result.stderr
-    assert len(result.stderr.strip().splitlines()) == 2
-
-
 def test_the_faults_of_a_wiring_are_checked(umo, tmp_path: Path):
     file = find("conveyor").wirings["simulated"]
     text = file.read_text().replace('".plant:Plant"', '"umo.stations.conveyor.plant:Plant"')
@@ -62,10 +37,6 @@ def test_the_faults_of_a_wiring_are_checked(umo, tmp_path: Path):
         result = umo("check", "conveyor", "-w", str(changed))
         assert result.exit_code == status, result.stderr
     assert "faults: fault 'belt.speed stuck at 1 litre'" in result.stderr
-
-
-def test_the_help_names_the_form_of_a_fault(umo):
-    assert "[at TIME]" in umo("run", "--help").stdout
 
 
 def test_a_plant_that_is_served_has_its_faults_on_its_own_time():
@@ -80,29 +51,6 @@ def test_a_plant_that_is_served_has_its_faults_on_its_own_time():
             plant.catch_up()
             seen.append(plant.read(slot))
     assert seen == [1, 1, 1, 1, 0, 0, 0, 0]
-
-
-def frames(seed: int) -> list[tuple[float, ...]]:
-    """Time, values and signals of each period of a run with faults of random numbers."""
-    station, faults = (
-        find("conveyor"),
-        ["entry noise 0.1 %", "belt.speed noise 2", "belt.setpoint noise 2 at 1 s for 2 s"],
-    )
-    connection, found = connect(station.machine(), station.wirings["simulated"], fault=faults, fault_seed=seed), []
-    with suppress(TaskFailed), connection as m:
-        image = connection.machine.image
-        connection.machine.observers.append(
-            lambda frame: found.append((frame.time, *image.values, *image.raws, *frame.signal_values))
-        )
-        drive(m, station.main)
-    return found
-
-
-def test_the_frames_of_a_run_repeat_exactly_by_its_seed():
-    first = repr(frames(3))  # NaN equals NaN here
-    assert len(first) > 10_000
-    assert first == repr(frames(3))
-    assert first != repr(frames(4))
 
 
 def test_a_box_of_a_wiring_with_faults_is_served_without_them():

@@ -22,7 +22,6 @@ from umo.cli.app import guarded
 from umo.frames import Reader, published
 from umo.latency import blackbox
 from umo.testing import periods
-from umo.text import text_of
 
 Umo = Callable[..., Result]
 
@@ -150,14 +149,6 @@ def test_what_may_not_be_read_or_written_is_a_line(
         result = umo(*words)
         refused(result, "locked/")
         assert "permission denied" in said(result).lower()
-
-
-def test_a_wiring_that_may_not_be_read_is_a_fault(umo: Umo, tank: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(self: Path, *args: object, **options: object) -> str:
-        raise PermissionError(13, "Permission denied", str(self))
-
-    monkeypatch.setattr(Path, "read_text", refuse)
-    refused(umo("check", "tank"), "simulated.toml: cannot be read", "Permission denied")
 
 
 LONG = "x" * 300
@@ -349,14 +340,6 @@ def test_nothing_draws_beside_the_measurement(monkeypatch: pytest.MonkeyPatch) -
     with pytest.raises(KeyboardInterrupt):
         latency.latency("1 ms", 1.0, False, None)
     assert threads == before
-
-
-def test_text_of_is_a_text_whatever_the_exception_does() -> None:
-    class Odd(Exception):
-        def __str__(self) -> str:
-            return 5  # type: ignore[return-value]
-
-    assert text_of(Odd()) == "Odd (its text cannot be shown)"
 
 
 def test_an_application_without_main_is_named(umo: Umo, tank: Path) -> None:

@@ -22,7 +22,6 @@ from umo import (
     StopError,
     TaskFailed,
     UmoError,
-    WiringError,
     connect,
 )
 from umo.control import next_period
@@ -97,14 +96,6 @@ def test_after_entering_pending_and_commanded_are_the_default_and_sensors_have_t
         assert all(item.quality is Quality.GOOD for item in m.atoms() if item is not m.timer)
 
 
-def test_an_asynchronous_sensor_is_bad_until_it_is_first_read():
-    machine, box = bench(limit=switch(synchronous=False)), Scripted()
-    with connect(machine, wired(machine, box)) as m:
-        assert m.limit.quality is Quality.BAD
-        m.limit.read()
-        assert m.limit.quality is Quality.GOOD
-
-
 def test_without_a_watchdog_in_the_wiring_none_is_armed():
     machine, box = arm(), Scripted()
     with connect(machine, wired(machine, box)):
@@ -133,22 +124,6 @@ def test_drivers_open_in_the_order_of_the_wiring_and_close_in_reverse():
 
 
 # Leaving ---------------------------------------------------------------------------------------------
-
-
-def test_leaving_resets_every_actuator_in_the_stopping_order_then_finalises_in_reverse_then_closes():
-    machine, box = arm(), Scripted()
-    with connect(machine, wired(machine, box)) as m:
-        m.z.motor.write(9.0)
-        m.z.brake.write(OnOff.OFF)
-        m.lamp.write(OnOff.ON)
-        m.update()
-        start = len(box.calls)
-    assert log(box)[start:] == [
-        *(("reset", path) for path in STOPPING),
-        *(("finalize", path) for path in reversed(DECLARED)),
-        ("close", ""),
-    ]
-    assert {path: box.get(path) for path in ACTUATORS} == DEFAULTS
 
 
 def test_without_a_declared_order_actuators_stop_as_declared():
@@ -376,12 +351,6 @@ def test_a_first_sample_that_fails_is_a_failed_connection():
     assert log(box)[-1] == ("close", "")
 
 
-def test_a_first_sample_out_of_range_is_no_failure():
-    machine, box = arm(), Scripted({"z.encoder": -500})
-    with connect(machine, wired(machine, box)) as m:
-        assert m.z.encoder.quality is Quality.OUT_OF_RANGE
-
-
 # What is restored ------------------------------------------------------------------------------------
 
 
@@ -474,13 +443,6 @@ def test_only_the_whole_machine_is_connected():
         connect(arm().z)
 
 
-def test_a_wrong_wiring_connects_nothing():
-    machine = arm()
-    with pytest.raises(WiringError):
-        connect(machine, {"wire": {}}).__enter__()
-    assert not machine.connected
-
-
 # Odd machines ----------------------------------------------------------------------------------------
 
 
@@ -547,13 +509,6 @@ def test_a_machine_may_be_connected_in_a_thread():
     thread.join()
     assert seen == [pytest.approx(0.003)]
     assert {path: box.get(path) for path in ACTUATORS} == DEFAULTS
-
-
-def test_the_driver_of_a_name_can_be_asked_for():
-    machine, box = arm(), Scripted()
-    connection = connect(machine, wired(machine, box))
-    with connection:
-        assert connection.driver("box") is box
 
 
 def test_without_a_timer_dt_is_the_time_since_the_sample_before_and_execution_that_since_the_sample():

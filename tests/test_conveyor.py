@@ -5,15 +5,16 @@ from __future__ import annotations
 import json
 import math
 import tomllib
-from collections.abc import Callable, Iterable
-from importlib.resources import as_file, files
+from collections.abc import Callable
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, get_args
 
 import pytest
 from typer.testing import Result
 
-from umo import ChannelError, OnOff, RangeError, TaskFailed, WiringError, check, connect, drive
+from helpers.tiers import first
+from umo import ChannelError, OnOff, TaskFailed, connect, drive
 from umo.control import until, wait
 from umo.cycle.stopping import StopFlag
 from umo.stations.conveyor.application import main
@@ -34,11 +35,6 @@ def wiring(name: str = "simulated", **parameters: float) -> dict[str, Any]:
     return wired
 
 
-def first(count: int, cases: Iterable[Any]) -> list[Any]:
-    """The first `count` cases run always, the others where slow tests do."""
-    return [case if number < count else pytest.param(case, marks=pytest.mark.slow) for number, case in enumerate(cases)]
-
-
 class Run:
     """One run: its plant afterwards, and its result or its error."""
 
@@ -47,8 +43,6 @@ class Run:
     ) -> None:
         self.error: TaskFailed | None = None
         self.result: dict[str, Any] = {}
-        self.most_between = 0
-        """Parts that were between the barriers at once."""
         m = machine()
         connection = connect(m, wired or wiring(), parts=parts, **options)
         try:
@@ -63,7 +57,6 @@ class Run:
         assert self.plant.outputs == dict.fromkeys(OUTPUTS, 0)
 
     def _look(self, m: Conveyor, stop: StopFlag) -> None:
-        self.most_between = max(self.most_between, len(m._between))
         if m.now > 60.0:
             stop.request()
 
@@ -87,7 +80,7 @@ def at(speed: float, **options: Any) -> Application:
 # Sorting -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", first(4, range(12)))
+@pytest.mark.parametrize("seed", first(2, range(12)))
 def test_every_part_is_sorted_rightly(seed: int) -> None:
     run = Run(seed=seed)
     run.assert_sorted()
@@ -102,13 +95,7 @@ def test_the_speed_of_the_belt_does_not_matter(speed: float) -> None:
     assert run.length_error() <= 2.0 * speed + 0.1
 
 
-def test_several_parts_are_between_the_barriers_at_once() -> None:
-    run = Run(lambda m: main(m, nominal=40.0), seed=2, nominal=40.0)
-    run.assert_sorted()
-    assert run.most_between >= 3
-
-
-@pytest.mark.parametrize("seed", first(2, range(6)))
+@pytest.mark.parametrize("seed", first(1, range(6)))
 def test_a_part_is_measured_while_the_speed_changes(seed: int) -> None:
     """While every part covers the entry barrier, the setpoint changes between 0.15 and 0.45 m/s."""
     changes = []
@@ -182,14 +169,6 @@ def test_the_parameters_of_the_modbus_wiring_suit_its_longer_period() -> None:
     assert run.length_error() <= 1.6
 
 
-@pytest.mark.parametrize("name", ["simulated", "hertz", "modbus"])
-def test_every_wiring_fits_the_machine(name: str) -> None:
-    if name == "modbus":
-        pytest.importorskip("pymodbus")
-    with as_file(files("umo.stations.conveyor")) as folder:
-        assert check(machine(), folder / "wiring" / f"{name}.toml") == []
-
-
 # Ends ----------------------------------------------------------------------------------------------
 
 ENDS: dict[str, tuple[float, type[TaskFailed], str]] = {
@@ -204,26 +183,13 @@ ENDS: dict[str, tuple[float, type[TaskFailed], str]] = {
 }
 
 
-def test_there_is_an_end_for_every_fault() -> None:
-    assert set(ENDS) == set(get_args(Defect))
-
-
-@pytest.mark.parametrize("fault", ENDS)
+@pytest.mark.parametrize("fault", get_args(Defect))
 def test_every_fault_ends_the_run_with_its_own_message(fault: str) -> None:
     """`Run` asserts that every output is at its default."""
     when, kind, message = ENDS[fault]
     run = Run(faults=[fault], fault_at=when)
     assert type(run.error) is kind
     assert message in str(run.error)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("fault", ENDS)
-@pytest.mark.parametrize("when", [1.7, 2.3, 2.6, 3.2, 3.7])
-def test_a_fault_at_any_moment_ends_the_run_with_an_error_of_its_kind(fault: str, when: float) -> None:
-    run = Run(faults=[fault], fault_at=when, seed=6)
-    kind = ENDS[fault][1]
-    assert isinstance(run.error, (kind, Jam) if fault == "exit-stuck" else kind)
 
 
 @pytest.mark.parametrize("name", ["entry", "exit"])
@@ -291,9 +257,8 @@ def test_a_setpoint_of_a_drive_that_is_off_is_not_a_fault() -> None:
         assert m.belt.speed.read() == pytest.approx(0.3, abs=0.01)
 
 
-@pytest.mark.parametrize("speed", [0.01, 0.05])
-def test_a_dead_drive_is_found_at_a_low_speed(speed: float) -> None:
-    run = Run(at(speed), faults=["drive-dead"], fault_at=0.0)
+def test_a_dead_drive_is_found_at_a_low_speed() -> None:
+    run = Run(at(0.01), faults=["drive-dead"], fault_at=0.0)
     assert isinstance(run.error, DriveError)
 
 
@@ -375,7 +340,6 @@ def test_the_options_reach_application_and_plant(umo: Callable[..., Result], tmp
         ("--tolerance 1 ", 1, "0.3 m/s is 0.6 mm in a period: it must be above 0, at most 0.5 mm"),
         ("--nominal 300", 2, "this must be within 20 to 250 mm"),
         ("--tolerance nan", 2, "this must be within 20 to 250 mm"),
-        ("--parts -1", 1, "-1"),
         ("--faults jamm", 2, "jamm"),
         ("--faults jam", 1, "part 7 is jammed between the barriers"),
         ("--parts 0", 0, "accepted"),
@@ -388,12 +352,6 @@ def test_what_the_application_refuses_and_every_fault_is_a_failure_in_a_line(
     assert result.exit_code == status, result.output
     assert message in (result.output + result.stderr).replace("\n", " ")
     assert "Traceback" not in result.output
-
-
-@pytest.mark.parametrize("tolerance", [math.nan, 0.0, -4.0, 1.0])
-def test_a_tolerance_that_cannot_be_measured_is_refused(tolerance: float) -> None:
-    with connect(machine(), wiring()) as m, pytest.raises(RangeError, match="it must be above 0"):
-        drive(m, lambda m: main(m, tolerance=tolerance))
 
 
 # The plant -----------------------------------------------------------------------------------------
@@ -458,8 +416,3 @@ def test_parts_pile_up_behind_a_jam() -> None:
     assert plant.belt[0].front == 150.0
     assert all(behind.front == before.rear for before, behind in zip(plant.belt, plant.belt[1:], strict=False))
     assert plant.read(plant.channel("dio:entry")) == 1
-
-
-def test_a_plant_of_parts_without_a_length_is_a_mistake_of_the_wiring() -> None:
-    with pytest.raises(WiringError, match="within 20 to 250 mm"):
-        Plant(nominal=30.0)

@@ -34,7 +34,6 @@ from umo import (
     WiringError,
     connect,
 )
-from umo.drivers.contract import UNREAD
 from umo.process.job import Job
 from umo.testing import Scripted, VirtualTimer, periods, put
 from umo.testing.faults import KINDS, InjectedFault
@@ -443,11 +442,6 @@ def test_a_single_read_without_a_value_fails():
         periods(m)
         with pytest.raises(DriverError, match="could not be read"):
             m.slow.read()
-
-
-def test_the_mark_of_a_place_that_was_not_read_is_not_a_usual_level():
-    assert UNREAD not in (-(2**63), 2**63 - 1, 0, -1)
-    assert np.int64(UNREAD) == UNREAD
 
 
 def test_a_place_that_the_driver_did_not_fill_is_not_read_behind_a_fault_either():

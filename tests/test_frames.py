@@ -19,7 +19,7 @@ import pytest
 
 from helpers.machines import bench, relay, wired
 from helpers.publishing import running, write, writer
-from umo import DigitalSensor, DriverError, FramesError, OnOff, PathError, connect, published
+from umo import DigitalSensor, DriverError, FramesError, OnOff, connect, published
 from umo.cycle.journal import CAPACITY, Journal, Kind
 from umo.cycle.phases import Phases
 from umo.frames import Reader, Ring, Stage, rings
@@ -549,16 +549,6 @@ def test_a_ring_that_is_cut_short_is_refused(tmp_path: Path) -> None:
         Reader(path)
 
 
-def test_too_little_memory_is_said_before_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*_: object) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(os, "posix_fallocate", full)
-    with pytest.raises(FramesError, match=r"cannot reserve .* for frames.*No space left"), running():
-        pass
-    assert list(folder().iterdir()) == []
-
-
 def test_a_folder_of_frames_that_is_a_link_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "there").mkdir()
     (tmp_path / "link").symlink_to(tmp_path / "there")
@@ -573,8 +563,3 @@ def test_losing_the_socket_does_not_stop_the_machine() -> None:
         ring.path.unlink()
         periods(m, 2)
         assert ring.index == 4
-
-
-def test_an_unknown_path_names_the_nearest() -> None:
-    with running() as (_, ring, _connection), Reader(ring.path) as reader, pytest.raises(PathError, match="'motor'"):
-        reader.index("moter")

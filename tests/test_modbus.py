@@ -423,12 +423,6 @@ def test_bits_whose_number_is_not_what_was_asked_for_are_not_taken(
         read(driver, *(f"{table}:{i}" for i in range(8)))
 
 
-def test_bits_that_are_missing_from_an_answer_are_noticed(start: Start, connected: Connect) -> None:
-    driver = connected(start("1:fewer"))
-    with pytest.raises(DriverError, match=r"reading discrete inputs 0 to 19: a byte count of 2 in place of 3"):
-        read(driver, *(f"discrete:{i}" for i in range(20)))
-
-
 AT_WRITE = [
     (
         {"coil_2": 1},
@@ -578,14 +572,6 @@ def test_a_refused_request_that_is_alone_fails_with_its_own_words(start: Start, 
 # Connections -----------------------------------------------------------------------------------
 
 
-def test_an_exception_answer_keeps_the_connection(start: Start, connected: Connect) -> None:
-    driver = connected(start("1:exception=2"))
-    with pytest.raises(DriverError):
-        read(driver, *READING)
-    with patch.object(hosts.TcpDial, "__call__", side_effect=AssertionError):
-        assert read(driver, *READING)
-
-
 def test_a_late_answer_is_never_taken_for_a_later_one(start: Start, connected: Connect) -> None:
     driver = connected(start("1:late=120"))
     driver.timeout = HASTY
@@ -676,15 +662,6 @@ def test_a_connection_whose_time_is_spent_before_it_begins_leaves_no_socket_open
         ):
             driver.open()
         assert [each.fileno() for each in sockets] == [-1]
-
-
-def test_a_refused_connection_fails_at_open() -> None:
-    with socket.socket() as unused:
-        unused.bind(("127.0.0.1", 0))
-        driver = Modbus(port=unused.getsockname()[1])
-        with pytest.raises(DriverError, match="connecting: connection refused"):
-            driver.open()
-        driver.close()
 
 
 @pytest.mark.parametrize("host", ["256.0.0.1.invalid", "a" * 70])

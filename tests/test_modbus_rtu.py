@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from helpers.peers.modbus_device import PATIENT, Peer, running
-from helpers.peers.modbus_map import CELL, coil, discrete, holding, input_register, value
+from helpers.peers.modbus_map import coil, discrete, holding, input_register
 from umo import Compound, DigitalActuator, DigitalSensor, check, connect
 from umo.drivers.modbus import Modbus
 from umo.drivers.modbus.rtu import SerialLine
@@ -26,7 +26,6 @@ pytest.importorskip("pymodbus")
 pytest.importorskip("serial")
 
 HASTY = 0.1
-RECOVERY = "150 ms"
 Start = Callable[..., Peer]
 Unit = Callable[..., Modbus]
 
@@ -103,13 +102,6 @@ def test_every_spelling_of_a_line_is_the_same_device_whatever_the_unit(tmp_path:
 
 
 # Values and requests -------------------------------------------------------------------------------
-
-
-def test_every_type_of_channel_reads_what_the_unit_holds(start: Start, connected: Unit) -> None:
-    driver = connected(start())
-    texts = ["coil:3", "coil:4", "discrete:8", "holding:3", "input:4:int16", "holding:5:int32", "input:6:uint32"]
-    texts += ["holding:9:int64", "input:15:float32:1e3"]
-    assert read(driver, *texts) == [value(c, CELL[c.table.name]) for c in map(driver.channel, texts)]
 
 
 def test_blocks_up_to_the_protocol_s_maxima_go_through(start: Start, connected: Unit) -> None:

@@ -339,17 +339,6 @@ def test_whatever_a_driver_raises_comes_out_as_a_driver_error(box, error):
         assert failed(caught.value) == ["one", "two"]
 
 
-def test_a_failed_reading_does_not_keep_a_stale_value_as_good_and_is_bad_by_default(box):
-    machine = inputs()
-    box.set("one", 20)
-    with connect(machine, wired(machine, box)) as m:
-        box.broken = OSError("cut")
-        with pytest.raises(DriverError):
-            period(m)
-        assert (m.one.read(), m.one.quality, m.one.time) == (10.0, BAD, 0.0)
-        box.broken = None
-
-
 def test_a_holding_sensor_is_stale_until_its_age_is_exceeded_then_raises_and_recovers(box):
     machine = inputs(sensor(**HOLD), switch(**HOLD))
     box.set("one", 20)
@@ -600,14 +589,6 @@ def test_an_invalid_raw_is_held_and_then_marked(box):
     ]
 
 
-def test_a_machine_connects_with_a_sensor_that_is_broken_from_the_start(box):
-    machine = inputs(sensor(**MARK, max_age="1 s"))
-    box.set("one", OPEN)
-    with connect(machine, wired(machine, box)) as m:
-        assert (m.one.quality, m.two.quality) == (BAD, GOOD)  # there is nothing to hold
-        assert period(m) is False
-
-
 def test_when_the_device_is_gone_the_others_of_its_block_still_raise(box):
     machine = inputs(sensor(**MARK), switch())
     with connect(machine, wired(machine, box)) as m:
@@ -631,14 +612,6 @@ def test_when_a_device_of_marked_sensors_alone_is_gone_nothing_is_raised(box):
         box.broken = None
 
 
-def test_a_binary_sensor_marks_what_is_neither_0_nor_1(box):
-    machine = inputs(two=switch(**MARK))
-    with connect(machine, wired(machine, box)) as m:
-        box.set("two", 2)
-        assert period(m) is False
-        assert m.two.quality is BAD
-
-
 @pytest.mark.parametrize(
     ("given", "message"),
     [
@@ -652,14 +625,6 @@ def test_on_error_and_max_age_must_fit(given, message):
     for make in (sensor, switch):
         with pytest.raises(DeclarationError, match=message):
             make(**given)
-
-
-def test_the_timer_is_never_only_marked(box):
-    from umo import check
-
-    machine = Inputs(timer=timer(), one=sensor(), two=switch())
-    machine.timer._marks = True
-    assert ["timer must have" in fault.message for fault in check(machine, wired(machine, box))] == [True]
 
 
 @pytest.mark.parametrize("synchronous", [True, False])

@@ -128,13 +128,6 @@ def test_a_wrong_channel_is_refused_with_the_valid_forms(text):
         assert "the forms are: " in str(refused.value)
 
 
-def test_a_misspelt_register_or_field_names_the_nearest():
-    with pytest.raises(ChannelError, match="did you mean 'control'"):
-        table().channel("contrl")
-    with pytest.raises(ChannelError, match=r"did you mean 'control\.gain'"):
-        table().channel("control.gian")
-
-
 @pytest.mark.parametrize(
     ("register", "message"),
     [

@@ -93,14 +93,6 @@ def test_a_line_for_an_unknown_object_names_the_nearest():
     assert message == "the machine has no such object (did you mean 'motor'?)"
 
 
-def test_a_line_for_a_compound_is_one_for_no_object():
-    class Robot(Compound):
-        arm: Arm
-
-    class_ = Robot(arm=Arm(motor=actuator()))
-    assert one_fault(class_, simulated(class_, arm={}))[0] == 'wire."arm"'
-
-
 class Arm(Compound):
     motor: DigitalActuator
 
@@ -498,10 +490,9 @@ def test_a_timer_is_an_asynchronous_sensor_in_sampling_periods_that_does_not_hol
     ):
         key, message = one_fault(Odd(timer=wrong), None)
         assert (key, "timer must be an asynchronous DigitalSensor" in message) == ('wire."timer"', True)
-    held = DigitalSensor(
-        "sampling_period", minimum=0, maximum=9, resolution=1, synchronous=False, on_error="hold", max_age=1
-    )
-    assert "a held value would stop the clock" in one_fault(Odd(timer=held), None)[1]
+    for kept in ({"on_error": "hold", "max_age": 1}, {"on_error": "mark"}):
+        held = DigitalSensor("sampling_period", minimum=0, maximum=9, resolution=1, synchronous=False, **kept)
+        assert "a held value would stop the clock" in one_fault(Odd(timer=held), None)[1]
 
 
 # Parameters ------------------------------------------------------------------------------------------
@@ -760,27 +751,9 @@ def test_checking_opens_nothing():
 
 # Anything at all -------------------------------------------------------------------------------------
 
-KEYS = st.sampled_from(
-    [
-        "drivers",
-        "wire",
-        "parameters",
-        "motor",
-        "z.motor",
-        "timer",
-        "type",
-        "driver",
-        "channel",
-        "period",
-        "minimum",
-        "resolution",
-        "inverted",
-        "timeout",
-        "watchdog",
-        "box",
-        "history",
-    ]
-) | st.text(max_size=5)
+KEYS = st.text(max_size=5) | st.sampled_from(
+    ["drivers", "wire", "parameters", "motor", "z.motor", "timer", "type", "driver", "channel", "period", "timeout"]
+)
 LEAVES = (
     st.none()
     | st.booleans()
@@ -813,7 +786,7 @@ WIRINGS = st.fixed_dictionaries(
 )
 
 
-@settings(max_examples=300)
+@settings(max_examples=150)
 @given(WIRINGS | st.dictionaries(KEYS | st.integers() | st.none(), TREES, max_size=4))
 @example({"drivers": {5: {"type": "simulated"}}, "wire": {"motor": {"driver": "nobody"}}})
 @example({"drivers": {"box": {"type": "simulated", 5: 1}}})
@@ -826,28 +799,12 @@ def test_no_dict_makes_anything_but_faults(wiring):
         resolve(bench(), wiring)
 
 
-@settings(max_examples=300)
+@settings(max_examples=150)
 @given(
     st.text(max_size=60)
     | st.lists(
         st.sampled_from(
-            [
-                '"motor"',
-                "=",
-                "{",
-                "}",
-                'driver = "simulated"',
-                "[wire]",
-                "\n",
-                ",",
-                "[drivers.x]",
-                'type = "simulated"',
-                "z.motor",
-                "minimum = 1e400",
-                "1" * 5000,
-                "[parameters]",
-                "nan",
-            ]
+            ['"motor"', "=", "{", "}", 'driver = "simulated"', "[wire]", "\n", "[drivers.x]", "1" * 5000, "nan"]
         ),
         max_size=12,
     ).map("".join)

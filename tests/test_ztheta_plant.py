@@ -10,14 +10,13 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from umo.drivers.contract import Channel, Direction
 from umo.errors import ChannelError, DriverError, WiringError
 
 pytest.importorskip("mujoco")
 
-from umo.stations.ztheta import courier, plant
+from umo.stations.ztheta import courier
 from umo.stations.ztheta.devices import Counterbalance, EncoderCounter, SuctionCup
-from umo.stations.ztheta.plant import CHANNELS, FAULTS, Plant
+from umo.stations.ztheta.plant import Plant
 
 BALANCED, SUNK = 3, 0
 """Seeds that start with the nominal pressure low in the travel, and without any."""
@@ -95,26 +94,6 @@ def release(machine: Plant) -> None:
 
 
 # Channels and options ------------------------------------------------------------------------------
-
-
-def test_every_channel_has_the_width_and_direction_of_its_circuit() -> None:
-    shape = {text: (c.direction.name, c.bits, c.signed) for text, c in CHANNELS.items()}
-    assert shape == {
-        "dac:z": ("OUTPUT", 12, True),
-        "pwm:z": ("OUTPUT", 16, True),
-        "dio:step": ("OUTPUT", 1, False),
-        "dio:direction": ("OUTPUT", 1, False),
-        "dio:z_index": ("OUTPUT", 1, False),
-        "dio:theta_index": ("OUTPUT", 1, False),
-        "dio:counterweight": ("OUTPUT", 1, False),
-        "dio:vacuum": ("OUTPUT", 1, False),
-        "dio:pressure": ("OUTPUT", 1, False),
-        "counter:z": ("INPUT", 16, False),
-        "counter:theta": ("INPUT", 24, True),
-        "adc:counterweight": ("INPUT", 10, False),
-        "dio:gripper": ("INPUT", 1, False),
-        "tick": ("INPUT", 31, False),
-    }
 
 
 def test_an_unknown_channel_names_the_nearest_one_and_every_form() -> None:
@@ -531,10 +510,6 @@ def test_a_part_put_back_without_the_turn_is_not_placed() -> None:
     assert not part.placed and part.error_deg == pytest.approx(90.0, abs=0.5)
 
 
-def test_the_goal_of_a_part_swings_around_the_theta_axis() -> None:
-    assert courier.Pose(100.0, 20.0, 3.0, 55_000.0).turned() == courier.Pose(20.0, -100.0, 93.0, 55_000.0)
-
-
 def test_parts_away_from_the_cup_take_no_contacts_and_ride_with_the_courier() -> None:
     machine = opened(seed=BALANCED, parts=3)
     deliver(machine)
@@ -558,11 +533,6 @@ def test_the_courier_waits_until_it_is_sure_that_z_is_clear() -> None:
 
 
 # Faults --------------------------------------------------------------------------------------------
-
-
-def test_every_fault_opens() -> None:
-    for fault in FAULTS:
-        opened(faults=[fault]).advance(5)
 
 
 def test_no_part_the_courier_comes_empty() -> None:
@@ -632,12 +602,6 @@ def test_after_close_the_machine_runs_on_and_a_second_open_finds_it_there() -> N
     machine.open()
     assert machine.z_um == rest
     assert read(machine, "counter:z") == 0
-
-
-def test_a_channel_is_frozen_and_known_before_open() -> None:
-    channel: Channel = Plant().channel("dac:z")
-    assert channel.direction is Direction.OUTPUT and (channel.lowest, channel.highest) == (-2048, 2047)
-    assert hash(channel) == hash(plant.CHANNELS["dac:z"])
 
 
 # Pictures ------------------------------------------------------------------------------------------
