@@ -38,12 +38,16 @@ def size(count: int) -> int:
 class Device:
     """in:N reads what out:N is at; in:8 and above are constant. One thread serves all clients."""
 
-    def __init__(self, clients: int = 99, watchdog: float = inf, defaults: Mapping[int, int] | None = None) -> None:
-        """`watchdog`: s of silence after which the device brings these places to their defaults by itself."""
+    def __init__(
+        self, clients: int = 99, watchdog: float = inf, defaults: Mapping[int, int] | None = None, wire: float = 0.0
+    ) -> None:
+        """`watchdog`: s of silence after which the device brings these places to their defaults by itself. `wire`: s
+        after which in:N follows out:N."""
         self.raws = dict.fromkeys(range(HIGHEST), 0) | {40 + i: 1000 + 77 * i for i in range(8)}
         self.host, self.port = "127.0.0.1", 0
         self._clients = clients
         self._watchdog, self._defaults, self._heard = watchdog, defaults or {}, inf
+        self._wire, self._under_way = wire, {place: deque([(-inf, 0)]) for place in range(8)}
         self._levels = {place: deque([0], maxlen=1000) for place in range(32)}
         self._selector = selectors.DefaultSelector()
         self._listener: socket.socket | None = None
@@ -113,7 +117,8 @@ class Device:
         if len(request) != size(count) or check != CHECK.pack(zlib.crc32(body) & 0xFFFF):
             return frame(number, function | FAILED, [(3, 0)] * count)
         if monotonic() - self._heard > self._watchdog:
-            self.raws |= self._defaults
+            for place, raw in self._defaults.items():
+                self._set(place, raw)
         self._heard = monotonic()
         done = [self._carry_out(function, *ITEM.unpack_from(request, 4 + 5 * i)) for i in range(count)]
         failed = FAILED if any(status for status, _ in done) else 0
@@ -123,8 +128,18 @@ class Device:
         if place >= HIGHEST or (function == WRITE and place >= 32):
             return 2, 0
         if function == WRITE:
-            self.raws[place] = raw
+            self._set(place, raw)
             if raw != self._levels[place][-1]:
                 self._levels[place].append(raw)
-        looped = place - 32 if 32 <= place < 40 else place
-        return 0, self.raws[looped]
+        return 0, self._looped(place - 32) if 32 <= place < 40 else self.raws[place]
+
+    def _set(self, place: int, raw: int) -> None:
+        self.raws[place] = raw
+        if place in self._under_way:
+            self._under_way[place].append((monotonic(), raw))
+
+    def _looped(self, place: int) -> int:
+        levels = self._under_way[place]
+        while len(levels) > 1 and monotonic() - levels[1][0] >= self._wire:
+            levels.popleft()
+        return levels[0][1]

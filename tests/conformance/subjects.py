@@ -17,9 +17,12 @@ HASTE = 0.025
 
 
 @contextmanager
-def careful(driver: type[Careful] = Careful, watchdog: float = inf, **changes: Any) -> Iterator[Subject]:
+def careful(
+    driver: type[Careful] = Careful, watchdog: float = inf, wire: float = 0.0, **changes: Any
+) -> Iterator[Subject]:
     """A driver of the device of these tests, behind a tap: every rule can be tried."""
-    with Device(watchdog=watchdog, defaults={0: 5, 1: 0, 16: 0}) as device, TcpTap(device.host, device.port) as tap:
+    device = Device(watchdog=watchdog, defaults={0: 5, 1: 0, 16: 0}, wire=wire)
+    with device, TcpTap(device.host, device.port) as tap:
         given: dict[str, Any] = {
             "name": driver.__name__,
             "make": lambda: driver(host=tap.host, port=tap.port),

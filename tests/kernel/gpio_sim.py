@@ -10,7 +10,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from time import sleep
 
@@ -19,6 +19,8 @@ TRACING = Path("/sys/kernel/tracing")
 TICK = 0.012
 """s. User-mode Linux passes an interrupt of the simulator on at its next tick, 100 times a second; until then further
 edges of the line are one with it."""
+POLL = 0.002
+"""s between two looks of the process that copies levels."""
 
 
 class Line:
@@ -49,7 +51,7 @@ class Line:
 
 
 class Chip:
-    """One chip. `go` and `come` take it away and bring it back, as unplugging does."""
+    """One chip; `device` is its folder in configfs. `go` and `come` take it away and bring it back, as unplugging does."""
 
     def __init__(
         self,
@@ -59,9 +61,9 @@ class Chip:
         hogs: Mapping[int, str] = {},
         label: str = "",
     ) -> None:
-        self._device = CONFIGFS / name
-        self._device.mkdir()
-        self._bank = self._device / "bank0"
+        self.device = CONFIGFS / name
+        self.device.mkdir()
+        self._bank = self.device / "bank0"
         self._bank.mkdir()
         self.label = label or name
         self.count = lines
@@ -79,10 +81,10 @@ class Chip:
         self.come()
 
     def come(self) -> None:
-        (self._device / "live").write_text("1")
+        (self.device / "live").write_text("1")
 
     def go(self) -> None:
-        (self._device / "live").write_text("0")
+        (self.device / "live").write_text("0")
 
     @property
     def path(self) -> str:
@@ -90,46 +92,56 @@ class Chip:
         return "/dev/" + (self._bank / "chip_name").read_text().strip()
 
     def line(self, number: int) -> Line:
-        device = (self._device / "dev_name").read_text().strip()
-        chip = (self._bank / "chip_name").read_text().strip()
-        return Line(Path(f"/sys/devices/platform/{device}/{chip}/sim_gpio{number}"))
+        return _line(self.device, number)
 
     def levels(self) -> list[int]:
         return [self.line(number).value for number in range(self.count)]
 
     def remove(self) -> None:
-        if (self._device / "live").read_text().strip() == "1":
+        if (self.device / "live").read_text().strip() == "1":
             self.go()
         for folder in sorted(self._bank.glob("line*/hog")) + sorted(self._bank.glob("line*")):
             if folder.is_dir():
                 folder.rmdir()
         self._bank.rmdir()
-        self._device.rmdir()
+        self.device.rmdir()
+
+
+def _line(device: Path, number: int) -> Line:
+    """A line of a chip of configfs. A chip that comes back while a driver still holds it is another one to the kernel,
+    with another folder."""
+    platform = (device / "dev_name").read_text().strip()
+    chip = (device / "bank0" / "chip_name").read_text().strip()
+    return Line(Path(f"/sys/devices/platform/{platform}/{chip}/sim_gpio{number}"))
 
 
 @contextmanager
 def connected(chip: Chip, wires: Mapping[int, int]) -> Iterator[None]:
-    """Wires from outputs to inputs of a chip: a level comes through within some ms. A process of its own, so that it
-    does not share the interpreter with the driver under test."""
-    pairs = [str(line.folder) for pair in wires.items() for line in map(chip.line, pair)]
-    with subprocess.Popen([sys.executable, __file__, *pairs]) as process:
+    """Wires from outputs to inputs of a chip: a level comes through within some ms, also after the chip was away. A
+    process of its own, so that it does not share the interpreter with the driver under test."""
+    numbers = [str(number) for wire in wires.items() for number in wire]
+    with subprocess.Popen([sys.executable, __file__, str(chip.device), *numbers]) as process:
         try:
             yield
         finally:
             process.kill()
 
 
-def _copy(pairs: Sequence[tuple[Line, Line]]) -> None:
+def _copy(device: Path, wires: Sequence[tuple[int, int]]) -> None:
+    while True:
+        sleep(POLL)
+        with suppress(OSError, ValueError):  # the chip is away
+            _copy_until_it_goes([(_line(device, output), _line(device, line)) for output, line in wires])
+
+
+def _copy_until_it_goes(pairs: Sequence[tuple[Line, Line]]) -> None:
     levels: dict[Line, int] = {}
     while True:
-        sleep(0.002)
-        try:
-            for output, line in pairs:
-                if (level := output.value) != levels.get(output):
-                    line.pull(level)
-                    levels[output] = level
-        except (OSError, ValueError):  # the chip is away
-            levels.clear()
+        for output, line in pairs:
+            if (level := output.value) != levels.get(output):
+                line.pull(level)
+                levels[output] = level
+        sleep(POLL)
 
 
 def fixed(number: int) -> Line:
@@ -168,5 +180,5 @@ class Trace:
 
 
 if __name__ == "__main__":
-    lines = [Line(Path(folder)) for folder in sys.argv[1:]]
-    _copy(list(zip(lines[::2], lines[1::2], strict=True)))
+    numbers = list(map(int, sys.argv[2:]))
+    _copy(Path(sys.argv[1]), list(zip(numbers[::2], numbers[1::2], strict=True)))

@@ -134,10 +134,11 @@ class LongRun:
             self._before[view] = raw
 
     def _explain(self, view: str, output: Output, raw: int, now: int, number: int) -> None:
-        """A loop-back may take its time: it is on its way then, and gets there."""
+        """A loop-back may take its time: it is on its way then, and gets there. One that takes longer than a cycle, as
+        the first ones show, may be on its way to any of the levels before."""
         low, high = sorted((raw, self._before.get(view, output.default)))
         there = self.trial.is_read(self.probe, output, raw)
-        on_its_way = low <= now <= high or self.trial.subject.agree is not None
+        on_its_way = low <= now <= high or view in self._lags or self.trial.subject.agree is not None
         if not there or (not on_its_way and number > WARM):
             recorded = self.trial.subject.levels is not None
             self._wrong(view, now, raw, f"reading of {view}" if recorded else f"level of {output.channel}")

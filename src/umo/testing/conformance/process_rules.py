@@ -31,7 +31,7 @@ WAITS = {
       Cost(each=4, waits=8))  # fmt: skip
 def idle(trial: Trial) -> str | None:
     if not threads():
-        raise NotTried("the processor time of threads can be read on Linux only")
+        raise NotTried("the kernel does not tell the processor time of threads")
     with trial.opened() as probe:
         for call, arguments in trial.transfers(probe)[::2]:
             call(*arguments)
