@@ -51,7 +51,7 @@ class Line:
 
 
 class Chip:
-    """One chip; `device` is its folder in configfs. `go` and `come` take it away and bring it back, as unplugging does."""
+    """One chip; `device` is its folder in configfs. `go` and `come` take it away and bring it back, as a plug does."""
 
     def __init__(
         self,

@@ -6,8 +6,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-import pytest
-
 from umo.drivers.counter import Counter
 from umo.drivers.gpio import Gpio
 from umo.testing.conformance import Input, Output, Subject
