@@ -222,7 +222,7 @@ ODD: dict[str, Callable[[], Any]] = {
     ),
     "one output": lambda: careful(outputs=(Output("out:0"),), inputs=(), loopbacks=(), refused=()),
     "two channels": lambda: careful(outputs=(Output("out:0"),), inputs=(Input("in:0"),), refused=(), levels=None),
-    "its device has a watchdog": lambda: careful(watchdog=HASTE / 2),
+    "its device has a watchdog": lambda: careful(watchdog=0.15, timeout=0.25),
     "no record of levels": lambda: careful(levels=None),
     "no refused channel": lambda: careful(refused=()),
     "answers of one byte": lambda: plain(Bytes, of_bytes(1), 255),
