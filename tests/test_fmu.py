@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import os
+import shutil
+import subprocess
 import sys
 import tempfile
 import tomllib
@@ -540,6 +542,16 @@ def test_opening_and_closing_leaks_neither_files_nor_libraries(folder, version, 
 @pytest.fixture(scope="module")
 def python_tank(folder: Path) -> Path:
     return python_fmu(folder, PYTHON_TANK, "python_tank_of_the_tests")
+
+
+@pytest.mark.full
+@pytest.mark.skipif(shutil.which("valgrind") is None, reason="needs valgrind")
+def test_a_library_of_pythonfmu_that_stays_loaded_frees_nothing_twice_when_the_process_ends(python_tank, tmp_path):
+    code = f"from umo.drivers.fmu import Fmu; d = Fmu(model={str(python_tank)!r}); d.open(); d.close()"
+    log = tmp_path / "valgrind"
+    words = ["valgrind", "--quiet", f"--log-file={log}", sys.executable, "-c", code]
+    subprocess.run(words, check=True, env=os.environ | {"PYTHONMALLOC": "malloc"})
+    assert f"(in {tempfile.gettempdir()}/umo-fmu-" not in log.read_text()
 
 
 def test_a_model_of_pythonfmu_follows_its_difference_equation(python_tank, unpacked):

@@ -558,7 +558,7 @@ BREAKS: dict[type[Careful], str] = {
     TakesAPartForTheWhole: "answer in pieces",
     ConnectsWithoutATimeout: "timeout",
     WaitsForGoodbye: "timeout",
-    WritesTheWholePort: "initialise",
+    WritesTheWholePort: "two clients",
     SkipsWhatItFailedToWrite: "vanish",
     RemembersLevelsWhenReopened: "reopen",
     ResetsAllOutputs: "reset",

@@ -91,6 +91,7 @@ class FmuInstance:
     def close(self) -> None:
         """End the instance, unload its library, remove its folder. What FMI forbids after an error is left out."""
         try:
+            self._let_go_of_python()
             if self._fmu is not None and self._fmu.component and not self._fatal:
                 with suppress(Exception):  # it ends whatever the model says
                     if self._running and not self.lost:
@@ -103,6 +104,12 @@ class FmuInstance:
             self._fmu = None
             _logs.pop(self._number, None)
             self._folder.cleanup()
+
+    def _let_go_of_python(self) -> None:
+        """A library of PythonFMU that is still loaded when the process ends calls this by itself, on memory that the
+        destructors of C++ have freed before (0.7.0); a second call does nothing."""
+        if (function := getattr(getattr(self._fmu, "dll", None), "finalizePythonInterpreter", None)) is not None:
+            function()
 
     # Transfers -----------------------------------------------------------------------------------
 
