@@ -216,12 +216,6 @@ def test_an_entry_barrier_that_gets_stuck_under_a_part_is_told_from_a_jam_by_the
         drive(m, application)
 
 
-def test_an_exit_barrier_that_gets_stuck_under_a_part_looks_like_a_jam() -> None:
-    run = Run(faults=["exit-stuck"], fault_at=4.2)
-    assert isinstance(run.error, Jam)
-    assert "or the barrier is stuck" in str(run.error)
-
-
 def test_a_part_that_is_missing_with_none_behind_it_was_taken_away_or_is_jammed() -> None:
     messages = set()
     for fault in ("taken-away", "jam"):
@@ -260,10 +254,6 @@ def test_a_setpoint_of_a_drive_that_is_off_is_not_a_fault() -> None:
 def test_a_dead_drive_is_found_at_a_low_speed() -> None:
     run = Run(at(0.01), faults=["drive-dead"], fault_at=0.0)
     assert isinstance(run.error, DriveError)
-
-
-def test_a_low_speed_is_not_a_fault_of_the_drive() -> None:
-    Run(at(0.02, parts=1), parts=1).assert_sorted(1)
 
 
 def test_after_a_jam_the_same_machine_sorts_again() -> None:

@@ -278,13 +278,6 @@ def test_a_tunable_parameter_is_an_output(tank):
     assert read(tank, "tank.level:1e-6") == [2_500_000]
 
 
-def test_a_block_of_all_types_moves_each_value_to_its_place(tank):
-    write(tank, mode=2, inflow=1500, count=-7, enable=1)
-    tick(tank)
-    assert read(tank, "enabled", "mode_used", "doubled", "tank.level:1e-9", "steps") == [
-        1, 2, -14, round(1.5e9 * (1 - math.exp(-0.05))), 1]  # fmt: skip
-
-
 def test_the_integers_of_fmi_3_keep_their_ends(folder, unpacked):
     driver = Fmu(model=tank_fmu(folder, 3))
     driver.open()

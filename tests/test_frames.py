@@ -6,10 +6,7 @@ import errno
 import gc
 import json
 import os
-import signal
 import struct
-import subprocess
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -24,7 +21,7 @@ from umo.cycle.journal import CAPACITY, Journal, Kind
 from umo.cycle.phases import Phases
 from umo.frames import Reader, Ring, Stage, rings
 from umo.frames.folder import folder
-from umo.frames.layout import JOURNAL, Layout, describe_objects
+from umo.frames.layout import Layout, describe_objects
 from umo.frames.memory import Ends
 from umo.frames.ring import ENTRIES
 from umo.testing import Scripted, VirtualTimer, periods
@@ -222,16 +219,6 @@ def test_the_journal_of_a_frame_is_whole_or_gone() -> None:
                 assert entries["before"].tolist() == [-frame["number"]] * each
 
 
-def test_entries_that_are_being_written_over_are_not_returned() -> None:
-    with running() as (_, ring, connection), Reader(ring.path) as reader:
-        write(ring, connection.machine.frame, 1, 10)
-        write(ring, connection.machine.frame, 2, 10)
-        ring._live[JOURNAL // 8] = ENTRIES + 1  # the first of them
-        first, second = reader.last(2)
-        assert reader.journal(first) is None
-        assert reader.journal(second) is not None
-
-
 def test_a_machine_without_asynchronous_traffic_has_small_frames() -> None:
     with running() as (_, ring, _connection):
         assert ring.slot_bytes <= 512
@@ -308,15 +295,6 @@ def test_a_reader_that_was_lapped_counts_what_it_lost() -> None:
         assert len(frames) + reader.lost == total
         assert frames["number"].tolist() == list(range(total - len(frames), total))
         assert len(frames) == ring.slots - 1  # the oldest may be written over at this moment
-
-
-def test_a_reader_may_attach_late() -> None:
-    with running() as (m, ring, _):
-        periods(m, 10)
-        with Reader(ring.path) as reader:
-            periods(m, 2)
-            assert reader.read()["number"].tolist() == list(range(1, 13))
-            assert reader.read(5)["number"].tolist() == []
 
 
 def test_after_the_end_the_frames_stay_and_the_ring_is_gone() -> None:
@@ -396,20 +374,6 @@ def test_the_last_frame_of_a_ring_that_holds_none_is_none() -> None:
         periods(m)
         ring._words[ring._first >> 3] = 0  # damaged
         assert reader.latest() is None
-
-
-def test_a_reader_that_dies_while_copying_disturbs_nobody() -> None:
-    with running() as (m, ring, _):
-        code = f"from umo.frames import Reader\nr = Reader({str(ring.path)!r})\nprint(flush=True)\n"
-        code += "while True: r.last(1000)"
-        reader = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE)
-        assert reader.stdout is not None
-        reader.stdout.readline()
-        periods(m, 50)
-        reader.send_signal(signal.SIGKILL)
-        reader.communicate()
-        periods(m, 50)
-        assert ring.index == 100
 
 
 def test_with_checksums_a_flipped_byte_is_noticed() -> None:

@@ -80,22 +80,12 @@ def test_the_setpoint_rises_by_the_ramp() -> None:
     assert [b - a for a, b in pairwise(seen)] == pytest.approx([0.2] * 19)
 
 
-@pytest.mark.parametrize("zones", [1, 2])
-def test_a_tunnel_may_be_short(zones: int) -> None:
-    assert Run(zones, peak=300.0).result["zones_good"] == zones
-
-
+@pytest.mark.full
 def test_a_thousand_zones_run() -> None:
     run = Run(1000, peak=120.0, soak=2.0)
     assert run.result["zones_faulted"] == "none"
     assert run.result["zones_good"] > 950
     assert len(run.result["soak_errors_K"]) == 1000
-
-
-def test_when_a_run_ends_every_heater_is_off_and_every_fan_on() -> None:
-    run = Run(4, peak=100.0)
-    assert run.plant._levels[0].tolist() == [0] * 4
-    assert run.plant._levels[1].tolist() == [1] * 4
 
 
 # Faults ----------------------------------------------------------------------------------------------
@@ -145,12 +135,6 @@ def test_a_soak_by_a_clock_that_is_wrong_by_hours_is_refused() -> None:
         Run(fault="timer out of range at 300 s")
 
 
-def test_a_thermocouple_that_is_broken_from_the_start_is_faulted_at_once() -> None:
-    run = Run(6, peak=300.0, faults=["broken-thermocouple:0@0"])
-    assert run.result["zones_faulted"] == "zone 0"
-    assert run.phases[0] == (pytest.approx(0.1), "heating up, zone 0 faulted")
-
-
 @pytest.mark.parametrize(
     ("zones", "faults", "error", "message"),
     [
@@ -172,14 +156,9 @@ def test_each_end_is_a_clear_end(zones: int, faults: list[str], error: type[Exce
     with pytest.raises(error, match=message):
         raise run.error
     assert run.plant._levels[0].tolist() == [0] * zones
-
-
-def test_a_zone_above_its_limit_is_inhibited_and_cooled_before_the_run_ends() -> None:
-    run = Run(6, faults=["stuck-heater:2@20"])
-    assert run.events == ["inhibited: over-temperature"]
-    fans = [fans[2] for *_, fans in run.states[10:]]
-    assert fans[0] == 0.0
-    assert fans[-20:] == [1.0] * 20
+    if error is OverTemperature:
+        assert run.events == ["inhibited: over-temperature"]
+        assert [fans[2] for *_, fans in run.states[-20:]] == [1.0] * 20
 
 
 def test_a_second_run_of_the_same_machine_begins_anew() -> None:
@@ -286,7 +265,7 @@ def test_the_number_of_zones_is_an_option_of_the_machine() -> None:
             machine(wrong)
 
 
-@pytest.mark.parametrize("zones", [1, 40, 1000])
+@pytest.mark.parametrize("zones", [1, 1000])
 @pytest.mark.parametrize("name", ["simulated", "modbus"])
 def test_both_wirings_fit_any_number_of_zones(name: str, zones: int) -> None:
     assert umo.check(machine(zones), STATION.wirings[name]) == []
@@ -311,6 +290,3 @@ def test_umo_run_shows_the_results(umo: Any) -> None:
     assert result.exit_code == 0, result.stderr
     assert "zones faulted" in result.output
     assert "zone 1" in result.output
-    assert umo("run", "furnace", "--zones", "0").exit_code == 2
-    assert umo("run", "furnace", "--zones", "3", "--peak", "20").exit_code == 1
-    assert umo("run", "furnace", "--zones", "3", "--faults", "dead-heater:1@1").exit_code == 1

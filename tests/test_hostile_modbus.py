@@ -32,13 +32,11 @@ TIMEOUT = 0.06
 RECOVERY = "250 ms"
 """With the timeout twice as long as the device may take: its thread may be held up."""
 PATIENT = 10.0
-GENEROUS = 10.0
-"""s that a call may take beyond its timeout, on a busy computer."""
 GROWTH = 64e6
 """Bytes."""
 REPEATS = ("twice", "twice, apart", "an earlier answer", "an earlier answer first", "all earlier answers")
 REPEATS += ("endless answers",)
-FUZZED = 4.0
+FUZZED = 2.0
 """s."""
 SHORT = {"late", "byte by byte", "an earlier answer first", "noise before", "one bit wrong"}
 """Behaviours with tests of their own in `make test`; there the fuzzed ones have all of them."""
@@ -161,14 +159,12 @@ class Trial:
             yield next(self._script) if self._misbehaves else "right"
 
     def _call(self, call: Any, check: Any) -> None:
-        began = time.monotonic()
         try:
             call()
         except DriverError:
             self.failed += 1
             time.sleep(0.002)  # as a period would
         check()
-        assert time.monotonic() - began < 3 * TIMEOUT + GENEROUS
 
     def _check_inputs(self, m: Rig, reads_before: int) -> None:
         if m.count.quality is Quality.GOOD:

@@ -5,16 +5,13 @@ from __future__ import annotations
 import errno
 import os
 from collections import deque
-from contextlib import contextmanager
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
-from umo import BinaryActuator, Compound, DeviceTimeout, DigitalSensor, DriverError, OnOff, WiringError, check
+from umo import DeviceTimeout, DriverError, WiringError
 from umo.drivers import i2c
 from umo.drivers.i2c import I2c
-from umo.testing.conformance import Input, Output, Subject, conform
 
 FUNCS = SimpleNamespace(I2C=1, SMBUS_PEC=8, SMBUS_READ_I2C_BLOCK=0x04000000)
 
@@ -158,13 +155,6 @@ def test_the_hold_is_of_a_bus_and_an_address(tmp_path):
     assert one.devices() != I2c(bus=str(tmp_path / "adc"), address=0x49).devices()
 
 
-def test_a_bus_that_is_not_there_is_named_with_those_that_are(tmp_path):
-    pytest.importorskip("smbus2")
-    (tmp_path / "i2c-3").touch()
-    with pytest.raises(DriverError, match=r"no device .*/i2c-1.*; there are: .*/i2c-3"):
-        I2c(bus=str(tmp_path / "i2c-1"), address=0x48).open()
-
-
 def test_a_file_that_is_no_bus_is_refused_and_left_closed():
     pytest.importorskip("smbus2")
     before = len(os.listdir("/proc/self/fd"))
@@ -279,82 +269,3 @@ def test_the_adapter_has_the_timeout_of_the_call(bus):
         driver.timeout = timeout
         driver.open() if timeout == 3.0 else driver.read(driver.channel("5:8"))
     assert list(bus.limits) == [3.0, 0.05]
-
-
-def test_a_chip_that_returns_is_served_again(bus):
-    driver = opened()
-    bus.error = errno.ENXIO
-    with pytest.raises(DriverError):
-        driver.read(driver.channel("5:8"))
-    bus.error = 0
-    assert driver.read(driver.channel("5:8")) == 0
-    assert bus.opened == 2
-
-
-def test_registers_that_follow_each_other_are_one_transaction(bus):
-    driver = opened(auto_increment=True)
-    bus.memory[0:6] = bytes(range(6))
-    out = np.zeros(3, np.int64)
-    driver.read_many(tuple(map(driver.channel, ("2:16", "0:16", "4:16"))), out)
-    assert out.tolist() == [0x0203, 0x0001, 0x0405]
-    assert bus.log == [("messages", b"\x00", 6)]
-
-
-class Bench(Compound):
-    temperature: DigitalSensor
-    relay: BinaryActuator[OnOff]
-    fan: BinaryActuator[OnOff]
-
-
-def wiring(**channels):
-    chip = {"type": "i2c", "bus": 1, "registers": {"control": {"address": 1, "fields": {"relay": 0, "fan": 1}}}}
-    return {
-        "drivers": {"adc": {"type": "i2c", "bus": 1, "address": 0x48}, "relays": {**chip, "address": 0x20}},
-        "wire": {
-            "temperature": {"driver": "adc", "channel": "0:16:big:signed"},
-            "relay": {"driver": "relays", "channel": "control.relay"},
-            "fan": {"driver": "relays", "channel": channels.get("fan", "control.fan")},
-        },
-    }
-
-
-def bench():
-    relay, fan = (BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.OFF) for _ in range(2))
-    return Bench(
-        temperature=DigitalSensor("degC", minimum=-55.0, maximum=125.0, resolution=0.0625), relay=relay, fan=fan
-    )
-
-
-def test_several_chips_of_one_bus_are_in_one_wiring():
-    assert check(bench(), wiring()) == []
-
-
-def test_two_objects_on_one_bit_are_a_fault():
-    assert "already used by relay" in str(check(bench(), wiring(fan="1:8.0"))[0])
-
-
-def test_the_driver_keeps_the_contract(bus, monkeypatch):
-    """Also on a bus that vanishes, and with a register that the chip does not have."""
-    memory = bytearray(256)
-    monkeypatch.setattr(Bus, "refused", 0x66)
-    library = SimpleNamespace(I2cFunc=FUNCS, SMBus=lambda: Bus(memory), i2c_msg=Message)
-    monkeypatch.setattr(i2c, "_library", lambda: library)
-
-    @contextmanager
-    def gone():
-        with monkeypatch.context() as patch:
-            patch.setattr(Bus, "error", errno.ENXIO)
-            yield
-
-    mode = {"address": 0x08, "fields": {"on": 0, "gain": "3:1"}}
-    subject = Subject(
-        name="i2c on a fake",
-        make=lambda: I2c(bus=1, address=0x48, registers={"mode": mode}),
-        sole_writer=True,
-        outputs=(Output("mode.on", 1, 0, 1), Output("mode.gain", 2, 0, 7), Output("0x40:16", 7, 0, 0xFFFF)),
-        inputs=(Input("0x05:16"),),
-        gone=gone,
-        refused=("0x66:8",),
-    )
-    certificate = conform(subject, cycles=500)
-    assert certificate.passed, str(certificate)

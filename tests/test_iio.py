@@ -13,7 +13,6 @@ from umo import (
     ChannelError,
     ChannelsFailed,
     Compound,
-    DeviceTimeout,
     DigitalActuator,
     DigitalSensor,
     Direction,
@@ -201,30 +200,6 @@ def test_an_input_is_not_written_nor_a_value_beyond_32_bits(sysfs):
     driver.close()
 
 
-def test_a_device_that_goes_is_found_again_when_it_returns(sysfs):
-    driver = opened()
-    channel = driver.channel("in_voltage0")
-    sysfs.rename(sysfs.with_name("away"))
-    with pytest.raises(DriverError, match="the device adc is gone"):
-        driver.read(channel)
-    with pytest.raises(DriverError, match="no IIO device 'adc'"):
-        driver.read(channel)
-    sysfs.with_name("away").rename(sysfs.with_name("iio:device7"))
-    assert driver.read(channel) == 73
-    driver.close()
-
-
-def test_nothing_is_open_after_close(sysfs):
-    before = os.listdir("/proc/self/fd")
-    driver = opened()
-    many(driver, "in_voltage0", "in_temp")
-    driver.write(driver.channel("out_voltage0"), 1)
-    driver.close()
-    assert os.listdir("/proc/self/fd") == before
-    with pytest.raises(DriverError, match="not open"):
-        many(driver, "in_temp")
-
-
 # Scans ----------------------------------------------------------------------------------------------
 
 
@@ -301,34 +276,10 @@ def test_a_scan_is_one_record(sysfs, records):
     assert (sysfs / "buffer/enable").read_text() == "0"
 
 
-def test_width_and_sign_of_a_channel_are_those_of_its_scan_element(sysfs):
-    channels = [Iio(device="adc", trigger="tick").channel(name) for name in NAMES]
-    assert [(channel.bits, channel.signed) for channel in channels] == [(24, True), (12, False), (8, True)]
-
-
-def test_an_input_that_cannot_be_scanned_is_refused_when_the_wiring_is_checked(sysfs):
-    with pytest.raises(
-        WiringError, match="in_temp cannot be scanned by a trigger; those that have: in_accel_x, in_volt"
-    ):
-        Iio(device="adc", trigger="tick").channel("in_temp")
-
-
 def test_the_newest_record_is_taken_again_while_it_is_not_too_old(sysfs, records):
     driver = started(records)
     records(RECORD)
     assert many(driver, *NAMES) == many(driver, *NAMES) == [-3, 0x123, -1]
-    driver.close()
-
-
-def test_a_trigger_that_does_not_fire_is_a_timeout(sysfs, records):
-    driver = started(records)
-    driver.timeout = 0.0
-    with pytest.raises(DeviceTimeout, match="the trigger has not fired within 0 ms"):
-        many(driver, *NAMES)
-    assert (sysfs / "buffer/enable").read_text() == "0"
-    driver.timeout = 1.0
-    records(RECORD)
-    assert many(driver, *NAMES) == [-3, 0x123, -1]
     driver.close()
 
 
@@ -349,26 +300,6 @@ def test_records_of_a_full_buffer_are_not_the_newest(sysfs, records):
     driver.close()
 
 
-def test_a_record_that_may_be_older_than_the_timeout_is_not_taken(sysfs, records):
-    """It came at some time since the scan before, which was long ago."""
-    driver = started(records)
-    driver._scan._taken -= 60.0
-    driver._scan._drained -= 60.0
-    records(OTHER)
-    waited = []
-
-    class Late:
-        def poll(self, timeout):
-            waited.append(timeout)
-            records(RECORD)
-            return [1]
-
-    driver._scan._waiting = Late()
-    assert many(driver, *NAMES) == [-3, 0x123, -1]
-    assert len(waited) == 1
-    driver.close()
-
-
 def test_half_a_record_is_an_error_and_the_scan_starts_anew(sysfs, records):
     driver = started(records)
     records(RECORD[:3])
@@ -377,20 +308,6 @@ def test_half_a_record_is_an_error_and_the_scan_starts_anew(sysfs, records):
     records(RECORD)
     assert many(driver, *NAMES) == [-3, 0x123, -1]
     driver.close()
-
-
-def test_outputs_are_written_while_a_scan_runs(sysfs, records):
-    driver = started(records)
-    driver.write(driver.channel("out_voltage0"), 7)
-    assert many(driver, "out_voltage0", *NAMES) == [7, 3, 1, 2]
-    driver.close()
-
-
-def test_a_trigger_that_is_not_there_is_named_with_those_that_are(sysfs):
-    with pytest.raises(
-        DriverError, match=r"no trigger 'tock' \(did you mean 'tick'\?\); there are: tick; a timer is made"
-    ):
-        opened(trigger="tock")
 
 
 @pytest.mark.parametrize(("hertz", "text"), [(250.0, "250"), (12345.678, "12345.678"), (1e7, "10000000")])

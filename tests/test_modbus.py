@@ -26,7 +26,7 @@ from umo.drivers.modbus import Modbus
 from umo.drivers.modbus import driver as modbus
 from umo.drivers.modbus.plan import plan_reads
 from umo.drivers.streams import Stream, hosts
-from umo.errors import ChannelError, ChannelsFailed, DeviceTimeout, DriverError, WiringError
+from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, WiringError
 
 HASTY = 0.05  # for calls that are to time out
 
@@ -215,16 +215,6 @@ def test_every_type_of_channel_keeps_what_was_written(start: Start, connected: C
             assert driver.read(channel) == raw
 
 
-@pytest.mark.parametrize(("order", "words"), [("big", (0x1234, 0x5678)), ("little", (0x5678, 0x1234))])
-def test_the_word_order_is_the_one_asked_for(
-    start: Start, connected: Connect, order: str, words: tuple[int, int]
-) -> None:
-    peer = start()
-    driver = connected(peer, word_order=order)
-    driver.write(driver.channel("holding:6:uint32"), 0x12345678)
-    assert peer.requests() == [(16, 6, 2, *words)]
-
-
 def test_a_period_takes_one_request_for_each_run_of_a_table(start: Start, connected: Connect) -> None:
     peer = start()
     driver = connected(peer)
@@ -330,11 +320,6 @@ def test_a_watchdog_that_cannot_be_armed_is_a_fault_of_the_wiring(
     faults = check(Lamp(lamp=BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.OFF)), given)
     assert [fault.key for fault in faults] == ["drivers.box.watchdog"] * bool(message)
     assert not faults or message in faults[0].message
-
-
-def test_an_address_that_is_too_high_is_answered_with_the_range() -> None:
-    with pytest.raises(ChannelError, match=r"no channel 'coil:99999'; the forms are: coil:N \(N 0 to 65535\)"):
-        Modbus().channel("coil:99999")
 
 
 @pytest.mark.parametrize("kind", [DriverError, NotImplementedError])
@@ -537,13 +522,6 @@ def test_a_connection_that_is_lost_at_the_first_request_fails_the_block_with_its
     assert not isinstance(caught.value, ChannelsFailed)
 
 
-def test_a_timeout_in_the_middle_of_a_block_is_a_timeout_of_the_block(start: Start, connected: Connect) -> None:
-    driver = connected(start("1:exception=2", "3:silent"))
-    driver.timeout = 0.5  # enough for the two before it
-    with pytest.raises(DeviceTimeout, match=r"reading coil 3: timed out \(500 ms\)"):
-        read(driver, *MIXED)
-
-
 def test_writes_beside_one_that_the_device_refuses_are_carried_out(start: Start, connected: Connect) -> None:
     peer = start("2:exception=4")
     driver = connected(peer)
@@ -597,16 +575,6 @@ def test_what_came_in_unasked_is_thrown_away_with_its_connection(start: Start, c
     driver = connected(peer)
     assert read(driver, "holding:1") == [holding(1)]
     peer.wait_for("twice")
-    assert read(driver, "holding:2") == [holding(2)]
-
-
-def test_a_connection_that_the_device_closed_meanwhile_is_opened_again_without_a_failure(
-    start: Start, connected: Connect
-) -> None:
-    peer = start("1:hangup")
-    driver = connected(peer)
-    assert read(driver, "holding:1") == [holding(1)]
-    peer.wait_for("closed")
     assert read(driver, "holding:2") == [holding(2)]
 
 

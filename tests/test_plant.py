@@ -263,13 +263,6 @@ def words(*given_: int) -> bytes:
     return b"".join(word.to_bytes(2, "big") for word in given_)
 
 
-def test_a_period_of_the_plant_is_one_reading_of_its_timer() -> None:
-    bench = Bench(Plant())
-    bench.wait(0.5)
-    assert bench.plant.ticks == 50
-    assert bench.plant.levels["count:angle"] == -70_000 + 50 * 1000  # the clutch's inverted default is 1
-
-
 def test_an_object_of_32_bits_is_read_once_and_a_half_of_it_too() -> None:
     bench = Bench(Plant())
     low, high = -70_000 & 0xFFFF, -70_000 >> 16 & 0xFFFF

@@ -78,17 +78,6 @@ def test_half_a_resolution_beyond_a_bound_is_good_and_more_is_out_of_range(box, 
         assert m.sample() is (quality is GOOD or not synchronous)
 
 
-def test_between_half_a_resolution_and_a_whole_one_is_out_of_range(box):
-    machine = inputs(sensor(minimum=0.375, maximum=99.625, resolution=0.5))
-    box.set("one", [0, 1, 200])  # 0.75 of a resolution below, inside, 0.75 above
-    with connect(machine, wired(machine, box)) as m:
-        seen = [m.one.quality]
-        for _ in range(2):
-            m.sample()
-            seen.append(m.one.quality)
-        assert seen == [OUT_OF_RANGE, GOOD, OUT_OF_RANGE]
-
-
 def test_half_a_resolution_is_that_of_the_size_when_the_resolution_is_negative(box):
     machine = inputs(sensor(minimum=0.25, maximum=99.25, resolution=-0.5))
     box.set("one", [0, 1, -198, -199, -200])
@@ -219,17 +208,6 @@ def test_referenced_while_held_is_stale_until_the_device_is_back(box):
         assert m.one.quality is GOOD
 
 
-def test_an_unreferenced_sensor_comes_back_unreferenced(box):
-    machine = inputs(sensor(incremental=True, **HOLD), switch(**HOLD))
-    with connect(machine, wired(machine, box)) as m:
-        box.broken = OSError("cut")
-        assert period(m) is False
-        assert m.one.quality is UNREF  # what was not good is no better for being held
-        box.broken = None
-        assert period(m) is False
-        assert m.one.quality is UNREF
-
-
 # Time ------------------------------------------------------------------------------------------------
 
 
@@ -327,18 +305,6 @@ def test_a_failed_output_block_does_not_keep_the_others_from_being_written():
         assert (m.a.read(), m.b.read(), right.get("b")) == (0.0, 2.0, 4)
 
 
-@pytest.mark.parametrize(
-    "error", [OSError("cut"), TimeoutError("late"), RuntimeError("bug"), KeyError("k"), ValueError]
-)
-def test_whatever_a_driver_raises_comes_out_as_a_driver_error(box, error):
-    machine = inputs()
-    with connect(machine, wired(machine, box)) as m:
-        box.at(len(box.calls), error)
-        with pytest.raises(DriverError, match=r"; one and two$") as caught:
-            m.sample()
-        assert failed(caught.value) == ["one", "two"]
-
-
 def test_a_holding_sensor_is_stale_until_its_age_is_exceeded_then_raises_and_recovers(box):
     machine = inputs(sensor(**HOLD), switch(**HOLD))
     box.set("one", 20)
@@ -370,17 +336,6 @@ def test_missed_periods_count_in_the_age(box):
         box.broken = None
 
 
-def test_beside_a_holding_sensor_the_others_of_its_block_fail_alone(box):
-    machine = inputs(sensor(**HOLD))
-    with connect(machine, wired(machine, box)) as m:
-        box.broken = OSError("cut")
-        with pytest.raises(DriverError) as caught:
-            period(m)
-        assert failed(caught.value) == ["two"]
-        assert (m.one.quality, m.two.quality) == (STALE, BAD)
-        box.broken = None
-
-
 def test_an_asynchronous_holding_sensor_gives_its_last_value_then_raises(box):
     machine = inputs(sensor(synchronous=False, **HOLD))
     box.set("one", 20)
@@ -396,15 +351,6 @@ def test_an_asynchronous_holding_sensor_gives_its_last_value_then_raises(box):
         assert m.one.quality is BAD
         box.set("one", 30)
         assert (m.one.read(), m.one.quality) == (15.0, GOOD)
-
-
-def test_there_is_nothing_to_hold_before_the_first_reading(box):
-    machine = inputs(sensor(synchronous=False, **HOLD))
-    box.set("one", OSError("cut"))
-    with connect(machine, wired(machine, box)) as m:
-        with pytest.raises(DriverError):
-            m.one.read()
-        assert m.one.quality is BAD
 
 
 @pytest.mark.parametrize("raw", [2, -1, 255, 2**40])

@@ -124,7 +124,7 @@ def test_a_start_that_can_be_written_down_for_one_of_two_devices_only_leaves_not
         sync(file)
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(UmoError):
+    with pytest.raises(UmoError, match="the start of the run could not be recorded: No space left"):
         Record(["bus 1", "bus 2"], "press", "").begin(False)
     assert standing("bus 1") == []
 
@@ -143,15 +143,6 @@ def test_an_acknowledged_start_that_cannot_be_written_down_leaves_every_unsafe_e
     with pytest.raises(UmoError):
         Record(["bus 1", "bus 2"], "press", "").begin(True)
     assert [ended.state for device in ("bus 1", "bus 2") for ended in standing(device)] == ["stopped"] * 2
-
-
-def test_a_start_that_cannot_be_written_down_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(file: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(UmoError, match="the start of the run could not be recorded: No space left"):
-        Record([DEVICE], "press", "").begin(False)
 
 
 @pytest.mark.parametrize("place", ["a file", "a file/below", "/proc/nothing"])

@@ -62,12 +62,6 @@ def test_the_explicit_loop_and_run_are_equal():
     assert updates == [(2,), (4,), (6,), (8,), (10,)]
 
 
-def test_a_period_reads_computes_and_writes():
-    segments = [call.segment for call in calls_of(run)]
-    assert segments == ["open", "initialize", "initialize", "read_many", *["read_many", "write_many"] * 5,
-                        "reset", "finalize", "finalize", "close"]  # fmt: skip
-
-
 def test_run_returns_what_the_application_returned_and_ends_with_it():
     async def application(m):
         for _ in range(3):

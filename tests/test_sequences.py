@@ -134,21 +134,6 @@ async def asyncgen_free():
     return 1
 
 
-def test_sequences_take_their_steps_in_the_order_started():
-    seen = []
-
-    async def step(name):
-        while True:
-            seen.append(name)
-            await next_period()
-
-    with Cycle() as cycle:
-        for name in "abc":
-            cycle.start(step(name))
-        cycle.steps(2)
-    assert seen == list("abcabc")
-
-
 def test_a_sequence_that_starts_another_stays_before_it():
     seen: list[str] = []
 
@@ -289,16 +274,6 @@ def test_missed_periods_count_in_a_timeout():
             cycle.steps(1)
 
 
-def test_until_names_the_condition():
-    def pressed():
-        return False
-
-    with Cycle() as cycle:
-        cycle.start(until(pressed, 0))
-        with pytest.raises(TimeExpired, match=r"pressed \(.*test_sequences.py:\d+\) did not come true"):
-            cycle.steps(1)
-
-
 @pytest.mark.parametrize(
     ("levels", "ends_in"),
     [("1111", 3), ("011111", 4), ("1101111", 6), ("10111", 5)],
@@ -364,21 +339,6 @@ def test_missed_periods_count_in_the_limit_of_a_block():
         cycle.steps(1)
         with pytest.raises(TimeExpired):
             cycle.steps(1)
-
-
-def test_a_sequence_goes_on_after_a_block_that_expired():
-    async def retry():
-        try:
-            async with timeout("2 ms"):
-                await wait("1 s")
-        except TimeExpired:
-            await wait("2 ms")
-            return "second"
-
-    with Cycle() as cycle:
-        task = cycle.start(retry())
-        cycle.steps(5)
-        assert task.result == "second"
 
 
 def test_of_nested_blocks_the_one_whose_time_is_over_expires():
@@ -699,13 +659,6 @@ def test_cancelling_together_cancels_all_and_an_error_in_their_clean_up_surfaces
     assert "cleaning up a" in caught.value.__notes__[0]
 
 
-def test_together_nests():
-    with Cycle() as cycle:
-        task = cycle.start(gather(gather(after(1, 1), after(2, 2)), after(1, 3)))
-        cycle.steps(3)
-        assert task.result == ((1, 2), 3)
-
-
 def test_waits_in_together_count_the_same_periods():
     assert steps_until_done(gather(wait("3 ms"), wait("5 ms")), missed=[0, 2, 0]) == 5
 
@@ -785,34 +738,6 @@ def test_an_error_in_what_a_cancelled_sequence_went_on_to_await_is_not_lost():
         with pytest.raises(RuntimeError, match="cleaning up a"):
             task.cancel()
     assert log == ["a"]
-
-
-def test_a_cancelled_sequence_may_not_go_on():
-    async def deaf():
-        while True:
-            try:
-                await next_period()
-            except Cancelled:
-                continue
-
-    async def once_more(log):
-        with contextlib.suppress(Cancelled):
-            await next_period()
-        await next_period()
-        log.append("went on")
-
-    log: list[str] = []
-    with Cycle() as cycle:
-        cycle.start(once_more(log))
-        cycle.steps(1)
-    assert log == []
-    with Cycle() as cycle:
-        task = cycle.start(deaf())
-        cycle.steps(1)
-        assert not task.done
-        task.cancel()
-        assert task.done
-        cycle.steps(1)
 
 
 def test_cancelled_is_no_exception_that_a_sequence_catches_by_accident():
@@ -1101,22 +1026,6 @@ def test_an_error_in_the_clean_up_after_a_foreign_awaitable_hides_not_the_mistak
         with pytest.raises(TypeError, match="awaited 'something'") as caught:
             cycle.steps(1)
     assert "cleaning up" in caught.value.__notes__[0]
-
-
-def test_an_asyncio_future_is_a_type_error():
-    loop = asyncio.new_event_loop()
-    try:
-        future = loop.create_future()
-
-        async def mistaken():
-            await future
-
-        with Cycle() as cycle:
-            cycle.start(mistaken())
-            with pytest.raises(TypeError, match=r"a sequence can await only the functions of umo.control"):
-                cycle.steps(1)
-    finally:
-        loop.close()
 
 
 def test_a_sleep_of_asyncio_is_a_type_error_though_it_yields_nothing():

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import errno
 import os
-import sys
-from contextlib import contextmanager
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,7 +11,6 @@ import pytest
 from umo import DriverError, WiringError
 from umo.drivers import spi
 from umo.drivers.spi import Spi
-from umo.testing.conformance import Input, Output, Subject, conform
 
 needs_spidev = pytest.mark.skipif(spi._library() is None, reason="needs spidev, which pip builds with a C compiler")
 
@@ -155,44 +151,3 @@ def test_the_commands_of_known_chips(device, options, text, sent, answer):
     device.answer = bytes.fromhex(answer)
     assert driver.read(driver.channel(text)) == 0x2A
     assert device.sent == [bytes.fromhex(sent)]
-
-
-@pytest.mark.skipif(sys.byteorder == "big", reason="words and bytes have one order on this computer")
-def test_longer_words_have_the_same_bits_on_the_wire(device):
-    driver = opened(bits_per_word=16, address_bits=16, read_mask=0x8000)
-    device.answer = bytes.fromhex("ffff 3412")
-    assert driver.read(driver.channel("0x0102:16")) == 0x1234
-    assert device.sent == [bytes.fromhex("0281 0000")]
-    with pytest.raises(DriverError, match="3 bytes is not one of whole words of 16 bits"):
-        driver.read(driver.channel("0x0102:8"))
-
-
-def test_an_absent_chip_is_found_by_its_identity(device):
-    device.answer = b"\xff\xff"
-    with pytest.raises(DriverError, match="who is 0xff in place of 0x33: no device, or another one"):
-        opened(registers={"who": {"address": 0x0F, "access": "r"}}, identity={"who": 0x33})
-    assert not device.is_open
-
-
-def test_the_driver_keeps_the_contract(device, monkeypatch):
-    """Also on a controller that vanishes, such as one on USB."""
-    memory = bytearray(128)
-    monkeypatch.setattr(spi, "_library", lambda: SimpleNamespace(SpiDev=lambda: Device(memory)))
-
-    @contextmanager
-    def gone():
-        with monkeypatch.context() as patch:
-            patch.setattr(Device, "error", errno.ENODEV)
-            yield
-
-    mode = {"address": 0x08, "fields": {"on": 0, "gain": "3:1"}}
-    subject = Subject(
-        name="spi on a fake",
-        make=lambda: Spi(bus=0, registers={"mode": mode}, auto_increment=True),
-        sole_writer=True,
-        outputs=(Output("mode.on", 1, 0, 1), Output("mode.gain", 2, 0, 7), Output("0x40:16", 7, 0, 0xFFFF)),
-        inputs=(Input("0x05:16"),),
-        gone=gone,
-    )
-    certificate = conform(subject, cycles=500)
-    assert certificate.passed, str(certificate)

@@ -69,12 +69,6 @@ def test_an_application_that_fails_comes_out_of_wait(tmp_path: Path) -> None:
         assert "fail_at" in caught.value.outcome.failure.traceback  # type: ignore[union-attr]
 
 
-def test_options_go_to_the_application(tmp_path: Path) -> None:
-    wiring = process_box.wiring(tmp_path / "box")
-    with umo.start(process_box.machine, wiring, process_box.drive, periods=3) as machine:
-        assert machine.wait().result == "driven"
-
-
 def test_a_mistake_of_the_user_comes_out_of_wait() -> None:
     with umo.start("zteta") as machine, pytest.raises(umo.RunFailed, match="did you mean 'ztheta'"):
         machine.wait()

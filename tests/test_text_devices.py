@@ -184,45 +184,6 @@ def test_errors_of_the_firmware_leave_the_line_in_step(instrument: Text) -> None
         assert read(instrument, "level", "adc1") == [0, 255]
 
 
-def test_a_late_answer_of_the_firmware_is_thrown_away(board: str, instrument: Text) -> None:
-    """It answers after 100 ms, later than the timeout and the quiet time together allow: `identify` finds it."""
-    instrument.close()
-    driver = opened(serial=board, channels=INSTRUMENT, identify={"ask": "*IDN?", "answer": "UMO,AVR*"}, **AVR)
-    driver.write(driver.channel("level"), 77)
-    driver.write(driver.channel("delay"), 100)
-    right = {"level": 77, "adc1": driver.read(driver.channel("adc1"))}
-    failed = 0
-    for call in range(30):
-        driver.timeout = 0.04 if call < 15 else PATIENT
-        name = ("level", "adc1")[call % 2]
-        try:
-            assert read(driver, name) == [right[name]]
-        except DriverError:
-            failed += 1
-    assert 5 <= failed < 28, "a busy computer may take the answer in time, or find it late"
-    driver.write(driver.channel("delay"), 0)
-    driver.close()
-
-
-def test_firmware_that_echoes_is_read_with_the_option(board: str, instrument: Text) -> None:
-    instrument.write(instrument.channel("echo"), 1)
-    with pytest.raises(DriverError, match=r"unasked|expected|match|not a number"):
-        read(instrument, "level")
-    instrument.close()
-    driver = opened(serial=board, channels=INSTRUMENT, echo=True, **AVR)
-    assert read(driver, "level", "adc1") == [0, 255]
-    driver.write(driver.channel("echo"), 0)
-    driver.close()
-
-
-def test_firmware_is_told_by_its_greeting(board: str, instrument: Text) -> None:
-    """The board is not reset by a second connection, so no greeting comes: its boot time is waited for."""
-    instrument.close()
-    driver = opened(serial=board, channels=INSTRUMENT, boot_time=0.2, greeting="ready", **AVR)
-    assert read(driver, "adc1") == [255]
-    driver.close()
-
-
 def test_the_watchdog_of_the_firmware_drops_its_outputs(board: str, instrument: Text) -> None:
     instrument.close()
     driver = opened(serial=board, channels=INSTRUMENT, watchdog_set="WD {ms}", **AVR)

@@ -106,12 +106,6 @@ def test_an_answer_that_comes_byte_by_byte_is_one_answer(end: str) -> None:
         driver.close()
 
 
-def test_channels_of_one_request_share_it_in_a_block() -> None:
-    with device() as (driver, server):
-        assert read(driver, "y", "a", "x") == [5, 1, 4]
-        assert server.received == ["ALL?", "A?"]
-
-
 def test_queries_are_joined_where_the_device_takes_several_in_a_line() -> None:
     def answer(line: str) -> bytes:
         return b";".join(ANSWERS[part].strip() for part in line.split(";")) + b"\n"

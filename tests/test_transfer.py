@@ -175,16 +175,6 @@ def test_what_stands_beside_a_failed_channel_is_judged_as_ever() -> None:
         assert [s.quality for s in (*m.levels, m.full)] == [Quality.OUT_OF_RANGE, Quality.BAD, Quality.BAD]
 
 
-def test_failures_of_several_circuits_come_out_in_one_error() -> None:
-    box, other, m = Bus(), Bus(), line()
-    with connect(m, wired(m, box, entries={"levels.1": {"driver": "other"}}, other=other)):
-        box.causes = {"full": OSError("a")}
-        other.causes = {"levels.1": OSError("b")}
-        with pytest.raises(DriverError) as e:
-            m.sample()
-        assert [(failure.path, failure.cause) for failure in e.value.failures] == [("full", "a"), ("levels.1", "b")]
-
-
 @pytest.mark.parametrize(
     "error",
     [OSError("cut"), ChannelsFailed({"nobody's": "x"}), ChannelsFailed({}), DeviceTimeout("late"), ValueError("bug")],

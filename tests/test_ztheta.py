@@ -11,14 +11,13 @@ import pytest
 
 import umo
 from helpers.tiers import first
-from umo import AxisError, BinaryActuator, Compound, DigitalActuator, HomingError, TaskFailed, UpDown
+from umo import AxisError, BinaryActuator, Compound, DigitalActuator, HomingError, TaskFailed
 from umo.cycle.progress import Progress
 from umo.objects import Atomic
 from umo.stations.ztheta.application import main
 from umo.stations.ztheta.control import Manipulator
 from umo.stations.ztheta.errors import GripError
 from umo.stations.ztheta.objects import machine
-from umo.testing import put
 
 pytest.importorskip("mujoco")
 
@@ -67,30 +66,6 @@ class Run:
         assert abs(self.plant.z_um - self.z_um) < 1_000.0
 
 
-INJECTED = {
-    "gripper.vacuum stuck at 11 s": (GripError, "the part came up with the cup"),
-    "gripper.pressure stuck at 11 s": (GripError, "the cup keeps its vacuum"),
-    "z.encoder stuck at 3 s": (AxisError, "z does not follow"),
-}
-
-
-@pytest.mark.parametrize("fault", INJECTED)
-def test_each_injected_fault_ends_in_one_line_and_safely(fault: str) -> None:
-    kind, message = INJECTED[fault]
-    run = Run(wiring(), parts=1, fault=fault)
-    assert isinstance(run.error, kind)
-    assert message in str(run.error)
-    assert "also, while stopping" not in str(getattr(run.error, "__notes__", ""))
-    assert run.plant.truth().placed == 0
-
-
-def test_without_the_puff_the_part_is_put_down_when_the_vacuum_is_gone() -> None:
-    run = Run(wiring(), parts=1, fault="pressure_solenoid stuck at 2 s")
-    assert run.error is None
-    assert run.plant.truth().placed == 1
-    assert run.machine.unblown == 1
-
-
 OUTPUTS = ["dac:z", "pwm:z", *(f"dio:{line}" for line in ("step", "direction", "z_index", "theta_index"))]
 OUTPUTS += [f"dio:{line}" for line in ("counterweight", "vacuum", "pressure")]
 
@@ -121,13 +96,6 @@ def test_the_same_code_runs_with_outputs_at_the_next_tick() -> None:
     run = Run(wiring() | {"process": {"outputs": "at next tick"}}, parts=1, seed=3)
     assert run.plant.truth().placed == 1
     run.assert_safe()
-
-
-def test_a_longer_period_than_the_machine_allows_is_refused() -> None:
-    slow = wiring()
-    slow["wire"]["timer"]["period"] = "20 ms"
-    with pytest.raises(umo.WiringError, match="longer than `max_period` of Manipulator"):
-        Run(slow)
 
 
 @pytest.mark.parametrize("period", first(2, random.Random(1998).sample(range(1, 16_000), 10)))
@@ -166,21 +134,6 @@ def test_an_over_driven_stepper_is_found_by_the_encoder() -> None:
     run.assert_safe()
 
 
-def test_an_encoder_that_dies_on_the_way_stops_the_axis() -> None:
-    """Not at the start, where homing finds it: in the middle of a move."""
-
-    class Dying(Run):
-        def observe(self, frame: umo.Frame) -> None:
-            super().observe(frame)
-            if "placing" in frame.progress.text:
-                self.plant.physics.z_counter.dead = True
-
-    run = Dying(wiring(), parts=1, seed=3)
-    assert isinstance(run.error, AxisError)
-    assert "z does not follow" in str(run.error)
-    run.assert_safe()
-
-
 def test_a_part_that_comes_late_is_gripped_at_the_second_try() -> None:
     run = Run(wiring(courier_time=0.0, transit_height=100_100.0), parts=1, seed=1)
     assert run.plant.truth().placed == 1
@@ -199,41 +152,6 @@ def test_homing_succeeds_when_the_counters_are_known_from_a_run_before(monkeypat
     monkeypatch.setattr("umo.stations.ztheta.physics.Physics.power_up", lambda self: None)
     umo.run(machine(), wired, one)
     assert plant.truth().placed == 1
-
-
-def test_one_step_is_a_member_of_the_step_output() -> None:
-    """Section 5.4; UP for a period, DOWN for a period."""
-    m = machine()
-    shown: list[UpDown] = []
-    connection = umo.connect(m)
-
-    async def one(m: Manipulator) -> None:
-        await m.theta.step.step()
-
-    with connection:
-        connection.machine.observers.append(lambda frame: shown.append(m.theta.step.read()))
-        m.theta.profile.hold(0.0)
-        for act in (m.timer.read, m.sample):
-            act()
-        m.start(one(m))
-        for _ in range(4):
-            m.timer.read()
-            connection.machine.sequences.advance(connection.machine.clock)
-            m.update()
-    began, *shown = shown  # the period without an update is shown when the next one begins
-    assert began is UpDown.DOWN
-    assert shown == [UpDown.UP, UpDown.DOWN, UpDown.DOWN, UpDown.DOWN]
-
-
-def test_a_pressure_that_cannot_be_trusted_carries_no_arm() -> None:
-    m = machine()
-    connection = umo.connect(m)
-    with connection:
-        put(m.counterweight.pressure, 2_000.0)
-        m.sample()
-        m.start(m.counterweight.carry())
-        with pytest.raises(umo.BadInput, match=r"counterweight\.pressure is OUT_OF_RANGE"):
-            connection.machine.sequences.advance(connection.machine.clock)
 
 
 def test_the_tree_is_that_of_figure_4() -> None:
