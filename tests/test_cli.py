@@ -330,6 +330,12 @@ def test_get_reads_by_path_in_any_unit(umo, tank: Path) -> None:
     assert words(umo("get", "tank", "level", "--unit", "cm")) == "level 2 cm GOOD"
 
 
+def test_a_unit_that_does_not_fit_is_refused_before_a_device_is_opened(umo, tank: Path) -> None:
+    result = umo("get", "tank", "overflow", "level", "--unit", "kg")
+    assert result.exit_code == 2
+    assert result.stderr == "umo: 'mm' cannot be converted to 'kg'\n"
+
+
 def test_set_holds_then_resets(umo, tank: Path) -> None:
     assert words(umo("set", "tank", "inlet", "open", "--hold", "0.05")) == "inlet OPEN raw 1 GOOD inlet reset to CLOSED"
 

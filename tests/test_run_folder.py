@@ -18,6 +18,7 @@ from typer.testing import Result
 from umo import connect
 from umo.cli import plot
 from umo.cli.run_folder import TraceFile, whole
+from umo.cycle.stopping import StopFlag
 from umo.cycle.trace import Trace, lines
 from umo.testing import periods, station
 
@@ -132,6 +133,18 @@ def test_ctrl_c_while_the_plot_is_drawn_changes_neither_the_status_nor_leaves_a_
     assert "trace: runs/tank-" in result.stdout
 
 
+def test_of_a_run_without_a_period_no_plot_is_drawn(umo: Umo, quick: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(self: StopFlag) -> None:
+        install(self)
+        self.request(signal.SIGINT)
+
+    install = StopFlag.install
+    monkeypatch.setattr(StopFlag, "install", stop)
+    result = umo("run", "tank")
+    assert result.exit_code == 130
+    assert "drawing" not in said(result)
+
+
 def test_ctrl_c_between_run_and_plot_loses_nothing(umo: Umo, quick: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     save = Trace.save
 
@@ -228,6 +241,13 @@ def test_a_run_ends_at_its_time_limit_with_a_status_of_its_own(umo: Umo, quick: 
 
 def test_a_run_that_is_done_before_its_time_limit_has_succeeded(umo: Umo, quick: Path) -> None:
     assert umo("run", "tank", "--until", "10.1", "--no-record").exit_code == 0
+
+
+def test_a_record_that_is_not_complete_is_not_hidden_by_the_time_limit(umo: Umo, quick: Path) -> None:
+    with largest_file(3000):
+        result = umo("run", "tank", "--until", "9", "--no-plot")
+    assert "trace.csv could not be written" in said(result)
+    assert result.exit_code == 4
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="real time needs Linux")

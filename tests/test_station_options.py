@@ -95,7 +95,7 @@ def test_the_parameters_of_an_application_are_options_by_name_and_type(
         (["--strokes"], "press: argument --strokes: expected one argument"),
         (["--mode", "medium"], "press: argument --mode: invalid choice: 'medium'"),
         (["--stroke", "3"], "press has no option --stroke (did you mean 'strokes'?); it has: --strokes, --force"),
-        (["stray"], "press has no option stray"),
+        (["stray"], "press: unexpected argument 'stray'"),
     ],
 )
 def test_what_a_station_does_not_take_is_named(arguments: list[str], message: str) -> None:

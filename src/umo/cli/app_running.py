@@ -86,7 +86,7 @@ def view(
     """Show running stations in a browser: scope, machine, twin, operate. Prints the address, which carries a token.
 
     The page is served by a process of its own, which reads the frames: it does not disturb the station. It listens
-    on loopback, where pages may command (tab Hands), and needs the token everywhere. At another address (--host) the
+    on loopback, where pages may command (tab Operate), and needs the token everywhere. At another address (--host) the
     token must be given, and the page is read-only unless --hands is given; give a certificate there, or the token can
     be read on the network. Ctrl-C ends it; the stations go on.
     """

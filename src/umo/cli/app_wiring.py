@@ -142,6 +142,8 @@ def drivers(
 @command(
     epilog="Examples: umo conform oven/wiring/modbus.toml  |  umo conform oven -w modbus --only coil:3 --yes  |  "
     "umo conform oven -w bench --loopback dac:0=adc:0",
+    status="0 every rule was kept; 1 a rule is broken, or a device failed; 2 a mistake, or no consent; 3 no rule is "
+    "broken, but the line could not be disturbed, or something was left out for want of time; 130 Ctrl-C",
     context_settings=OF_THE_MACHINE,
 )
 def conform(
@@ -186,9 +188,6 @@ def conform(
     acknowledge: Acknowledge = False,
 ) -> None:
     """Prove that a driver keeps its contract, with its device.
-
-    Exit status 0: all is well. 1: a rule is broken, or an output is not at its default. 2: a mistake, or no consent.
-    3: no rule is broken, but the line could not be disturbed, or something was left out for want of time.
 
     The outputs are driven over the ranges of their objects, after you have agreed to it; all go to their defaults at
     the end. A driver with the options host and port, or serial, is also tested with a disturbed line to its device.

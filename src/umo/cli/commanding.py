@@ -15,16 +15,15 @@ from umo.cycle.stage import Stage
 from umo.errors import FramesError, LeaseHeld, PathError, RangeError
 from umo.frames import Reader
 from umo.objects import Quality
-from umo.objects.units import convert
 from umo.remote import HeldLease, RemoteStation
 from umo.remote.attached import user
-from umo.remote.members import RemoteObject, RemotePart, call_action
+from umo.remote.members import RemoteObject, call_action
 from umo.text import did_you_mean, printable, some
 
 from .console import err, out
 from .progress_line import OneLine
 from .running import attach
-from .values import argument, number, state
+from .values import argument, check_units, number, shown, state
 
 LOOK = 0.05
 """s between two pictures of the progress."""
@@ -66,7 +65,7 @@ def acknowledge(name: str, path: str, over: bool) -> None:
     with station_of(name) as station:
         with leased(station, over):
             station.acknowledge(path)
-        out.print(f"{path or station.reader.about['station']}: acknowledged", markup=False)
+        out.print(f"{path or station.reader.about['station']}: acknowledged")
 
 
 def stop(name: str) -> None:
@@ -184,17 +183,13 @@ def get_running(reader: Reader, paths: Sequence[str], unit: str | None) -> None:
         items = [_object(station, path) for path in paths]
         if (frame := reader.latest()) is None:
             raise FramesError(f"{reader.about['station']} is running but has not finished a period yet")
+        check_units((item.units for item in items), unit)
         values, width = reader.values(frame), max(map(len, paths))
         for item in items:
-            value = values[item.path]
-            if item.units:
-                value = f"{convert(float(value), item.units, unit or item.units):.10g} {unit or item.units}"
             quality = Quality(int(frame["quality"][reader.index(item.path)]))
-            out.print(f"{item.path:{width}}  {value}  {quality}", markup=False)
+            out.print(f"{item.path:{width}}  {shown(values[item.path], item.units, unit)}  {quality}")
         about = reader.about
-        err.print(
-            f"umo: read from the frames of {about['station']}, which is running (pid {about['pid']})", markup=False
-        )
+        err.print(f"umo: read from the frames of {about['station']}, which is running (pid {about['pid']})")
 
 
 def _object(station: RemoteStation, path: str) -> RemoteObject:
@@ -202,9 +197,9 @@ def _object(station: RemoteStation, path: str) -> RemoteObject:
     item = station[path]
     if isinstance(item, RemoteObject):
         return item
-    if not isinstance(item, RemotePart):
-        raise PathError(f"{path} is not an object")
     known = [each for each in station.reader.paths if each.startswith(f"{path}.")]
+    if not known:  # an action, a number, a law
+        raise PathError(f"{path} is not an object")
     raise PathError(f"{path} is a compound object; name one of its parts: {some(known)}")
 
 
@@ -223,7 +218,7 @@ def _take(station: RemoteStation, item: RemoteObject, value: float | str, hold: 
     with leased(station, over):
         item.write(value)
         _let_pass(station.reader)
-        out.print(f"{path}  {item.read()}  {item.quality}")
+        out.print(f"{path}  {shown(item.read(), item.units, None)}  {item.quality}")
         _hold(hold)
         item.release()
     out.print(f"{path}  reset to its default")

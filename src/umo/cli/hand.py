@@ -14,7 +14,6 @@ from umo.cycle import connect
 from umo.errors import BadInput, FramesError, OptionError, PathError, RangeError
 from umo.frames import Reader
 from umo.objects import Atomic, Binary, BinaryActuator, Compound, Digital, DigitalActuator, DigitalSensor, TwoState
-from umo.objects.units import convert
 from umo.process.start import LINUX
 from umo.process.station import Station, StationError, find
 from umo.remote.search import is_path, meant_by, several_runs
@@ -26,7 +25,7 @@ from .commanding import get_running, set_running
 from .console import err, out
 from .running import attach, readers
 from .station_options import machine_and_words, machine_of
-from .values import number, state
+from .values import check_units, number, shown, state
 
 PAUSE = 0.01
 """Seconds between two looks at a machine that has no timer."""
@@ -41,13 +40,14 @@ def get_values(name: str, wiring: str | None, paths: list[str], unit: str | None
     station = _station(name)
     machine, paths = machine_and_words(station, paths)
     items = [_atomic(machine, path) for path in paths]
+    check_units((_units(item) for item in items), unit)  # before a device is opened
     file = station.wiring(wiring)
     connection = connect(machine, resolve(machine, file), acknowledge=acknowledge)
     _announce(connection, station, file, "reading")
     width = max(map(len, paths))
     with connection:
         for item in items:
-            out.print(f"{item.path:{width}}  {_read(item, unit)}  {item.quality}", markup=False)
+            out.print(f"{item.path:{width}}  {_read(item, unit)}  {item.quality}")
 
 
 def set_value(
@@ -150,13 +150,13 @@ def _hold(connection: connect[Any], item: Any, value: Any, hold: float | None) -
         taken = item.write(value)
         if item.synchronous:
             item.update()  # now, also where the machine's outputs leave at the next tick
-        shown = f"{item.path}  {_text(item, item.read(), None)}  raw {item.raw}  {item.quality}"
-        out.print(shown + _remark(item, taken), markup=False)
+        line = f"{item.path}  {_text(item, item.read(), None)}  raw {item.raw}  {item.quality}"
+        out.print(line + _remark(item, taken))
         if hold is None:
             err.print("held until Ctrl-C; --hold SECONDS ends it", soft_wrap=True)
         pause = 0.0 if connection.wired.realtime else connection.wired.period or PAUSE
         _loop(m, hold, pause, partial(item.write, value) if item.expires is not None else None)
-    out.print(f"{item.path}  reset to {item.default}", markup=False)
+    out.print(f"{item.path}  reset to {item.default}")
     return 128 + connection.stop.signal if connection.stop.signal and hold is not None else 0
 
 
@@ -199,9 +199,12 @@ def _read(item: Any, unit: str | None) -> str:
 
 
 def _text(item: Atomic, value: Any, unit: str | None) -> str:
-    if not isinstance(item, Digital):
-        return str(value)
-    return f"{convert(value, item.units, unit or item.units):.10g} {unit or item.units}"
+    return shown(value, _units(item), unit)
+
+
+def _units(item: Atomic) -> str:
+    """Empty for a binary object."""
+    return item.units if isinstance(item, Digital) else ""
 
 
 def _parse(item: Any, text: str, wired: Wired) -> float | TwoState:

@@ -77,8 +77,6 @@ def make_driver(name: str, folder: Path, lines: Sequence[str] = ()) -> None:
         f"  umo drivers {kind}\n"
         f"In {driver}, replace CHANNELS, {own} by those of your device.\n"
         f'In a wiring: [drivers.{name}] type = "{kind}"',
-        highlight=False,
-        markup=False,
         soft_wrap=True,
     )
 

@@ -49,7 +49,7 @@ def serve_plant(
         out.print(f"{station.name} plant, {name}: Modbus TCP at {host}:{port}", soft_wrap=True)
 
     summary = serve_until_signal(plant, _changed(maps, changes), ready=announce, report=report)
-    out.print(", ".join(f"{name} {value}" for name, value in rows("report", summary)), markup=False, soft_wrap=True)
+    out.print(", ".join(f"{name} {value}" for name, value in rows("report", summary)), soft_wrap=True)
 
 
 def modbus_wiring(station: Station, name: str | None) -> Path | None:

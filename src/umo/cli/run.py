@@ -11,7 +11,7 @@ from umo.cycle import connect, drive
 from umo.cycle.stopping import TimeLimit, signal_name
 from umo.cycle.trace import Statistics, Trace
 from umo.process.job import Job, Plan
-from umo.process.outcome import NOT_RECORDED, Failed, Outcome, plain, plain_reports
+from umo.process.outcome import NOT_RECORDED, TIME_OVER, Failed, Outcome, plain, plain_reports
 from umo.process.start import LINUX
 from umo.process.station import StationError
 from umo.text import cause_of, printable
@@ -69,7 +69,8 @@ def run_station(job: Job, recording: Recording, *, full_traceback: bool = False)
             title = f"umo run {plan.name}: {result.progress.text or 'done'}" if recording.plot else ""
             _leave_behind(folder, result, trace, title, signals)
             complete &= folder.complete
-    return result.outcome.status if complete else result.outcome.status or NOT_RECORDED
+    status = result.outcome.status
+    return status if complete or status not in (0, TIME_OVER) else NOT_RECORDED
 
 
 def _check_summary(summary: Path | None) -> None:
@@ -155,7 +156,7 @@ def _write_summary(result: Result, summary: Path) -> bool:
 def _leave_behind(folder: RunFolder, result: Result, trace: Trace, title: str, signals: Interruptions) -> None:
     """Fill the folder of the run; with a title draw the plot. Say what is in it."""
     folder.save(result, trace)
-    rest = _plot(title, trace, folder, signals) if title else ""
+    rest = _plot(title, trace, folder, signals) if title and len(trace.rows) else ""
     files = (("trace", "csv"), ("plot", "png"))
     kept = [name for name, end in files if (folder.path / f"{name}.{end}").exists()]
     out.print(f"{' and '.join(kept) or 'results'}: {folder.path}{rest}", soft_wrap=True)

@@ -132,7 +132,7 @@ def machine_of(station: Station, arguments: Sequence[str]) -> Compound:
     """The machine with these options; OptionError for what it does not take."""
     machine, others = machine_and_words(station, arguments)
     if others:
-        raise OptionError(f"unexpected argument {others[0]!r}")
+        raise OptionError(_unknown(station.name, (), others[0]))
     return machine
 
 
@@ -157,6 +157,8 @@ def _parse(name: str, options: Sequence[Option], arguments: Sequence[str]) -> tu
 
 
 def _unknown(taker: str, options: Sequence[Option], argument: str) -> str:
+    if not argument.startswith("-"):
+        return f"{taker}: unexpected argument {argument!r}"
     flags = [option.flag for option in options]
     name = argument.partition("=")[0]
     near = did_you_mean(name.lstrip("-"), [flag.lstrip("-") for flag in flags])
