@@ -314,6 +314,23 @@ def test_a_ring_that_cannot_be_read_is_dropped_and_the_others_go_on(
     assert capfd.readouterr().err.count("is not shown: IndexError: no such row") == 1
 
 
+def test_a_run_whose_end_cannot_be_looked_for_hides_no_other(
+    client: Client, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def look(about: dict[str, Any], known: BoxInWords) -> BoxInWords:
+        if about["station"] == "oven":
+            raise TypeError("about what?")
+        return BoxInWords("x", "read")
+
+    monkeypatch.setattr("umo.page.watched.newest_box", look)
+    monkeypatch.setattr("umo.page.feed.AROUND", 0.01)
+    with running("oven"), running("press"):
+        eventually(lambda: [line["name"] for line in client.get("stations")["stations"]] == ["press"])
+        client.send(type="watch", name="press")
+        eventually(lambda: client.get("state")["box"] == "read")
+    assert capfd.readouterr().err.count("is not shown: TypeError: about what?") == 1
+
+
 def test_a_run_whose_state_cannot_be_told_is_dropped_and_the_page_goes_on(
     client: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:

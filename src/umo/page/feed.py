@@ -141,7 +141,11 @@ class Feed:
         """What lies on the disk of each run. A thread reads it: pages and hands never wait for that."""
         while True:
             for watched in list(self.watched.values()):
-                await asyncio.to_thread(watched.look_around)
+                try:
+                    await asyncio.to_thread(watched.look_around)
+                except Exception as error:  # of a damaged description
+                    if self.watched.get(watched.name) is watched:  # meanwhile it may have started again
+                        self.drop(watched, error)
             await asyncio.sleep(AROUND)
 
     def close(self) -> None:

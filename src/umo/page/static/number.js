@@ -28,6 +28,8 @@ export class NumberInput {
     this.field.addEventListener("input", () => { this._edited = true; });
     this.field.addEventListener("blur", () => { this._edited = false; });
     this._edited = false;
+    /** The present value, and its text in the field, which has fewer digits. */
+    this._shown = { text: "", value: 0 };
     this.slider = slide && bounded(about) ? this._slider(about, label, slide) : null;
     this.element = el("span", { className: "number" }, this.field, about.unit && about.unit !== "sampling_period" ? el("span", { className: "unit", textContent: about.unit }) : null, this.slider);
   }
@@ -44,8 +46,12 @@ export class NumberInput {
     return slider;
   }
 
-  /** What is given; null: nothing. */
-  get value() { return this.field.value === "" ? null : Number(this.field.value); }
+  /** What is given; null: nothing. The present value is given with all of its digits. */
+  get value() {
+    const { text, value } = this._shown;
+    if (this.field.value === "") return null;
+    return this.field.value === text ? value : Number(this.field.value);
+  }
 
   /** Show the present value, unless a new one is being given. @param {number | null} value */
   show(value) {
@@ -53,6 +59,7 @@ export class NumberInput {
     if (value === null || busy === this.slider || (busy === this.field && this._edited)) return;
     const text = plain(value);
     if (this.field.value !== text) this.field.value = text;
+    this._shown = { text, value };
     if (this.slider) this.slider.value = String(value);
   }
 
