@@ -49,6 +49,7 @@ def test_get_and_set_know_a_run_whose_folder_is_elsewhere(umo: Any, tank: Path, 
         for name in ("mill", "../mill", str(elsewhere), str(os.getpid())):
             assert umo("get", name, "inlet").stdout == "inlet  CLOSED  GOOD\n"
             assert umo("mode", name).stdout == "mill  takes no commands\n"
+        assert umo("get", "mill", "regulator").stderr == "umo: regulator is not an object\n"  # a law, which has none
 
 
 @pytest.mark.parametrize(
