@@ -24,7 +24,7 @@ HEAD = """# The command line on one page
 | 1 | the machine, a device, or code of a station failed |
 | 2 | a mistake, told on stderr in a line or two with the nearest valid choice; nothing was driven |
 | 3 | an actuator is not at its default; it is named ([stop safely](howto-stop-safely.md)) |
-| 4 | `umo run`: `runs/` cannot be written: nothing ran (`--no-record` needs none), or all went well but for the record |
+| 4 | `umo run`: `runs/` cannot be written: nothing ran (`--no-record` needs none), or all but the record went well |
 | 124 | `umo run --until` has ended the run, as timeout(1) does |
 | 130, 143, 129 | ended by a signal: Ctrl-C (SIGINT), SIGTERM, SIGHUP: 128 and its number |
 

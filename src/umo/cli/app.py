@@ -132,7 +132,7 @@ def finite(value: float | None) -> float | None:
     epilog="Examples: umo run ztheta  |  umo run ztheta --parts 2 --turn 45  |  umo run ztheta -w modbus  |  "
     "umo run ztheta --fault 'z.encoder stuck at 5 s'  |  umo run ztheta --help",
     status="0 the application has returned; 1 the machine, a device or code failed; 2 a mistake, nothing ran; 3 an "
-    "actuator is not at its default; 4 runs/ cannot be written: nothing ran, or all went well but for the record; 124 "
+    "actuator is not at its default; 4 runs/ cannot be written: nothing ran, or all but the record went well; 124 "
     "ended by --until; 128 and its number: ended by a signal, 130 by Ctrl-C",
     context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
     add_help_option=False,
