@@ -16,19 +16,23 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
+from helpers import process_box
 from helpers.machines import bench, wired
 from helpers.publishing import running, write
+from helpers.runs import Run
+from helpers.waiting import until
 from umo import FramesError, connect, published
 from umo.cli.app import app
 from umo.cli.why import why
 from umo.cycle.phases import Phases
 from umo.frames import Layout, Reader, Ring, Stage
-from umo.frames.layout import ENTRY, describe_objects
+from umo.frames.layout import ENTRY, arrange, describe_objects
 from umo.frames.memory import Ends, fill
 from umo.frames.ring import ENTRIES
 from umo.latency import blackbox, causes
 from umo.latency.blackbox import boxes, folder, save
 from umo.process import watcher
+from umo.process.life import Life, Who
 from umo.process.watcher import Watcher
 from umo.testing import Scripted, VirtualTimer, periods
 
@@ -279,6 +283,23 @@ def test_a_ring_that_cannot_be_read_costs_the_box(content: bytes) -> None:
         ends.close()
 
 
+def test_frames_whose_cells_never_come_cost_no_descriptors() -> None:
+    """There was memory for the ring, and then no more: a look finds the one without the other."""
+    seen = Watcher("bench")
+    assert seen.make() == ""
+    assert seen.frames is not None
+    head, places = arrange(Layout((), (), {"station": "bench"}), 16, 16)
+    fill(seen.frames[0].frames, head, places.size, private=True).close()
+    seen.look()
+    before = os.listdir("/proc/self/fd")
+    for _ in range(3):
+        seen.look()
+    assert os.listdir("/proc/self/fd") == before
+    seen.finish()
+    for ends in (seen.frames[0], seen.frames[1].ends):
+        ends.close()
+
+
 def test_without_a_folder_for_frames_there_is_nothing_to_watch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("UMO_FRAMES", str(tmp_path / "file" / "frames"))
@@ -320,3 +341,28 @@ def test_the_cause_is_found_in_a_box_that_was_taken_over_the_rings_end(tmp_path:
             frames = box.read()
             (row,) = causes.missed_rows(frames)
             assert causes.explain(frames, box.layout, row).missed == 2
+
+
+def test_a_guardian_that_waits_for_a_box_is_not_taken_for_dead(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Until the standby guardian has looked more often than it bears of one that watches."""
+    gone, save, looks, saved = Life.gone, blackbox.save, tmp_path / "looks", tmp_path / "saved"
+
+    def counted(self: Life, within: float, who: Who = Who.CONTROL) -> bool:
+        if who is Who.GUARDIAN:
+            with looks.open("a") as file:
+                file.write(".")
+        return gone(self, within, who)
+
+    def slow(*arguments: Any) -> None:
+        before, guardian = looks.stat().st_size, os.getppid()
+        until(lambda: looks.stat().st_size > before + 15 or os.getppid() != guardian)
+        with saved.open("a") as file:
+            file.write(".")
+        save(*arguments)
+
+    monkeypatch.setattr(Life, "gone", counted)
+    monkeypatch.setattr(blackbox, "save", slow)
+    run = Run(process_box.wiring(tmp_path / "box", process={"hang_timeout": "1 s"}), "fail_at")
+    assert run.outcome().status == 1
+    assert saved.read_text() == "."
+    assert len(reasons()) == 1

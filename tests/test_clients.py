@@ -6,8 +6,6 @@ import os
 import random
 import signal
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,20 +15,15 @@ import umo
 from helpers import process_box
 from helpers.process_box import Cells as Box
 from helpers.runs import Run, assert_safe
+from helpers.waiting import until
 from umo import FramesError
 from umo.frames import rings
 from umo.frames.cells import Cells
 from umo.frames.folder import folder
+from umo.process.control_process import Control
+from umo.system import realtime
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux")
-
-
-def until(condition: Callable[[], Any], patience: float = 20.0) -> Any:
-    end = time.monotonic() + patience
-    while not (found := condition()):
-        assert time.monotonic() < end, "it did not come true"
-        time.sleep(0.005)
-    return found
 
 
 @pytest.fixture
@@ -61,6 +54,44 @@ def test_a_signal_ends_a_wait_of_ten_minutes_too(tmp_path: Path, box: Box) -> No
     outcome = run.outcome()
     assert (outcome.stopped_by, outcome.stopped_who) == (signal.SIGINT, "")
     assert_safe(box)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
+def test_the_signal_stands_with_which_a_run_is_stopped_before_it_connects(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    """The guardian passes it on with SIGTERM."""
+    preparing, noted = tmp_path / "preparing", tmp_path / "noted"
+    prepare, take_note = realtime.prepare, Control.take_note
+
+    def prepared(*arguments: Any) -> list[realtime.Refusal]:
+        preparing.touch()
+        until(noted.exists)
+        return prepare(*arguments)
+
+    def taking_note(self: Control, number: int, frame: object) -> None:
+        take_note(self, number, frame)
+        noted.touch()
+
+    monkeypatch.setattr(realtime, "prepare", prepared)
+    monkeypatch.setattr(Control, "take_note", taking_note)
+    run = Run(process_box.wiring(tmp_path / "box"), "forever")
+    until(preparing.exists)
+    run.channel.send("stop", signal=number)
+    assert run.outcome().stopped_by == number
+
+
+def test_a_process_that_control_code_forked_does_not_pass_for_the_run(tmp_path: Path) -> None:
+    """It lives on when the control process is killed."""
+    told = tmp_path / "told"
+    run = Run(process_box.wiring(tmp_path / "box"), "forks_and_waits", options={"told": str(told)}).until_running()
+    with umo.attach() as station:
+        until(lambda: told.exists() and told.read_text())
+        os.kill(run.control, signal.SIGKILL)
+        run.outcome()
+        running = station.running
+    os.kill(int(told.read_text()), signal.SIGKILL)
+    assert not running
 
 
 def test_garbage_in_the_cells_and_hostile_calls_cost_the_run_nothing(tmp_path: Path, box: Box) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import socket
 import subprocess
@@ -218,6 +219,20 @@ def test_a_server_that_does_not_answer_costs_a_sentence(monkeypatch: pytest.Monk
     server.close()
     ends.close()
     readers.close()
+
+
+def test_a_server_without_a_free_descriptor_answers_as_soon_as_there_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    accept, failures = socket.socket.accept, [OSError(errno.EMFILE, "Too many open files")]
+
+    def accepted(self: socket.socket) -> Any:
+        if failures:
+            raise failures.pop()
+        return accept(self)
+
+    monkeypatch.setattr(socket.socket, "accept", accepted)
+    with running() as (_, ring, _connection), Reader(ring.path) as reader:
+        assert reader.alive
+    assert not failures
 
 
 def test_a_server_gives_nothing_to_another_user(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -85,6 +85,21 @@ def test_a_process_rises_early_by_itself_where_it_has_priority_and_a_core(
     assert realtime.early_by_itself(period) == pytest.approx(early)
 
 
+def test_a_process_is_sent_its_signal_also_where_its_parent_has_died_before_it_asked() -> None:
+    code = """if True:
+        import os, signal, time
+        from umo.system import realtime
+        parent = os.getpid()
+        if os.fork() == 0:
+            while os.getppid() == parent:
+                time.sleep(0.001)
+            realtime.die_with_parent(parent, signal.SIGKILL)
+            print("alive")
+        """
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("", "")
+
+
 def test_a_core_that_there_is_not_is_refused_with_those_there_are() -> None:
     refusal = realtime.pin(4095, fifo=False)
     assert refusal is not None

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass
+from math import nan
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -24,6 +25,7 @@ from umo.cycle.hands import HOLD, TAKEN_PER_PERIOD, Hands, Mode
 from umo.frames import Reader
 from umo.frames.cells import ASKED, HEAD, QUEUE, SLOT, SLOTS, STOP, Cells
 from umo.process.start import LINUX
+from umo.remote import RemoteStation
 from umo.remote.queue import LONGEST, Receiver, Sender
 from umo.testing import periods
 
@@ -292,11 +294,23 @@ def test_what_a_killed_client_held_goes_to_its_default_and_its_lease_ends(tmp_pa
 def test_what_is_held_lasts_under_a_lease_that_is_seldom_renewed(tmp_path: Path) -> None:
     with umo.start("conveyor", conveyor(tmp_path), manual=True, realtime=True) as started:
         until(lambda: started.stage.name == "RUNNING")
-        with umo.attach(started.pid) as station, station.lease(seconds=30.0):
+        with umo.attach(started.pid) as station, station.lease(seconds=30.0) as lease:
             station.diverter.write("ON")
             now = station.frames(0.01)["time"][-1]
             until(lambda: station.frames(0.01)["time"][-1] > now + 3 * HOLD)
             assert station.diverter.read() == "ON"
+            started.stop()  # a lease that ends with its station ends without a word
+            until(lambda: lease.lost)
+
+
+@pytest.mark.parametrize("seconds", [0.1, 61.0, nan])
+def test_a_lease_that_would_end_before_it_is_renewed_is_refused(seconds: float) -> None:
+    with (
+        running() as (_, ring, _connection),
+        RemoteStation(Reader(ring.path)) as station,
+        pytest.raises(RangeError, match=r"from 0\.2 to 60 s, not "),
+    ):
+        station.lease(seconds=seconds)
 
 
 def test_the_application_waits_until_the_mode_is_automatic(tmp_path: Path) -> None:

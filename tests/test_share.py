@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from itertools import count
 from pathlib import Path
 
 import pytest
@@ -15,8 +16,9 @@ import pytest
 from helpers import process_box
 from helpers.process_box import Cells
 from helpers.runs import Run
+from umo.process import share as share_module
 from umo.process.outcome import Outcome
-from umo.process.share import Share
+from umo.process.share import OVERLONG, Share
 from umo.process.silence import LOOK
 from umo.system import cores, processes
 from umo.system.cores import CorePlace
@@ -144,6 +146,22 @@ def test_a_control_process_that_is_kept_from_running_may_run_on_every_core_and_i
     assert share.by_whom.endswith(f"(pid {other}) had core {core}")
     assert share.kept_waiting > 0.04
     assert len(os.sched_getaffinity(waiting.pid)) > 1
+
+
+def test_that_a_core_was_not_to_be_had_is_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However often the control process is kept waiting when it runs on every core."""
+    told, now = list[str](), count(step=OVERLONG)
+    monkeypatch.setattr(share_module, "monotonic", lambda: next(now))
+    monkeypatch.setattr(share_module, "state", lambda pid: "R")
+    monkeypatch.setattr(share_module, "running_on", lambda cores, but: 1)
+    monkeypatch.setattr(os, "sched_setaffinity", lambda pid, cores: None)
+    share = Share(os.getpid(), 0, told.append)
+    for waiting in range(2, 5):
+        share.begin()
+        for _ in range(2 * waiting):
+            share.look()
+        assert share.kept_waiting > OVERLONG
+    assert len(told) == 1
 
 
 @needs_fifo

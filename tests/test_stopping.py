@@ -104,6 +104,25 @@ def test_a_second_signal_does_not_interrupt_the_resetting():
     assert (late.get("motor"), late.get("valve")) == (0, 0)
 
 
+def test_a_timer_that_fails_to_stop_waiting_fails_no_call_of_a_driver():
+    class Failing(VirtualTimer):
+        def stop_waiting(self):
+            raise OSError("no such wait")
+
+    class Late(Scripted):
+        def reset(self, channel, default):
+            cut(signal.SIGINT)
+            super().reset(channel, default)
+
+    machine, late = bench(), Late()
+    with connect(machine, wired(machine, late, clock=Failing())) as m:
+        m.valve.write(OnOff.ON)
+        periods(m, 1)
+        cut(signal.SIGTERM)
+        assert not m.running
+    assert late.get("valve") == 0
+
+
 def test_a_signal_while_connecting_ends_the_loop_before_its_first_period():
     machine, box = bench(), Scripted()
     box.at(2, lambda call: cut(signal.SIGTERM))

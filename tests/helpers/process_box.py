@@ -456,3 +456,13 @@ async def forks_for_work(m: Machine) -> int:
     if child == 0:
         os._exit(7)
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
+async def forks_and_waits(m: Machine, told: str) -> None:
+    """A child that waits for ever; its pid is written to a file."""
+    await drive(m)
+    child = os.fork()
+    while child == 0:
+        signal.pause()
+    Path(told).write_text(str(child))
+    await forever(m)

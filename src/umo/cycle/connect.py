@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Generic, TypeVar
@@ -21,6 +22,7 @@ from umo.errors import DeclarationError, DriverError, Failure, StopError
 from umo.objects import Compound
 from umo.system.custody import Custody
 from umo.text import Moment, cause_of
+from umo.user_code import attempt
 from umo.wiring import Wired, resolve, share
 from umo.wiring.faults.wrapper import bare
 from umo.wiring.resolved import apply_parameters
@@ -124,7 +126,8 @@ class connect(Generic[C]):
             if self.wired.injection is not None:
                 self.wired.injection.clock = clock
             if self.wired.timer_wire is not None:
-                self.stop.end_wait = bare(self.wired.timer_wire.driver).stop_waiting
+                # it runs in a signal handler: what it raised would come up in any call of a driver, also in a reset
+                self.stop.end_wait = partial(attempt, bare(self.wired.timer_wire.driver).stop_waiting)
             image, outputs = make_image(self.wired, clock), self.wired.process.outputs
             self.machine = ConnectedMachine(self.root, image, self.stop, self.wired.injection, outputs)
         except BaseException:

@@ -26,6 +26,8 @@ WAITING = 64
 """Clients that may wait for an answer at once."""
 ANSWER = 1.0
 """s that a client waits for the descriptors."""
+PAUSE = 0.1
+"""s from a client that could not be accepted to the next, in a thread."""
 ROOT = 0
 
 
@@ -40,6 +42,7 @@ class FrameServer:
         self.path = path
         self.ends = ends
         self._thread: threading.Thread | None = None
+        self._closed = threading.Event()
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket.setblocking(False)
 
@@ -74,12 +77,11 @@ class FrameServer:
         self._thread.start()
 
     def _serve(self) -> None:
-        while True:
+        while not self._closed.is_set():
             try:
-                client = self._socket.accept()[0]
-            except OSError:  # closed
-                return
-            self._answer(client)
+                self._answer(self._socket.accept()[0])
+            except OSError:  # it was closed, or no descriptor is free
+                self._closed.wait(PAUSE)
 
     def _answer(self, client: socket.socket) -> None:
         with client, suppress(OSError):
@@ -88,6 +90,7 @@ class FrameServer:
 
     def close(self) -> None:
         """Nobody finds the run any more; who has its memory keeps it."""
+        self._closed.set()
         with suppress(OSError):
             self.path.unlink(missing_ok=True)
         with suppress(OSError):

@@ -111,7 +111,7 @@ class Loop:
 def serve(file: str, period: str, priority: str, cpu: str) -> None:
     """The process: slices as they are asked for, until the other end is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    realtime.die_with_parent(signal.SIGKILL)
+    realtime.die_with_parent(os.getppid(), signal.SIGKILL)
     there, wanted = Connection(int(file)), int(priority)
     machine = example()
     wire: dict[str, Any] = {item.path: {"driver": "simulated"} for item in machine.atoms()}

@@ -34,16 +34,13 @@ class Conclusion:
         self._channel = channel
         self._watcher = watcher
         self.title = "guardian"
-        self.resetter = self._new_resetter()
+        self.resetter = Resetter(plan.machine, plan.wired, self._begin_reset)
         self._spares = [os.open(os.devnull, os.O_RDONLY) for _ in range(SPARES)]
 
     def hand_over(self) -> None:
-        """In the standby guardian: from now on it is the one who resets. The guardian's child is not one of its own."""
+        """In the standby guardian: from now on it is the one who resets."""
         self.title = STANDBY
-        self.resetter = self._new_resetter()
-
-    def _new_resetter(self) -> Resetter:
-        return Resetter(self._plan.machine, self._plan.wired, self._begin_reset)
+        self.resetter.hand_over()
 
     def _begin_reset(self) -> None:
         """In the child that resets."""
@@ -77,7 +74,7 @@ class Conclusion:
 
     def _reset(self, control: ControlWatch, said: Callable[[str], object]) -> dict[str, str]:
         """Reset every actuator, in stop order; what was not reached, with the cause."""
-        self._life.begin_reset()
+        self._life.conclude()
         while self._spares:
             os.close(self._spares.pop())
         lasting = self._plan.wired.process.reset_for

@@ -76,8 +76,9 @@ class Control:
         self._connection: connect[Any] | None = None
 
     def take_note(self, number: int, frame: object) -> None:
-        """A signal that asks to stop, before the machine is connected."""
-        self._life.ask(number)
+        """A signal that asks to stop, before the machine is connected. What the guardian has asked stands."""
+        if not self._life.asked:
+            self._life.ask(number)
 
     def wait_for_admission(self) -> None:
         """Until there is a standby guardian. Ends the process if the guardian dies before."""
@@ -97,6 +98,8 @@ class Control:
 
         self._custody.hold.release()
         self._channel.close()
+        if self._frames is not None:
+            os.close(self._frames[0].alive)  # else this process would count as the one that writes the frames
         if self._connection is not None:
             self._connection.on_step = end
             if self._connection.started:
@@ -118,7 +121,7 @@ class Control:
         """Connect, drive, leave; whatever ends it is in the outcome."""
         outcome = Outcome()
         error: BaseException | None = None
-        realtime.die_with_parent(signal.SIGTERM)
+        realtime.die_with_parent(self._guardian, signal.SIGTERM)
         try:
             self._work(outcome)
         except BaseException as caught:

@@ -17,6 +17,7 @@ from dataclasses import replace
 
 from umo.cycle.stage import Stage
 from umo.cycle.stopping import SIGNALS
+from umo.latency.blackbox import ON_DEMAND
 from umo.process.conclusion import Conclusion
 from umo.process.control_process import WATCHED_EVERY, Control, drive_and_report
 from umo.process.control_watch import ControlWatch
@@ -226,7 +227,7 @@ class Guardian:
             if message["kind"] == "stop":
                 self._stop = self._stop or _signal(message.get("signal"))
             elif message["kind"] == "keep":
-                self._watcher.keep("on demand")
+                self._watcher.keep(ON_DEMAND)
         if self._channel.ended:
             self._stop = self._stop or signal.SIGTERM
         self._stop = self._stop or self._watcher.stop

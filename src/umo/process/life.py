@@ -35,7 +35,7 @@ class Who(IntEnum):
     """The child of the guardian that resets the machine, while it works."""
 
 
-STAGE, BEAT, ASKED, WATCH, ADMITTED, RESETTING, REPORTED, SETTLED, EXCUSED = range(9)
+STAGE, BEAT, ASKED, WATCH, ADMITTED, CONCLUDING, REPORTED, SETTLED, EXCUSED = range(9)
 CELLS = 16
 TABLE = MUTEX * len(Who)
 LARGEST = 1 << 16
@@ -206,20 +206,22 @@ class Life:
         """What the control process said at its end."""
         return self._get(REPORT, REPORTED)
 
-    def begin_reset(self) -> None:
-        """The guardian resets the machine from now on: its signs of life may be far apart."""
+    def conclude(self) -> None:
+        """The guardian resets the machine, or records and tells its end, from now on: its signs of life may be far
+        apart."""
         self.watch()
-        self._cells[RESETTING] = 1
+        self._cells[CONCLUDING] = 1
 
     @property
-    def resetting(self) -> bool:
-        """Whether the guardian has begun to reset the machine."""
-        return bool(self._cells[RESETTING])
+    def concluding(self) -> bool:
+        """Whether the guardian has begun to do that."""
+        return bool(self._cells[CONCLUDING])
 
     def settle(self, text: bytes) -> None:
         """The machine is reset as far as possible, with this outcome. It stands if the guardian dies before it has
         recorded and told it."""
         self._put(SETTLEMENT, SETTLED, text)
+        self.conclude()
 
     def settled(self) -> bytes:
         """The outcome, empty before there is one."""

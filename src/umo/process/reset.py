@@ -66,9 +66,11 @@ class Resetter:
     def stand_by(self) -> None:
         """Fork the child of the first attempt now."""
         self._heard, self._start = os.pipe()
-        self._child = os.fork()
-        if self._child == 0:
-            carry_out(self._wait_for_work)
+        self._child = self._fork(self._wait_for_work)
+
+    def hand_over(self) -> None:
+        """In the standby guardian, when the guardian is dead: the child was that one's, and has died with it."""
+        self._child = 0
 
     def dismiss(self) -> None:
         """The machine ended safely: no reset is needed."""
@@ -157,13 +159,19 @@ class Resetter:
                 os.write(self._start, b"!")
                 return True
             self.dismiss()
-            self._child = os.fork()
+            self._child = self._fork(lambda: self._work(numbers))
         except OSError:
             self._child = 0
             return False
-        if self._child == 0:
-            carry_out(lambda: self._work_as_child(numbers))
         return True
+
+    def _fork(self, work: Callable[[], int]) -> int:
+        """A child that does this work; its pid."""
+        guardian = os.getpid()
+        pid = os.fork()
+        if pid == 0:
+            carry_out(lambda: self._as_child(guardian, work))
+        return pid
 
     def _follow(self, is_dead: Callable[[], bool], limit: float, until: float) -> None:
         """Until the child ends; end it when one of its calls does not return, or at `until`."""
@@ -233,8 +241,15 @@ class Resetter:
 
     # In the child --------------------------------------------------------------------------------------
 
+    def _as_child(self, guardian: int, work: Callable[[], int]) -> int:
+        """It ends with the guardian, and not by a signal that asks the run to stop."""
+        realtime.die_with_parent(guardian, signal.SIGKILL)
+        name_process("umo reset")
+        for number in IGNORED:
+            signal.signal(number, signal.SIG_IGN)
+        return work()
+
     def _wait_for_work(self) -> int:
-        self._become_child()
         os.close(self._start)
         spares = [os.open(os.devnull, os.O_RDONLY) for _ in range(SPARES)]
         if not os.read(self._heard, 1):
@@ -242,17 +257,6 @@ class Resetter:
         for file in spares:
             os.close(file)
         return self._work(range(len(self._wires)))
-
-    def _work_as_child(self, numbers: Sequence[int]) -> int:
-        self._become_child()
-        return self._work(numbers)
-
-    def _become_child(self) -> None:
-        """One that ends with the guardian, and not by a signal that asks the run to stop."""
-        name_process("umo reset")
-        realtime.die_with_parent(signal.SIGKILL)
-        for number in IGNORED:
-            signal.signal(number, signal.SIG_IGN)
 
     def _work(self, numbers: Sequence[int]) -> int:
         with suppress(Exception):

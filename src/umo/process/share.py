@@ -19,8 +19,8 @@ OVERLONG = 0.04
 
 
 class Share:
-    """The share of one control process, since its last sign of life. It is pinned to `core`, unless that is None. What
-    is done for it is told by `say`."""
+    """The share of one control process, since its last sign of life. It is pinned to `core`, unless that is None, until
+    it is let onto every core. What is done for it is told by `say`."""
 
     def __init__(self, pid: int, core: int | None, say: Callable[[str], object]) -> None:
         self._pid = pid
@@ -36,19 +36,19 @@ class Share:
         """Its priority before it gave way; 0 if it has not."""
         self._ran = self._waited = 0.0
         self._other = ""
-        """The process that had the core, in words."""
+        """The process that had its core, and which that was, in words; empty if that is not known."""
 
     @property
     def kept_waiting(self) -> float:
         """s for which others had the processor, as far as that is certain: on a core of its own somebody must be known
         who had it. 0 for a control process that had worked for long itself."""
-        certain = not self._priority and (self._core is None or self._other)
+        certain = not self._priority and self._core is None
         return self._waited if certain else 0.0
 
     @property
     def by_whom(self) -> str:
         """Who had the processor, in words."""
-        return f"{self._other} had core {self._core}" if self._other else "other processes had the processors"
+        return self._other or "other processes had the processors"
 
     def begin(self) -> None:
         """There was a sign of life: all is as before."""
@@ -69,7 +69,7 @@ class Share:
         self._last = now
         if self._ran > OVERLONG:
             self._give_way()
-        elif self._waited > OVERLONG and self._core is not None and not self._other:
+        elif self._waited > OVERLONG and self._core is not None:
             self._find_room()
 
     def _times(self) -> tuple[float, float, float] | None:
@@ -95,9 +95,10 @@ class Share:
             other = running_on(os.sched_getaffinity(self._pid), {self._pid, os.getpid()})
             if other is None:
                 return
-            self._other = title_of(other)
             os.sched_setaffinity(self._pid, self._cores)
+            name = title_of(other)
             self._say(
-                f"the control process did not get core {self._core} for {self._waited * 1e3:.0f} ms: {self._other} had "
-                "it; from now on it runs on every core"
+                f"the control process did not get core {self._core} for {self._waited * 1e3:.0f} ms: {name} had it; "
+                "from now on it runs on every core"
             )
+            self._other, self._core = f"{name} had core {self._core}", None

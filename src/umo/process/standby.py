@@ -20,8 +20,9 @@ from umo.text import cause_of
 
 LOOK = 0.1
 """s between two looks at the guardian's signs of life; its death is seen at once."""
-RESET_LIMIT = 30.0
-"""Timeout in s for the guardian's signs of life while it resets the machine: a call of a driver may take long there."""
+CONCLUDING_LIMIT = 30.0
+"""Timeout in s for the guardian's signs of life while it resets the machine and records and tells its end: a call of a
+driver, or of a slow disk, may take long."""
 PAUSE = 1.0
 """s from one standby guardian that could not be forked to the next try."""
 
@@ -66,10 +67,12 @@ class Standby:
     def look(self) -> None:
         """Fork another one if it has died or was stopped by a signal."""
         if self._pid:
-            pid, _ = os.waitpid(self._pid, os.WNOHANG | os.WUNTRACED)
+            pid, status = os.waitpid(self._pid, os.WNOHANG | os.WUNTRACED)
             if not pid:
                 return
-            self.dismiss()
+            if os.WIFSTOPPED(status):
+                self.dismiss()
+            self._pid = 0
             self._say("the standby guardian was killed or stopped; another one takes its place")
         if monotonic() >= self._due:
             self._due = monotonic() + PAUSE
@@ -102,7 +105,7 @@ class Standby:
         while not self._life.gone(LOOK, Who.GUARDIAN):
             looks = looks + 1 if self._life.last_watch == seen else 0
             seen = self._life.last_watch
-            if looks * LOOK > (RESET_LIMIT if self._life.resetting else self._limit):
+            if looks * LOOK > (CONCLUDING_LIMIT if self._life.concluding else self._limit):
                 return
 
     def _make_sure(self) -> None:

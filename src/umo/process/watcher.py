@@ -120,13 +120,12 @@ class Watcher:
 
     def _attach(self) -> bool:
         """Whether there are frames to be kept."""
-        if self._reader is None and self.frames is not None:
+        if self._cells is None and self.frames is not None:
             with suppress(FramesError, OSError):  # they are not complete yet
                 ends = self.frames[1].ends
-                reader = Reader(self._station, ends.again())
-                self._cells = Cells(ends.cells, reader.layout)
-                self._reader = reader
-        return self._reader is not None
+                self._reader = self._reader or Reader(self._station, ends.again())
+                self._cells = Cells(ends.cells, self._reader.layout)
+        return self._cells is not None
 
     def _write(self, reader: Reader, reason: str) -> None:
         """In the child; never returns. Should it stick, it holds none of the guardian's locks and sockets."""

@@ -22,7 +22,8 @@ class Answers:
         self._reader = reader
         self._number = number
         self._next = start
-        self._until = time.monotonic() + max(ANSWER, 5 * reader.about["period"])
+        self._limit = max(ANSWER, 5 * reader.about["period"])
+        self._until = time.monotonic() + self._limit
 
     def new(self) -> list[Event]:
         """Those since the last look. CommandRefused if none has come in time, FramesError if none can come any more."""
@@ -35,7 +36,7 @@ class Answers:
         if not found and ended:
             raise FramesError(f"{self._reader.about['station']} has ended before it answered")
         if not self.begun and time.monotonic() > self._until:
-            raise CommandRefused(f"the machine has not answered within {ANSWER:g} s")
+            raise CommandRefused(f"the machine has not answered within {self._limit:g} s")
         return found
 
     def end(self) -> Event | None:

@@ -126,7 +126,7 @@ class RemoteStation(RemotePart):
         """The right to command, for a `with` block. `who` is shown to everybody; default: user and program.
 
         CommandRefused while another hand has it, unless it is deliberately taken over (`over`). It is renewed
-        meanwhile, and ends `seconds` after this process has died or hangs.
+        meanwhile, and ends `seconds` (0.2 to 60) after this process has died or hangs.
         """
         return HeldLease(self, who or _myself(), seconds, over)
 

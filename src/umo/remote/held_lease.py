@@ -8,7 +8,8 @@ from contextlib import suppress
 from types import TracebackType
 from typing import TYPE_CHECKING
 
-from umo.errors import LeaseHeld, UmoError
+from umo.cycle.lease import LONGEST, SHORTEST
+from umo.errors import FramesError, LeaseHeld, RangeError, UmoError
 from umo.frames.cells import LEASE
 
 if TYPE_CHECKING:
@@ -22,10 +23,13 @@ class HeldLease:
     """`with station.lease("commissioning"):`. Only its holder commands the station.
 
     A thread gives signs of life for it and for what was written or is jogged, until the block ends. If this process
-    dies, the lease ends after `seconds`, and what it held goes to its default.
+    dies, the lease ends after `seconds`, and what it held goes to its default. RangeError for other `seconds` than
+    a lease may last.
     """
 
     def __init__(self, station: RemoteStation, who: str, seconds: float, over: bool) -> None:
+        if not SHORTEST <= seconds <= LONGEST:
+            raise RangeError(f"a lease can last from {SHORTEST:g} to {LONGEST:g} s, not {seconds:g} s")
         self.who = who
         self.key = secrets.token_hex(8)
         self.held: dict[str, float] = {}
@@ -40,8 +44,8 @@ class HeldLease:
 
     @property
     def lost(self) -> bool:
-        """Whether it has ended, or another hand has taken it over."""
-        return not self._station.reader.lease_held(self._number)
+        """Whether it has ended, with the station or by itself, or another hand has taken it over."""
+        return not (self._station.running and self._station.reader.lease_held(self._number))
 
     def __enter__(self) -> HeldLease:
         self._number = self._ask()
@@ -82,7 +86,8 @@ class HeldLease:
 
     def _keep(self) -> None:
         """Until the block ends, or the lease is lost."""
-        while not (self._ended or self.lost):
-            self._station.sign(self._number, LEASE, *self.held.copy())
-            self._wake.wait(min([self._seconds, *self.held.copy().values()]) / OFTEN)
-            self._wake.clear()
+        with suppress(FramesError):  # the station has just ended
+            while not (self._ended or self.lost):
+                self._station.sign(self._number, LEASE, *self.held.copy())
+                self._wake.wait(min([self._seconds, *self.held.copy().values()]) / OFTEN)
+                self._wake.clear()

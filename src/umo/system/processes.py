@@ -99,7 +99,7 @@ def running_on(cores: Collection[int], but: Collection[int]) -> int | None:
     found: list[tuple[int, int]] = []
     for pid in (int(name) for name in os.listdir("/proc") if name.isdigit()):
         fields = _stat(pid) if pid not in but else []
-        if len(fields) < PRIORITY or fields[0] != "R" or int(fields[FLAGS]) & KERNEL_THREAD:
+        if len(fields) <= PRIORITY or fields[0] != "R" or int(fields[FLAGS]) & KERNEL_THREAD:
             continue
         if int(fields[PROCESSOR]) in cores and int(fields[PRIORITY]):
             found.append((int(fields[PRIORITY]), pid))

@@ -99,9 +99,12 @@ def guard(priority: int, cpu: int | None = None) -> None:
             os.sched_setaffinity(0, allowed - {core})
 
 
-def die_with_parent(number: int) -> None:
-    """Be sent this signal when the parent process ends, however it does (prctl(2))."""
+def die_with_parent(parent: int, number: int) -> None:
+    """Be sent this signal when the parent process ends, however it does (prctl(2)); at once if it has ended already.
+    `parent` is its pid."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, number, 0, 0, 0)
+    if os.getppid() != parent:
+        os.kill(os.getpid(), number)
 
 
 def stand_back() -> None:
