@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 import umo
-from helpers.image_forms import FORMS, choose
 from helpers.machines import actuator, bench, failed, relay, sensor, switch, timer, wired
 from umo import (
     BinaryActuator,
@@ -31,7 +27,6 @@ from umo import (
     connect,
 )
 from umo.control import Servo, state_of
-from umo.cycle.image import Image
 from umo.cycle.journal import ENTRY, Journal, Kind
 from umo.testing import Scripted, VirtualTimer, periods, put
 
@@ -121,37 +116,6 @@ def test_commands_that_expire_together_do_so_in_the_order_declared() -> None:
         assert [event.path for event in connection.machine.events] == ["ram", "lamp"]
 
 
-def test_a_later_write_arms_it_again() -> None:
-    m = press(lamp=relay(expires=0.002))
-    connection = connect(m, wiring())
-    with connection:
-        for _ in range(3):
-            m.lamp.write(OnOff.ON)
-            periods(m, 5)
-            assert m.lamp.read() is OnOff.OFF
-        assert len(connection.machine.events) == 3
-
-
-def test_what_was_never_written_or_was_reset_does_not_expire() -> None:
-    m = press(heater=actuator(expires="2 ms"))
-    connection = connect(m, wiring())
-    with connection:
-        periods(m, 10)
-        m.heater.write(3.0)
-        m.heater.reset()
-        periods(m, 10)
-        assert not connection.machine.events
-
-
-def test_missed_periods_count_for_the_age_of_a_command() -> None:
-    m = press(heater=actuator(expires="5 ms"))
-    with connect(m, wiring(missed=[0, 9])):
-        periods(m)
-        m.heater.write(3.0)
-        periods(m)
-        assert m.heater.read() == 0.0
-
-
 def test_what_expires_is_the_default_itself_whatever_a_subclass_writes() -> None:
     class Offset(DigitalActuator):
         def write(self, value: float) -> bool:
@@ -199,17 +163,6 @@ def test_without_a_timer_a_command_expires_by_the_wall_clock() -> None:
         assert m.heater.pending == 0.0
 
 
-def test_a_command_that_is_written_every_period_never_expires() -> None:
-    m = press(heater=actuator(expires="2 ms"))
-    connection = connect(m, wiring())
-    with connection:
-        for _ in range(50):
-            m.heater.write(3.0)
-            periods(m)
-        assert m.heater.read() == 3.0
-        assert not connection.machine.events
-
-
 # Rates --------------------------------------------------------------------------------------------------
 
 
@@ -238,105 +191,12 @@ def test_write_judges_the_target_not_the_step() -> None:
         assert m.heater.write(float(9)) is True
 
 
-def test_updating_twice_in_a_period_moves_it_once() -> None:
-    m = press(ram=actuator(slew_rate=1000.0))
-    with connect(m, wiring()):
-        m.ram.write(9.0)
-        m.timer.read()
-        for _ in range(3):
-            m.update()
-            m.ram.update()
-        assert (m.ram.read(), m.ram.pending) == (1.0, 9.0)
-
-
-def test_a_target_turned_round_within_a_period_waits_for_the_next() -> None:
-    box, m = Scripted(), press(ram=actuator(slew_rate=1000.0))
-    with connect(m, wiring(box)):
-        m.timer.read()
-        m.ram.write(9.0)
-        m.ram.update()
-        m.ram.write(-9.0)
-        m.update()
-        assert m.ram.read() == 1.0
-        periods(m)
-        assert m.ram.read() == 0.0
-
-
-def test_the_update_of_another_part_takes_nothing_from_the_step() -> None:
-    m = press(ram=actuator(slew_rate=1000.0))
-    with connect(m, wiring()):
-        m.ram.write(9.0)
-        m.timer.read()
-        m.lamp.update()
-        assert m.ram.read() == 0.0
-        m.ram.write(-9.0)
-        m.update()
-        assert m.ram.read() == -1.0
-
-
 def test_the_target_is_reached_when_distance_and_rate_say() -> None:
     m = press(ram=actuator(slew_rate=100.0))
     with connect(m, wiring()):
         m.ram.write(1.0)
         periods(m, 10)  # ten times 0.1 is less than 1.0
         assert m.ram.read() == 1.0
-
-
-def test_a_missed_period_is_made_up_by_the_rate() -> None:
-    m = press(ram=actuator(slew_rate=1000.0))
-    with connect(m, wiring(missed=[0, 3, 0])):
-        m.ram.write(9.0)
-        periods(m)
-        assert m.ram.read() == pytest.approx(1.0)
-        periods(m)
-        assert m.ram.read() == pytest.approx(4.0)
-
-
-def test_a_reset_passes_over_the_rate_and_takes_the_target_along() -> None:
-    m = press(ram=actuator(slew_rate=1000.0))
-    with connect(m, wiring()):
-        m.ram.write(9.0)
-        periods(m, 5)
-        m.ram.reset()
-        assert (m.ram.read(), m.ram.pending) == (0.0, 0.0)
-        periods(m, 3)
-        assert m.ram.read() == 0.0
-
-
-def test_a_reset_that_was_not_taken_is_made_up_whole() -> None:
-    box, m = Scripted(), press(ram=actuator(slew_rate=1000.0))
-    with connect(m, wiring(box)):
-        m.ram.write(9.0)
-        periods(m, 5)
-        box.broken = OSError("cut")
-        with pytest.raises(DriverError):
-            m.ram.reset()
-        m.timer.read()
-        with pytest.raises(DriverError):
-            m.update()
-        box.broken = None
-        m.ram.write(9.0)
-        periods(m)
-        assert m.ram.read() == 0.0
-        m.update()  # no step beside it in the same period
-        assert m.ram.read() == 0.0
-        periods(m)
-        assert m.ram.read() == 1.0
-
-
-def test_after_a_failed_transfer_the_slew_goes_on_from_what_was_confirmed() -> None:
-    box, m = Scripted(), press(ram=actuator(slew_rate=1000.0))
-    with connect(m, wiring(box)):
-        m.ram.write(9.0)
-        periods(m, 2)
-        box.broken = OSError("cut")
-        m.timer.read()
-        with pytest.raises(DriverError):
-            m.update()
-        assert m.ram.read() == pytest.approx(2.0)
-        box.broken = None
-        periods(m)
-        assert m.ram.read() == pytest.approx(3.0)
 
 
 # Interlocks ---------------------------------------------------------------------------------------------
@@ -444,22 +304,6 @@ def test_interlocks_that_begin_together_ask_first_and_then_reset_each_actuator_o
         begin(m)
         assert [call.channels[0] for call in box.segments("reset")] == ["lamp", "heater", "ram"]
         assert [event.path for event in connection.machine.events] == ["lamp", "ram", "heater", "ram"]
-
-
-def test_an_actuator_is_free_when_the_last_of_its_interlocks_is() -> None:
-    m = press()
-    with connect(m, wiring()):
-        put(m.door, PassFail.FAIL)
-        put(m.height, 95.0)
-        periods(m)
-        put(m.door, PassFail.PASS)
-        periods(m)
-        assert m.ram.inhibited == "the ram is at its end"
-        assert m.ram.write(1.0) is False
-        assert m.lamp.write(OnOff.ON) is True
-        put(m.height, 5.0)
-        periods(m)
-        assert m.ram.write(1.0) is True
 
 
 def test_interlocks_hold_from_the_first_sample_on() -> None:
@@ -585,54 +429,6 @@ def test_what_inhibits_while_connecting_latches_only_if_it_still_does_in_the_fir
             assert m.ram.inhibited == inhibited
 
 
-def test_an_acknowledgement_of_a_compound_frees_all_in_it_and_one_of_something_else_nothing() -> None:
-    m = latched()
-    with connect(m, wiring(Scripted({"door": [1, 1, 0]}))):
-        periods(m, 2)
-        assert (m.heater.acknowledge(), m.door.acknowledge()) == (True, True)
-        assert m.ram.inhibited == m.lamp.inhibited == "open"
-        assert m.acknowledge() is True
-        assert (m.ram.inhibited, m.lamp.inhibited) == (None, None)
-
-
-def test_what_another_interlock_still_inhibits_is_not_free_after_an_acknowledgement() -> None:
-    m = own(
-        lambda m: [
-            Interlock(is_open(m), [m.ram], "open", latched=True),
-            Interlock(lambda: m.height.read() > 50.0, [m.ram, m.lamp], "too high"),
-        ]
-    )
-    with connect(m, wiring(Scripted({"door": [1, 0], "height": 200}))):
-        periods(m)
-        assert (m.ram.acknowledge(), m.acknowledge()) == (False, False)
-        assert m.ram.inhibited == "too high"
-        put(m.height, 0.0)
-        periods(m)
-        assert (m.ram.inhibited, m.acknowledge()) == (None, True)
-
-
-def test_the_states_of_the_actuators_are_made_anew_only_when_one_changes() -> None:
-    m = latched()
-    connection = connect(m, wiring())
-    with connection:
-        commands = connection.machine.commands
-        periods(m)
-        free = commands.states
-        put(m.door, PassFail.FAIL)
-        periods(m)
-        inhibited = commands.states
-        assert inhibited != free
-        periods(m, 3)
-        put(m.door, PassFail.PASS)
-        periods(m, 3)
-        assert commands.states is inhibited  # it is latched
-        assert m.ram.acknowledge()
-        assert commands.states == free
-        put(m.door, PassFail.FAIL)
-        periods(m)
-        assert commands.states == inhibited
-
-
 # That stop the program ----------------------------------------------------------------------------------
 
 
@@ -654,32 +450,7 @@ def test_an_interlock_declared_to_stop_raises_from_a_write_of_anything_but_the_d
         assert m.ram.write(3.0) is True
 
 
-def test_one_interlock_that_stops_is_enough_among_those_that_inhibit() -> None:
-    m = own(lambda m: [Interlock(is_open(m), [m.ram], "inhibits"), *stopping(m)])
-    with connect(m, wiring(Scripted({"door": 1}))), pytest.raises(Interlocked, match="open"):
-        m.ram.write(3.0)
-
-
 # Many at once -------------------------------------------------------------------------------------------
-
-
-@pytest.mark.usefixtures("each_form")
-@pytest.mark.parametrize("synchronous", [True, False])
-def test_of_a_vector_the_free_members_are_taken_and_the_inhibited_stay_at_their_defaults(synchronous: bool) -> None:
-    box = Scripted()
-    m = press(ram=actuator(synchronous=synchronous), heater=actuator(synchronous=synchronous))
-    motors = Vector([m.ram, m.heater])
-    with connect(m, wiring(box)):
-        assert motors.write([1.0, 2.0]) is True
-        assert (m.ram.pending, m.heater.pending) == (1.0, 2.0)
-        put(m.door, PassFail.FAIL)
-        periods(m)
-        assert motors.write([3.0, 4.0]) is False
-        assert (m.ram.pending, m.heater.pending) == (0.0, 4.0)
-        assert motors.write([0.0, 5.0]) is True
-        periods(m)
-        assert (m.ram.read(), m.heater.read()) == (0.0, 5.0)
-        assert (box.get("ram"), box.get("heater")) == (0, 10)
 
 
 @pytest.mark.usefixtures("each_form")
@@ -777,36 +548,6 @@ def test_a_default_that_an_actuator_without_a_guard_did_not_take_is_tried_every_
         assert (m.valve.read(), valve.get("valve")) == (OnOff.OFF, 0)
         periods(m, 3)
         assert len(valve.calls) == tries + 1
-
-
-def test_a_default_written_in_vain_while_inhibited_is_still_tried_again() -> None:
-    valve, box = Scripted(), Scripted()
-    m = press(lamp=relay(synchronous=False))
-    with connect(m, wired(m, box, entries={"lamp": {"driver": "valve"}}, valve=valve)):
-        m.lamp.write(OnOff.ON)
-        put(m.door, PassFail.FAIL)
-        valve.broken = OSError("glitch")
-        for call in (lambda: begin(m), lambda: m.lamp.write(OnOff.OFF)):
-            with pytest.raises(DriverError):
-                call()
-        valve.broken = None
-        begin(m)
-        assert valve.get("lamp") == 0
-
-
-def test_a_new_command_ends_the_tries_to_send_an_old_default() -> None:
-    valve, box = Scripted(), Scripted()
-    m = press(heater=actuator(synchronous=False, expires="2 ms"))
-    with connect(m, wired(m, box, entries={"heater": {"driver": "valve"}}, valve=valve)):
-        m.heater.write(3.0)
-        periods(m)
-        valve.broken = OSError("glitch")
-        with pytest.raises(DriverError):
-            begin(m)
-        valve.broken = None
-        assert m.heater.write(4.0) is True
-        begin(m)
-        assert (m.heater.read(), valve.get("heater")) == (4.0, 8)
 
 
 def test_sensors_that_fail_and_resets_that_fail_come_out_in_one_error() -> None:
@@ -928,21 +669,6 @@ def test_what_guards_do_is_in_the_events_the_log_and_the_journal(caplog: pytest.
 # All together -------------------------------------------------------------------------------------------
 
 
-def test_an_actuator_without_a_guard_is_written_past_the_command_stage() -> None:
-    m = press(heater=actuator())
-    with connect(m, wiring()) as connected:
-        assert (connected.heater._direct, connected.ram._direct) == (True, False)
-
-
-def test_a_vector_write_counts_for_expiry_and_rate() -> None:
-    m = press(ram=actuator(slew_rate=1000.0), heater=actuator(expires="3 ms"))
-    with connect(m, wiring()):
-        for _ in range(10):
-            Vector([m.ram, m.heater]).write([4.0, 5.0])
-            periods(m)
-        assert (m.ram.read(), m.heater.read()) == (4.0, 5.0)
-
-
 def test_a_machine_connects_again_with_its_guards_as_new() -> None:
     m = press(ram=actuator(slew_rate=1000.0, expires="5 ms"))
     for _ in range(2):
@@ -1002,98 +728,3 @@ def test_interlocks_that_make_no_sense_are_refused_before_anything_is_touched(de
 def test_guards_are_shown_where_objects_are() -> None:
     assert "at most 5 V/s, expires after 0.1 s" in actuator(slew_rate=5.0, expires="100 ms").describe()
     assert "expires after 0.1 s" in relay(expires="100 ms").describe()
-
-
-# Against a model ----------------------------------------------------------------------------------------
-
-
-@dataclass
-class Model:
-    """One actuator with all three guards, written down independently: in whole ticks."""
-
-    rate: float
-    expires: int
-    value: float = 0.0
-    target: float = 0.0
-    written: int | None = None
-    forbidden: bool = False
-    now: int = 0
-
-    def period(self, ticks: int, forbidden: bool) -> None:
-        self.now += ticks
-        if forbidden and not self.forbidden:
-            self.reset()
-        self.forbidden = forbidden
-        if self.written is not None and self.now - self.written >= self.expires:
-            self.target, self.written = 0.0, None
-
-    def write(self, value: float) -> bool:
-        if self.forbidden and value != 0.0:
-            return False
-        self.target, self.written = value, self.now
-        return True
-
-    def update(self, ticks: int, was_reset: bool) -> None:
-        step = 0.0 if was_reset else self.rate * ticks * PERIOD
-        self.value += min(max(self.target - self.value, -step), step)
-
-    def reset(self) -> None:
-        self.value = self.target = 0.0
-        self.written = None
-
-
-STEPS = st.lists(
-    st.tuples(
-        st.sampled_from([0, 0, 0, 1, 2, 5]),  # missed
-        st.booleans(),  # the door
-        st.one_of(st.none(), st.sampled_from([0.0, 1.0, -3.0, 7.5])),  # written
-        st.sampled_from(["", "", "", "reset", "vector"]),
-    ),
-    max_size=40,
-)
-
-
-@pytest.mark.parametrize("form", FORMS)
-@given(STEPS, st.sampled_from([2, 3, 8]), st.sampled_from([100.0, 1000.0, 4000.0]))
-def test_all_guards_together_do_what_a_small_model_does(
-    form: type[Image], steps: list[tuple[int, bool, float | None, str]], expires: int, rate: float
-) -> None:
-    m = press(ram=actuator(slew_rate=rate, expires=expires * PERIOD, resolution=1e-4))
-    model = Model(rate, expires)
-    with pytest.MonkeyPatch.context() as patch:
-        choose(patch, form)
-        with connect(m, wiring(missed=[step[0] for step in steps])):
-            vector = Vector([m.ram])
-            for missed, opened, value, how in steps:
-                put(m.door, PassFail.FAIL if opened else PassFail.PASS)
-                ticks = max(missed, 1)
-                fresh = opened and not model.forbidden
-                m.timer.read()
-                m.sample()
-                model.period(ticks, opened)
-                if how == "reset":
-                    m.ram.reset()
-                    model.reset()
-                    fresh = True
-                if value is not None:
-                    taken = vector.write([value]) if how == "vector" else m.ram.write(value)
-                    assert taken is model.write(value)
-                m.update()
-                model.update(ticks, fresh)
-                assert m.ram.read() == pytest.approx(model.value, abs=1e-9)
-                assert m.ram.pending == model.target
-
-
-@pytest.mark.parametrize(("synchronous", "guarded"), [(True, False), (False, True)])
-def test_a_machine_without_guards_and_asynchronous_actuators_samples_without_a_detour(
-    synchronous: bool, guarded: bool
-) -> None:
-    """Its timer is an asynchronous sensor."""
-    connection = connect(Plain(timer=timer(), lamp=relay(synchronous=synchronous)), None)
-    with connection:
-        assert (connection.machine.sample_all != connection.image.sample) is guarded
-
-
-class Plain(Compound):
-    timer: DigitalSensor
-    lamp: BinaryActuator[OnOff]

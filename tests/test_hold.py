@@ -158,16 +158,6 @@ def test_two_machines_on_one_device_cannot_be_connected_at_once_and_the_second_t
         assert box.calls
 
 
-def test_machines_on_different_devices_are_free(device: str) -> None:
-    first, second = bench(), bench()
-    with (
-        connect(first, on(Board(f"{device} a"), first)) as m,
-        connect(second, on(Board(f"{device} b"), second)) as n,
-    ):
-        periods(m)
-        periods(n)
-
-
 def test_a_machine_without_hardware_holds_nothing_and_leaves_no_record() -> None:
     machines = [bench() for _ in range(2)]
     with connect(machines[0], wired(machines[0], Scripted())), connect(machines[1], wired(machines[1], Scripted())):

@@ -142,13 +142,6 @@ def test_a_machine_receives_the_types_of_its_parameters(umo: Any, row: Path) -> 
     assert "gauges[0..2]  3 x digital sensor, 0 to 2 mm" in umo("tree", str(row), "--n", "3", "--size", "2").output
 
 
-def test_a_run_in_virtual_time_gives_the_application_its_types(umo: Any, tmp_path: Path) -> None:
-    told = APPLICATION.replace("GIVEN.update", "print(mode, report, turn);GIVEN.update")
-    folder = station(tmp_path, told)
-    result = umo("run", str(folder), "--mode", "slow", "--report", "r", "--turn", "-1e-3")
-    assert "Mode.SLOW r -0.001" in result.output, result.stderr
-
-
 def test_enums_and_paths_of_a_program_reach_another_process(row: Path) -> None:
     mode: Any = find(row).module("application").Mode  # type: ignore[union-attr]
     job = Job.load(Job(str(row), options={"mode": mode.SLOW, "report": Path("r")}).dump())

@@ -103,13 +103,6 @@ def test_of_an_object_that_is_named_twice_the_first_place_counts() -> None:
     assert [item.path for item in stop_sequence(m)] == ["joint.motor", "joint.brake", "a"]
 
 
-def test_leaving_holds_the_order() -> None:
-    m, box = cell(), Scripted()
-    with connect(m, wired(m, box)):
-        pass
-    assert resets(box) == ORDER
-
-
 def test_leaving_after_an_error_holds_the_order() -> None:
     m, box = cell(), Scripted()
     with pytest.raises(ZeroDivisionError), connect(m, wired(m, box)):

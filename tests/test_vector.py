@@ -59,18 +59,6 @@ def motors(m):
     return Vector(lane.motor for lane in m.lanes)
 
 
-def test_write_and_read_have_the_verbs_meaning(box):
-    machine = field()
-    with connect(machine, wired(machine, box)) as m:
-        vector = motors(m)
-        assert vector.write(np.array([1.0, 2.0, 3.0, -4.0])) is True
-        assert vector.read().tolist() == [0.0] * 4
-        assert [lane.motor.pending for lane in m.lanes] == [1.0, 2.0, 3.0, -4.0]
-        m.update()
-        assert vector.read().tolist() == [1.0, 2.0, 3.0, -4.0]
-        assert [box.get(f"lanes.{i}.motor") for i in range(4)] == [2, 4, 6, -8]
-
-
 @given(st.lists(st.floats(-10, 10), min_size=3, max_size=3), st.permutations([0, 1, 2]))
 def test_a_vector_does_what_its_objects_would_one_by_one_in_any_order(values, order):
     scales = [{"resolution": 0.1}, {"resolution": -0.3, "zero_offset": 1.0}, {"resolution": 10 / 2047}]
