@@ -19,9 +19,9 @@ pytestmark = pytest.mark.skipif(not LINUX, reason="machines run in other process
 
 
 @contextmanager
-def started(folder: Path, name: str = "conveyor") -> Iterator[umo.RemoteStation]:
+def started(folder: Path, name: str = "conveyor", **options: Any) -> Iterator[umo.RemoteStation]:
     """A station in manual mode, attached to."""
-    with umo.start(name, patient(name, folder), manual=True, realtime=True) as process:
+    with umo.start(name, patient(name, folder), manual=True, realtime=True, **options) as process:
         eventually(lambda: process.stage.name == "RUNNING")
         with umo.attach(process.pid) as station:
             eventually(lambda: station.reader.head > 5)
@@ -424,6 +424,21 @@ def test_a_lease_is_taken_over_by_a_second_click_and_its_holder_sees_it(
     eventually(lambda: station.diverter.read() == "OFF")
     page.locator("[data-view=machine]").click()
     page.locator(".events li").first.wait_for()  # also in a view that is opened later
+
+
+def test_a_latched_interlock_is_acknowledged_under_the_lease_when_its_cause_is_gone(page: Any, tmp_path: Path) -> None:
+    with started(tmp_path, fault="emergency_stop stuck OPEN at 0.5 s for 0.5 s") as station, serving() as served:
+        page.goto(served.url + "#view=operate")
+        page.get_by_text("⊘ the emergency stop was pressed").first.wait_for()
+        button = page.get_by_role("button", name="Acknowledge")
+        assert button.is_disabled()
+        take_lease(page, served.url)
+        eventually(lambda: station.frames(0.01)["time"][-1] > 1.1)
+        button.click()
+        button.wait_for(state="hidden")
+        assert "acknowledge: done" in answers(page)
+        control(page, "diverter").get_by_role("button", name="ON").click()
+        eventually(lambda: station.diverter.read() == "ON")
 
 
 def test_in_automatic_mode_numbers_can_be_tuned_and_actuators_cannot_be_written(page: Any, tmp_path: Path) -> None:

@@ -332,6 +332,24 @@ def test_a_click_on_a_body_shows_its_label(shown: Any) -> None:
     assert viewer.page.locator(".twin-label").inner_text() == "belt"
 
 
+def test_the_view_says_that_the_twin_is_loading_and_why_it_does_not_come(shown: Any) -> None:
+    viewer = shown("conveyor")
+    section = viewer.page.locator("section")
+    for comes, then in (
+        ("given()", ""),
+        ("Promise.reject(new Error('no answer'))", "The twin cannot be shown: no answer"),
+    ):
+        viewer.run(f"""() => {{
+            const given = test.feed.json;
+            test.feed.json = () => new Promise((come) => {{ test.come = () => come({comes}); }});
+            test.mounted = test.twin.mount(document.querySelector("section"), test.feed);
+            test.feed.json = given;
+        }}""")
+        assert section.inner_text() == "The twin is loading\u2026"
+        viewer.run("() => { test.come(); return test.mounted; }")
+        assert section.inner_text() == then if then else section.locator("canvas").count() == 1
+
+
 def test_unmounting_leaves_nothing_behind(shown: Any) -> None:
     viewer = shown("conveyor")
     assert viewer.run("test.subscribers.size") == 2
