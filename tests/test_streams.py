@@ -45,6 +45,19 @@ def run(tank: Path, command: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(["bash", "-c", line], cwd=tank.parent, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.parametrize("module", ["numpy", "typer"])
+def test_ctrl_c_while_the_command_is_imported_is_no_traceback(tmp_path: Path, module: str) -> None:
+    (tmp_path / f"{module}.py").write_text("raise KeyboardInterrupt")
+    done = subprocess.run(
+        [sys.executable, "-c", "from umo_command import main; main()", "--help"],
+        env=os.environ | {"PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (128 + signal.SIGINT, "")
+
+
 def left(tank: Path) -> list[str]:
     """The runs that were written down whole."""
     return sorted(str(file.parent) for file in tank.parent.glob("runs/*/summary.json"))

@@ -1,8 +1,8 @@
-"""The command `umo`."""
+"""The commands of `umo`, which `umo_command` starts."""
 
 
 def main() -> None:
-    """Entry point; typer and what it needs are imported here, not with umo."""
+    """Carry out the command of this process; typer and what it needs are imported here, not with umo."""
     from umo.system.streams import keep_open, log_on_lines
 
     keep_open()
