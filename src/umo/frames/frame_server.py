@@ -18,6 +18,7 @@ from pathlib import Path
 
 from umo.errors import FramesError
 from umo.frames.memory import Ends
+from umo.system import passing
 
 GREETING = b"umo frames 6"
 LONGEST = 107
@@ -86,7 +87,7 @@ class FrameServer:
     def _answer(self, client: socket.socket) -> None:
         with client, suppress(OSError):
             if _peer(client) in (ROOT, os.getuid()):
-                socket.send_fds(client, [GREETING], self.ends, socket.MSG_DONTWAIT)
+                passing.send(client, GREETING, self.ends)
 
     def close(self) -> None:
         """Nobody finds the run any more; who has its memory keeps it."""
@@ -109,7 +110,7 @@ def receive(path: Path) -> Ends:
                 here.connect(address)
             if (user := _peer(here)) not in (ROOT, os.getuid()) and os.getuid() != ROOT:
                 raise FramesError(f"{path} is another user's (uid {user})")
-            data, files, _, _ = socket.recv_fds(here, len(GREETING) + 1, len(Ends._fields), socket.MSG_CMSG_CLOEXEC)
+            data, files = passing.receive(here, len(GREETING) + 1, len(Ends._fields))
         except TimeoutError:
             raise FramesError(f"{path}: the guardian of this run does not answer; it may be stopped") from None
         except OSError as error:

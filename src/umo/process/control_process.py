@@ -8,7 +8,7 @@ import os
 import signal
 import threading
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from math import inf
 from typing import IO, Any, NoReturn
 
@@ -96,14 +96,18 @@ class Control:
             )
             os._exit(1)
 
-        self._custody.hold.release()
-        self._channel.close()
-        if self._frames is not None:
-            os.close(self._frames[0].alive)  # else this process would count as the one that writes the frames
         if self._connection is not None:
             self._connection.on_step = end
             if self._connection.started:
                 self._connection.image.transfer.refuse(end)
+        for give_up in (self._custody.hold.release, self._channel.close, self._leave_frames):
+            with suppress(OSError):  # control code has closed its descriptor
+                give_up()
+
+    def _leave_frames(self) -> None:
+        """This process does not write them, and does not pass for the one that does."""
+        if self._frames is not None:
+            os.close(self._frames[0].alive)
 
     def say_how_it_ended(self, outcome: Outcome) -> None:
         """It stands if all who could say more are killed. An unsafe end, without the guardian, is recorded, and said on

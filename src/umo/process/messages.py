@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
+from umo.system import passing
+
 MOST = 1 << 18
 
 
@@ -34,7 +36,7 @@ class MessageSocket:
         `files` are handed over with the message."""
         with suppress(OSError):
             text = json.dumps({"kind": kind, **content}).encode()
-            socket.send_fds(self._socket, [text], files, socket.MSG_DONTWAIT)
+            passing.send(self._socket, text, files)
 
     def receive(self, timeout: float | None = 0.0) -> dict[str, Any] | None:
         """The next message within `timeout` s; None if there is none, or none any more (`ended`). Its `files` are
@@ -56,8 +58,7 @@ class MessageSocket:
         """A peer that ended with messages of ours unread makes one call fail; its own last messages come after that."""
         for _ in range(2):
             try:
-                data, files, _, _ = socket.recv_fds(self._socket, MOST, 4)
-                return data, files
+                return passing.receive(self._socket, MOST, 4)
             except ConnectionResetError:
                 continue
             except OSError:
