@@ -240,13 +240,6 @@ def test_a_signal_that_the_application_ignores_is_asked_again_in_shared_memory(t
     assert_safe(cells)
 
 
-def test_the_signal_that_was_asked_for_first_is_the_one_that_is_told() -> None:
-    life = Life()
-    life.ask(signal.SIGINT)
-    life.ask(signal.SIGTERM)  # which the guardian sends with it, and which a machine that is not connected notes
-    assert life.asked == signal.SIGINT
-
-
 FRAME = cast(Any, SimpleNamespace(time=0.0))
 
 

@@ -182,8 +182,8 @@ class Life:
         return int(self._cells[WATCH])
 
     def ask(self, number: int) -> None:
-        """Ask the control process to stop, like this signal does. The first request is the one that is told."""
-        self._cells[ASKED] = self._cells[ASKED] or number
+        """Ask the control process to stop, like this signal does."""
+        self._cells[ASKED] = number
 
     @property
     def stage(self) -> Stage:
