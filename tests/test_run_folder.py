@@ -202,6 +202,32 @@ def test_a_full_disk_while_the_trace_is_written_is_told_once(
     assert len(trace.rows) == 200
 
 
+def test_a_folder_that_is_none_any_longer_costs_the_record_and_not_the_run(
+    umo: Umo, quick: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Nothing can be written there, and nothing removed, as on a disk that has become read-only."""
+    (tmp_path / "file").touch()
+    assert len(traced(quick, tmp_path / "file" / "live.csv", 30, 1000).rows) == 30
+    assert capsys.readouterr().err.count("the run goes on") == 1
+    (quick / "application.py").write_text(
+        "import pathlib, shutil\n\n\nasync def main(m):\n    (run,) = pathlib.Path('runs').iterdir()\n"
+        "    shutil.rmtree(run)\n    run.touch()\n"
+    )
+    result = umo("run", "tank", "--no-plot")
+    assert (result.exit_code, "trace.csv could not be written" in said(result)) == (4, True), said(result)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="real time needs Linux")
+def test_an_observer_that_fails_does_not_end_the_run(umo: Umo, quick: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(self: TraceFile, frame: object) -> None:
+        raise PermissionError(13, "not for you")
+
+    monkeypatch.setattr(TraceFile, "__call__", fail)
+    (quick / "application.py").write_text(FOR_EVER)
+    result = umo("run", "tank", "--realtime", "--until", "300 ms", "--no-plot")
+    assert (result.exit_code, said(result).count("are not shown any longer")) == (124, 1), said(result)
+
+
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="real time needs Linux")
 def test_a_command_that_is_killed_leaves_the_trace_so_far(quick: Path) -> None:
     (quick / "application.py").write_text("from umo.control import wait\n\n\nasync def main(m):\n    await wait(1e6)\n")

@@ -85,13 +85,14 @@ def follow(job: Job, seen: Seen, observers: list[Callable[[Any], None]]) -> tupl
 
 
 def _show(frames: Reader, seen: Seen, observers: list[Callable[[Any], None]]) -> bool:
-    """Show the new frames to the observers. False: what stands in them makes no sense; the machine runs on."""
+    """Show the new frames to the observers. False: what stands in them makes no sense, or an observer failed; the
+    machine runs on."""
     try:
         for row in frames.read():
             seen.take(row)
             for observer in observers:
                 observer(seen)
-    except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+    except Exception as error:
         _say(f"the periods of this run are not shown any longer: {cause_of(error)}")
         return False
     return True

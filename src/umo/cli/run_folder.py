@@ -74,7 +74,7 @@ class RunFolder:
             self._save("failure.txt", lambda file: _write(file, text))
         self._save("summary.json", result.save)
         if not self._save("trace.csv", trace.save):
-            (self.path / "trace.csv").unlink(missing_ok=True)  # it ends before the run did
+            _remove(self.path / "trace.csv")  # it ends before the run did
 
     def _save(self, name: str, write: Callable[[Path], object]) -> bool:
         try:
@@ -110,7 +110,7 @@ class TraceFile:
                 file.writelines(lines(self._trace, after=None if first else self._written))
         except OSError as error:
             self._failed = True
-            self._path.unlink(missing_ok=True)  # it may end in the middle of a row
+            _remove(self._path)  # it may end in the middle of a row
             err.print(
                 f"umo: {self._path} cannot be written: {cause_of(error)}; the run goes on, and its trace is written at "
                 "its end, if it can be",
@@ -129,7 +129,13 @@ def whole(path: Path) -> Iterator[Path]:
         if new.exists():
             new.replace(path)
     finally:
-        new.unlink(missing_ok=True)
+        _remove(new)
+
+
+def _remove(path: Path) -> None:
+    """Remove a file, unless it is gone, or the disk has become read-only."""
+    with suppress(OSError):
+        path.unlink()
 
 
 def _write(file: Path, text: str) -> None:
