@@ -1,4 +1,5 @@
-"""What publishing a frame and looking for commands cost, and whether a reader at full speed ever sees a torn frame."""
+"""The cost of publishing a frame and of looking for commands, and whether a reader at full speed ever sees a torn
+frame."""
 
 from __future__ import annotations
 
@@ -45,7 +46,7 @@ class Published:
 
 
 def publishing(count: int, batches: int) -> Published:
-    """Of a machine with so many objects."""
+    """A machine with so many objects."""
     plan = layout(count)
     plant = machine(plan)
     connection = connect(plant, wiring(plant, Fill(plan.sensors, plan.actuators)))

@@ -88,12 +88,12 @@ class Box:
 
     @property
     def values(self) -> list[int]:
-        """Of the outputs: 10 coils, 2 registers. 0 is the default of each."""
+        """Levels of the outputs: 10 coils, 2 registers. 0 is the default of each."""
         return [self.cells[OUTPUT + 3 * i] for i in range(OUTPUTS)]
 
     @property
     def since(self) -> int:
-        """When the last of the outputs came to its default, ns of CLOCK_MONOTONIC; 0 while one is not there."""
+        """Time at which the last output came to its default, ns of CLOCK_MONOTONIC; 0 while one is not there."""
         moments = [self.cells[OUTPUT + 3 * i + 1] for i in range(OUTPUTS)]
         return max(moments) if all(moments) else 0
 

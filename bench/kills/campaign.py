@@ -29,7 +29,7 @@ TAKES = {How.PROGRAM: 2.0, How.COMMAND: 4.0}
 
 @dataclass
 class Try:
-    """What became of one. Empty texts where all is well."""
+    """The result of one try. Empty texts where all is well."""
 
     kind: str
     number: int
@@ -136,7 +136,7 @@ def _try(kind: Kind, number: int, seed: int, later: ThreadPoolExecutor) -> Futur
 
 
 def _judge(kind: Kind, found: Try, run: Run, moment: int) -> tuple[Try, Run, int, float]:
-    """What is to be seen at the end; how often outputs had left their defaults then, and when to look again."""
+    """Judge the end; how often outputs had left their defaults then, and when to look again."""
     ended = run.wait_end(kind.limit)
     left, at_end, again = run.box.left, run.box.values, monotonic() + AFTERWARDS
     found.wrong = ""
@@ -193,8 +193,8 @@ def _clear(run: Run) -> None:
 
 @contextmanager
 def _usual_signals() -> Iterator[None]:
-    """What starts a machine finds no signal ignored, wherever the campaign itself was started from (a background job
-    of a shell ignores SIGINT)."""
+    """Let no starter of a machine find a signal ignored, wherever the campaign itself was started from (a background
+    job of a shell ignores SIGINT)."""
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     ignored = [number for number in numbers if signal.getsignal(number) is signal.SIG_IGN]
     for number in ignored:

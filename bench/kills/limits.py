@@ -11,12 +11,12 @@ from pathlib import Path
 from time import sleep
 
 HIERARCHIES = (Path("/sys/fs/cgroup/pids"), Path("/sys/fs/cgroup"))
-"""Where groups of processes are made: cgroup v1, v2."""
+"""Folders in which groups of processes are made: cgroup v1, v2."""
 
 
 @cache
 def group_place() -> Path | None:
-    """Where a group with `pids.max` can be made; None where that is not permitted."""
+    """Folder in which a group with `pids.max` can be made; None where that is not permitted."""
     for place in HIERARCHIES:
         probe = place / f"umo-kills-{os.getpid()}-probe"
         try:

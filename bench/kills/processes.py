@@ -32,7 +32,7 @@ def _status(pid: int) -> tuple[str, int]:
 
 
 def children(pid: int) -> list[int]:
-    """Those that are alive, the oldest first."""
+    """Living children, the oldest first."""
     return sorted(other for other in _pids() if parent(other) == pid and alive(other))
 
 

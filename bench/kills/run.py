@@ -47,16 +47,16 @@ class How(Enum):
 
 @dataclass(frozen=True)
 class Setting:
-    """What is the same for every try of a kind."""
+    """The settings of every try of a kind."""
 
     hang_timeout: str = "1 s"
     timeout: str = "100 ms"
-    """Of the driver."""
+    """Timeout of the driver."""
     nohup: bool = False
     plain: bool = False
-    """As a user without privileges."""
+    """Whether it runs as a user without privileges."""
     arguments: Sequence[str] = ()
-    """Of the program."""
+    """Arguments of the program."""
 
 
 class NotStruck(Exception):
@@ -147,7 +147,7 @@ class Run:
 
     @property
     def status(self) -> int | None:
-        """Of the starter: its exit status, or less than 0 for the signal that killed it."""
+        """Exit status of the starter, or less than 0 for the signal that killed it."""
         return self.starter.poll()
 
     @property
@@ -200,8 +200,8 @@ def _wrapped(setting: Setting) -> list[str]:
 
 @cache
 def as_nobody() -> tuple[str, ...] | None:
-    """What makes a command run without privileges; None where that cannot be done. Where nobody may not even read this
-    Python (it lies in root's home), reading everything is the one privilege that is left."""
+    """The words that make a command run without privileges; None where that cannot be done. Where nobody may not even
+    read this Python (it lies in root's home), reading everything is the one privilege that is left."""
     if os.getuid() != 0:
         return ()
     plain = ("setpriv", f"--reuid={NOBODY}", f"--regid={NOBODY}", "--clear-groups")

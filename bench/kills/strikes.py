@@ -1,4 +1,5 @@
-"""What is done to a running machine. Every strike waits for its moment and returns it, in ns of CLOCK_MONOTONIC."""
+"""Kills and disturbances of a running machine. Every strike waits for its moment and returns it, in ns of
+CLOCK_MONOTONIC."""
 
 from __future__ import annotations
 

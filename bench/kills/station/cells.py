@@ -8,7 +8,7 @@ from typing import Any
 
 PORT, FAULT, VALUE, UNTIL, REQUESTS, MET = range(6)
 CONTROL, GUARDIAN, PERIODS, WRONG = range(6, 10)
-"""What the machine tells: the pids of its control process and of that one's parent, the periods in which it wrote its
+"""Reports of the machine: the pids of its control process and of that one's parent, the periods in which it wrote its
 outputs, and how many readings were good and yet not the box's."""
 NAME, OUTPUT, CELLS = 12, 16, 64
 FILE = "KILLS_BOX"

@@ -17,7 +17,7 @@ class Clock:
         self.ticks = 1
         """Ticks that the last read of the timer consumed."""
         self.missed = 0
-        """What the last read of the timer returned."""
+        """The result of the last reading of the timer."""
         self.missed_in_all = 0
         """Periods missed since connecting."""
         self.number = 0

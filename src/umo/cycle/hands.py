@@ -83,19 +83,19 @@ class HandCommand:
 
 
 class Inbox(Protocol):
-    """Where commands come in."""
+    """The commands that come in."""
 
     taken: int
     """Commands that have come in, and were handed on or dropped."""
     dropped: int
-    """Those that were not commands."""
+    """The number of these that were not commands."""
 
     def take(self) -> HandCommand | None:
         """The next one, None if there is none now. Quick; raises nothing."""
 
 
 class Levels(Protocol):
-    """What hands say of now. Quick; raises nothing."""
+    """The levels that hands keep up. Quick; raises nothing."""
 
     @property
     def asked(self) -> Sequence[int]:
@@ -106,8 +106,8 @@ class Levels(Protocol):
         """The signal as after which the run is to end, and who asks for it; None: nobody does."""
 
     def signed(self, path: str, lease: int) -> float:
-        """When the holder of this lease was last there for what it keeps up at this path, in s on the clock of the
-        hands; "": for the lease itself. 0: never. Any number."""
+        """The time at which the holder of this lease was last there for what it keeps up at this path, in s on the
+        clock of the hands; "": for the lease itself. 0: never. Any number."""
 
 
 @dataclass(eq=False)
@@ -133,12 +133,12 @@ class _Action:
 
 @dataclass
 class _Held:
-    """What lasts as long as it is kept up."""
+    """An actuator or action that lasts as long as it is kept up."""
 
     command: HandCommand
     lasts: float
     seen: float
-    """When it was last kept up."""
+    """The time at which it was last kept up, in s on the clock of the hands."""
     release: Callable[[], object]
     slot: int = -1
     """The actuator; -1 for an action."""
@@ -200,7 +200,7 @@ class Hands:
             self._machine.events.add(Event(now, "", "", self.stopped_by, state=CommandState.DONE, asked="stop"))
 
     def _look_for_life(self) -> None:
-        """What is not kept up any longer ends; so does a lease whose holder is not there."""
+        """End what is not kept up any longer, and a lease whose holder is not there."""
         signed = {path: self._levels.signed(path, self.lease.number) for path in ("", *self._held)}
         now = self._clock()  # afterwards: no sign of life is of a later time, but a wrong one
         self.lease.seen(signed[""], now)
@@ -276,8 +276,8 @@ class Hands:
         return CommandState.DONE, ""
 
     def _kept_up(self, path: str, lasts: float) -> float:
-        """When it was last kept up. CommandRefused if that is too long ago: in a long period its hand may have died
-        since it has sent the command."""
+        """The time at which it was last kept up. CommandRefused if that is too long ago: in a long period its hand may
+        have died since it has sent the command."""
         seen = self._levels.signed(path, self.lease.number)
         if not 0.0 <= self._clock() - seen <= lasts:
             raise CommandRefused(f"{path} is not kept up: nobody has been there for it for {lasts:g} s")
@@ -316,7 +316,7 @@ class Hands:
         return CommandState.DONE, ""
 
     def _let_go(self, command: HandCommand) -> tuple[CommandState, str]:
-        """What is held by hand ends now."""
+        """End what is held by hand."""
         self.lease.check(command.key)
         if command.path not in self._held:
             raise PathError(f"{command.path} is not held by hand")
@@ -389,7 +389,7 @@ class Hands:
         self.lease.end()
 
     def _drop(self, why: str) -> None:
-        """Whatever the hand has begun ends, and what that has started."""
+        """End what the hand has begun, and what that has started."""
         self._cancel_running(why)
         for path in list(self._held):
             self._release(path, why)
@@ -443,7 +443,7 @@ COMMANDS: Mapping[str, Callable[[Hands, HandCommand], tuple[CommandState, str]]]
     "cancel": Hands._cancel,
     "acknowledge": Hands._acknowledge,
 }
-"""What a hand can ask for."""
+"""The commands of hands, by name."""
 
 
 def _known(table: Mapping[str, Any], path: str, what: str) -> Any:

@@ -31,7 +31,7 @@ log = logging.getLogger("umo")
 TELL_AGAIN = 10.0
 """Time in s for which a sensor that is marked BAD again is not logged again."""
 NO_TICK = -1.0
-"""What reading the timer gives when a stop has ended the wait."""
+"""Result of reading the timer when a stop has ended the wait."""
 Actuator = BinaryActuator[Any] | DigitalActuator
 Sensor = BinarySensor[Any] | DigitalSensor
 

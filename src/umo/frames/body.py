@@ -18,11 +18,11 @@ try:
 except ImportError:  # it was not built
     extension = None  # type: ignore[assignment]
 BODY = 16
-"""Where it begins in a frame."""
+"""Offset of the body in a frame."""
 
 
 Write = Callable[[int, int, float, int, int, int, int, bytes, list[int], list[float], bytes], None]
-"""As `_Packed.write`: writes one body."""
+"""Writes one body, as `_Packed.write`."""
 
 
 def is_compiled() -> bool:

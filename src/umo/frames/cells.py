@@ -78,7 +78,7 @@ class Cells:
             self.words[at], self.words[at + 1] = lease, now
 
     def signed(self, path: str, lease: int) -> float:
-        """When the holder of this lease was last there for what is at this path, in s of CLOCK_MONOTONIC; 0: never."""
+        """The time at which the holder of this lease was last there for this path, s of CLOCK_MONOTONIC; 0: never."""
         at = self._signs[path]
         return self.words[at + 1] * 1e-9 if self.words[at] == lease else 0.0
 

@@ -39,14 +39,14 @@ def title_of(reader: Reader) -> str:
 
 
 def progress_of(frame: Any) -> Progress:
-    """What the machine had said last of its work; nothing without a frame."""
+    """The progress that the machine had told last; none without a frame."""
     if frame is None:
         return Progress()
     return Progress(frame["progress"].decode(errors="replace"), int(frame["done"]), int(frame["total"]))
 
 
 def facts_of_frames(reader: Reader, frame: Any) -> dict[str, str]:
-    """What the run was doing at this frame, in words."""
+    """The facts about the run at this frame, in words."""
     if frame is None:
         return {"stage": str(reader.state), "progress": "no period has ended yet"}
     progress = progress_of(frame)

@@ -52,7 +52,7 @@ def _stopper(connection: connect[Any]) -> str:
 
 
 def _text(error: BaseException) -> str:
-    """What an exception says, as far as that calls no code of the user's: the outcome is not reported yet."""
+    """The text of an exception, as far as that calls no code of the user's: the outcome is not reported yet."""
     written, plain = type(error).__str__, all(type(arg) in PLAIN for arg in error.args)
     if not plain or not (isinstance(written, WrapperDescriptorType) or written.__module__.startswith("umo.")):
         return type(error).__name__ + in_brackets(place_of(error))

@@ -85,8 +85,8 @@ USAGE: list[Column] = [
     ("collections", "<i8", 1, ""),
     ("collecting", "<i8", 1, "ns"),
 ]
-"""What the operating system and the interpreter have counted for the loop's thread, when they were last read:
-differences between two frames are what happened between these readings."""
+"""Counters of the operating system and the interpreter for the loop's thread, as they were last read: differences
+between two frames are what happened between these readings."""
 
 FIXED: list[Column] = [
     ("sequence", "<u8", 1, ""),
@@ -110,12 +110,12 @@ FIXED: list[Column] = [
     ("progress", f"S{NOTE}", 1, "UTF-8: what the machine is doing"),
 ]
 SELDOM = struct.Struct(f"<{len(USAGE)}q9q{NOTE}s")
-"""Those from `USAGE` on, which change seldom."""
+"""The fields from `USAGE` on, which change seldom."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """What a frame holds, and where."""
+    """The fields of a frame and their offsets."""
 
     objects: tuple[dict[str, Any], ...]
     phases: tuple[str, ...]
@@ -191,7 +191,7 @@ class Layout:
 
 
 class Places(NamedTuple):
-    """Where the parts of a ring begin."""
+    """Offsets of the parts of a ring."""
 
     first: int
     journal: int
@@ -209,7 +209,7 @@ class Places(NamedTuple):
 
 
 def arrange(layout: Layout, slots: int, entries: int, flags: int = 0) -> tuple[bytes, Places]:
-    """Of a ring with so many frames and entries: header, live numbers (all 0) and description; and its places."""
+    """Header, live numbers (all 0) and description of a ring with so many frames and entries; and its places."""
     description, slot = layout.describe(), layout.dtype.itemsize
     first = -(-(DESCRIPTION + len(description)) // mmap.PAGESIZE) * mmap.PAGESIZE
     places = Places.of(layout, first, slots, entries)

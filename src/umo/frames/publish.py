@@ -82,7 +82,7 @@ def published(
 
 
 def _own_memory(station: str, memory: ExitStack) -> tuple[Ends, FrameServer]:
-    """For a process that nobody has given any: the writer's end, and a server of the readers'. `memory` closes them."""
+    """New memory: the writer's descriptors, and a server of the readers'. `memory` closes them."""
     ends, readers = Ends.pair()
     memory.callback(ends.close)
     memory.callback(readers.close)
@@ -92,7 +92,7 @@ def _own_memory(station: str, memory: ExitStack) -> tuple[Ends, FrameServer]:
 
 
 def _about(connection: connect[Any]) -> dict[str, Any]:
-    """What the frames tell of this run."""
+    """The facts about this run that stand in its frames."""
     wired = connection.wired
     about = {
         "devices": wired.devices,

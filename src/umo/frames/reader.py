@@ -59,7 +59,7 @@ Entries = npt.NDArray[Any]
 TRIES = 100
 """Looks at the lease while it changes."""
 MOST = 1 << 62
-"""Above all counts of frames, entries and events that are taken for sound."""
+"""The largest count of frames, entries or events that is taken for sound."""
 
 
 class NumberedEvent(NamedTuple):
@@ -160,7 +160,7 @@ class Reader:
 
     @property
     def state(self) -> Stage:
-        """What the machine is doing; ENDED also if its processes are gone."""
+        """The stage of the run; ENDED also if its processes are gone."""
         if not self.alive:
             return Stage.ENDED
         number = self._live[STATE // 8]
@@ -212,7 +212,7 @@ class Reader:
 
     @property
     def dropped(self) -> int:
-        """Those of them that were not commands."""
+        """The number of these that were not commands."""
         return self._count(DROPPED)
 
     def tunables(self) -> dict[str, float]:

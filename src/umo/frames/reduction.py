@@ -11,14 +11,14 @@ import numpy.typing as npt
 from umo.objects.scaling import FloatArray
 
 HYSTERESIS = 0.1
-"""Of the peak-to-peak value: half the band around the middle in which no crossing is counted."""
+"""Half the band around the middle in which no crossing is counted, as a share of the peak-to-peak value."""
 FEWEST = 2.0
 """Samples per pixel from which they are reduced."""
 
 
 @dataclass(frozen=True)
 class Points:
-    """What is drawn: for each point a time, and per trace the least and the greatest value; NaN: no value."""
+    """The points of a drawing: for each a time, and per trace the least and the greatest value; NaN: no value."""
 
     times: FloatArray
     low: FloatArray
@@ -81,7 +81,7 @@ def measured(times: FloatArray, values: FloatArray) -> dict[str, Any] | None:
 
 
 def measured_state(values: FloatArray) -> dict[str, Any] | None:
-    """Of a state: the share of samples that are the electrical 1, and how often it changed; None without a value."""
+    """The share of samples of a state that are the electrical 1, and how often it changed; None without a value."""
     on = values[np.isfinite(values)] > 0.5
     if not len(on):
         return None
@@ -89,7 +89,7 @@ def measured_state(values: FloatArray) -> dict[str, Any] | None:
 
 
 def frequency(times: FloatArray, values: FloatArray, low: float, high: float) -> float | None:
-    """Of the rising crossings of the middle, in Hz, counted with a hysteresis; None for less than one whole period."""
+    """Rising crossings of the middle in Hz, counted with a hysteresis; None for less than one whole period."""
     middle, band = (low + high) / 2, (high - low) * HYSTERESIS
     outside = np.flatnonzero(np.abs(values - middle) > band)
     above = values[outside] > middle

@@ -48,7 +48,7 @@ MOST_BYTES = 4 << 20
 MOST_SLOTS = 4096
 FEWEST_SLOTS = 16
 ENTRIES = 8192
-"""Of the journal, at least two of the longest periods."""
+"""Entries of the journal: at least those of two of the longest periods."""
 ENTRY_BYTES = ENTRY.itemsize
 MOST = (1 << 63) - 1
 COUNTED_EVERY = 32

@@ -27,8 +27,8 @@ MISSED_ONE, ON_DEMAND = "a period was missed", "on demand"
 
 
 def folder() -> Path:
-    """Where this user's black boxes lie, for nobody else; FramesError where they cannot. All users may look into the
-    folder around it: it has records for them."""
+    """The folder of this user's black boxes, for nobody else; FramesError if there can be none. All users may look into
+    the folder around it: it has records for them."""
     try:
         return folders.checked(folders.own(folders.lasting(), 0o755) / "blackbox")
     except OSError as error:
@@ -93,7 +93,7 @@ def station_of(path: Path) -> str:
 
 
 def kept_at(about: Mapping[str, Any]) -> str:
-    """When a black box was written, in local time."""
+    """The local time at which a black box was written."""
     return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(about.get("kept", about["started"])))
 
 

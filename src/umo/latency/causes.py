@@ -18,7 +18,7 @@ from umo.frames.layout import USAGE, Layout
 from umo.frames.reader import Frames
 
 SHARE = 0.5
-"""Of the excess that a counter of time has to explain to be the cause."""
+"""Share of the excess that a counter of time has to explain to be the cause."""
 MINOR_FAULT = 500.0
 """ns that a page fault without the disk takes at the very least."""
 FAULT_SHARE = 0.1
@@ -30,7 +30,7 @@ PhaseTimes = dict[str, npt.NDArray[np.float64]]
 
 
 class Cause(Enum):
-    """What a missed period came from."""
+    """The cause of a missed period."""
 
     COLLECTION = "collection"
     PREEMPTED = "preempted"
@@ -47,7 +47,7 @@ class Verdict:
     """The cause of the periods missed at one frame."""
 
     row: int
-    """Of the frame that reports them."""
+    """Row of the frame that reports them."""
     missed: int
     cause: Cause
     text: str
@@ -61,7 +61,7 @@ def missed_rows(frames: Frames) -> list[int]:
 
 
 class Evidence:
-    """Where the time of each period went, and what was counted in it: found once for all verdicts on some frames."""
+    """The parts of the time of each period, and the counts in it: found once for all verdicts on some frames."""
 
     def __init__(self, frames: Frames, layout: Layout) -> None:
         self._missed = frames["missed"].tolist()
@@ -119,7 +119,7 @@ def sentence(frames: Frames, verdict: Verdict) -> str:
 
 
 def split(frames: Frames, layout: Layout) -> PhaseTimes:
-    """Where each period's time went, in ns: waking up, the phases, what came after `update`."""
+    """The parts of each period's time in ns: waking up, the phases, what came after `update`."""
     phases = frames["phases"].astype(float)
     parts: PhaseTimes = {name: phases[:, i] for i, name in enumerate(layout.phases) if name != "timer"}
     known = frames["wake"] >= 0
@@ -132,7 +132,7 @@ def split(frames: Frames, layout: Layout) -> PhaseTimes:
 
 
 def counts(frames: Frames) -> dict[str, npt.NDArray[np.float64]]:
-    """What each counter counted in the period of each row. The counters are not read in every period: what is usual is
+    """The count of each counter in the period of each row. The counters are not read in every period: what is usual is
     taken off for those between two readings. A row that has no reading of its own gets 0."""
     read = np.flatnonzero(np.diff(frames["counted"])) + 1  # those with a reading of their own
     periods = np.diff(frames["counted"])[read - 1]
@@ -168,7 +168,7 @@ def _judge(part: str, excess: float, took: float, counted: dict[str, int]) -> tu
 
 
 def _faulted(counted: dict[str, int], excess: float) -> bool:
-    """From disk; or so many that they explain it; or some, of large pages, and the time went in the kernel."""
+    """Whether page faults explain it: from disk; or many; or some, of large pages, and the time went in the kernel."""
     minor = counted["minor_faults"]
     if counted["major_faults"] or minor * MINOR_FAULT >= FAULT_SHARE * excess:
         return True

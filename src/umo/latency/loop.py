@@ -58,7 +58,7 @@ def example() -> Example:
 
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-"""As a control process has; numpy's own threads would be started with it."""
+"""Environment of a control process; numpy's own threads would be started with it."""
 REQUEST = struct.Struct("<qd")
 """Periods, and s of rising early."""
 START = "import sys; from umo.latency.loop import serve; serve(*sys.argv[1:])"
@@ -99,7 +99,7 @@ class Loop:
         return self.priority > 0 and self.cpu is not None
 
     def run(self, periods: int, early: float = 0.0) -> Slice:
-        """As `native.run`."""
+        """Measure one slice, as `native.run`."""
         self._here.send_bytes(REQUEST.pack(periods, early))
         return Slice.of(self._here.recv_bytes())
 

@@ -73,13 +73,13 @@ class Measured:
 
     @property
     def loops(self) -> dict[str, Samples]:
-        """Those that were measured, by name."""
+        """The loops that were measured, by name."""
         found = {"umo": self.umo, "umo, early": self.umo_early, "C": self.c, "C, early": self.c_early}
         return {name: samples for name, samples in found.items() if samples is not None}
 
     @property
     def by_itself(self) -> Samples:
-        """Of umo's two, what `umo run` does on this computer unless the wiring says otherwise."""
+        """The one of umo's two loops that `umo run` has on this computer unless the wiring says otherwise."""
         return self.umo_early if self.granted else self.umo
 
 

@@ -40,14 +40,14 @@ class Slice(NamedTuple):
     """The times of some periods of a loop, in ns."""
 
     times: npt.NDArray[np.int64]
-    """Of shape (periods, 2): late in waking up, working; -1 for ticks that passed meanwhile."""
+    """Shape (periods, 2): late in waking up, working; -1 for ticks that passed meanwhile."""
     processor: int
     """Processor time."""
     elapsed: int
 
     @classmethod
     def of(cls, data: bytes) -> Slice:
-        """As the loops send it: processor time and time are the last row."""
+        """A slice as the loops send it: processor time and time are the last row."""
         rows = np.frombuffer(data, np.int64).reshape(-1, 2)
         return cls(rows[:-1], int(rows[-1, 0]), int(rows[-1, 1]))
 

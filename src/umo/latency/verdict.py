@@ -28,9 +28,9 @@ class Answer:
 
 
 def judge(found: Measured) -> Answer:
-    """Of the loop as `umo run` has it on this computer. yes: no period missed and the longest wake-up plus work below
-    half of the period. with care: at most one of a thousand periods missed, and 99.9 % of them below the period. no:
-    otherwise."""
+    """The verdict on the loop as `umo run` has it on this computer. yes: no period missed and the longest wake-up plus
+    work below half of the period. with care: at most one of a thousand periods missed, and 99.9 % of them below the
+    period. no: otherwise."""
     total, missed = found.by_itself.total, found.by_itself.missed
     count = len(total) + missed
     period = found.period * 1e6
@@ -47,7 +47,7 @@ def judge(found: Measured) -> Answer:
 
 
 def recommend(found: Measured) -> str:
-    """What the measurement says about rising early: `early` in the wiring's `[process]`."""
+    """The advice of the measurement on rising early: `early` in the wiring's `[process]`."""
     asleep, early = found.umo, found.umo_early
     if not (len(asleep.total) and len(early.total)):
         return ""
@@ -68,7 +68,7 @@ def recommend(found: Measured) -> str:
 
 
 def _release() -> tuple[int, ...]:
-    """Of the kernel, such as (6, 12)."""
+    """The kernel's release, such as (6, 12)."""
     return tuple(int(part) for part in re.findall(r"\d+", platform.release())[:2])
 
 

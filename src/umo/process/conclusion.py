@@ -25,7 +25,7 @@ SPARES = 16
 
 
 class Conclusion:
-    """What a guardian does when the control process has ended or hangs."""
+    """The work of a guardian when the control process has ended or hangs."""
 
     def __init__(self, plan: Plan, custody: Custody, life: Life, channel: MessageSocket, watcher: Watcher) -> None:
         self._plan = plan
@@ -38,7 +38,7 @@ class Conclusion:
         self._spares = [os.open(os.devnull, os.O_RDONLY) for _ in range(SPARES)]
 
     def hand_over(self) -> None:
-        """In the standby guardian: from now on it is the one who resets."""
+        """Work for the standby guardian from now on, which calls this."""
         self.title = STANDBY
         self.resetter.hand_over()
 

@@ -81,7 +81,7 @@ class Control:
             self._life.ask(number)
 
     def wait_for_admission(self) -> None:
-        """Until there is a standby guardian. Ends the process if the guardian dies before."""
+        """Wait for the standby guardian. Ends the process if the guardian dies before."""
         while not self._life.admitted:
             if self._life.gone(0.0005, Who.GUARDIAN):
                 os._exit(1)
@@ -147,7 +147,7 @@ class Control:
         self._life.enter(Stage.ENDED)
 
     def _judge(self, outcome: Outcome, error: BaseException | None) -> None:
-        """What is known of the end without a call of anybody's code."""
+        """Put down what is known of the end without a call of anybody's code."""
         if error is not None:
             outcome.failure = Failed(
                 type(error).__name__, f"{type(error).__name__} (its text was lost)", status_of(error)
@@ -241,7 +241,7 @@ class Control:
             self._stopped_by = hands.stopped_by
 
     def _open_to_clients(self, server: FrameServer) -> None:
-        """From now on the guardian's looks answer them."""
+        """Let clients find this run: the guardian's looks answer them."""
         try:
             server.listen()
         except FramesError as error:

@@ -109,7 +109,7 @@ class Guardian:
         return place
 
     def run(self) -> Outcome:
-        """From fork to the last reset."""
+        """Carry out the run, from the fork of the control process to the last reset."""
         for number in SIGNALS:
             signal.signal(number, self._ask)
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # ignored, it would leave nobody to wait for
@@ -156,7 +156,7 @@ class Guardian:
         return outcome
 
     def _take_over(self) -> None:
-        """In the standby guardian, when the guardian is dead. What the guardian had settled is told only."""
+        """Go on in the standby guardian, when the guardian is dead. An outcome that was settled is only told."""
         self._is_standby = True
         self._end.hand_over()
         settled = Outcome.decode(self._life.settled())
@@ -180,7 +180,7 @@ class Guardian:
     # While it runs -------------------------------------------------------------------------------------
 
     def _watch(self, control: ControlWatch) -> str:
-        """Until the control process is gone (""), or hangs: then what is known of it."""
+        """Watch until the control process is gone (""), or hangs: then how, in words."""
         share = Share(control.process.pid, self._core, self._say)
         silence = Silence(self._life, share, self._process.hang_timeout, self._plan.wired.period or 0.0)
         while not self._life.gone(LOOK):
@@ -191,8 +191,8 @@ class Guardian:
         return ""
 
     def _look_around(self) -> None:
-        """Whatever fails here, the control process is watched on. If nobody can ask for a stop any more, the guardian
-        does."""
+        """The steps between two looks at the control process, which is watched on whatever fails in them. If nobody can
+        ask for a stop any more, the guardian does."""
         self._deaf = 0 if self._try(self._listen) else self._deaf + 1
         if self._deaf == DEAF:
             self._stop = self._stop or signal.SIGTERM

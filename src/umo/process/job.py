@@ -47,7 +47,7 @@ class Job:
 
     @property
     def name(self) -> str:
-        """For lists of processes."""
+        """The name in lists of processes."""
         return self.station or str(self.machine)
 
     def dump(self) -> bytes:
@@ -108,7 +108,7 @@ class Plan:
 
 
 def _functions_of(job: Job) -> tuple[Callable[..., Any], Callable[..., Any] | None]:
-    """Those that make the machine and the application's sequence."""
+    """The functions that make the machine and the application's sequence."""
     if job.machine is None:
         raise DeclarationError("a job needs a station, or a function that returns the machine")
     make = _import(job.machine, job.script)

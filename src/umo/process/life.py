@@ -116,7 +116,8 @@ class Life:
         return answer != errno.ETIMEDOUT
 
     def _lock_until(self, who: Who, within: float) -> int:
-        """On the monotonic clock, which nobody sets (glibc from 2.30 on); else on the wall clock."""
+        """The answer of a lock, by the monotonic clock, which nobody sets (glibc from 2.30 on), else by the wall
+        clock."""
         mutex, lock = ctypes.byref(self._locks[who]), getattr(self._libc, "pthread_mutex_clocklock", None)
         until = (time.time() if lock is None else time.monotonic()) + within
         limit = ctypes.byref(_Timespec(int(until), int(until % 1 * 1e9)))
@@ -203,7 +204,7 @@ class Life:
         return (clock() - self._cells[BEAT]) * 1e-9
 
     def reported(self) -> bytes:
-        """What the control process said at its end."""
+        """The report of the control process at its end."""
         return self._get(REPORT, REPORTED)
 
     def conclude(self) -> None:

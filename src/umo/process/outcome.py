@@ -41,7 +41,7 @@ USER_ERRORS = (
 )
 FAILED, MISTAKE, UNREACHED, NOT_RECORDED = 1, 2, 3, 4
 TIME_OVER = 124
-"""As timeout(1)."""
+"""Exit status at a time limit, as that of timeout(1)."""
 LONGEST = 12_000
 """Characters of a traceback, of a message or of a result that are passed on."""
 LARGEST = 60_000
@@ -89,11 +89,11 @@ class Outcome:
     """True: the guardian had to reset the machine, or was lost. The next run must acknowledge this."""
     unreached: list[str] = field(default_factory=list)
     reports: dict[str, Any] = field(default_factory=dict)
-    """What the drivers reported of their circuits or plants, by the driver's name, as plain data."""
+    """Reports of the drivers on their circuits or plants, by the driver's name, as plain data."""
     simulated: float = 0.0
     """Seconds on the cycle's clock."""
     result: Any = None
-    """What the application returned, if it is plain data; else its text."""
+    """The application's result, if it is plain data; else its text."""
 
     @property
     def status(self) -> int:
@@ -176,7 +176,7 @@ def _notes(failure: BaseException) -> list[str]:
 
 
 def _moment(failure: BaseException) -> str:
-    """When it ended the run; empty if there was none yet."""
+    """The time at which it ended the run; empty before the first period."""
     return next((note for note in _notes(failure) if isinstance(note, Moment)), "")
 
 

@@ -69,7 +69,7 @@ class Resetter:
         self._child = self._fork(self._wait_for_work)
 
     def hand_over(self) -> None:
-        """In the standby guardian, when the guardian is dead: the child was that one's, and has died with it."""
+        """Work for the standby guardian from now on, which calls this: the child has died with the guardian."""
         self._child = 0
 
     def dismiss(self) -> None:
@@ -111,18 +111,18 @@ class Resetter:
         return self._left(wanted)
 
     def _try_each(self, numbers: list[int], is_dead: Callable[[], bool], until: float) -> None:
-        """Those that no attempt came to, since others of their drivers had timed out. Each is tried once, with the
-        timeout of the wiring."""
+        """Try once, with the timeout of the wiring, those that no attempt came to, since others of their drivers had
+        timed out."""
         self._each = True
         self._run(numbers, is_dead, until)
 
     def _left(self, wanted: Iterable[int]) -> dict[str, str]:
-        """What is not at its default, with the cause."""
+        """The actuators that are not at their defaults, each with the cause."""
         results = {self.paths[number]: self._result(number) for number in wanted}
         return {path: cause for path, (reached, cause) in results.items() if reached in (Reached.UNTRIED, Reached.NO)}
 
     def _result(self, number: int) -> tuple[Reached, str]:
-        """Of the last attempt that came to it."""
+        """The result of the last attempt that came to it, with the cause."""
         return self._known.get(number, (Reached.UNTRIED, f"not tried: {self._why}"))
 
     # The guardian's side -------------------------------------------------------------------------------

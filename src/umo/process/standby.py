@@ -99,8 +99,8 @@ class Standby:
         return 0
 
     def _wait(self) -> None:
-        """Until the guardian is dead, or has given no sign of life in so many looks: the whole computer may stand still
-        for a while."""
+        """Wait until the guardian is dead, or has given no sign of life in so many looks: the whole computer may stand
+        still for a while."""
         seen = looks = 0
         while not self._life.gone(LOOK, Who.GUARDIAN):
             looks = looks + 1 if self._life.last_watch == seen else 0
@@ -109,7 +109,7 @@ class Standby:
                 return
 
     def _make_sure(self) -> None:
-        """That no other process can write to a device beside the control process."""
+        """End the guardian, and wait for that and for its child: nobody else may write to a device."""
         self._guardian.send(signal.SIGKILL)
         until = monotonic() + BURIAL
         while not (self._guardian.ended and self._life.gone(0.0, Who.RESET)) and monotonic() < until:

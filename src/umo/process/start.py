@@ -140,7 +140,7 @@ class Started:
 
     @property
     def progress(self) -> Progress:
-        """What the machine said last of its work (`Compound.progress`)."""
+        """The progress of its work that the machine told last (`Compound.progress`)."""
         self.poll()
         return progress_of(None if self.frames is None else self.frames.latest())
 

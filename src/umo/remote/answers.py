@@ -1,4 +1,4 @@
-"""What a running machine answers to a command: events in its frames."""
+"""Answers of a running machine to a command: events in its frames."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ ANSWER = 5.0
 
 
 class Answers:
-    """To the command of this number. `start`: the number of the next event before it was sent."""
+    """The answers to the command of this number. `start`: the number of the next event before it was sent."""
 
     def __init__(self, reader: Reader, number: int, start: int) -> None:
         self.begun = False
@@ -26,7 +26,8 @@ class Answers:
         self._until = time.monotonic() + self._limit
 
     def new(self) -> list[Event]:
-        """Those since the last look. CommandRefused if none has come in time, FramesError if none can come any more."""
+        """New answers since the last look. CommandRefused if none has come in time, FramesError if none can come any
+        more."""
         ended = self._reader.state is Stage.ENDED  # before the events: the last of them may be the answer
         events = self._reader.events(self._next)
         if events:

@@ -82,7 +82,7 @@ class RemoteStation(RemotePart):
 
     @property
     def progress(self) -> Progress:
-        """What the machine said last of its work."""
+        """The progress of its work that the machine told last."""
         return progress_of(self.reader.latest())
 
     @property
@@ -188,7 +188,8 @@ class RemoteStation(RemotePart):
 
     @contextmanager
     def keeping_up(self, path: str, lasts: float = HOLD) -> Iterator[None]:
-        """What the block writes or jogs lasts as long as the lease; if it fails, only what was kept up before."""
+        """Keep up what the block writes or jogs as long as the lease lasts; if it fails, only what was kept up
+        before."""
         lease = self.held_lease
         before = lease is not None and path in lease.held
         if lease is not None:
@@ -201,7 +202,7 @@ class RemoteStation(RemotePart):
             raise
 
     def let_go(self, path: str) -> None:
-        """What is written or jogged is kept up no longer."""
+        """Keep up no longer what is written or jogged."""
         if self.held_lease is not None:
             self.held_lease.held.pop(path, None)
 

@@ -33,7 +33,7 @@ class HeldLease:
         self.who = who
         self.key = secrets.token_hex(8)
         self.held: dict[str, float] = {}
-        """What is kept up: paths, each with the s for which it lasts."""
+        """The paths that are kept up, each with the s for which it lasts."""
         self._station = station
         self._seconds = seconds
         self._over = over
@@ -79,13 +79,13 @@ class HeldLease:
         return number
 
     def keep_up(self, path: str, lasts: float) -> None:
-        """From now on this is kept up: the thread may be waiting longer than it lasts."""
+        """Keep up this path from now on: the thread may be waiting longer than it lasts."""
         self._station.sign(self._number, path)
         self.held[path] = lasts
         self._wake.set()
 
     def _keep(self) -> None:
-        """Until the block ends, or the lease is lost."""
+        """Give signs of life until the block ends, or the lease is lost."""
         with suppress(FramesError):  # the station has just ended
             while not (self._ended or self.lost):
                 self._station.sign(self._number, LEASE, *self.held.copy())

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Tree:
-    """What a station's description names, by path."""
+    """The things that a station's description names, by path."""
 
     def __init__(self, reader: Reader) -> None:
         layout = reader.layout
@@ -44,7 +44,7 @@ class Tree:
         return sorted(names)
 
     def keys(self, path: str) -> list[str | int]:
-        """What may stand in the brackets of a part: its names and numbers, and the paths of the objects below."""
+        """Keys for the brackets of a part: its names and numbers, and the paths of the objects below."""
         start = f"{path}." if path else ""
         paths = [each.removeprefix(start) for each in self.objects if each.startswith(start)]
         return [int(key) if key.isdigit() else key for key in dict.fromkeys([*self.below(path), *paths])]

@@ -69,7 +69,7 @@ class Receiver:
         return None
 
     def _text(self, number: int) -> bytes | None:
-        """That of this command; None if it is not whole."""
+        """The text of this command; None if it is not whole."""
         at = QUEUE + (number - 1) % SLOTS * SLOT
         slot = bytes(self._memory[at : at + SLOT])  # a copy: others may write there at any time
         checksum, size, found = ENTRY.unpack_from(slot)

@@ -28,7 +28,7 @@ BESIDE, LONGEST_NAME = 3, 36
 COLOURS = ("#3b82d6", "#d97706", "#16a34a", "#a855f7", "#e0457b", "#0e9aa7", "#b08900", "#8593a3")
 """Each readable on black and on white."""
 DASHES = ("", "7 3", "2 2", "9 3 2 3")
-"""Of the traces in a lane, one after another: colour is not the only difference."""
+"""Dashes of the traces in a lane, one after another: colour is not the only difference."""
 
 
 class Scope:
@@ -131,7 +131,7 @@ class Scope:
 
 
 def _span(low: FloatArray, high: FloatArray) -> tuple[float, float]:
-    """What a lane shows: all values, with a margin."""
+    """The range that a lane shows: all values, with a margin."""
     known = np.concatenate([low[np.isfinite(low)], high[np.isfinite(high)]])
     least, most = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
     margin = 0.06 * (most - least) or 0.05 * abs(most) or 1.0
@@ -148,7 +148,7 @@ def _ticks(low: float, high: float, most: int) -> Iterator[float]:
 
 
 def _path(x: FloatArray, low: FloatArray, high: FloatArray) -> str:
-    """From the least to the greatest value of each point; nothing where there is none."""
+    """A line from the least to the greatest value of each point; nothing where there is none."""
     known = np.isfinite(low)
     begins = known & ~np.concatenate(([False], known[:-1]))
     tenths = (np.round(each[known], 1).tolist() for each in (x, low, high))

@@ -25,7 +25,8 @@ def frames_at(path: Path) -> Reader:
 
 
 def _check(about: Mapping[str, Any]) -> None:
-    """What is used to tell stations apart and to list them; any exception if it is not what it should be."""
+    """Check the facts by which stations are told apart and listed; any exception if they are not what they should
+    be."""
     "".join([about["station"], about["wiring"], about["place"], *about["devices"]])
     if not (math.isfinite(about["started"]) and math.isfinite(about["period"]) and about["pid"] == int(about["pid"])):
         raise ValueError("numbers")
@@ -89,7 +90,7 @@ def several_runs(name: str, fitting: Sequence[Reader]) -> str:
 
 
 def station_name(text: str) -> str:
-    """Of a folder, also where it is a link that leads nowhere."""
+    """The name of a station in a folder, also where that is a link that leads nowhere."""
     return os.path.basename(os.path.realpath(text))
 
 

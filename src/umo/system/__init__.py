@@ -1,1 +1,1 @@
-"""What umo asks of the operating system: scheduling, counters, folders, the holding of devices."""
+"""Services of the operating system: scheduling, counters, folders, the holding of devices."""

@@ -43,7 +43,7 @@ class CorePlace:
 
 
 def _places(cpu: int | None) -> Iterator[tuple[int, int]]:
-    """In the order in which they are tried: empty cores first, of these the isolated ones, then the last."""
+    """Cores and places on them in the order of trying: empty cores first, of these the isolated ones, then the last."""
     allowed, isolated = os.sched_getaffinity(0), set(isolated_cores())
     if cpu is None and len(allowed) < 2:
         return

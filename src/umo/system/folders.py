@@ -17,7 +17,7 @@ from pathlib import Path
 PREFIX = "umo-"
 TRIES = 100
 SHARED = (Path("/var/tmp"), Path("/tmp"))
-"""Where records lie that every user of the computer may read, and only their writer may change; kept over a reboot in
+"""Places for records that every user of the computer may read, and only their writer may change; kept over a reboot in
 the first."""
 STATE = "UMO_STATE"
 """Environment variable that names another place for what outlives a run, for containers and tests."""
@@ -57,7 +57,7 @@ def checked(path: Path) -> Path:
 
 
 def lasting() -> Path:
-    """Where the users' folders lie that outlive a run; OSError where the one that was named cannot be made."""
+    """The place of the users' folders that outlive a run; OSError where the one that was named cannot be made."""
     if given := os.environ.get(STATE):
         place = Path(given)
         place.mkdir(parents=True, exist_ok=True)

@@ -98,7 +98,7 @@ def _peer(device: str) -> tuple[int, int] | None:
 
 
 def _noted(device: str, pid: int) -> tuple[str, float | None]:
-    """What the holder has noted about itself: purpose and start time."""
+    """The note of the holder about itself: purpose and start time."""
     start = f"@{_note(device, pid)}"
     with suppress(OSError, ValueError):
         for line in TABLE.read_text(errors="replace").splitlines():

@@ -21,9 +21,9 @@ MADV_WILLNEED, MADV_POPULATE_READ, MADV_POPULATE_WRITE = 3, 22, 23
 IDLE = 16 << 20
 """Bytes from which on an anonymous mapping counts as a library's buffer."""
 IDLE_LIBRARIES = ("blas", "gfortran", "quadmath", "pydantic", "libcrypto", "libssl", "unicodedata", "_decimal")
-"""In the names of libraries that no loop calls."""
+"""Parts of the names of libraries that no loop calls."""
 LARGE_LIBRARIES = ("_multiarray_umath", "libstdc++")
-"""Of libraries of which a loop calls a small part."""
+"""The same of libraries of which a loop calls a small part."""
 RISE_EARLY = 200e-6
 """s, for waking up and a rehearsal (docs/decisions/0018)."""
 PR_SET_PDEATHSIG = 1
@@ -64,7 +64,7 @@ def prepare(priority: int = 80, cpu: int | None = None) -> list[Refusal]:
 
 
 def granted() -> tuple[int, int | None]:
-    """What this process has now: its priority under SCHED_FIFO, 0 without; its core if it is pinned to one and its
+    """The settings of this process: its priority under SCHED_FIFO, 0 without; its core if it is pinned to one and its
     parent is not pinned to the same one, else None."""
     if not sys.platform.startswith("linux"):
         return 0, None

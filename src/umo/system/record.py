@@ -123,7 +123,7 @@ class Record:
             raise UmoError(f"the start of the run could not be recorded: {error.strerror or error}") from None
 
     def _note(self, device: str, before: Iterable[Ended]) -> None:
-        """What stands on a device, and what is acknowledged by this run."""
+        """Note what stands on a device, and what is acknowledged by this run."""
         mine = _own(device)
         self._seen[device] = [*(mine.seen if mine else []), *(ended.id for ended in before if not ended.mine)]
         if mine:

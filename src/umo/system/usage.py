@@ -1,4 +1,4 @@
-"""What the operating system and the interpreter have done to this thread so far."""
+"""Counters of what the operating system and the interpreter have done to this thread so far."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Usage:
         except OSError:
             self._file = -1
         self.collections = 0
-        """Of the garbage collector, so far."""
+        """Runs of the garbage collector so far."""
         self._collecting = 0
         self._began = 0
         gc.callbacks.append(self._collected)
