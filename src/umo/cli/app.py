@@ -48,7 +48,7 @@ _STATION = typer.Argument(
 )
 StationName = Annotated[str, _STATION]
 OptionalStation = Annotated[str | None, _STATION]
-"""Of commands that show the options of the station in their help."""
+"""The station of commands that show its options in their help."""
 NO_STATION = "give the directory of a station, or the name of a shipped one"
 WiringName = Annotated[
     str | None,
@@ -83,7 +83,7 @@ PlantWiring = Annotated[
     ),
 ]
 Help = Annotated[bool, typer.Option("--help", "-h", help="Show this message, and the options of the station.")]
-"""Of commands that take the options of a station and name them in their help."""
+"""The option --help of commands that take the options of a station and name them in their help."""
 OF_THE_MACHINE = {"allow_extra_args": True, "ignore_unknown_options": True}
 """For commands that take the options of the station's machine."""
 Acknowledge = Annotated[

@@ -42,7 +42,7 @@ IN_PART = 3
 
 @dataclass(frozen=True)
 class Choice:
-    """What the user chose on the command line."""
+    """The user's choices on the command line."""
 
     driver: str | None = None
     only: Sequence[str] = ()

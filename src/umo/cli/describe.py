@@ -21,7 +21,7 @@ from .show import label
 from .station_options import options_of_driver, values_of
 
 FUNCTIONS = [name for name, value in vars(Driver).items() if inspect.isfunction(value)]
-"""Of a driver, in the order of the contract."""
+"""Functions of a driver, in the order of the contract."""
 OF_ALL = {
     "timeout": ("duration = 10 periods, at most 1 s", "of one call of the driver"),
     "watchdog": ("duration", "of the circuit: its outputs go to safe levels after this time without a request"),

@@ -28,7 +28,7 @@ SEQUENCES = {
     b"a": "all",
     b"q": "quit",
 }
-"""What a terminal sends (ECMA-48, xterm), and the name of the key."""
+"""Characters that a terminal sends (ECMA-48, xterm), and the name of the key."""
 
 Wait = Callable[[float], list[str]]
 
@@ -75,7 +75,7 @@ def parse(data: bytes) -> list[str]:
 
 
 def _length(data: bytes) -> int:
-    """Of the character or the control sequence at the beginning."""
+    """Length of the character or the control sequence at the beginning."""
     if not data.startswith((b"\x1b[", b"\x1bO")):
         return 1
     return next((at + 1 for at, byte in enumerate(data[2:], 2) if 0x40 <= byte <= 0x7E), len(data))

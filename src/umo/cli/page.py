@@ -35,7 +35,7 @@ class PageError(FramesError, ValueError):
 
 @dataclass(frozen=True)
 class ViewOptions:
-    """What `umo view` was given."""
+    """Options of `umo view`."""
 
     station: str | None = None
     host: str = "127.0.0.1"

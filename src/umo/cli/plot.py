@@ -40,7 +40,7 @@ class Panel:
 
     label: str
     name: str = ""
-    """Of the family that they are; empty: they have names of their own."""
+    """Name of the family that they are; empty: they have names of their own."""
     curves: list[Curve] = field(default_factory=list)
 
 
@@ -193,7 +193,7 @@ def _merged(spans: Any, most: int = 2000) -> Any:
 
 
 def _phases(axes: Any, trace: Trace) -> None:
-    """What the machine was doing, as shaded spans; their names above the uppermost panel, as far as they fit."""
+    """The machine's progress as shaded spans; their names above the uppermost panel, as far as they fit."""
     begins = np.array([begin for begin, _ in trace.notes])
     first, last = trace.rows[0, 0], trace.rows[-1, 0]
     lengths = np.diff(np.append(begins, last))

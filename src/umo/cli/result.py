@@ -30,7 +30,7 @@ class Result:
     elapsed: float = 0.0
     """s of wall-clock time."""
     faults: Sequence[str] = ()
-    """What was injected on purpose."""
+    """Faults that were injected on purpose."""
 
     @property
     def realtime_factor(self) -> float | None:

@@ -27,7 +27,7 @@ from .stillness import Stillness
 
 @dataclass(frozen=True)
 class Recording:
-    """What a run leaves behind."""
+    """Files that a run leaves behind."""
 
     record: bool = True
     """A folder in runs/."""

@@ -49,7 +49,7 @@ class Option:
     """"machine", "application", or the type of the driver."""
     required: bool = False
     about: str = ""
-    """What the docstring of its taker says of it, in a section "Options:"."""
+    """Its line in the section "Options:" of its taker's docstring."""
 
     @property
     def flag(self) -> str:
@@ -57,7 +57,7 @@ class Option:
 
     @property
     def metavar(self) -> str:
-        """What the help shows for its value."""
+        """Its value as the help shows it."""
         if self.kind is bool:
             return ""
         item = item_of(self.kind)
@@ -80,7 +80,7 @@ class Option:
 
 
 def options_of(station: Station, wiring: str | None, *, application: bool = True) -> list[Option]:
-    """Those of the machine and of the application first; others of the same name are given the same value. Without
+    """Options of the machine and of the application first; others of the same name are given the same value. Without
     `application` only those of the machine and the drivers."""
     found = {option.name: option for option in options_of_machine(station)}
     if application and station.main is not None:
@@ -93,7 +93,7 @@ def options_of(station: Station, wiring: str | None, *, application: bool = True
 
 
 def options_of_machine(station: Station) -> list[Option]:
-    """Those parameters of `machine` that a text can give."""
+    """Parameters of `machine` that a text can give."""
     return _of_function(station.make, "machine")
 
 
@@ -111,7 +111,7 @@ def parse(
 
 
 def options_of_driver(cls: type[Driver], name: str) -> list[Option]:
-    """Those options of a driver that a text can give."""
+    """Options of a driver that a text can give."""
     try:
         parameters = inspect.signature(cls, eval_str=True).parameters.values()
     except (TypeError, ValueError, NameError):  # a class without a signature

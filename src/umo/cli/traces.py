@@ -1,4 +1,4 @@
-"""What the objects and signals of a running station were over the last seconds."""
+"""Traces of the objects and signals of a running station over the last seconds."""
 
 from __future__ import annotations
 

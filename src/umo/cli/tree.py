@@ -96,7 +96,7 @@ class _Branches:
         return found
 
     def _meaning(self, node: Node) -> object:
-        """What two like objects have in common: all but the numbers of their channels."""
+        """All that two like objects have in common: everything but the numbers of their channels."""
         if isinstance(node, Compound):
             return type(node), tuple((name, self._meaning(child)) for name, child in node.children().items())
         assert isinstance(node, Atomic)
@@ -139,7 +139,7 @@ def _kind(item: Atomic) -> str:
 
 
 def _overrides(entry: Entry) -> str:
-    """What the circuit changes of the declaration, where it is not a number; a fault is for `check` to say."""
+    """Changes of the declaration by the circuit, where it is not a number; a fault is for `check` to say."""
     text = " inverted" if entry.inverted else ""
     if entry.linearization is not None:
         with suppress(DeclarationError):

@@ -60,7 +60,7 @@ def state(name: str, text: str, states: Sequence[str]) -> str:
 
 
 def argument(path: str, about: dict[str, Any], text: str) -> Any:
-    """Of an action, as its declaration describes it."""
+    """An argument of an action, as its declaration describes it."""
     name, kind = f"{path}: {about['name']}", about["kind"]
     if kind == "integer" and re.fullmatch(r"\s*[-+]?\d{1,400}\s*", text):
         return int(text)  # a float would change it beyond 2**53

@@ -84,7 +84,7 @@ def _keys(wait: Wait | None, seconds: float) -> Iterable[str]:
 
 
 class Picture:
-    """What is on the screen: the last frame, and traces of what came before."""
+    """The screen: the last frame, and traces of those before."""
 
     def __init__(self, reader: Reader, rows: list[int]) -> None:
         entries = [*reader.layout.objects, *reader.layout.signals]
@@ -110,7 +110,7 @@ class Picture:
         return ended
 
     def _values(self, frames: Any) -> Any:
-        """Of the rows: one row for each frame."""
+        """Values of the rows: one row for each frame."""
         return np.hstack([frames["values"], frames["signals"]])[:, self._rows]
 
     def whole(self) -> Group | Text:
@@ -194,7 +194,7 @@ class Picture:
         return line.name, self._value(line, values[line.rows]), spark(*trace, binary), span(*trace, binary), raw
 
     def _value(self, line: Line, values: Any) -> Text:
-        """Of an object with its quality, of a family the range, and the worst quality with how many have it."""
+        """An object's value with its quality; a family's range, and its worst quality with how many have it."""
         text = Text(in_words(self._entries[line.rows[0]], values))
         objects = len(self._frame["quality"])
         qualities = [int(self._frame["quality"][row]) for i in line.rows if (row := self._rows[i]) < objects]

@@ -22,7 +22,7 @@ class Line:
 
 
 class View:
-    """What is unfolded, where the cursor is, and the first line that is seen."""
+    """State of the list: what is unfolded, where the cursor is, the first line that is seen."""
 
     def __init__(self, names: Sequence[str], fold: bool = True) -> None:
         self._names = names

@@ -22,7 +22,7 @@ class BoxInWords(NamedTuple):
     """A black box in words."""
 
     name: str = ""
-    """Of the file; empty: there is none."""
+    """Name of the file; empty: there is none."""
     text: str = ""
     reason: str = ""
     """Why it was written."""
@@ -50,7 +50,7 @@ def _identity(about: Mapping[str, Any]) -> tuple[Any, ...]:
 
 @lru_cache(4 * blackbox.KEPT)
 def _run_of(path: Path) -> tuple[Any, ...] | None:
-    """Whose black box it is; None if it cannot be read. The file of a name never changes."""
+    """Identity of the run whose black box it is; None if it cannot be read. The file of a name never changes."""
     try:
         with Reader(path) as reader:
             return _identity(reader.about)

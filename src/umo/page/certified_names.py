@@ -32,7 +32,7 @@ def names_in(certificate: Path, key: Path | None = None) -> frozenset[str]:
 
 
 def _shown(server: ssl.SSLContext, client: ssl.SSLContext) -> dict[str, Any]:
-    """What the client gets to see of the server's certificate."""
+    """The server's certificate as the client sees it."""
     to_client, to_server = ssl.MemoryBIO(), ssl.MemoryBIO()
     sides = [
         client.wrap_bio(to_client, to_server, server_hostname=None),

@@ -36,7 +36,7 @@ def ending_of(about: Mapping[str, Any], last: Event | None, box: BoxInWords) -> 
 
 
 def _record(about: Mapping[str, Any]) -> Ended | None:
-    """What stands of this run on its devices, if it did not end safely."""
+    """The record of this run on its devices; None if it ended safely."""
     station, started = about.get("station"), float(about.get("started", 0.0))
     with suppress(OSError):
         for device in about.get("devices", ()):

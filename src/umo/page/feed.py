@@ -35,7 +35,7 @@ class Feed:
     def __init__(self) -> None:
         self.watched: dict[str, Watched] = {}
         self.pages = 0
-        """That are open."""
+        """Number of open pages."""
         self._refused: dict[str, float] = {}
         """Names of rings that could not be read, and when each is tried again."""
         self._looked = asyncio.Event()
@@ -138,7 +138,7 @@ class Feed:
         self._refused[path.name] = time.monotonic() + AGAIN
 
     async def _look_around(self) -> None:
-        """What lies on the disk of each run. A thread reads it: pages and hands never wait for that."""
+        """Read what each run has on the disk, in a thread: pages and hands never wait for that."""
         while True:
             for watched in list(self.watched.values()):
                 try:

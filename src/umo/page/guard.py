@@ -1,4 +1,4 @@
-"""Who may see the page: the token, the Host and Origin headers, and the headers that bind the browser.
+"""Access to the page: the token, the Host and Origin headers, and the headers that bind the browser.
 
 The token comes with the address (`/?token=...`) or from the form, then a cookie takes its place. Host must be this
 computer's or in its certificate (a name that another site lets point here is refused). Origin must be the page's own,

@@ -1,4 +1,4 @@
-"""What a page has subscribed to: traces against time, and what of them it has been sent."""
+"""Subscriptions of a page: traces against time, and how much of them it has been sent."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Made = TypeVar("Made")
 
 
 async def made(work: Callable[Arguments, Made], *given: Arguments.args, **named: Arguments.kwargs) -> Made:
-    """What a function returns, called in the thread for work that takes long."""
+    """Result of a function that is called in the thread for work that takes long."""
     return await asyncio.get_running_loop().run_in_executor(AT_WORK, partial(work, *given, **named))
 
 

@@ -40,15 +40,15 @@ MOST_ASKED = 32
 NAME = 40
 """The most characters of the name that a page gives."""
 TAKEN = ("path", "value", "arguments", "over")
-"""What is taken from a page's command besides `do`; the rest is this module's."""
+"""Keys that are taken from a page's command besides `do`; the rest is this module's."""
 SENDERS = ThreadPoolExecutor(8, "umo hand")
 """Threads that do nothing else, so that a hand never waits for a slow answer to another page."""
 Tell = Callable[[dict[str, Any]], Awaitable[None]]
 
 
 class PageHand:
-    """Of one page, for one run. `client` is the page's address; `tell` sends a message to the page. FramesError if the
-    run has ended."""
+    """The hand of one page, for one run. `client` is the page's address; `tell` sends a message to the page.
+    FramesError if the run has ended."""
 
     def __init__(self, watched: Watched, feed: Feed, client: str, tell: Tell) -> None:
         self.watched = watched

@@ -13,7 +13,7 @@ import numpy as np
 from umo.page.live import Stretch
 
 ROWS = 256
-"""Of a piece. Longer ones would keep the loop of the server waiting."""
+"""Rows of a piece. Longer ones would keep the loop of the server waiting."""
 
 
 def csv_of(stretch: Stretch) -> Iterator[str]:

@@ -174,7 +174,7 @@ class Server(uvicorn.Server):
     def __init__(self, config: uvicorn.Config, ready: Callable[[], None]) -> None:
         super().__init__(config)
         self.failure: BaseException | None = None
-        """That ended the feed."""
+        """Error that ended the feed."""
         self._ready = ready
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:

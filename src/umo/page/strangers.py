@@ -64,7 +64,7 @@ class Visit(H11Protocol):
         self._socket: asyncio.Transport | None = None
         self._handshake: asyncio.Task[None] | None = None
         self._early = b""
-        """What came together with the end of the handshake."""
+        """Bytes that came together with the end of the handshake."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         self._socket = transport
@@ -111,5 +111,5 @@ class Visit(H11Protocol):
 
 
 def visits(context: ssl.SSLContext | None) -> Any:
-    """What uvicorn makes its connections with (`Config.http`)."""
+    """Maker of uvicorn's connections (`Config.http`)."""
     return partial(Visit, Strangers(), context)

@@ -22,9 +22,9 @@ from umo.page.ending import UNKNOWN, Ending, ending_of
 from umo.text import printable
 
 ABOUT = ("station", "wiring", "pid", "period")
-"""What a page is told of the run."""
+"""Facts of the run that a page is told."""
 OF_THE_RING = ("objects", "signals", "actions", "tunables")
-"""What a page is told of the description of a ring."""
+"""Parts of a ring's description that a page is told."""
 MOST_EVENTS = 100
 """The last ones that a page is told of, and the last missed periods."""
 TELLING = 5.0
@@ -40,7 +40,7 @@ class Watched:
         self.about: dict[str, Any] = {name: reader.about[name] for name in ABOUT}
         self.station = str(self.about["station"])
         self.name = self.station
-        """Of this run on the page; two runs of one station have different names."""
+        """Name of this run on the page; two runs of one station have different names."""
         self.run = reader.path.name
         self.entries: list[dict[str, Any]] = [*reader.layout.objects, *reader.layout.signals]
         self.columns = {str(entry["path"]): column for column, entry in enumerate(self.entries)}
@@ -48,7 +48,7 @@ class Watched:
         self.history = History(len(self.entries), self.period)
         self.stage = reader.state
         self.number = 0
-        """Of the state: the next one is made when a page asks for it."""
+        """Number of the state: the next one is made when a page asks for it."""
         self._taken = 0
         """The number of the state that was made last."""
         self.box = BoxInWords()
@@ -69,7 +69,7 @@ class Watched:
         self._missed = 0
         self._new_misses = False
         self._last_event: Event | None = None
-        """That tells the end."""
+        """Event of the end; None: it told none."""
         self._misses: deque[tuple[float, int]] = deque(maxlen=MOST_EVENTS)
         """The last periods before which others were missed: when, and how many."""
 
@@ -114,7 +114,7 @@ class Watched:
     # What pages are told -------------------------------------------------------------------------------
 
     def description(self) -> dict[str, Any]:
-        """What does not change during the run."""
+        """Message with all that does not change during the run."""
         told = {"type": "description", "name": self.name, "run": self.run}
         told |= {name: self.about[name] for name in ABOUT}
         told |= {name: getattr(self.reader.layout, name) for name in OF_THE_RING}
@@ -190,7 +190,7 @@ class Watched:
         return [*map(list, objects), *([value] for value in _plain(frame["signals"]))]
 
     def _ages(self) -> dict[int, float | None]:
-        """Of the objects whose value is not new: s since the device gave one; None: it never did."""
+        """Ages of the values that are not new: s since the device gave one; None: it never did."""
         if self._frame is None:
             return {}
         old = np.flatnonzero(self._frame["quality"] >= Quality.STALE)

@@ -44,7 +44,7 @@ def share(
 ) -> Shares:
     """Hand each option to all who take one of that name: the function that makes the machine, the application (its
     first parameter is the machine), the drivers of the wiring (`{}`: there are none). OptionError if nobody takes one,
-    if a required one is missing, or if a value has a wrong type."""
+    if a required one is missing, or if a value is no choice of its parameter (`arguments_for`)."""
     takers = {"machine": (machine, 0), "application": (application, 1)}
     drivers, complete = _driver_options(SIMULATED if wiring is None else wiring)
     of_wiring = {*drivers, *(OF_WIRINGS if wiring != {} else ())}

@@ -27,8 +27,9 @@ def parameters_of(function: Callable[..., Any], skip: int = 0) -> dict[str, insp
 
 
 def arguments_for(function: Callable[..., Any], taker: str, given: Mapping[str, Any], skip: int = 0) -> dict[str, Any]:
-    """Those of the options that the function takes, converted to the types of its parameters: a text to an Enum or a
-    Path. OptionError for a value of another type, and for a parameter that has no default and is not given."""
+    """The options that the function takes; a text is converted to the Enum or Path of its parameter. OptionError for a
+    text that cannot be, or is no choice of a Literal, and for a parameter that has no default and is not given. Numbers
+    and texts are passed on as they are."""
     parameters = parameters_of(function, skip)
     for name, parameter in parameters.items():
         if parameter.default is parameter.empty and name not in given:

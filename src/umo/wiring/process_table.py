@@ -74,7 +74,7 @@ def _outputs(source: WiringSource, given: Any, wired: Wired) -> str:
 
 
 def remarks(wired: Wired) -> list[str]:
-    """What a wiring may have, and what it costs, in words."""
+    """Remarks on settings that a wiring may have, with what they cost."""
     period = f"a period takes up to {longest_period(wired):g} s, and so does a stop"
     costs = f"{period}; a process that hangs is found after {wired.process.hang_timeout:g} s (process.hang_timeout)"
     return [

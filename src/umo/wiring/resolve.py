@@ -445,7 +445,7 @@ class _Resolver:
 
 
 def _unfit(period: float, node: Node) -> str:
-    """What such a period is for the object; empty if it fits."""
+    """The fault of such a period for the object; empty if it fits."""
     if isinstance(node, Compound) and node.max_period is not None:
         longest = seconds(node.max_period)
         if period > longest * (1 + 1e-9):

@@ -67,7 +67,8 @@ class Wire:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Where a sensor's value is GOOD: to half a resolution beyond the range; a binary level is exactly 0 or 1."""
+        """Range in which a sensor's value is GOOD: to half a resolution beyond the declared one; a binary level is
+        exactly 0 or 1."""
         if self.calibration is None:
             return 0.0, 1.0
         half = abs(self.calibration.resolution) / 2
@@ -92,7 +93,7 @@ class Wire:
         return x if self.linearization is None else self.linearization.to_value(x)
 
     def mismatch(self, given: PhysicalScale, units: str) -> str:
-        """What is wrong with the wired scale if the circuit's own one differs from it by more than half a raw step
+        """The fault of the wired scale if the circuit's own one differs from it by more than half a raw step
         anywhere in the range. Empty: it fits, or the two cannot be compared (other dimensions, a linearization)."""
         if self.linearization is not None:
             return ""
@@ -139,7 +140,7 @@ class Parameter:
 
     @property
     def thing(self) -> Any:
-        """What has the number."""
+        """The part that has the number."""
         return getattr(self.owner, self.law) if self.law else self.owner
 
     def apply(self) -> Parameter:

@@ -37,7 +37,7 @@ class WiringSource:
     injected: list[Any] = field(default_factory=list)
     """Faults to inject (`umo.testing.faults`)."""
     seed: Any = 0
-    """Of their random numbers."""
+    """Seed of their random numbers."""
     faults: list[Fault] = field(default_factory=list)
     suggested: int = 0
 

@@ -64,9 +64,9 @@ class SerialLine:
         self._last = 0.0
         """When the last byte was on the line."""
         self._stray = b""
-        """What came in since the last request was sent."""
+        """Bytes that came in since the last request was sent."""
         self._asked: UnitFunction | None = None
-        """What that request was for."""
+        """Unit and function of that request."""
 
     @classmethod
     def join(cls, place: Serial) -> SerialLine:
@@ -139,7 +139,7 @@ class SerialLine:
             self._take(data)
 
     def _take(self, data: bytes) -> None:
-        """What came in unasked may be an answer that is owed."""
+        """Bytes that came in unasked may be an answer that is owed."""
         self._stray = (self._stray + data)[-_LONGEST:]
         for asked, owed in self._owed.items():
             came = has_come if asked == self._asked else is_answer

@@ -28,7 +28,7 @@ LARGEST = 1e30
 SHARES = {"noise": 10.0, "drop-out": 50.0}
 """Percent, where nothing is given."""
 PART = {"noise": 0.01, "drift": 0.01, "out of range": 0.1}
-"""Of the object's range, where nothing is given; drift: in a second."""
+"""Parts of the object's range, where nothing is given; drift: in a second."""
 
 
 def inject(

@@ -53,7 +53,7 @@ class Effect:
         return ""
 
     def changed(self, raw: int, since: float) -> int:
-        """What a raw integer becomes, `since` s after the fault began."""
+        """The raw integer that another one becomes, `since` s after the fault began."""
         return raw
 
 

@@ -24,7 +24,7 @@ KINDS = {
 }
 """Each kind with its amount."""
 OF_DRIVERS = ("delay", "drop-out", "disconnect", "exception")
-"""Those that a whole driver can have too."""
+"""Kinds that a whole driver can have too."""
 FORM = "PATH KIND [amount] [at TIME] [for TIME]"
 _TEXT = re.compile(r"(?P<head>.*?)(?:\s+at\s+(?P<at>.+?))?(?:\s+for\s+(?P<for>.+?))?", re.DOTALL)
 

@@ -113,7 +113,7 @@ class Faulty(Driver[Any]):
     # Which faults are in effect ------------------------------------------------------------------------
 
     def active(self) -> list[Effect]:
-        """Those that are in effect at the time of the machine; logs what begins and ends."""
+        """Effects that act at the time of the machine; logs what begins and ends."""
         clock = self._injection.clock
         if clock is None or clock.now == self._now:
             return self._acting
