@@ -550,9 +550,28 @@ class Mischief(Press):
     @action(release="stop_holding")
     def holding(self) -> None:
         """Until it is released."""
+        self.heater.write(5.0)
 
-    def stop_holding(self) -> None:
-        self.deed()
+    def stop_holding(self) -> Any:
+        return self.deed()
+
+    async def press_on(self) -> None:
+        while True:
+            self.wanted = 5.0
+            await next_period()
+
+    @action(release="let_up")
+    async def pressing(self) -> None:
+        """A sequence, until it is released."""
+        await self.press_on()
+
+    @action(release="let_up")
+    def starting(self) -> None:
+        """A sequence that it starts, until it is released."""
+        self.start(self.press_on())
+
+    def let_up(self) -> None:
+        self.wanted = 0.0
 
 
 @pytest.mark.parametrize(
@@ -575,6 +594,44 @@ def test_whatever_an_action_raises_is_told_and_ends_nothing_else(path: str, erro
         states = [event.state for event in rig.events if event.path == path]
         told = {"at_once": CommandState.FAILED, "later": CommandState.FAILED}
         assert states[-1] is told.get(path, CommandState.CANCELLED)
+
+
+@pytest.mark.parametrize("end", ["let go", "cancel", "give back", "nothing"])
+@pytest.mark.parametrize("path", ["pressing", "starting"])
+def test_what_a_held_action_drives_ends_with_it_however_it_ends(path: str, end: str) -> None:
+    with Rig(kind=Mischief) as rig:
+        rig.do("lease")
+        number = rig.call(path).command
+        rig.keep(path)
+        rig.periods(3)
+        assert rig.m.ram.read() == 5.0
+        if end == "nothing":
+            for _ in range(int(HOLD / PERIOD) + 2):
+                rig.keep()  # the lease alone
+                rig.periods()
+        else:
+            rig.do(end, path if end != "give back" else "")
+        rig.periods(2)
+        assert rig.m.ram.read() == 0.0
+        assert sum(event.command == number and event.state is CommandState.CANCELLED for event in rig.events) <= 1
+
+
+@pytest.mark.parametrize("deed", ["raises", "starts a sequence", "is a sequence"])
+def test_a_release_that_fails_or_starts_something_resets_its_part(deed: str) -> None:
+    with Rig(kind=Mischief) as rig:
+        m: Any = rig.m
+        m.deed = {
+            "raises": lambda: 1 / 0,
+            "starts a sequence": lambda: m.start(m.press_on()) and None,
+            "is a sequence": m.press_on,
+        }[deed]
+        rig.do("lease")
+        rig.call("holding")
+        assert m.heater.read() == 5.0
+        rig.do("let go", "holding")
+        rig.periods(3)
+        assert (m.heater.read(), m.ram.read()) == (0.0, 1.0)
+        assert any("holding could not be released" in event.text for event in rig.events)
 
 
 @pytest.mark.parametrize("path", ["at_once", "later"])
@@ -767,6 +824,22 @@ def test_an_annotation_that_cannot_be_evaluated_is_a_mistake_of_the_declaration(
     with pytest.raises(
         DeclarationError, match="action go: its annotations cannot be evaluated: NameError: name 'Nowhere'"
     ):
+        actions_of(Wrong(lamp=relay()))
+
+
+@pytest.mark.parametrize("name", ["later", "needing", "nowhere"])
+def test_a_release_that_cannot_be_called_at_once_is_refused_where_it_is_declared(name: str) -> None:
+    class Wrong(Compound):
+        lamp: BinaryActuator[OnOff]
+
+        @action(release=name)
+        def go(self) -> None: ...
+
+        async def later(self) -> None: ...
+
+        def needing(self, what: str) -> None: ...
+
+    with pytest.raises(DeclarationError, match=f"action go: release='{name}' (is|cannot be called without arguments)"):
         actions_of(Wrong(lamp=relay()))
 
 

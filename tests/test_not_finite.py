@@ -1,50 +1,38 @@
-"""NaN and infinities never move anything: every law, profile, axis and shipped action raises before it writes."""
+"""NaN and infinity never move anything. Laws, strategies, axes and shipped actions are found by walking the package."""
 
 from __future__ import annotations
 
-import copy
-from collections.abc import Callable
-from math import inf, nan
+import inspect
+from collections.abc import Callable, Iterator
+from dataclasses import MISSING, fields, is_dataclass
+from functools import partial
+from importlib import import_module
+from math import inf, isnan, nan
+from pkgutil import iter_modules
 from typing import Any
 
 import numpy as np
 import pytest
 
-from helpers.machines import timer
+import umo.control
+from helpers.machines import stations, timer
 from umo import (
     BadInput,
     BinaryActuator,
+    BinarySensor,
     Compound,
     DeclarationError,
     DigitalActuator,
     DigitalSensor,
-    EnableDisable,
     OnOff,
-    OpenClosed,
     RangeError,
     Rotation,
     UpDown,
     Vector,
     connect,
 )
-from umo.control import (
-    PID,
-    EndStop,
-    HomeSwitch,
-    Hysteresis,
-    IndexPulse,
-    Profile,
-    Servo,
-    ServoAxis,
-    StepperAxis,
-    Stepping,
-    VectorPID,
-    VectorServo,
-)
+from umo.control import Axis, Hysteresis, Profile, Servo, VectorPID, move_together, synchronize
 from umo.objects import actions_of
-from umo.stations.conveyor.objects import machine as conveyor
-from umo.stations.furnace.objects import machine as furnace
-from umo.stations.ztheta.objects import machine as ztheta
 from umo.testing import periods, put
 
 BAD = pytest.mark.parametrize("bad", [nan, inf, -inf])
@@ -56,6 +44,7 @@ class Rig(Compound):
 
     timer: DigitalSensor
     encoder: DigitalSensor
+    switch: BinarySensor[OnOff]
     motor: DigitalActuator
     drive: DigitalActuator
     step: BinaryActuator[UpDown]
@@ -66,8 +55,9 @@ class Rig(Compound):
 def rig() -> Rig:
     return Rig(
         timer=timer(),
-        encoder=DigitalSensor("mm", minimum=0.0, maximum=100.0, resolution=0.01),
-        motor=DigitalActuator("V", default=0.0, minimum=-10.0, maximum=10.0, resolution=0.01, limits="clamp"),
+        encoder=encoder(),
+        switch=BinarySensor(OnOff, one=OnOff.ON),
+        motor=motor(),
         drive=DigitalActuator("mA", default=12.0, minimum=4.0, maximum=20.0, resolution=0.01, limits="clamp"),
         step=BinaryActuator(UpDown, one=UpDown.UP, default=UpDown.DOWN),
         direction=BinaryActuator(Rotation, one=Rotation.CW, default=Rotation.CW),
@@ -75,74 +65,183 @@ def rig() -> Rig:
     )
 
 
+def encoder() -> DigitalSensor:
+    return DigitalSensor("mm", minimum=0.0, maximum=100.0, resolution=0.01, incremental=True)
+
+
+def motor() -> DigitalActuator:
+    return DigitalActuator("V", default=0.0, minimum=-10.0, maximum=10.0, resolution=0.01, limits="clamp")
+
+
 def pending(m: Compound) -> list[Any]:
     return [each.pending for each in m.atoms() if isinstance(each, BinaryActuator | DigitalActuator)]
 
 
-def servo(m: Rig) -> Callable[..., object]:
-    law = Servo(m.encoder, m.motor, gain=1.0, integral_time=1.0, derivative_time=0.1, feed_forward=0.1, inertia=0.1)
-    return lambda setpoint=1.0, velocity=0.0, acceleration=0.0, dt=0.001: law.control(
-        setpoint, velocity, acceleration, dt=dt
-    )
+# What there is ------------------------------------------------------------------------------------------
 
 
-def vector_servo(m: Rig) -> Callable[..., object]:
-    law = VectorServo(Vector([m.encoder]), Vector([m.motor]), gain=1.0, integral_time=1.0, derivative_time=0.1)
-    return lambda setpoint=1.0, dt=0.001: law.control(np.array([setpoint]), dt=dt)
+def classes() -> Iterator[type]:
+    """Every public class of the package."""
+    for module in iter_modules(umo.control.__path__, "umo.control."):
+        for name, kind in vars(import_module(module.name)).items():
+            if inspect.isclass(kind) and kind.__module__ == module.name and not name.startswith("_"):
+                yield kind
 
 
-def stepping(m: Rig) -> Callable[..., object]:
-    law = Stepping(m.step, m.direction)
-    return lambda position=5.0: law.control(position)
+AXES = [kind for kind in classes() if issubclass(kind, Axis) and kind is not Axis]
+STRATEGIES = [kind for kind in classes() if is_dataclass(kind) and hasattr(kind, "find") and not issubclass(kind, Axis)]
+LAWS = [kind for kind in classes() if is_dataclass(kind) and not hasattr(kind, "find")]
+PARTS: dict[str, Callable[[Any], Any]] = {
+    "DigitalSensor": lambda m: m.encoder,
+    "DigitalActuator": lambda m: m.motor,
+    "BinaryActuator[UpDown]": lambda m: m.step,
+    "BinaryActuator[Rotation]": lambda m: m.direction,
+    "BinaryActuator[S]": lambda m: m.valve,
+    "BinaryActuator[Any]": lambda m: m.valve,
+    "BinarySensor[Any]": lambda m: m.switch,
+    "Vector[DigitalSensor]": lambda m: Vector([m.encoder]),
+    "Vector[DigitalActuator]": lambda m: Vector([m.motor]),
+    "S": lambda m: OnOff.ON,
+    "TwoState": lambda m: OnOff.ON,
+    "int": lambda m: 1,
+}
+"""What a law is made of, by its annotation."""
+NUMBERS = {"low": 10.0, "high": 30.0, "dt": 0.001, "derivative_time": 0.1, "filter_time": 0.01, "velocity": 10.0} | {
+    "acceleration": 100.0, "jerk": 1e4, "window": 0.1, "following_error": 5.0, "step_size": 0.05, "position": 51.0,
+}  # fmt: skip
+"""Good values by their names; all others are 1."""
+
+
+def is_number(annotation: object) -> bool:
+    return "float" in str(annotation) or "FloatArray" in str(annotation)
+
+
+def number(name: str, annotation: object, value: float | None = None) -> Any:
+    value = NUMBERS.get(name, 1.0) if value is None else value
+    return np.array([value]) if "FloatArray" in str(annotation) else value
+
+
+def make(kind: Any, m: Rig | None, **changes: Any) -> Any:
+    given = {
+        each.name: number(each.name, each.type) if is_number(each.type) else PARTS[str(each.type)](m)
+        for each in fields(kind)
+        if each.init and (is_number(each.type) or each.default is MISSING)
+    }
+    return kind(**given | changes)
+
+
+def calls(kind: type, base: type = object) -> list[tuple[str, str]]:
+    """The methods that take numbers, and these."""
+    found = inspect.getmembers(kind, inspect.isfunction)
+    methods = [(name, each) for name, each in found if not name.startswith("_") and not hasattr(base, name)]
+    return [
+        (name, each.name)
+        for name, method in methods
+        for each in inspect.signature(method).parameters.values()
+        if is_number(each.annotation)
+    ]
+
+
+def call(law: Any, method: str, **changes: Any) -> Any:
+    parameters = inspect.signature(getattr(law, method)).parameters.values()
+    given = {each.name: number(each.name, each.annotation) for each in parameters if is_number(each.annotation)}
+    return getattr(law, method)(**given | changes)
+
+
+def state(law: Any) -> dict[str, str]:
+    kept = {name: value for name, value in vars(law).items() if isinstance(value, float | int | tuple | np.ndarray)}
+    return {name: repr(value) for name, value in kept.items()}
+
+
+def strange(things: object) -> list[str]:
+    """What is NaN or infinite."""
+    return [word for word in str(things).replace("[", " ").split() if "nan" in word or "inf" in word]
+
+
+def test_nothing_of_the_package_is_left_out() -> None:
+    rest = {kind.__name__ for kind in classes()} - {kind.__name__ for kind in (*LAWS, *STRATEGIES, *AXES)}
+    assert rest == {"Axis", "Claim", "Homing", "Met", "Setpoint"}
+
+
+# Laws ---------------------------------------------------------------------------------------------------
 
 
 @BAD
-@pytest.mark.parametrize(
-    ("make", "name"),
-    [
-        *((servo, name) for name in ("setpoint", "velocity", "acceleration", "dt")),
-        *((vector_servo, name) for name in ("setpoint", "dt")),
-        (stepping, "position"),
-    ],
-)
-def test_a_law_refuses_an_input_that_is_not_finite_and_writes_nothing(
-    make: Callable[[Rig], Callable[..., object]], name: str, bad: float
+@pytest.mark.parametrize(("kind", "method", "name"), [(kind, *each) for kind in LAWS for each in calls(kind)])
+def test_a_law_refuses_what_is_not_finite_and_goes_on_as_if_nothing_had_been(
+    kind: Any, method: str, name: str, bad: float
+) -> None:
+    """An infinity may be a limit: then everything stays finite."""
+    with connect(rig()) as m, connect(rig()) as other:
+        law, untouched = make(kind, m), make(kind, other)
+        for machine, each in ((m, law), (other, untouched)):
+            machine.encoder.referenced(True)
+            put(machine.encoder, 15.0)
+            periods(machine)
+            call(each, "to" if kind is Profile else method)
+            call(each, "step" if hasattr(kind, "step") else method)
+        before, annotation = pending(m), inspect.signature(getattr(law, method)).parameters[name].annotation
+        try:
+            with np.errstate(all="ignore"):
+                result = call(law, method, **{name: number(name, annotation, bad)})
+        except REFUSED:
+            assert state(law) == state(untouched)
+            assert pending(m) == before
+            for again in ("step", method):
+                if hasattr(kind, again):
+                    assert repr(call(law, again)) == repr(call(untouched, again))
+        else:
+            assert not isnan(bad)
+            assert strange((result, pending(m))) == []
+            assert strange(state(law)) == strange(state(untouched))
+
+
+def settings_of(kinds: list[type]) -> list[tuple[type, str]]:
+    return [(kind, each.name) for kind in kinds for each in fields(kind) if each.init and is_number(each.type)]
+
+
+@BAD
+@pytest.mark.parametrize(("kind", "name"), settings_of(LAWS))
+def test_a_setting_that_is_not_finite_is_refused_where_it_is_declared_and_moves_nothing_later(
+    kind: Any, name: str, bad: float
 ) -> None:
     with connect(rig()) as m:
-        put(m.encoder, 20.0)
+        m.encoder.referenced(True)
+        put(m.encoder, 15.0)
         periods(m)
-        control = make(m)
-        for _ in range(7):  # also in the middle of a step
-            control()
-            m.update()
-            before = pending(m)
-            with pytest.raises(REFUSED), np.errstate(invalid="ignore"):
-                control(**{name: bad})
-            assert pending(m) == before
+        before, refused = pending(m), 0
+        for value in (bad, np.array([bad])) if "FloatArray" in str(kind.__annotations__.get(name)) else (bad,):
+            if value is bad and bad != inf:
+                with pytest.raises(DeclarationError, match=rf"\.{name} must be "):
+                    make(kind, m, **{name: bad})
+            law = make(kind, m)
+            if hasattr(law, "step"):
+                call(law, "to" if kind is Profile else "step")
+            setattr(law, name, value)
+            for method in filter(partial(hasattr, law), ("control", "step", "to", "at")):
+                try:
+                    with np.errstate(all="ignore"):
+                        result = call(law, method)
+                except REFUSED:
+                    refused += 1
+                    assert pending(m) == before
+                else:
+                    assert strange((result, pending(m))) == []
+                    before = pending(m)
+        assert refused or not isnan(bad)
 
 
 @BAD
-def test_a_setting_that_becomes_infinite_in_the_loop_moves_nothing(bad: float) -> None:
-    with connect(rig()) as m:
-        put(m.encoder, 20.0)
-        periods(m)
-        one = Servo(m.encoder, m.motor, gain=1.0)
-        many = VectorServo(Vector([m.encoder]), Vector([m.motor]), gain=np.ones(1), integral_time=np.ones(1))
-        for settings in ({"gain": bad}, {"integral_time": 0.0}):
-            for law in (one, many):
-                for name, value in settings.items():
-                    setattr(law, name, value if law is one else np.array([value]))
-                with pytest.raises(RangeError), np.errstate(all="ignore"):
-                    law.control(1.0, dt=0.001)
-                assert m.motor.pending == 0.0
-        one.integral_time, one.gain, one.filter_time = 1.0, 1.0, -0.001
-        with pytest.raises(RangeError, match="no output with these settings"):
-            one.control(1.0, dt=0.001)
+@pytest.mark.parametrize(("kind", "name"), settings_of(STRATEGIES))
+def test_a_homing_strategy_that_is_not_finite_is_refused_where_it_is_declared(kind: Any, name: str, bad: float) -> None:
+    with pytest.raises(DeclarationError, match=rf"{kind.__name__}.{name} must be a finite number"):
+        make(kind, rig(), **{name: bad})
 
 
 @BAD
-def test_a_value_that_is_not_finite_switches_nothing(bad: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_value_that_is_not_finite_switches_nothing(bad: float) -> None:
     with connect(rig()) as m:
+        m.encoder.referenced(True)
         periods(m)
         law = Hysteresis(m.encoder, m.valve, OnOff.ON, low=10.0, high=20.0)
         law.control()
@@ -154,135 +253,23 @@ def test_a_value_that_is_not_finite_switches_nothing(bad: float, monkeypatch: py
 
 
 @BAD
-@pytest.mark.parametrize("name", ["to", "to at a velocity", "to in a time", "at", "hold", "hold at", "shift", "step"])
-def test_a_profile_refuses_what_is_not_finite_and_goes_on(name: str, bad: float) -> None:
-    profile, untouched = (Profile(velocity=100.0, acceleration=1e3, jerk=1e5) for _ in range(2))
-    for each in (profile, untouched):
-        each.to(10.0)
-        each.step(0.05)
-    calls: dict[str, Callable[[], object]] = {
-        "to": lambda: profile.to(bad),
-        "to at a velocity": lambda: profile.to(1.0, velocity=bad),
-        "to in a time": lambda: profile.to(1.0, duration=bad),
-        "at": lambda: profile.at(bad),
-        "hold": lambda: profile.hold(bad),
-        "hold at": lambda: profile.hold(0.0, bad),
-        "shift": lambda: profile.shift(bad),
-        "step": lambda: profile.step(bad),
-    }
-    if (name, bad) in (("to at a velocity", inf), ("at", inf), ("at", -inf)):
-        calls[name]()  # the largest speed
-        profile.step(0.05)
-        assert abs(profile.setpoint.velocity) <= 100.0
-        return
+def test_profiles_that_begin_together_are_planned_all_or_none(bad: float) -> None:
+    first, second = (Profile(velocity=1.0, acceleration=1.0, jerk=1.0) for _ in range(2))
     with pytest.raises(RangeError):
-        calls[name]()
-    if name != "step":
-        assert profile.step(0.01) == untouched.step(0.01)
+        synchronize((first, 5.0), (second, bad))
+    assert first.done
 
 
-@BAD
-def test_a_pid_refuses_a_shift_and_a_take_over(bad: float) -> None:
-    law, untouched = PID(gain=1.0, derivative_time=0.1), PID(gain=1.0, derivative_time=0.1)
-    for each in (law, untouched):
-        each.step(1.0, 0.0, 0.1)
-    for call in (lambda: law.shift(bad), lambda: law.take_over(bad, 0.0, 0.0)):
-        with pytest.raises(RangeError):
-            call()
-    assert law.step(1.0, 0.5, 0.1) == untouched.step(1.0, 0.5, 0.1)
-
-
-@BAD
-def test_a_homing_strategy_that_is_not_finite_is_refused_where_it_is_declared(bad: float) -> None:
-    enable = BinaryActuator(EnableDisable, one=EnableDisable.ENABLE, default=EnableDisable.DISABLE)
-    switch = conveyor().emergency_stop
-    good: dict[Any, dict[str, Any]] = {
-        IndexPulse: {"enable": enable, **dict.fromkeys(("index", "stop", "jump", "tolerance", "clearance"), 1.0)},
-        HomeSwitch: {"switch": switch, "active": OpenClosed.OPEN, "position": 1.0, "creep_speed": 1.0},
-        EndStop: {"position": 1.0, "clearance": 1.0},
-    }
-    for kind, arguments in good.items():
-        kind(**arguments)
-        for name, value in arguments.items():
-            if isinstance(value, float):
-                with pytest.raises(DeclarationError, match=f"{kind.__name__}.{name} must be a finite number"):
-                    kind(**arguments | {name: bad})
-
-
-AXES: dict[str, Callable[[], Any]] = {
-    "servo": lambda: ServoAxis(
-        motor=DigitalActuator("V", default=0.0, minimum=-10.0, maximum=10.0, resolution=0.01, limits="clamp"),
-        encoder=DigitalSensor("mm", minimum=0.0, maximum=100.0, resolution=0.01, incremental=True),
-        gain=1.0, velocity=10.0, acceleration=100.0, jerk=1e4, window=0.1, following_error=5.0,
-    ),
-    "stepper": lambda: StepperAxis(
-        step=BinaryActuator(UpDown, one=UpDown.UP, default=UpDown.DOWN),
-        direction=BinaryActuator(Rotation, one=Rotation.CW, default=Rotation.CW),
-        encoder=DigitalSensor("mm", minimum=0.0, maximum=100.0, resolution=0.01, incremental=True),
-        step_size=0.05, velocity=10.0, acceleration=100.0, jerk=1e4, window=0.1, following_error=5.0,
-    ),
-}  # fmt: skip
-
-
-class Portal(Compound):
-    x: Any
-    timer: DigitalSensor
-
-
-@BAD
-@pytest.mark.parametrize("kind", AXES)
-@pytest.mark.parametrize("name", ["position", "speed", "duration", "velocity"])
-def test_an_axis_refuses_what_is_not_finite_and_stays_without_power(kind: str, name: str, bad: float) -> None:
-    with connect(Portal(x=AXES[kind](), timer=timer())) as m:
-        m.x.encoder.referenced(at=50.0)
-        before = pending(m)
-        given = {"position": 51.0} | {name: bad}
-        if (name, bad) == ("speed", inf):
-            return  # the largest speed
-
-        async def work() -> None:
-            if name == "velocity":
-                m.x.jog(bad)
-            else:
-                await m.x.move_to(**given)
-
-        m.start(work())
-        with pytest.raises(RangeError):
-            periods(m, 3)
-        assert not m.x.enabled
-        assert m.x.claim.holder is None
-        assert pending(m) == before
-
-
-@pytest.mark.parametrize("make", [ztheta, conveyor, furnace])
-def test_no_action_that_ships_takes_a_number_that_is_not_finite(make: Callable[[], Compound]) -> None:
-    tried = 0
-    with connect(make()) as m:
-        if isinstance(m, type(conveyor())):
-            put(m.find("emergency_stop"), OpenClosed.CLOSED)  # type: ignore[arg-type]
-        for node in m.walk():
-            if isinstance(node, DigitalSensor) and node.incremental:
-                node.referenced(True)
+@pytest.mark.parametrize("settings", [{"integral_time": 0.0}, {"filter_time": -0.001}])
+def test_a_setting_that_becomes_impossible_in_the_loop_moves_nothing(settings: dict[str, float]) -> None:
+    with connect(rig()) as m:
+        m.encoder.referenced(True)
         periods(m)
-        before = pending(m)
-        for offered in actions_of(m).values():
-            numbers = [each for each in offered.arguments if each.kind in ("number", "integer")]
-            for number in numbers:
-                good = {each.name: each.range.maximum for each in numbers if each.range and each.required}
-                for bad in (nan, inf, -inf):
-                    given = copy.copy(good) | {number.name: bad}
-                    with pytest.raises(RangeError):
-                        offered.converted(given)  # from outside
-                    tried += 1
-                    if number.name == "speed" and bad == inf and not number.required:
-                        continue  # the largest
-                    with pytest.raises(REFUSED):  # and from the program
-                        result = offered.call(**given)
-                        m.start(result)
-                        periods(m)
-                    m._machine.sequences.cancel()  # type: ignore[attr-defined]
-                    assert pending(m) == before, (offered.path, given)
-    assert tried
+        law = Servo(m.encoder, m.motor, gain=1.0, derivative_time=0.1)
+        vars(law).update(settings)
+        with pytest.raises(RangeError, match="no output with these settings"):
+            law.control(1.0, dt=0.001)
+        assert m.motor.pending == 0.0
 
 
 def test_many_pids_do_not_keep_the_callers_array() -> None:
@@ -291,3 +278,110 @@ def test_many_pids_do_not_keep_the_callers_array() -> None:
     for value in (1.0, 2.0, 4.0):
         buffer[:] = value
         assert list(law.step(0.0, buffer, 0.1)) == list(alone.step(0.0, np.full(3, value), 0.1))
+
+
+# Axes ---------------------------------------------------------------------------------------------------
+
+
+def axis(kind: Any, **changes: Any) -> Any:
+    given: dict[str, Any] = {"encoder": encoder(), "motor": motor()} | {
+        "step": BinaryActuator(UpDown, one=UpDown.UP, default=UpDown.DOWN),
+        "direction": BinaryActuator(Rotation, one=Rotation.CW, default=Rotation.CW),
+    }
+    numbers = {name: NUMBERS.get(name, 1.0) for name in numbers_of(kind) if not hasattr(kind, name)}
+    return kind(**{name: part for name, part in given.items() if name in annotated(kind)} | numbers | changes)
+
+
+def annotated(kind: type) -> dict[str, str]:
+    return {name: of for each in reversed(kind.__mro__) for name, of in inspect.get_annotations(each).items()}
+
+
+def numbers_of(kind: type) -> list[str]:
+    return [name for name, annotation in annotated(kind).items() if annotation == "float"]
+
+
+class Portal(Compound):
+    x: Any
+    y: Any
+    timer: DigitalSensor
+
+
+@BAD
+@pytest.mark.parametrize(("kind", "method", "name"), [(kind, *each) for kind in AXES for each in calls(kind, Compound)])
+@pytest.mark.parametrize("enabled", [False, True])
+def test_an_axis_refuses_what_is_not_finite_and_does_not_move(
+    kind: Any, method: str, name: str, enabled: bool, bad: float
+) -> None:
+    with connect(Portal(x=axis(kind), y=axis(kind), timer=timer())) as m:
+        m.x.encoder.referenced(at=50.0)
+        if enabled:
+            m.x.enable()
+        before = pending(m)
+
+        async def work() -> None:
+            result = call(m.x, method, **{name: bad})
+            if inspect.isawaitable(result):
+                await result
+
+        m.start(work())
+        try:
+            periods(m, 3)
+        except REFUSED:
+            assert m.x.enabled is enabled
+            assert m.x.claim.holder is None
+            assert pending(m) == before
+        except umo.AxisError:
+            assert not enabled
+        else:
+            assert not isnan(bad)
+            assert strange((pending(m), m.x.profile.setpoint)) == []
+
+
+@pytest.mark.parametrize(("kind", "name"), [(kind, name) for kind in AXES for name in numbers_of(kind)])
+def test_an_axis_with_a_number_that_is_nan_is_refused_where_it_is_declared(kind: Any, name: str) -> None:
+    with pytest.raises(DeclarationError, match=rf"{name} must be "):
+        Portal(x=axis(kind, **{name: nan}), y=axis(kind), timer=timer())
+
+
+@BAD
+def test_axes_that_move_together_move_all_or_none(bad: float) -> None:
+    with connect(Portal(x=axis(AXES[0]), y=axis(AXES[-1]), timer=timer())) as m:
+        for each in (m.x, m.y):
+            each.encoder.referenced(at=50.0)
+        m.start(move_together((m.x, 60.0), (m.y, bad)))
+        with pytest.raises(RangeError):
+            periods(m)
+        assert not m.x.enabled
+
+
+# Shipped actions ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", stations())
+def test_no_action_that_ships_takes_a_number_that_is_not_finite(name: str) -> None:
+    with connect(stations()[name]()) as m:
+        for node in m.walk():
+            if isinstance(node, DigitalSensor) and node.incremental:
+                node.referenced(True)
+            if isinstance(node, BinarySensor) and node.path == "emergency_stop":
+                put(node, node.one)
+        periods(m)
+        before, tried = pending(m), 0
+        for offered in actions_of(m).values():
+            numbers = [each for each in offered.arguments if each.kind in ("number", "integer")]
+            for one in numbers:
+                good = {each.name: each.range.maximum for each in numbers if each.range and each.required}
+                for bad in (nan, inf, -inf):
+                    tried += 1
+                    given = good | {one.name: bad}
+                    with pytest.raises(RangeError):
+                        offered.converted(given)  # from outside
+                    if bad == inf and not one.required:
+                        continue  # the largest
+                    with pytest.raises(REFUSED):  # and from the program
+                        result = offered.call(**given)
+                        m.start(result)
+                        periods(m)
+                    m._machine.sequences.cancel()  # type: ignore[attr-defined]
+                    assert pending(m) == before, (offered.path, given)
+        assert tried or not actions_of(m)

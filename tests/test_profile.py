@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from math import inf, nan
 
 import pytest
 from hypothesis import given
@@ -102,26 +103,32 @@ def test_a_missed_period_only_makes_the_step_longer() -> None:
     assert one.setpoint == two.step(0.1 + 0.2)
 
 
-@pytest.mark.parametrize("target", [float("nan"), float("inf")])
-def test_a_target_that_is_not_finite_is_refused(target: float) -> None:
-    with pytest.raises(RangeError):
-        limits().to(target)
-
-
-@pytest.mark.parametrize("velocity", [0.0, -1.0, float("nan")])
-def test_a_velocity_that_is_not_positive_is_refused_at_standstill_and_while_moving(velocity: float) -> None:
-    profile = limits()
-    for _ in range(2):
-        with pytest.raises(RangeError, match=r"^no profile to 5.0: the velocity must be positive, not \S+$"):
-            profile.to(5.0, velocity=velocity)
-        profile.to(100.0)
-        profile.step(0.3)
-
-
-@pytest.mark.parametrize("duration", [-1.0, float("nan"), float("inf")])
-def test_a_duration_that_is_negative_or_not_finite_is_refused(duration: float) -> None:
-    with pytest.raises(RangeError, match="the duration must be finite and not negative"):
-        limits().to(5.0, duration=duration)
+@pytest.mark.parametrize(
+    ("plan", "said"),
+    [
+        ({"target": nan}, "no profile to nan"),
+        ({"target": inf}, "no profile to inf"),
+        ({"target": 1e300}, "no profile to 1e\\+300"),
+        *(({"target": 5.0, "velocity": v}, "the velocity must be positive, not") for v in (0.0, -1.0, nan)),
+        *(({"target": 5.0, "duration": s}, "the duration must be finite and not negative") for s in (-1.0, nan, inf)),
+        ({"target": 5.0, "duration": 1e300}, "no profile to 5.0"),
+    ],
+)
+def test_what_cannot_be_planned_is_refused_in_one_line_and_the_motion_goes_on(
+    plan: dict[str, float], said: str
+) -> None:
+    """Also after a limit has been tuned on the way."""
+    profile, untouched = limits(), limits()
+    for each in (profile, untouched):
+        each.to(10.0)
+        each.step(0.05)
+        each.velocity = 10.0
+    with pytest.raises(RangeError, match=said) as caught:
+        profile.to(**plan)
+    assert "\n" not in str(caught.value)
+    for _ in range(3):
+        assert profile.step(0.01) == untouched.step(0.01)
+    assert profile.to(20.0) == untouched.to(20.0)
 
 
 @pytest.mark.parametrize("dt", [float("nan"), float("inf")])

@@ -592,6 +592,7 @@ def test_what_was_never_read_has_no_value(box, synchronous):
             period(m)
         assert (m.one.quality, m.two.quality) == (BAD, BAD)
         assert repr(m.two).startswith("<BinarySensor two = - BAD")
+        assert '<td class="number">0</td>' not in m.two._repr_html_()
         assert all(map(math.isnan, (*Vector([m.one]).read(), *Vector([m.two]).read())))
         box.set("one", 20)
         box.set("two", 1)

@@ -7,38 +7,36 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from helpers.letters import Letters
+from helpers.machines import stations
 from umo import BinaryActuator, Compound, DigitalActuator, OpenClosed, connect
 from umo.cycle.hands import HandCommand, Hands, Mode
-from umo.stations.conveyor.objects import machine as conveyor
-from umo.stations.furnace.objects import machine as furnace
-from umo.stations.ztheta.objects import machine as ztheta
+from umo.objects import actions_of
 from umo.testing import periods, put
 
-HELD: dict[str, tuple[Any, str, dict[str, float], str]] = {
-    "servo axis": (ztheta, "z.jog", {"velocity": 1000.0}, "z.disable"),
-    "stepper axis": (ztheta, "theta.jog", {"velocity": 1.0}, "theta.disable"),
-    "conveyor": (conveyor, "belt.run_at", {"speed": 0.2}, "belt.halt"),
+HELD: dict[tuple[str, str], tuple[dict[str, float], str]] = {
+    ("ztheta", "z.jog"): ({"velocity": 1000.0}, "z.disable"),
+    ("ztheta", "theta.jog"): ({"velocity": 1.0}, "theta.disable"),
+    ("conveyor", "belt.run_at"): ({"speed": 0.2}, "belt.halt"),
 }
-"""Of what ships: machine, held action, its arguments, and the action that switches off."""
+"""Of what ships: station and held action, its arguments, and the action that switches off."""
 STEPS = ["hold", "hold the other way", "switch off", "let go", "give back", "wait", "keep"]
 
 
 def test_every_held_action_that_ships_is_tried() -> None:
-    found = set()
-    for make in (ztheta, conveyor, furnace):
-        with connect(make()) as m:
-            actions = m._machine.actions.values()  # type: ignore[attr-defined]
-            found |= {(make, each.path) for each in actions if each.release is not None}
-    assert found == {(make, path) for make, path, _, _ in HELD.values()}
+    found = {
+        (name, each.path) for name, make in stations().items() for each in actions_of(make()).values() if each.release
+    }
+    assert found == set(HELD)
 
 
-@pytest.mark.parametrize("name", HELD)
+@pytest.mark.parametrize(("station", "path"), HELD)
 @settings(max_examples=30)
 @given(steps=st.lists(st.sampled_from(STEPS), max_size=8))
-def test_what_is_switched_off_stays_off_whatever_is_released(name: str, steps: list[str]) -> None:
-    make, path, arguments, off = HELD[name]
-    with connect(make()) as m:
-        if make is conveyor:
+def test_what_is_switched_off_stays_off_whatever_is_released(station: str, path: str, steps: list[str]) -> None:
+    arguments, off = HELD[station, path]
+    machine: Any = stations()[station]()
+    with connect(machine) as m:
+        if station == "conveyor":
             put(m.emergency_stop, OpenClosed.CLOSED)
         letters = Letters()
         clock = m._machine.clock

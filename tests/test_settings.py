@@ -20,10 +20,12 @@ from umo import (
     OnOff,
     Range,
     RangeError,
+    Vector,
     action,
     connect,
 )
-from umo.control import PID, Hysteresis, Servo, VectorPID
+from umo.cli.values import number as typed
+from umo.control import PID, Hysteresis, Servo, VectorPID, VectorServo
 from umo.objects import actions_of, tunables_of
 from umo.system.packages import SHIPPED
 from umo.testing import periods, put
@@ -83,6 +85,18 @@ def test_a_setting_that_no_law_can_have_is_refused_where_it_is_declared(name: st
     )[: 3 if value is True else 4]:
         with pytest.raises(DeclarationError, match=rf"\.{name} must be "):
             make()
+
+
+def test_an_array_is_a_setting_of_many_alone_and_has_a_number_for_each() -> None:
+    m = oven()
+    with pytest.raises(DeclarationError, match=r"PID\.gain must be a finite number"):
+        PID(gain=np.ones(1))  # type: ignore[arg-type]
+    with pytest.raises(DeclarationError, match=r"VectorPID.gain must be a finite number, not \[1.0\]"):
+        VectorPID(gain=[1.0])  # type: ignore[arg-type]
+    sensors, actuators = Vector([m.temperature]), Vector([m.heater])
+    VectorServo(sensors, actuators, gain=np.ones(1))
+    with pytest.raises(DeclarationError, match=r"VectorServo\.integral_time must be a number, or an array of 1"):
+        VectorServo(sensors, actuators, gain=1.0, integral_time=np.ones(2))
 
 
 def test_bounds_of_a_hysteresis_in_the_wrong_order_or_of_another_state_are_refused() -> None:
@@ -151,6 +165,10 @@ def test_integers_of_any_size_arrive_as_they_are_or_are_refused() -> None:
                 take.converted({name: bad})
     with pytest.raises(RangeError, match="is not a whole number"):
         take.converted({"number": 2.5})
+    assert typed("number", "9007199254740993", "mm") == 2**53 + 1  # as `umo tune` and `umo call` read it
+    assert typed("number", "9007199254740993 mm", "mm") == 2**53 + 1
+    with pytest.raises(RangeError, match="too large"):
+        typed("number", "9" * 400, "mm")
 
 
 def test_a_hysteresis_returns_what_the_actuator_has_accepted() -> None:

@@ -8,10 +8,11 @@ from typing import Any
 import pytest
 
 from helpers.machines import Bench, actuator, relay, sensor, switch, timer, wired
-from umo import DriverError, Frame, Interlock, OnOff, connect, published, run
+from umo import DriverError, Frame, Interlock, OnOff, TaskFailed, connect, published, run
 from umo.control import next_period
 from umo.frames import Reader
 from umo.testing import Scripted, VirtualTimer, periods
+from umo.text import place_of
 from umo.user_code import attempt, read_numbers
 
 
@@ -19,7 +20,17 @@ class Exit(BaseException):
     pass
 
 
-RAISED = [SystemExit(0), KeyboardInterrupt(), GeneratorExit(), Exit(), ValueError()]
+class Refusing(Exception):
+    """It lets nobody look at it."""
+
+    def refuse(self, *_: object) -> Any:
+        raise SystemExit(0)
+
+    __str__ = __setattr__ = add_note = refuse
+    __traceback__ = property(refuse)  # type: ignore[assignment]
+
+
+RAISED = [SystemExit(0), KeyboardInterrupt(), GeneratorExit(), Exit(), ValueError(), Refusing()]
 
 
 class Shown(Bench):
@@ -74,6 +85,38 @@ def test_what_shows_a_failed_period_keeps_no_output_on_and_no_driver_open(where:
     assert [motor for motor, _ in seen] == [10, 10, 10, 10, 0]  # the failed period was shown, after the reset
     assert math.isnan(seen[-1][1][0]) == (where != "observer")
     assert seen[-1][1][1] == 1.0
+
+
+@pytest.mark.parametrize("error", RAISED)
+def test_whatever_control_raises_ends_the_run_after_the_reset(error: BaseException) -> None:
+    class Failing(Bench):
+        def control(self) -> None:
+            self.motor.write(5.0)
+            if self.now > 0.002:
+                raise error
+
+    machine, box = Failing(timer=timer(), motor=actuator(), encoder=sensor(), valve=relay(), limit=switch()), Scripted()
+    with pytest.raises(type(error) if isinstance(error, Exception) else TaskFailed):
+        run(machine, wired(machine, box, clock=VirtualTimer()))
+    assert off(box)
+
+
+def test_the_end_of_a_run_keeps_its_place_whatever_shows_it() -> None:
+    """An error that is told lets go of the frames that led to it; those of the run's end are not among them."""
+
+    def observer(frame: Frame) -> None:
+        if frame.number == 3:
+            raise ValueError("of the observer")
+
+    async def work(m: Bench) -> None:
+        for _ in range(2):
+            await next_period()
+        raise KeyError("of the application")
+
+    machine, box = shown(), Scripted()
+    with pytest.raises(KeyError) as caught:
+        run(machine, wired(machine, box, clock=VirtualTimer()), work, observers=[observer])
+    assert "in work" in place_of(caught.value)
 
 
 @pytest.mark.parametrize("error", RAISED)

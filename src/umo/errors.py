@@ -31,9 +31,11 @@ Cancelled (BaseException)            thrown into sequences when the machine stop
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from traceback import clear_frames
+from traceback import clear_frames, walk_stack
 from typing import Any
 
 from umo.text import cause_of, did_you_mean, some
@@ -242,13 +244,20 @@ class Cancelled(BaseException):
 
 
 def forget_frames(error: BaseException) -> None:
-    """Drop the frames that an error and its causes keep; for an error whose text has been taken and that ends here.
+    """Drop the frames that an error and what led to it keep; for an error whose text has been taken and that ends here.
 
     A frame that holds an exception of its own traceback is a circle, which only the garbage collector frees, and that
-    is off while a machine runs.
+    is off while a machine runs. An error that a frame is still handling, such as the end of the run, keeps its own.
     """
-    cause: BaseException | None = error
-    while cause is not None and cause.__traceback__ is not None:  # not its context: that may be the end of the run
-        clear_frames(cause.__traceback__)  # those that still run stay as they are
-        cause.__traceback__ = None
-        cause = cause.__cause__
+    with suppress(BaseException):  # an exception of the user's may refuse anything
+        at_work = {frame for frame, _ in walk_stack(sys._getframe(1))}
+        waiting: list[BaseException | None] = [error]
+        while waiting:
+            each = waiting.pop()
+            trace = None if each is None else each.__traceback__
+            if each is None or trace is None or (each is not error and trace.tb_frame in at_work):
+                continue
+            clear_frames(trace)  # those that still run stay as they are
+            each.__traceback__ = None
+            waiting += [each.__cause__, each.__context__]
+            waiting += each.exceptions if isinstance(each, BaseExceptionGroup) else ()

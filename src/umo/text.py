@@ -8,6 +8,7 @@ import os
 import re
 import time
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from traceback import walk_tb
@@ -50,6 +51,12 @@ def text_of(error: BaseException) -> str:
         return f"{type(error).__name__} (its text cannot be shown)"
 
 
+def add_note(error: BaseException, note: str) -> None:
+    """`error.add_note(note)`, whatever that does."""
+    with suppress(BaseException):
+        error.add_note(note)
+
+
 def reason_of(error: BaseException) -> str:
     """What a driver's code says in an exception; its type and place where that is nothing (`sys.exit(0)`)."""
     text = text_of(error)
@@ -74,7 +81,10 @@ def in_brackets(*words: str) -> str:
 
 def place_of(error: BaseException) -> str:
     """Where an exception was raised, as `place_among` gives it."""
-    frames = walk_tb(error.__traceback__)
+    try:
+        frames = list(walk_tb(error.__traceback__))
+    except BaseException:  # an exception of the user's may refuse anything
+        return ""
     return place_among((frame.f_code.co_filename, line, frame.f_code.co_name) for frame, line in frames)
 
 
@@ -92,7 +102,7 @@ def place_among(frames: Iterable[tuple[str, int, str]]) -> str:
 def _is_own(file: str) -> bool:
     if file.startswith(UMO):
         return not file.startswith(STATIONS)
-    return file.startswith("<frozen ") or (file.startswith(LIBRARY) and not _is_installed(file))
+    return file.startswith(("<frozen ", "<string>")) or (file.startswith(LIBRARY) and not _is_installed(file))
 
 
 def _is_installed(file: str) -> bool:

@@ -15,8 +15,8 @@ from functools import partial
 from math import nan
 from typing import Any, NamedTuple
 
-from umo.errors import UmoError
-from umo.text import located, text_of
+from umo.errors import Cancelled, TaskFailed, UmoError, forget_frames
+from umo.text import in_brackets, located, place_of, text_of
 
 LONGEST = 2000
 """Characters of an error that are told."""
@@ -28,10 +28,11 @@ class Raised(NamedTuple):
 
     kind: type[BaseException]
     text: str
-    """What it says; with type and place, unless it is one of umo's errors."""
+    """What it says; with its type and place, unless it is one of umo's errors."""
 
     def __str__(self) -> str:
-        return f"{self.kind.__name__}: {self.text}"
+        """What it says, with its type."""
+        return f"{self.kind.__name__}: {self.text}" if issubclass(self.kind, UmoError) else self.text
 
 
 def attempt(call: Callable[..., Any], *arguments: Any) -> tuple[Any, Raised | None]:
@@ -51,8 +52,10 @@ def told(error: BaseException) -> Raised:
     raised again."""
     if is_interrupt(error):
         raise error
-    text = text_of(error) if isinstance(error, UmoError) else located(error)
-    _let_go(error)
+    text = text_of(error)
+    if not isinstance(error, UmoError):
+        text = ": ".join(filter(None, (type(error).__name__, text))) + in_brackets(place_of(error))
+    forget_frames(error)
     return Raised(type(error), text if len(text) <= LONGEST else f"{text[:LONGEST]}...")
 
 
@@ -66,6 +69,13 @@ def told_as(kind: type[UmoError], what: str) -> Iterator[None]:
         if isinstance(error, UmoError) or is_interrupt(error):
             raise
         raise kind(f"{what}: {located(error)}") from error
+
+
+def refuse_exit(error: BaseException, what: str) -> None:
+    """TaskFailed in the place of what is no Exception: it would end the whole run without a word, `sys.exit(0)` even as
+    if all were well. A Ctrl-C, and the Cancelled of a sequence, are not refused."""
+    if not isinstance(error, Exception | Cancelled) and not is_interrupt(error):
+        raise TaskFailed(f"{what} raised {located(error)}; it must end by returning or with an error") from error
 
 
 def is_interrupt(error: BaseException) -> bool:
@@ -97,7 +107,7 @@ def as_json(result: Any, longest: int) -> str:
     text, error = attempt(partial(json.dumps, result, default=str, allow_nan=False))
     if error is None and len(text) <= longest:
         return str(text)
-    shown, error = attempt(lambda: result if isinstance(result, str) else repr(result))
+    shown, error = attempt(lambda: str.__str__(result if isinstance(result, str) else repr(result)))
     return _cut(f"<{type(result).__name__}, which cannot be shown: {error.text}>" if error else shown, longest)
 
 
@@ -108,16 +118,3 @@ def _cut(text: str, longest: int) -> str:
         room = room * 3 // 4
         found = json.dumps(f"{text[:room]}... (cut: {len(text):,} characters)")
     return found
-
-
-def _let_go(error: BaseException | None) -> None:
-    """Tracebacks, also those of what led to the error."""
-    waiting: list[BaseException | None] = [error]
-    seen: set[int] = set()
-    while waiting:
-        each = waiting.pop()
-        if each is not None and id(each) not in seen:
-            seen.add(id(each))
-            each.__traceback__ = None
-            waiting += [each.__cause__, each.__context__]
-            waiting += each.exceptions if isinstance(each, BaseExceptionGroup) else ()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from umo import (
@@ -14,7 +15,17 @@ from umo import (
     OnOff,
     PassFail,
 )
+from umo.process.station import Station, shipped
+from umo.system.packages import SHIPPED
 from umo.testing import Scripted, VirtualTimer
+
+TEMPLATE = SHIPPED.parent / "cli" / "template" / "station"
+"""The station that `umo new` copies."""
+
+
+def stations() -> dict[str, Callable[[], Compound]]:
+    """Every machine that ships, by the name of its station."""
+    return {name: Station(name, path).machine for name, path in (shipped() | {"template": TEMPLATE}).items()}
 
 
 def timer() -> DigitalSensor:

@@ -16,7 +16,8 @@ TRUE, FALSE = ("true", "yes", "on", "1"), ("false", "no", "off", "0")
 
 
 def number(name: str, text: str, unit: str) -> float:
-    """A number, or a number with a unit such as "80 mm", in `unit`; RangeError if it is not one, or not finite."""
+    """A number, or a number with a unit such as "80 mm", in `unit`; an integer stays one, as a float would change it
+    beyond 2**53. RangeError if it is not a number, or not finite."""
     match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", text)
     if match is None:
         raise RangeError(f"{name}: {text!r} is not a number{f' in {unit}' if unit else ''}")
@@ -25,7 +26,8 @@ def number(name: str, text: str, unit: str) -> float:
     value = convert(float(match[1]), match[2] or unit, unit)
     if not math.isfinite(value):
         raise RangeError(f"{name}: {text!r} is too large for a number{f' in {unit}' if unit else ''}")
-    return value
+    is_whole = match[2] in ("", unit) and re.fullmatch(r"[-+]?\d+", match[1])
+    return int(match[1]) if is_whole else value
 
 
 def shown(value: float | str, units: str, unit: str | None) -> str:
@@ -62,8 +64,6 @@ def state(name: str, text: str, states: Sequence[str]) -> str:
 def argument(path: str, about: dict[str, Any], text: str) -> Any:
     """An argument of an action, as its declaration describes it."""
     name, kind = f"{path}: {about['name']}", about["kind"]
-    if kind == "integer" and re.fullmatch(r"\s*[-+]?\d{1,400}\s*", text):
-        return int(text)  # a float would change it beyond 2**53
     if kind in ("number", "integer"):
         return number(name, text, about["unit"])
     if kind == "bool":

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from enum import Enum
-from math import copysign, inf, isfinite, nan
+from math import copysign, inf, isfinite, isnan, nan
 from typing import Protocol
 
 from umo.control.checks import check_numbers
@@ -179,8 +180,7 @@ class Axis(Compound):
     def time_to(self, position: float) -> float:
         """How long a motion from standstill to a position takes, in s, at the largest speed."""
         self.check_target(position)
-        limits = self.profile
-        ahead = Profile(velocity=self._speed(inf), acceleration=limits.acceleration, jerk=limits.jerk)
+        ahead = replace(self.profile, velocity=self._speed(inf))
         ahead.hold(self.setpoint if self.enabled else value_of(self.encoder, ACCEPTED))
         return ahead.to(position)
 
@@ -218,6 +218,8 @@ class Axis(Compound):
         the motion goes on, except at a standstill."""
         if reach is None:
             reach = 3 * (self.encoder.maximum - self.encoder.minimum)
+        if isnan(jump) or isnan(reach):
+            raise RangeError(f"{self.path}: no search with jump={jump}, reach={reach}")
         self._go(lambda: self._cruise(velocity))
         sign = copysign(1.0, velocity)
         driven = idle = 0.0

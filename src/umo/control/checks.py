@@ -3,23 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from math import nan
 from typing import Any
 
 import numpy as np
 
 from umo.errors import DeclarationError
-
-
-def _finite(numbers: Any) -> Any:
-    return np.isfinite(numbers)
-
-
-def _not_negative(numbers: Any) -> Any:
-    return np.isfinite(numbers) & (numbers >= 0)
-
-
-def _above_0(numbers: Any) -> Any:
-    return numbers > 0
 
 
 def check_numbers(
@@ -28,18 +17,27 @@ def check_numbers(
     finite: Iterable[str] = (),
     not_negative: Iterable[str] = (),
     above_0: Iterable[str] = (),
+    arrays: bool = False,
 ) -> None:
-    """DeclarationError for an attribute that is not a number, or array of numbers, of its kind. `above_0` may be
-    infinite, the others may not."""
+    """DeclarationError for an attribute that is not a number of its kind; `arrays`: or an array of such numbers.
+    `above_0` may be infinite, the others may not."""
     rules: tuple[tuple[Iterable[str], Callable[[Any], Any], str], ...] = (
-        (finite, _finite, "a finite number"),
-        (not_negative, _not_negative, "finite and not below 0"),
-        (above_0, _above_0, "above 0"),
+        (finite, np.isfinite, "a finite number"),
+        (not_negative, lambda numbers: np.isfinite(numbers) & (numbers >= 0), "finite and not below 0"),
+        (above_0, lambda numbers: numbers > 0, "above 0"),
     )
     for names, valid, need in rules:
         for name in names:
             given = getattr(owner, name)
-            numbers = np.asarray(given)
-            if numbers.dtype.kind not in "fiu" or not np.all(valid(numbers)):
+            is_array = arrays and isinstance(given, np.ndarray) and given.dtype.kind in "fiu"
+            if not np.all(valid(given if is_array else _number(given))):
                 where = getattr(owner, "path", "") or type(owner).__name__
                 raise DeclarationError(f"{where}.{name} must be {need}, not {given!r}")
+
+
+def _number(given: Any) -> float:
+    """As a float; NaN for what is no number that a float can express."""
+    try:
+        return float(given) if isinstance(given, int | float | np.number) and not isinstance(given, bool) else nan
+    except (TypeError, OverflowError):
+        return nan

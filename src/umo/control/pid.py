@@ -100,10 +100,10 @@ class PID:
         except ZeroDivisionError:
             raise RangeError(f"no output with these settings: {self!r}") from None
         output = self.gain * (error - self.derivative_time * rate) + self.integral + growth + feed_forward
-        if not isfinite(output):  # because one of the numbers that it is made of is not
+        if not (isfinite(output) and low < inf and high > -inf):  # one of the numbers that it is made of is not
             raise RangeError(
                 f"the output is not finite: setpoint {setpoint!r}, measurement {measurement!r}, "
-                f"feed-forward {feed_forward!r}, period {dt!r} s"
+                f"feed-forward {feed_forward!r}, period {dt!r} s, range {low!r} to {high!r}"
             )
         self.setpoint, self.error, self._last = setpoint, error, measurement
         if dt:
@@ -150,7 +150,7 @@ class VectorPID:
 
     def check_settings(self) -> None:
         """As `PID.check_settings`."""
-        check_numbers(self, finite=("gain",), not_negative=TIMES, above_0=("integral_time",))
+        check_numbers(self, finite=("gain",), not_negative=TIMES, above_0=("integral_time",), arrays=True)
 
     def reset(self) -> None:
         """Clear the state: the next `step` is the first."""
@@ -188,22 +188,23 @@ class VectorPID:
         wanted += growth
         if feed_forward is not None:
             wanted += feed_forward
-        if not self._has_derivative:
-            _check_finite(wanted)
-        else:
-            rate = self._filtered_rate(measurement, dt)
+        rate = self._filtered_rate(measurement, dt) if self._has_derivative else None
+        if rate is not None:
             wanted -= self.gain * self.derivative_time * rate
-            _check_finite(wanted)
+        _check_finite(wanted)
+        output: FloatArray = np.maximum(wanted, low)
+        np.minimum(output, high, out=output)
+        excess = np.subtract(wanted, output, out=wanted)  # not finite where `low` or `high` is not a bound
+        limited = excess != 0.0
+        if np.count_nonzero(limited):  # a third of the time of any()
+            _check_finite(excess)
+            excess *= growth
+            growth[excess > 0.0] = 0.0  # what would lead further out is left out
+        self.error, self.limited = error, limited
+        if rate is not None:
             self._last = measurement.copy()  # the caller may fill the same array anew
             if dt:
                 self._rate = rate
-        output: FloatArray = np.maximum(wanted, low)
-        np.minimum(output, high, out=output)
-        excess = np.subtract(wanted, output, out=wanted)
-        self.error, self.limited = error, excess != 0.0
-        if np.count_nonzero(self.limited):  # a third of the time of any()
-            excess *= growth
-            growth[excess > 0.0] = 0.0  # what would lead further out is left out
         self.integral = self.integral + growth
         return output
 
@@ -224,5 +225,5 @@ def _check_finite(numbers: FloatArray) -> None:
     if np.count_nonzero(finite) != finite.size:
         places = np.flatnonzero(~finite)
         more = f", and of {len(places) - 1} more" if len(places) > 1 else ""
-        what = "a setting, or the setpoint, measurement or feed-forward"
+        what = "a setting, or the setpoint, measurement, feed-forward or range"
         raise RangeError(f"{what} of element {places[0]}{more} is not finite")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import frexp, inf, isfinite
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -32,13 +32,15 @@ class Profile:
     setpoint: Setpoint = field(default=Setpoint(0.0, 0.0, 0.0), init=False)
     _planner: Any = field(default_factory=lambda: _ruckig().Ruckig(1), init=False, repr=False)
     _trajectory: Any = field(default_factory=lambda: _ruckig().Trajectory(1), init=False, repr=False)
+    _next: Any = field(default_factory=lambda: _ruckig().Trajectory(1), init=False, repr=False)
+    """Where the next one is calculated: ruckig leaves numbers of its own in one that it does not find."""
     _elapsed: float = field(default=0.0, init=False)
     _duration: float = field(default=0.0, init=False)
     _origin: float = field(default=0.0, init=False)
     _final: float = field(default=0.0, init=False)
     _scale: float = field(default=1.0, init=False, repr=False)
-    """Of the lengths that ruckig is given. Its tolerances are absolute: with speeds of 1e5 it finds no profile for one
-    in ten motions that are planned anew on the way. A power of two changes no digit."""
+    """The factor of the lengths that ruckig is given. Its tolerances are absolute: with speeds of 1e5 it finds no
+    profile for one in ten motions that are planned anew on the way. A power of two changes no digit."""
 
     def __post_init__(self) -> None:
         self.check_settings()
@@ -76,42 +78,46 @@ class Profile:
             raise RangeError(
                 f"no profile to {target!r}: the duration must be finite and not negative, not {duration!r}"
             )
-        plan = self._plan()
-        plan.target_position = [target * self._scale]
-        plan.max_velocity = [min(velocity, self.velocity) * self._scale]
+        plan, scale = self._plan()
+        plan.target_position = [target * scale]
+        plan.max_velocity = [min(velocity, self.velocity) * scale]
         if duration:
             plan.minimum_duration = duration
-        return self._calculate(plan, f"to {target!r}")
+        return self._calculate(plan, scale, f"to {target!r}")
 
     def at(self, velocity: float) -> float:
         """Plan a profile from the current setpoint to a constant velocity, at most the largest speed; 0: to standstill.
         The setpoint moves on at this velocity. Returns the duration in s until it is reached. RangeError for NaN."""
-        plan = self._plan()
+        plan, scale = self._plan()
         plan.control_interface = _ruckig().ControlInterface.Velocity
-        plan.target_velocity = [min(max(velocity, -self.velocity), self.velocity) * self._scale]
-        return self._calculate(plan, f"at {velocity!r} per s")
+        plan.target_velocity = [min(max(velocity, -self.velocity), self.velocity) * scale]
+        return self._calculate(plan, scale, f"at {velocity!r} per s")
 
-    def _plan(self) -> Any:
+    def _plan(self) -> tuple[Any, float]:
+        """For ruckig: the current setpoint and the limits, and the scale of their lengths."""
+        if not self.velocity > 0.0:
+            raise RangeError(f"no profile within the limits of {self!r}")
         plan = _ruckig().InputParameter(1)
-        scale = self._scale = 2.0 ** -frexp(self.velocity)[1]
+        scale = 2.0 ** -frexp(self.velocity)[1]
         plan.current_position = [self.setpoint.position * scale]
         plan.current_velocity = [self.setpoint.velocity * scale]
         plan.current_acceleration = [self.setpoint.acceleration * scale]
         plan.max_velocity = [self.velocity * scale]
         plan.max_acceleration = [self.acceleration * scale]
         plan.max_jerk = [self.jerk * scale]
-        return plan
+        return plan, scale
 
-    def _calculate(self, plan: Any, what: str) -> float:
+    def _calculate(self, plan: Any, scale: float, what: str) -> float:
         ruckig = _ruckig()
         try:
-            result = self._planner.calculate(plan, self._trajectory)
-        except ruckig.RuckigError as error:
-            raise RangeError(f"no profile {what}: {str(error).strip()}") from None
+            result = self._planner.calculate(plan, self._next)
+        except (ruckig.RuckigError, ValueError) as error:  # ValueError: a result that its enum does not know
+            raise RangeError(f"no profile {what}: {str(error).strip().partition(' input:')[0]}") from None
         if result not in (ruckig.Result.Working, ruckig.Result.Finished):
             raise RangeError(f"no profile {what} within the limits of {self!r}: {result.name}")
-        self._elapsed = self._origin = 0.0
-        self._final = plan.target_velocity[0] / self._scale
+        self._trajectory, self._next = self._next, self._trajectory
+        self._elapsed, self._origin, self._scale = 0.0, 0.0, scale
+        self._final = plan.target_velocity[0] / scale
         self._duration = float(self._trajectory.duration)
         return self._duration
 
@@ -147,11 +153,18 @@ class Profile:
 
 def synchronize(*moves: tuple[Profile, float]) -> float:
     """Plan profiles to their targets, `(profile, target)` each, that begin and end together: with the duration of the
-    slowest. Returns it in s."""
-    longest = max(profile.to(target) for profile, target in moves)
+    slowest. Returns it in s. RangeError as `Profile.to`; then none of them has changed."""
+    longest = max(_duration(profile, target) for profile, target in moves)
     for profile, target in moves:
         profile.to(target, duration=longest)
     return longest
+
+
+def _duration(profile: Profile, target: float) -> float:
+    """How long it would take to the target, in s."""
+    ahead = replace(profile)
+    ahead.setpoint = profile.setpoint
+    return ahead.to(target)
 
 
 def _check_time(time: float) -> None:

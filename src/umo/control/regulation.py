@@ -44,16 +44,17 @@ class Hysteresis(Generic[S]):
 
     def control(self, accept: Accept = ()) -> S:
         """One period: read, compare, write. Returns the state that the actuator has accepted: its default while it is
-        inhibited. Raises BadInput like every control law, RangeError if the value is not finite."""
+        inhibited. Raises BadInput like every control law, RangeError if a number is not finite."""
         value, actuator = value_of(self.sensor, accept), self.actuator
         if self.low <= value <= self.high:
             state = actuator.pending
-        elif -inf < value < self.low:
+        elif -inf < value < self.low < inf:
             state = self.raising
-        elif self.high < value < inf:
+        elif -inf < self.high < value < inf:
             state = actuator.zero if self.raising is actuator.one else actuator.one
         else:
-            raise RangeError(f"{self.sensor.path}: {value} is no value to regulate by")
+            bounds = f"from {self.low} to {self.high}"
+            raise RangeError(f"{self.sensor.path}: {value} is no value to regulate by, {bounds}")
         return state if actuator.write(state) else actuator.pending
 
     @property

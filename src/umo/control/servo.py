@@ -81,9 +81,9 @@ class Servo(PID):
         """The lowest and highest output of this period."""
         actuator = self.actuator
         low, high, rate = actuator._minimum, actuator._maximum, actuator._slew_rate  # the properties are calls
-        if self.limit < inf:
+        if self.limit != inf:
             rest = actuator._default
-            low, high = max(low, rest - self.limit), min(high, rest + self.limit)
+            low, high = max(rest - self.limit, low), min(rest + self.limit, high)  # NaN stays, and is refused
         if rate is None or not dt:
             return low, high
         now, step = actuator.read(), rate * dt
@@ -107,6 +107,13 @@ class VectorServo(VectorPID):
         if len(self.sensors) != len(self.actuators):
             raise DeclarationError(f"{len(self.sensors)} sensors for {len(self.actuators)} actuators")
         super().__post_init__()
+
+    def check_settings(self) -> None:
+        """As `PID.check_settings`; an array has a number for each sensor."""
+        super().check_settings()
+        for name in ("gain", "integral_time", "derivative_time", "filter_time"):
+            if np.shape(getattr(self, name)) not in ((), (len(self.sensors),)):
+                raise DeclarationError(f"VectorServo.{name} must be a number, or an array of {len(self.sensors)}")
 
     @property
     def signals(self) -> Mapping[str, str]:

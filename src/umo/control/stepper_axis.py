@@ -37,7 +37,7 @@ class StepperAxis(Axis):
 
     def setup(self) -> None:
         super().setup()
-        check_numbers(self, above_0=("step_size", "rest_time"))
+        check_numbers(self, above_0=("step_size",), not_negative=("rest_time",))
         self.stepping = Stepping(self.step, self.direction)
         self._offset = 0.0  # the position at which the step count is 0
         self._error = 0.0

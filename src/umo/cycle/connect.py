@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -21,7 +21,7 @@ from umo.cycle.transfer import PATIENCE, settling, wait_for
 from umo.errors import DeclarationError, DriverError, Failure, StopError
 from umo.objects import Compound
 from umo.system.custody import Custody
-from umo.text import Moment, cause_of
+from umo.text import Moment, add_note, cause_of
 from umo.user_code import attempt
 from umo.wiring import Wired, resolve, share
 from umo.wiring.faults.wrapper import bare
@@ -147,14 +147,14 @@ class connect(Generic[C]):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         moment = self._moment()
-        if error is not None:
-            _note(error, moment)
         try:
             self._leave(error)
         except BaseException as left:
-            _note(left, moment)
+            _date(left, moment)
             raise
         finally:
+            if error is not None:
+                _date(error, moment)
             _ENTERED.discard(id(self.root))
 
     def _moment(self) -> Moment | None:
@@ -224,12 +224,12 @@ class connect(Generic[C]):
         if stopping is not None:
             if cause is None:
                 raise stopping
-            cause.add_note(f"also, while stopping its sequences: {cause_of(stopping)}")
+            add_note(cause, f"also, while stopping its sequences: {cause_of(stopping)}")
         if failures:
             failed = DriverError("failures at the end of the run", failures)
             if cause is None:
                 raise failed
-            cause.add_note(str(failed))
+            add_note(cause, str(failed))
 
     def _show_last(self) -> None:
         self.machine.finish_period()
@@ -313,9 +313,10 @@ class connect(Generic[C]):
         return [slot for slot in self.machine.stop_order if slot in initialized]
 
 
-def _note(error: BaseException, moment: Moment | None) -> None:
+def _date(error: BaseException, moment: Moment | None) -> None:
     """Say when an exception ended the run; one that was raised again says it once."""
-    notes = getattr(error, "__notes__", [])
-    notes[:] = [note for note in notes if not isinstance(note, Moment)]
-    if moment is not None:
-        error.add_note(moment)
+    with suppress(BaseException):  # an exception of the user's may refuse anything
+        notes = getattr(error, "__notes__", [])
+        notes[:] = [note for note in notes if not isinstance(note, Moment)]
+        if moment is not None:
+            error.add_note(moment)

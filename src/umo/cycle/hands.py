@@ -142,6 +142,8 @@ class _Held:
     release: Callable[[], object]
     slot: int = -1
     """The actuator; -1 for an action."""
+    is_sequence: bool = False
+    """An action whose end is told by itself."""
 
 
 class Hands:
@@ -240,6 +242,13 @@ class Hands:
         if each.is_over:
             self._running.remove(each)
 
+    def _begin(self, action: _Action, call: Callable[[], Any]) -> Any:
+        """Its result; the sequence that this is, and those that it starts, belong to the action."""
+        result = self._within(action, call)
+        if isinstance(result, Coroutine):
+            action.task = Task(result)
+        return result
+
     def _within(self, action: _Action, call: Callable[..., Any], *arguments: Any) -> Any:
         """A part of an action. The sequences that it starts are its own."""
         self.at_work = action.started
@@ -336,14 +345,14 @@ class Hands:
             seen = self._kept_up(action.path, HOLD)
             self._held[action.path] = _Held(command, HOLD, seen, action.release)
         try:
-            result = self._within(begun, partial(action.call, **arguments))
+            result = self._begin(begun, partial(action.call, **arguments))
         except BaseException:  # what it has begun until then ends with it
             attempt(self._within, begun, begun.cancel)
             if action.path in self._held:
                 self._release(action.path, "")
             raise
-        if isinstance(result, Coroutine):
-            begun.task = Task(result)
+        if begun.task is not None and action.path in self._held:
+            self._held[action.path].is_sequence = True
         if not begun.is_over:
             self._running.append(begun)
         return (CommandState.BEGUN, "") if begun.task is not None else (CommandState.DONE, _plain(result))
@@ -351,22 +360,31 @@ class Hands:
     def _cancel(self, command: HandCommand) -> tuple[CommandState, str]:
         """The action of this path, or all."""
         self.lease.check(command.key)
-        if not any(command.path in ("", each.command.path) for each in self._running):
+        held = [path for path, each in self._held.items() if each.slot < 0]
+        if command.path not in ("", *held, *(each.command.path for each in self._running)):
             raise PathError(f"no action {command.path} is running")
-        self._cancel_running(f"by {command.who}", command.path)
+        why = f"by {command.who}"
+        self._cancel_running(why, command.path)
+        for path in held:
+            if command.path in ("", path):
+                self._release(path, why)
         return CommandState.DONE, ""
 
     def _acknowledge(self, command: HandCommand) -> tuple[CommandState, str]:
         """The latched interlocks of an object, "": of the machine. CommandRefused while one of its actuators is still
         inhibited."""
         self.lease.check(command.key)
-        root = self._machine.root
-        item = root.find(command.path) if command.path else root
+        item = self._object(command.path)
         if not item.acknowledge():
-            parts = item.atoms() if isinstance(item, Compound) else (cast(Atomic, item),)
+            parts = item.atoms() if isinstance(item, Compound) else (item,)
             reasons = "; ".join(self._machine.commands.interlocked(parts))
             raise CommandRefused(f"{command.path or 'the machine'} is still inhibited: {reasons}")
         return CommandState.DONE, ""
+
+    def _object(self, path: str) -> Atomic | Compound:
+        """At this path; "": the machine."""
+        root = self._machine.root
+        return cast("Atomic | Compound", root.find(path)) if path else root
 
     # Modes and ends ------------------------------------------------------------------------------------
 
@@ -412,14 +430,18 @@ class Hands:
         return error
 
     def _release(self, path: str, why: str) -> None:
+        """End what is held. A release starts nothing; if it fails, the actuators of its part go to their defaults."""
         held = self._held.pop(path)
+        self._cancel_running(why, path)
         begun = _Action(held.command)
-        _, error = attempt(self._within, begun, held.release)
+        failed: object = attempt(self._begin, begun, held.release)[1]
         if not begun.is_over:
-            self._running.append(begun)
-        if error is not None:
-            self._note(f"{path} could not be released: {error}")
-        if why:
+            attempt(self._within, begun, begun.cancel)
+            failed = "a release starts no sequence"
+        if failed is not None:
+            self._note(f"{path} could not be released: {failed}")
+            attempt(self._object(path.rpartition(".")[0]).reset)
+        if why and not held.is_sequence:
             self._tell(held.command, CommandState.CANCELLED, why)
 
     # What is told --------------------------------------------------------------------------------------

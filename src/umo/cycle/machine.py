@@ -22,7 +22,7 @@ from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
 from umo.errors import DriverError
 from umo.objects import Action, Compound, Node, Tunable, actions_of, tunables_of
-from umo.user_code import read_numbers
+from umo.user_code import read_numbers, refuse_exit
 from umo.wiring.faults.wrapper import Injection
 from umo.wiring.resolved import AT_NEXT_TICK, AT_ONCE
 
@@ -143,8 +143,12 @@ class ConnectedMachine:
             acts = self._root_acts
         else:
             acts = self._overrides(part)
-        for act in acts:
-            act()
+        try:
+            for act in acts:
+                act()
+        except BaseException as error:
+            refuse_exit(error, "control")
+            raise
 
     def update(self, part: Compound) -> bool:
         return self.image.update_some(self._slots_of(part).outputs)

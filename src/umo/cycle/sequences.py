@@ -16,8 +16,8 @@ from typing import Any, Protocol
 
 from umo.duration import seconds as in_seconds
 from umo.errors import Cancelled, TaskFailed, TimeExpired
-from umo.text import in_brackets, located, place_among, shown_path
-from umo.user_code import is_interrupt
+from umo.text import add_note, cause_of, in_brackets, located, place_among, shown_path, text_of
+from umo.user_code import refuse_exit
 
 
 class Tick(Protocol):
@@ -238,8 +238,8 @@ class Task:
             return
         except BaseException as error:
             self.done = True
-            self._refuse_exit(error)
-            if isinstance(error, RuntimeError) and str(error) == "no running event loop":  # asyncio.sleep, for one
+            refuse_exit(error, self._name)
+            if isinstance(error, RuntimeError) and text_of(error) == "no running event loop":  # asyncio.sleep, for one
                 mistake = TypeError(f"asyncio cannot be used in a sequence; {ONLY_OURS}")
                 raise mistake.with_traceback(error.__traceback__) from error
             raise
@@ -276,7 +276,7 @@ class Task:
         except (Cancelled, StopIteration):
             return
         except BaseException as error:
-            self._refuse_exit(error)
+            refuse_exit(error, self._name)
             raise
 
     def _begin(self) -> None:
@@ -284,12 +284,6 @@ class Task:
         if inspect.iscoroutine(self._sequence) and inspect.getcoroutinestate(self._sequence) != inspect.CORO_CREATED:
             self.done = True
             raise TypeError(f"{self._name} was started twice; call the `async def` function again for each start")
-
-    def _refuse_exit(self, error: BaseException) -> None:
-        """Whatever is no Exception would end the whole run without a word, `sys.exit(0)` even as if all were well."""
-        if not isinstance(error, Exception | Cancelled) and not is_interrupt(error):
-            what = f"{self._name} raised {located(error)}"
-            raise TaskFailed(f"{what}; a sequence must end by returning or with an error") from error
 
     @property
     def _name(self) -> str:
@@ -309,7 +303,7 @@ def _cancel_all(tasks: list[Task]) -> list[BaseException]:
 
 def _with_notes(error: BaseException, others: list[BaseException]) -> BaseException:
     for other in others:
-        error.add_note(f"also, while another sequence was cancelled: {other!r}")
+        add_note(error, f"also, while another sequence was cancelled: {cause_of(other)}")
     return error
 
 

@@ -60,11 +60,11 @@ def action(
             def clear_count(self) -> None: ...
 
     Every argument is annotated: float, int, bool, str, an Enum, a two-state type or a Literal. A number needs a
-    `Range`, or a function of the compound that returns one. `harmless`: it may be called in
-    automatic mode too, beside the application. `release`: the action lasts as long as the caller keeps it up; then this
-    method of the compound is called, without arguments. A release ends what the action began and starts nothing: it is
-    also called when something else has ended the action already. The first line of the docstring describes the action.
-    Result: plain data; what others see of it are 448 bytes of JSON.
+    `Range`, or a function of the compound that returns one. `harmless`: it may be called in automatic mode too, beside
+    the application. `release`: the action lasts as long as the caller keeps it up; then its sequences are cancelled,
+    and this method of the compound is called, without arguments. A release ends what the action began and starts
+    nothing: it is also called when something else has ended the action already. The first line of the docstring
+    describes the action. Result: plain data; what others see of it are 448 bytes of JSON.
     """
     mark = _Mark(ranges, harmless, release)
     if function is None:
@@ -195,6 +195,10 @@ def _release(node: Compound, path: str, name: str | None) -> Callable[[], Any] |
     if not callable(method):
         known = [each for each in dir(node) if not each.startswith("_") and callable(getattr(type(node), each, None))]
         raise DeclarationError(f"action {path}: release={name!r} is no method{did_you_mean(str(name), known)}")
+    with told_as(DeclarationError, f"action {path}: release={name!r} cannot be called without arguments"):
+        inspect.signature(method).bind()
+    if inspect.iscoroutinefunction(method):
+        raise DeclarationError(f"action {path}: release={name!r} is a sequence; a release acts at once")
     return cast("Callable[[], Any]", method)
 
 

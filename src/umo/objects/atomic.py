@@ -47,7 +47,8 @@ class Atomic(Node):
 
     @property
     def raw(self) -> int:
-        """The raw value at the hardware: of a sensor as last read, of an actuator as last accepted."""
+        """The raw value at the hardware: of a sensor as last read (0 before the first reading), of an actuator as last
+        accepted."""
         return cast(int, self._image.raws[self._slot])
 
     @property

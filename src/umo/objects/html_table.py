@@ -146,7 +146,9 @@ def _quality(line: Sequence[TableRow]) -> str:
 
 
 def _raw(line: Sequence[TableRow]) -> str:
-    return str(line[0].raw) if len(line) == 1 and line[0].raw is not None else ""
+    """Of one object; nothing where there is no value yet."""
+    row = line[0]
+    return "" if len(line) > 1 or row.raw is None or row.value != row.value else str(row.raw)
 
 
 def _note(line: Sequence[TableRow]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from inspect import get_annotations
 from typing import Any
 
 from umo.errors import RangeError
@@ -13,7 +14,7 @@ def as_declared(owner: Any, name: str, value: float) -> float:
         return float(value)
     if value == int(value):
         return int(value)
-    if any(vars(kind).get("__annotations__", {}).get(name) in (int, "int") for kind in type(owner).__mro__):
+    if any(get_annotations(kind).get(name) in (int, "int") for kind in type(owner).__mro__):
         raise RangeError(f"{value!r} is not a whole number")
     return float(value)
 
