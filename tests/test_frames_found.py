@@ -19,7 +19,7 @@ from helpers.publishing import running, writer
 from umo import FramesError, connect, published
 from umo.frames import Reader, Stage, rings
 from umo.frames.folder import folder, new_path
-from umo.frames.frame_server import FrameServer
+from umo.frames.frame_server import WAITING, FrameServer, is_served, receive
 from umo.frames.memory import Ends
 from umo.testing import Scripted, VirtualTimer, periods
 
@@ -216,6 +216,21 @@ def test_a_server_that_does_not_answer_costs_a_sentence(monkeypatch: pytest.Monk
     server.listen()
     with pytest.raises(FramesError, match="the guardian of this run does not answer"):
         Reader(server.path)
+    server.close()
+    ends.close()
+    readers.close()
+
+
+def test_a_client_waits_for_its_turn_while_many_others_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    ends, readers = Ends.pair()
+    server = FrameServer(new_path("bench"), readers)
+    server.listen()
+    for _ in range(WAITING + 2):  # they have asked, and left again
+        assert is_served(server.path)
+    answering: list[None] = []
+    monkeypatch.setattr("umo.frames.frame_server.time.sleep", lambda s: answering or answering.append(server.start()))
+    receive(server.path).close()
+    assert answering
     server.close()
     ends.close()
     readers.close()

@@ -58,7 +58,7 @@ def attach_first(words: list[str]) -> tuple[Reader, list[str]]:
     try:
         return attach(words[0] if words else None), words[1:]
     except FramesError:
-        found = readers()
+        found = search.readers()
         if len(found) == 1 and any(_names(found[0], word) for word in words[:1]):
             return found[0], words
         raise

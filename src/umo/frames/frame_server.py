@@ -27,6 +27,8 @@ WAITING = 64
 """Clients that may wait for an answer at once."""
 ANSWER = 1.0
 """s that a client waits for the descriptors."""
+AGAIN = 0.005
+"""s to the next try of a client while too many others wait."""
 PAUSE = 0.1
 """s from a client that could not be accepted to the next, in a thread."""
 ROOT = 0
@@ -107,7 +109,7 @@ def receive(path: Path) -> Ends:
         here.settimeout(ANSWER)
         try:
             with _address(path) as address:
-                here.connect(address)
+                _connect(here, address)
             if (user := _peer(here)) not in (ROOT, os.getuid()) and os.getuid() != ROOT:
                 raise FramesError(f"{path} is another user's (uid {user})")
             data, files = passing.receive(here, len(GREETING) + 1, len(Ends._fields))
@@ -120,6 +122,18 @@ def receive(path: Path) -> Ends:
             os.close(file)
         raise FramesError(f"{path} belongs to another version of umo, or to another user")
     return Ends(*files)
+
+
+def _connect(here: socket.socket, address: str) -> None:
+    """Connect within the socket's time. While too many wait already, the kernel refuses at once (unix(7), EAGAIN)."""
+    until = time.monotonic() + ANSWER
+    while True:
+        try:
+            return here.connect(address)
+        except BlockingIOError:
+            if time.monotonic() > until:
+                raise TimeoutError from None
+            time.sleep(AGAIN)
 
 
 def is_socket(path: Path) -> bool:

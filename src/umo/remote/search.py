@@ -47,8 +47,13 @@ def reading(path: Path) -> Iterator[None]:
 
 def find_running(name: str | None, said: Callable[[str], object] = lambda text: None) -> Reader:
     """The frames of one running station, by name, folder or pid (`meant_by`); FramesError lists those that run. `said`
-    is told of a ring that cannot be read."""
-    found = readers(said)
+    is told of a ring that cannot be read beside others that can."""
+    unread: list[str] = []
+    found = readers(unread.append)
+    if unread and not found:
+        raise FramesError("; ".join(unread))
+    for text in unread:
+        said(text)
     fitting = found if name is None else meant_by(name, found)
     for reader in found:
         if fitting != [reader]:
