@@ -78,6 +78,7 @@ def test_an_action_is_called_with_units_and_waited_for(conveyor: umo.Started) ->
         (["call", "conveyor", "belt.run_at", "speed=fast"], "belt.run_at: speed: 'fast' is not a number in m/s"),
         (["call", "conveyor", "belt.run_at", "speed=3 kg"], "'kg' cannot be converted to 'm/s'"),
         (["call", "conveyor", "belt.run_at"], "the argument speed is missing"),
+        (["call", "conveyor", "belt.run_at", "speed=0", "speed=1"], "belt.run_at: speed is given twice"),
         (["tune", "conveyor", "windows", "3"], "no tunable number 'windows' (did you mean 'window'?)"),
         (["tune", "conveyor", "window", "1 m"], "window: 1000 mm is outside 1 to 100"),
         (["mode", "conveyor", "automatisch"], "there is no mode 'automatisch'; there are: automatic, manual"),

@@ -99,7 +99,7 @@ def test_a_run_leaves_what_was_run_and_its_trace(umo: Umo, quick: Path) -> None:
     result = umo("run", "tank", "--level", "30", "--no-plot")
     assert result.exit_code == 0
     run = json.loads((folder(quick) / "run.json").read_text())
-    assert (run["station"], run["wiring"], run["options"]) == ("tank", None, {"level": 30.0})
+    assert (run["station"], run["wiring"], run["options"]) == ("tank", "simulated", {"level": 30.0})
     assert {file.name for file in folder(quick).iterdir()} == {"run.json", "summary.json", "trace.csv"}
     assert f"trace: runs/{folder(quick).name}" in result.stdout
 

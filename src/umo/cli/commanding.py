@@ -86,7 +86,7 @@ def call(name: str, path: str | None, words: list[str], over: bool, hold: float 
             return
         if path not in actions:
             raise PathError(f"no action {path!r}{did_you_mean(path, actions)}; `umo call {name}` lists them")
-        given = dict(_argument(actions[path], word) for word in words)
+        given = _arguments(actions[path], words)
         with leased(station, over) as lease:
             result = _called(station, actions[path], given)
             if path in lease.held:
@@ -106,6 +106,16 @@ def _called(station: RemoteStation, action: dict[str, Any], given: dict[str, Any
             line.show(time.monotonic() - began, progress.text or action["path"], progress.share)
 
         return call_action(station, action, given, show)
+
+
+def _arguments(action: dict[str, Any], words: list[str]) -> dict[str, Any]:
+    """The values by name; RangeError for a name that is given twice."""
+    given: dict[str, Any] = {}
+    for name, value in (_argument(action, word) for word in words):
+        if name in given:
+            raise RangeError(f"{action['path']}: {name} is given twice")
+        given[name] = value
+    return given
 
 
 def _argument(action: dict[str, Any], word: str) -> tuple[str, Any]:

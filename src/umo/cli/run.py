@@ -46,7 +46,7 @@ def run_station(job: Job, recording: Recording, *, full_traceback: bool = False)
     if job.options.get("realtime") and not plan.wired.paced:
         err.print("umo: --realtime has no effect: the timer of this wiring is a real-time timer")
     try:
-        folder = RunFolder.make(plan.name, job) if recording.record else None
+        folder = RunFolder.make(plan) if recording.record else None
     except NotRecorded as error:
         return _fail(Failed("NotRecorded", str(error), NOT_RECORDED), full_traceback)
     trace = Trace()

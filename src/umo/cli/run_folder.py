@@ -18,7 +18,7 @@ from typing import Any
 from umo.cycle import Frame
 from umo.cycle.trace import Trace, lines
 from umo.errors import UmoError
-from umo.process.job import Job
+from umo.process.job import Plan
 from umo.text import cause_of
 from umo.wiring.parameters import as_plain
 
@@ -43,14 +43,15 @@ class RunFolder:
         """Whether all was written."""
 
     @classmethod
-    def make(cls, name: str, job: Job) -> RunFolder:
+    def make(cls, plan: Plan) -> RunFolder:
         """A new one, with what is run in `run.json`; NotRecorded if it cannot be written."""
-        now = datetime.now()
-        about: dict[str, Any] = {"station": name, "wiring": job.wiring, "options": job.options, "manual": job.manual}
+        now, job = datetime.now(), plan.job
+        about: dict[str, Any] = {"station": plan.name, "wiring": job.wiring or plan.wiring_name or None}
+        about |= {"options": job.options, "manual": job.manual, "until": job.until}
         about |= {"started": now.astimezone().isoformat(), "pid": os.getpid(), "command": sys.argv}
         folder = None
         try:
-            folder = cls(_new_folder(f"{name}-{now:%Y%m%d-%H%M%S}"))
+            folder = cls(_new_folder(f"{plan.name}-{now:%Y%m%d-%H%M%S}"))
             with whole(folder.path / "run.json") as file:
                 _write(file, json.dumps(about, indent=2, default=as_plain) + "\n")
         except OSError as error:
