@@ -81,12 +81,6 @@ def test_a_wrong_answer_to_function_23_is_an_error(start: Start, fault: str, wor
         write(driver, 1, 2)
 
 
-def test_the_watchdog_is_written_by_the_simple_function_all_the_same(start: Start) -> None:
-    driver, peer = start(read_write=True, watchdog_register=400)
-    driver.watchdog(0.2)
-    assert peer.requests() == [(6, 400, 1, 200)]
-
-
 # Unchanged outputs ---------------------------------------------------------------------------------
 
 
@@ -115,13 +109,6 @@ def test_only_the_requests_whose_values_changed_are_sent(start: Start, clock: li
     write(driver, 1, 2, 4, 0, texts=texts)
     write(driver, 1, 2, 4, 1, texts=texts)
     assert peer.requests()[3:] == [(6, 5, 1, 4), (5, 0, 1, 1)]
-
-
-def test_without_the_option_every_period_sends_everything(start: Start) -> None:
-    driver, peer = start()
-    for _ in range(3):
-        write(driver, 1, 2)
-    assert peer.requests() == [(16, 0, 2, 1, 2)] * 3
 
 
 def test_a_single_write_and_a_reset_are_always_sent_and_what_they_overwrote_is_sent_again(

@@ -51,15 +51,6 @@ def test_what_a_period_writes_is_sent_after_the_next_tick_and_before_its_sample(
         assert (sent(box, "motor")[-1], m.motor.read(), m.motor.time) == (4, 2.0, m.now)
 
 
-def test_at_once_the_same_is_sent_by_update() -> None:
-    machine, box = bench(), Scripted()
-    with connect(machine, wired(machine, box)) as m:
-        begin(m)
-        m.motor.write(2.0)
-        m.update()
-        assert sent(box, "motor")[-1] == 4
-
-
 def test_a_rate_limit_makes_one_step_per_period_and_an_expired_command_goes_with_the_next_tick() -> None:
     machine, box = bench(motor=actuator(slew_rate=1000.0, expires="3 ms")), Scripted()
     with connect(machine, later(machine, box)) as m:

@@ -277,14 +277,6 @@ def test_a_sensor_in_a_table_of_outputs_cannot_be_written() -> None:
     assert bench.inputs.request(b"\x06" + words(12, 1)) == b"\x86\x02"
 
 
-def test_a_value_that_does_not_fit_the_plants_channel_is_exception_3_and_changes_nothing() -> None:
-    bench = Bench(Plant())
-    assert bench.drive.request(b"\x06" + words(3, 2000 + 2 * 4095)) == b"\x06" + words(3, 2000 + 2 * 4095)
-    for raw in (1998, 2000 + 2 * 4096):
-        assert bench.drive.request(b"\x06" + words(3, raw)) == b"\x86\x03"
-    assert bench.plant.levels["dac:force"] == 4095
-
-
 def test_a_reading_that_does_not_fit_its_register_is_a_device_failure() -> None:
     bench = Bench(Plant())
     bench.plant.levels["adc:oil"] = 5000  # 500 degC

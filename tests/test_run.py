@@ -82,12 +82,6 @@ def test_the_applications_own_period_is_finished_before_leaving():
     assert [call.raws for call in box.segments("write_many")] == [(0, 1)]
 
 
-def test_without_an_application_it_runs_until_it_is_asked_to_stop():
-    machine, clock = bench(), VirtualTimer(end_after=7)
-    assert run(machine, wired(machine, Scripted(), clock=clock)) is None
-    assert clock.reads == 7
-
-
 def test_a_stop_cancels_the_application_and_the_result_is_none():
     cleaned = []
 

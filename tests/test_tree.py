@@ -92,14 +92,6 @@ def test_all_shows_every_member(umo: Umo, furnace: Path) -> None:
     assert sum(line.startswith("zones.") for line in found) == 5
 
 
-def test_two_like_members_are_both_shown(umo: Umo, furnace: Path) -> None:
-    made(furnace, 2)
-    assert [line for line in lines(umo("tree", "furnace")) if line.startswith("zones")] == [
-        "zones.0  Zone",
-        "zones.1  Zone",
-    ]
-
-
 def test_another_driver_or_an_inversion_is_a_difference(umo: Umo, furnace: Path) -> None:
     made(furnace, 9)
     wiring = furnace / "wiring" / "simulated.toml"

@@ -449,17 +449,6 @@ def test_a_part_9_mm_off_centre_is_not_sealed() -> None:
     assert machine.vacuum_kpa < 10
 
 
-def test_a_part_scattered_anywhere_on_the_courier_is_sealed() -> None:
-    machine = opened(seed=BALANCED)
-    deliver(machine)
-    first = machine.physics.parts.places[0]
-    for corner in itertools.product((0.0026, -0.0026), repeat=2):
-        machine.physics._qpos[first : first + 2] = corner
-        assert grip(machine)
-        release(machine)
-        drive_to(machine, 70_000, 300)
-
-
 # The courier and the report ------------------------------------------------------------------------
 
 
@@ -510,80 +499,12 @@ def test_a_part_put_back_without_the_turn_is_not_placed() -> None:
     assert not part.placed and part.error_deg == pytest.approx(90.0, abs=0.5)
 
 
-def test_parts_away_from_the_cup_take_no_contacts_and_ride_with_the_courier() -> None:
-    machine = opened(seed=BALANCED, parts=3)
-    deliver(machine)
-    before = [machine.physics.pose(part) for part in range(3)]
-    assert machine.physics.data.ncon == 0
-    drive_to(machine, PICK_UM)
-    assert 4 <= machine.physics.data.ncon <= 10  # the part under the cup alone
-    drive_to(machine, TRANSIT_UM, 1600)
-    assert machine.physics.data.ncon == 0
-    after = [machine.physics.pose(part) for part in range(3)]
-    for one, other in zip(before, after, strict=True):
-        assert other == pytest.approx(one, abs=5.0)  # um and deg
-
-
 def test_the_courier_waits_until_it_is_sure_that_z_is_clear() -> None:
     machine = opened(seed=BALANCED)
     deliver(machine)
     drive_to(machine, PICK_UM)
     drive_to(machine, TRANSIT_UM, 1600)  # up again with nothing lifted
     assert machine.physics.courier.current == 0
-
-
-# Faults --------------------------------------------------------------------------------------------
-
-
-def test_no_part_the_courier_comes_empty() -> None:
-    machine = opened(seed=BALANCED, faults=["no-part"])
-    deliver(machine)
-    assert machine.physics.courier.present
-    assert not grip(machine, ms=300)
-    assert not any(part.delivered for part in machine.truth().parts)
-
-
-def test_no_courier_nothing_ever_comes() -> None:
-    machine = opened(seed=BALANCED, faults=["no-courier"])
-    deliver(machine)
-    assert machine.physics.courier.current == -1
-    assert not grip(machine)
-
-
-def test_leaky_cup_never_reaches_the_switch() -> None:
-    machine = opened(seed=BALANCED, faults=["leaky-cup"])
-    deliver(machine)
-    assert not grip(machine, ms=500)
-    assert 15 < machine.vacuum_kpa < 25
-
-
-def test_stalled_theta_does_not_move() -> None:
-    machine = opened(faults=["stalled-theta"])
-    before = machine.theta_deg
-    turn(machine, 100)
-    assert machine.theta_deg == pytest.approx(before, abs=0.01)
-
-
-def test_dead_encoders_keep_their_count_while_the_axes_move() -> None:
-    machine = opened(seed=BALANCED, faults=["dead-z-encoder", "dead-theta-encoder"])
-    put(machine, theta_deg=226.0)
-    before = machine.z_um, machine.theta_deg
-    write(machine, dac=400, z_index=1, theta_index=1)
-    turn(machine, 40)
-    assert machine.z_um > before[0] + 10_000 and machine.theta_deg > before[1] + 8
-    assert (read(machine, "counter:z"), read(machine, "counter:theta")) == (0, 0)
-
-
-def test_dropped_part_loses_its_seal_while_it_is_turned() -> None:
-    machine = opened(seed=BALANCED, faults=["dropped-part"])
-    deliver(machine)
-    assert grip(machine)
-    drive_to(machine, 70_000)
-    assert read(machine, "dio:gripper") == 0
-    turn(machine, 200)
-    assert read(machine, "dio:gripper") == 1
-    part = machine.truth().parts[0]
-    assert part.lifted and not part.placed
 
 
 # Opening again -------------------------------------------------------------------------------------
