@@ -6,6 +6,7 @@ from __future__ import annotations
 import re
 import tracemalloc
 from collections.abc import Iterable
+from itertools import count
 from time import monotonic
 from typing import Any
 
@@ -52,8 +53,8 @@ def torment(driver: Text, calls: int, seconds: float) -> tuple[int, int]:
     channels = tuple(map(driver.channel, names))
     out, good, bad = np.zeros(len(names), np.int64), 0, 0
     end = monotonic() + seconds
-    for call in range(calls):
-        if monotonic() > end:
+    for call in count():
+        if (call >= calls or monotonic() > end) and (good or call > 20 * calls):  # more calls on a busy computer
             break
         out[:] = 0
         try:
