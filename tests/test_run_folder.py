@@ -133,6 +133,17 @@ def test_ctrl_c_while_the_plot_is_drawn_changes_neither_the_status_nor_leaves_a_
     assert "trace: runs/tank-" in result.stdout
 
 
+def test_a_second_ctrl_c_while_a_run_ends_removes_no_record(
+    umo: Umo, quick: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def impatient(*given: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("umo.cli.run.plain_reports", impatient)
+    assert umo("run", "tank").exit_code == 130
+    assert [file.name for file in folder(quick).iterdir()] == ["run.json"]
+
+
 def test_of_a_run_without_a_period_no_plot_is_drawn(umo: Umo, quick: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def stop(self: StopFlag) -> None:
         install(self)

@@ -53,7 +53,7 @@ def run_station(job: Job, recording: Recording, *, full_traceback: bool = False)
     try:
         result = _run(plan, trace, folder)
     except BaseException:  # Ctrl-C before the run, a job that cannot be handed to another process
-        if folder is not None:
+        if folder is not None and not len(trace.rows):
             folder.discard()
         raise
     with Interruptions() as signals:
