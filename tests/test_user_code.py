@@ -8,9 +8,22 @@ from typing import Any
 import pytest
 
 from helpers.machines import Bench, actuator, relay, sensor, switch, timer, wired
-from umo import DriverError, Frame, Interlock, OnOff, TaskFailed, connect, published, run
+from umo import (
+    DeclarationError,
+    DriverError,
+    Frame,
+    Interlock,
+    OnOff,
+    Range,
+    RangeError,
+    TaskFailed,
+    connect,
+    published,
+    run,
+)
 from umo.control import next_period
 from umo.frames import Reader
+from umo.objects import tunables_of
 from umo.testing import Scripted, VirtualTimer, periods
 from umo.text import place_of
 from umo.user_code import attempt, read_numbers
@@ -201,6 +214,42 @@ def test_a_number_that_cannot_be_read_is_nan(error: BaseException) -> None:
     assert read_numbers([("steady", "", m, "steady")]) == [1.0]
     with connect(m):
         assert math.isnan(read_numbers([("moody", "", m, "moody")])[0])
+
+
+@pytest.mark.parametrize("error", RAISED)
+def test_what_a_declaration_raises_is_a_mistake_of_the_declaration(error: BaseException) -> None:
+    def fail(self: Any) -> Any:
+        raise error
+
+    for made in ({"signals": property(fail)}, {"tunable": property(fail)}, {"interlocks": fail}):
+        m = type("Wrong", (Bench,), made)(
+            timer=timer(), motor=actuator(), encoder=sensor(), valve=relay(), limit=switch()
+        )
+        with pytest.raises(DeclarationError, match=type(error).__name__), connect(m):
+            tunables_of(m)
+
+
+@pytest.mark.parametrize("error", RAISED)
+def test_a_tuned_number_that_its_owner_fails_to_take_is_as_it_was(error: BaseException) -> None:
+    class Law:
+        k = 0.5
+
+        def check_settings(self) -> None:
+            raise error
+
+    class Tuned(Shown):
+        tunable = {"law.k": Range("", 0.0, 1.0)}
+
+        def setup(self) -> None:
+            self.law = Law()
+
+    with connect(Tuned(timer=timer(), motor=actuator(), encoder=sensor(), valve=relay(), limit=switch())) as m:
+        with pytest.raises(RangeError, match=rf"law\.k: .*{type(error).__name__}"):
+            tunables_of(m)["law.k"].set(0.75)
+        assert m.law.k == 0.5
+        m.mood, Tuned.tunable = error, {"moody": Range("", 0.0, 1.0)}
+        with pytest.raises(DeclarationError, match=f"tunable moody cannot be read: {type(error).__name__}"):
+            tunables_of(m)
 
 
 def test_only_a_ctrl_c_passes_an_attempt() -> None:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from umo.errors import DeclarationError
 from umo.objects import Compound
 from umo.objects.units import check_unit
+from umo.user_code import told_as
 
 _MISSING = object()
 
@@ -55,7 +56,8 @@ def _public(node: Compound) -> Iterator[tuple[str, Any]]:
 
 
 def _of(owner: Any, path: str) -> Iterator[Signal]:
-    declared = getattr(owner, "signals", None)
+    with told_as(DeclarationError, f"signals of {path or type(owner).__name__} failed"):
+        declared = getattr(owner, "signals", None)
     if not isinstance(declared, Mapping):
         return
     for name, unit in declared.items():

@@ -5,7 +5,8 @@ from __future__ import annotations
 from inspect import get_annotations
 from typing import Any
 
-from umo.errors import RangeError
+from umo.errors import DeclarationError, RangeError
+from umo.user_code import told_as
 
 
 def as_declared(owner: Any, name: str, value: float) -> float:
@@ -20,8 +21,9 @@ def as_declared(owner: Any, name: str, value: float) -> float:
 
 
 def check_settings(owner: Any) -> None:
-    """What a law says of its settings after a change; DeclarationError if they are not valid. An owner that has no
-    `check_settings` accepts all."""
+    """Ask a law about its settings after a change; DeclarationError or RangeError if they are not valid. An owner that
+    has no `check_settings` accepts all."""
     check = getattr(owner, "check_settings", None)
     if callable(check):
-        check()
+        with told_as(DeclarationError, f"{type(owner).__name__}.check_settings failed"):
+            check()

@@ -10,7 +10,7 @@ from umo.objects.compound import Compound
 from umo.objects.range import Range
 from umo.objects.settings import as_declared, check_settings
 from umo.text import did_you_mean
-from umo.user_code import read_numbers, told_as
+from umo.user_code import attempt, read_numbers, told_as
 
 
 class Tunable(NamedTuple):
@@ -30,12 +30,14 @@ class Tunable(NamedTuple):
         """RangeError if the value is not a number within the range, or its owner does not accept it; then the number is
         what it was."""
         number, before = self.range.checked(self.path, value), getattr(self.owner, self.name)
-        try:
-            setattr(self.owner, self.name, as_declared(self.owner, self.name, number))
-            check_settings(self.owner)
-        except (DeclarationError, RangeError) as error:
-            setattr(self.owner, self.name, before)
-            raise RangeError(f"{self.path}: {error}") from None
+        _, error = attempt(self._set, number)
+        if error is not None:
+            attempt(setattr, self.owner, self.name, before)
+            raise RangeError(f"{self.path}: {error.text}")
+
+    def _set(self, number: float) -> None:
+        setattr(self.owner, self.name, as_declared(self.owner, self.name, number))
+        check_settings(self.owner)
 
     def describe(self) -> dict[str, Any]:
         """As plain data."""
@@ -69,8 +71,10 @@ def _of(node: Compound) -> Iterator[Tunable]:
 
 
 def _attribute(owner: Any, name: str, path: str) -> Any:
-    try:
-        return getattr(owner, name)
-    except AttributeError:
-        near = did_you_mean(name, [each for each in dir(owner) if not each.startswith("_")])
-        raise DeclarationError(f"tunable {path}: {type(owner).__name__} has no attribute {name!r}{near}") from None
+    value, error = attempt(getattr, owner, name)
+    if error is None:
+        return value
+    if error.kind is not AttributeError:
+        raise DeclarationError(f"tunable {path} cannot be read: {error.text}")
+    near = did_you_mean(name, [each for each in dir(owner) if not each.startswith("_")])
+    raise DeclarationError(f"tunable {path}: {type(owner).__name__} has no attribute {name!r}{near}")

@@ -15,10 +15,10 @@ from types import ModuleType
 from typing import Any
 
 from umo.cycle.run import Application
-from umo.errors import DeclarationError, UmoError
+from umo.errors import DeclarationError
 from umo.objects import Compound, actions_of, tunables_of
 from umo.process.station import find
-from umo.text import reason_of
+from umo.user_code import told_as
 from umo.wiring import Wired, resolve, share
 from umo.wiring.parameters import as_plain
 
@@ -116,12 +116,8 @@ def _functions_of(job: Job) -> tuple[Callable[..., Any], Callable[..., Any] | No
 
 
 def _made(job: Job, make: Callable[..., Any], options: dict[str, Any]) -> Compound:
-    try:
+    with told_as(DeclarationError, f"{job.machine} failed"):
         machine = make(**options)
-    except UmoError:
-        raise
-    except (Exception, SystemExit) as error:
-        raise DeclarationError(f"{job.machine} failed: {reason_of(error)}") from error
     if not isinstance(machine, Compound):
         raise DeclarationError(f"{job.machine} returned {machine!r}, not a Compound")
     return machine
@@ -129,16 +125,12 @@ def _made(job: Job, make: Callable[..., Any], options: dict[str, Any]) -> Compou
 
 def _import(text: str, script: str | None) -> Any:
     name, _, attribute = text.partition(":")
-    try:
+    with told_as(DeclarationError, f"{text} cannot be imported"):
         if name == MAIN and MAIN not in sys.modules:
             module = ModuleType(MAIN)
             sys.modules[MAIN] = module
             module.__dict__.update(runpy.run_path(str(script), run_name=MAIN))
         found = getattr(importlib.import_module(name), attribute)
-        if not callable(found):
-            raise DeclarationError(f"{text} is not a function")
-        return found
-    except UmoError:
-        raise
-    except (Exception, SystemExit) as error:
-        raise DeclarationError(f"{text} cannot be imported: {reason_of(error)}") from error
+    if not callable(found):
+        raise DeclarationError(f"{text} is not a function")
+    return found
