@@ -81,7 +81,7 @@ class WiringError(UmoError, ValueError):
 
 
 _PLACEHOLDER = re.compile(r"(?<![^\W_])(?:N|TYPE)(?![^\W_])|[{\[]")
-"""Of a form such as "coil:N", which is not the text of a channel."""
+"""The part of a form such as "coil:N" that makes it no text of a channel."""
 
 
 class ChannelError(WiringError):

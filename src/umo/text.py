@@ -16,7 +16,7 @@ from traceback import walk_tb
 MOST = 2000
 """Known names that are compared: more take too long for a message."""
 LIBRARY = os.path.dirname(os.__file__) + os.sep
-"""Where Python's own modules are."""
+"""The folder of Python's own modules."""
 INSTALLED = (f"{os.sep}site-packages{os.sep}", f"{os.sep}dist-packages{os.sep}")
 UMO = str(Path(__file__).parent) + os.sep
 STATIONS = f"{UMO}stations{os.sep}"
@@ -36,7 +36,7 @@ class Moment(str):
 
 
 def cause_of(error: BaseException) -> str:
-    """What an exception says, in one line; its type first, unless it comes from the operating system or a device."""
+    """The text of an exception in one line; its type first, unless it comes from the operating system or a device."""
     text = text_of(error).partition("\n")[0]
     if not text:
         return type(error).__name__
@@ -58,7 +58,7 @@ def add_note(error: BaseException, note: str) -> None:
 
 
 def reason_of(error: BaseException) -> str:
-    """What a driver's code says in an exception; its type and place where that is nothing (`sys.exit(0)`)."""
+    """The text of an exception of a driver's code; its type and place where that is nothing (`sys.exit(0)`)."""
     text = text_of(error)
     return text if text and isinstance(error, Exception) else located(error)
 
@@ -80,7 +80,7 @@ def in_brackets(*words: str) -> str:
 
 
 def place_of(error: BaseException) -> str:
-    """Where an exception was raised, as `place_among` gives it."""
+    """The place at which an exception was raised, as `place_among` gives it."""
     try:
         frames = list(walk_tb(error.__traceback__))
     except BaseException:  # an exception of the user's may refuse anything
@@ -140,7 +140,7 @@ def time_of_day(seconds: object, form: str = "%Y-%m-%d %H:%M:%S") -> str:
 
 
 def options_in(doc: str) -> dict[str, str]:
-    """What the section "Options:" of a docstring says of each name: `host, port: the device`, and lines that are
+    """The words of the section "Options:" of a docstring for each name: `host, port: the device`, and lines that are
     indented further."""
     found: dict[str, str] = {}
     names: list[str] = []

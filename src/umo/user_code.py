@@ -28,10 +28,10 @@ class Raised(NamedTuple):
 
     kind: type[BaseException]
     text: str
-    """What it says; with its type and place, unless it is one of umo's errors."""
+    """The text of the error; with its type and place, unless it is one of umo's errors."""
 
     def __str__(self) -> str:
-        """What it says, with its type."""
+        """The text, with the type in any case."""
         return f"{self.kind.__name__}: {self.text}" if issubclass(self.kind, UmoError) else self.text
 
 
@@ -48,7 +48,7 @@ def attempt(call: Callable[..., Any], *arguments: Any) -> tuple[Any, Raised | No
 
 
 def told(error: BaseException) -> Raised:
-    """What to tell of an error that has just been caught. It lets go of the frames in which it was raised. A Ctrl-C is
+    """The words for an error that has just been caught. It lets go of the frames in which it was raised. A Ctrl-C is
     raised again."""
     if is_interrupt(error):
         raise error
@@ -61,8 +61,8 @@ def told(error: BaseException) -> Raised:
 
 @contextmanager
 def told_as(kind: type[UmoError], what: str) -> Iterator[None]:
-    """What the block raises becomes an error of this kind, `what` first: for declarations, outside of a run. Errors of
-    umo's and a Ctrl-C pass."""
+    """Turn what the block raises into an error of this kind, `what` first: for declarations, outside of a run. umo's
+    errors and a Ctrl-C pass."""
     try:
         yield
     except BaseException as error:

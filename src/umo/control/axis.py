@@ -25,7 +25,7 @@ STILL = 1 / 20
 
 
 class Met(Enum):
-    """What ended a search."""
+    """The event that ended a search."""
 
     CONDITION = "condition"
     JUMP = "jump"
@@ -49,7 +49,7 @@ def _per_second(power: int = 1) -> Callable[[Axis], str]:
 
 
 def _up_to(name: str, power: int = 1) -> Callable[[Axis], Range]:
-    """From a thousandth of a number of the declaration to that number."""
+    """A range from a thousandth of a number of the declaration to that number."""
     unit = _per_second(power)
     return lambda axis: Range(unit(axis), getattr(axis, name) / 1000, getattr(axis, name))
 
@@ -85,7 +85,7 @@ class Axis(Compound):
     stall: float = inf
     """During homing the axis stands at an end stop when it has been driven so far without moving. Default: never."""
     homing: Homing | None = None
-    """How the reference is found: `IndexPulse`, `HomeSwitch`, `EndStop`, or one of your own."""
+    """The way in which the reference is found: `IndexPulse`, `HomeSwitch`, `EndStop`, or one of your own."""
 
     enabled = False
     """Whether the axis follows its setpoint. The first motion enables it."""
@@ -178,7 +178,7 @@ class Axis(Compound):
         self.profile.at(copysign(self._speed(abs(velocity)), velocity))
 
     def time_to(self, position: float) -> float:
-        """How long a motion from standstill to a position takes, in s, at the largest speed."""
+        """The duration of a motion from standstill to a position at the largest speed, in s."""
         self.check_target(position)
         ahead = replace(self.profile, velocity=self._speed(inf))
         ahead.hold(self.setpoint if self.enabled else value_of(self.encoder, ACCEPTED))

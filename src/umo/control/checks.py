@@ -36,7 +36,7 @@ def check_numbers(
 
 
 def _number(given: Any) -> float:
-    """As a float; NaN for what is no number that a float can express."""
+    """A number as a float; NaN for anything that a float cannot express."""
     try:
         return float(given) if isinstance(given, int | float | np.number) and not isinstance(given, bool) else nan
     except (TypeError, OverflowError):

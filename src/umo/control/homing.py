@@ -1,4 +1,4 @@
-"""How an axis finds its reference: homing on an index pulse, a home switch or an end stop (compare CiA 402)."""
+"""Homing: how an axis finds its reference, on an index pulse, a home switch or an end stop (compare CiA 402)."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class HomeSwitch:
     creep_speed: float
     """Speed at which the switch is left, units per s."""
     direction: int = -1
-    """Where the switch is active: -1 at the smaller readings, +1 at the larger ones."""
+    """The end at which the switch is active: -1 at the smaller readings, +1 at the larger ones."""
     clearance: float = 0.0
     """Homing ends at this distance from the edge."""
 
@@ -120,7 +120,7 @@ class EndStop:
     position: float
     """Position of the end stop."""
     direction: int = -1
-    """Where the end stop is: -1 at the smaller readings, +1 at the larger ones."""
+    """The end at which the stop is: -1 at the smaller readings, +1 at the larger ones."""
     clearance: float = 0.0
     """Homing ends at this distance from the end stop."""
 

@@ -140,7 +140,7 @@ class VectorPID:
     """The last setpoints minus measurements."""
     integral: FloatArray = field(default_factory=lambda: np.zeros(1), init=False)
     limited: BoolArray = field(default_factory=lambda: np.zeros(1, np.bool_), init=False)
-    """Which of the last outputs were limited."""
+    """Whether each of the last outputs was limited."""
     _last: FloatArray | None = field(default=None, init=False, repr=False)
     """NaN where the next measurement is the first."""
     _rate: FloatArray = field(default_factory=lambda: np.zeros(1), init=False, repr=False)

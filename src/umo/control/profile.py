@@ -33,7 +33,7 @@ class Profile:
     _planner: Any = field(default_factory=lambda: _ruckig().Ruckig(1), init=False, repr=False)
     _trajectory: Any = field(default_factory=lambda: _ruckig().Trajectory(1), init=False, repr=False)
     _next: Any = field(default_factory=lambda: _ruckig().Trajectory(1), init=False, repr=False)
-    """Where the next one is calculated: ruckig leaves numbers of its own in one that it does not find."""
+    """The next one is calculated here: ruckig leaves wrong numbers in one that it does not find."""
     _elapsed: float = field(default=0.0, init=False)
     _duration: float = field(default=0.0, init=False)
     _origin: float = field(default=0.0, init=False)
@@ -161,7 +161,7 @@ def synchronize(*moves: tuple[Profile, float]) -> float:
 
 
 def _duration(profile: Profile, target: float) -> float:
-    """How long it would take to the target, in s."""
+    """The duration of a profile to the target, in s; nothing is planned."""
     ahead = replace(profile)
     ahead.setpoint = profile.setpoint
     return ahead.to(target)

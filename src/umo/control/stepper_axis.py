@@ -11,7 +11,7 @@ from umo.errors import AxisError
 from umo.objects import BinaryActuator, Rotation, UpDown
 
 CORRECTIONS = 3
-"""How often a motion makes up lost steps."""
+"""The largest number of times that a motion makes up lost steps."""
 
 
 class StepperAxis(Axis):

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("umo")
 FREE, IN_HAND = 0, 255
-"""Of `Commands.states`."""
+"""Bytes of `Commands.states`."""
 A_TICK = 1e-9
 """Tolerance in s of a sum of periods (rounding)."""
 
@@ -39,7 +39,7 @@ def reason_of_hand(who: str) -> str:
 
 
 class Source(Enum):
-    """Who commands an actuator."""
+    """The origin of a command."""
 
     PROGRAM = "program"
     HAND = "hand"
@@ -72,7 +72,7 @@ class Command:
     """Time of its last step."""
     resetting: bool = True
     hand: str = ""
-    """Who has taken the actuator by hand: the program cannot write it meanwhile."""
+    """The client that has taken the actuator: the program cannot write it meanwhile."""
 
     @property
     def guarded(self) -> bool:
@@ -132,14 +132,14 @@ class Commands:
         self._inhibitions = inhibitions_of(root, image.slot_of, self._order)
         found = (self._command(item) for item in root.atoms() if isinstance(item, BinaryActuator | DigitalActuator))
         self.by_slot = {command.slot: command for command in found if command.guarded}
-        """As declared."""
+        """The guarded actuators, as declared."""
         commands = self.by_slot.values()
         self._expiring = [command for command in commands if command.expires < inf]
         self.slewing = [command for command in commands if command.slew_rate < inf]
         self._inhibiting: list[Inhibition] = []
         """The interlocks that inhibit actuators, as last evaluated."""
         self._states: bytes | None = None
-        """Of `states`; None after a change."""
+        """The last `states`; None after a change."""
         self._in_hand: set[int] = set()
         """The actuators that a hand has taken."""
 
@@ -180,12 +180,12 @@ class Commands:
     # By hand -------------------------------------------------------------------------------------------
 
     def hand_of(self, slot: int) -> str:
-        """Who has taken the actuator by hand; empty: nobody."""
+        """The client that has taken the actuator; empty: nobody."""
         command = self.by_slot.get(slot)
         return "" if command is None else command.hand
 
     def take_in_hand(self, slot: int, who: str) -> bool:
-        """From now on only this hand writes the actuator. False while an interlock inhibits it."""
+        """Give the actuator to this client alone. False while an interlock inhibits it."""
         command = self.by_slot.get(slot)
         if command is None:
             command = self.by_slot[slot] = self._command(self._image.items[slot])  # type: ignore[arg-type]
@@ -248,7 +248,7 @@ class Commands:
 
     @property
     def reasons(self) -> list[str]:
-        """Of the interlocks, each once, in the order of their numbers; more than fit a byte share the last."""
+        """The reasons of interlocks, each once, in the order of their numbers; more than fit a byte share the last."""
         found = list(dict.fromkeys(each.interlock.reason for each in self._inhibitions))
         return found if len(found) < IN_HAND else [*found[: IN_HAND - 2], "one of many interlocks"]
 
@@ -278,8 +278,8 @@ class Commands:
             self._image.reset_some([slot for slot in self._order if slot in due])
 
     def _interlocked(self) -> set[int]:
-        """What was free in the period before. All conditions are asked before anything is reset. Nothing latches before
-        the first period: what is inhibited while the machine is being connected has not acted yet."""
+        """The actuators that begin to be inhibited. All conditions are asked before anything is reset. Nothing latches
+        before the first period: what is inhibited while the machine is being connected has not acted yet."""
         latch = self._image.clock.number > 0
         begun = [each for each in self._inhibitions if each.ask(latch)]
         if begun or self._inhibiting:
@@ -293,7 +293,7 @@ class Commands:
         return {slot for each in begun for slot in each.slots}
 
     def _knock_out(self, slot: int) -> None:
-        """What an interlock inhibits is not in a hand any longer: it does not start again by itself."""
+        """Take an actuator that is inhibited from its client: it does not start again by itself."""
         self.by_slot[slot].hand = ""
         self._in_hand.discard(slot)
 

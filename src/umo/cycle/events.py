@@ -13,7 +13,7 @@ TEXT = 448
 
 
 class CommandState(IntEnum):
-    """What became of a command; the numbers stand in shared memory, so they keep their meaning."""
+    """The state of a command; the numbers stand in shared memory, so they keep their meaning."""
 
     NONE = 0
     """The event is not a command's."""
@@ -36,7 +36,7 @@ class Event(NamedTuple):
     time: float
     path: str
     text: str
-    """Of a command that has ended: its result as JSON, or its error."""
+    """The words; for a command that has ended its result as JSON, or its error."""
     who: str = ""
     """The hand; empty: the machine itself."""
     command: int = 0

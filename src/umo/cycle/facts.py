@@ -1,4 +1,4 @@
-"""What a run is doing, in words, for headings."""
+"""The state of a run in words, for headings."""
 
 from __future__ import annotations
 

@@ -126,7 +126,7 @@ class _Columns:
 
 
 class _SpecialColumns(_Columns):
-    """Of a block with linearizations, or with invalid raws that lie within a range, by raw: their values are NaN."""
+    """Columns with linearizations, or with invalid raws that lie within a range, by raw: their values are NaN."""
 
     special = True
 

@@ -35,11 +35,11 @@ class Frame:
         self.missed = 0
         """Ticks that had already passed when the timer was read."""
         self.began = 0
-        """When the timer returned, in ns of CLOCK_MONOTONIC."""
+        """Time at which the timer returned, in ns of CLOCK_MONOTONIC."""
         self.execution = 0.0
         """s of wall-clock time from the timer's return to the end of `update`."""
         self.progress = Progress()
-        """What the machine said last of its work."""
+        """The progress that the machine told last."""
 
     @property
     def items(self) -> list[Atomic]:

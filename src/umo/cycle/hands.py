@@ -41,7 +41,7 @@ RUNNING = 32
 
 
 class Mode(IntEnum):
-    """Who works the machine; the numbers stand in shared memory."""
+    """The mode of a machine: who operates it; the numbers stand in shared memory."""
 
     AUTOMATIC = 0
     MANUAL = 1
@@ -163,7 +163,7 @@ class Hands:
         self._asked = levels.asked
         self._clock = clock
         self.stopped_by = ""
-        """Who has asked for a stop from outside."""
+        """The client that has asked for a stop."""
         self._stopping = False
         self.lease = Lease()
         actuators = (item for item in machine.root.atoms() if isinstance(item, BinaryActuator | DigitalActuator))

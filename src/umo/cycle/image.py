@@ -19,7 +19,7 @@ import numpy as np
 from umo.cycle.block import Block
 from umo.cycle.clock import Clock
 from umo.cycle.commands import Command, Commands, Source
-from umo.cycle.transfer import Transfer, told
+from umo.cycle.transfer import Transfer, cause_of_failure
 from umo.drivers.contract import UNREAD, Direction, WaitEnded
 from umo.errors import BadInput, DriverError, Failure
 from umo.objects import Binary, BinaryActuator, BinarySensor, DigitalActuator, DigitalSensor, Quality
@@ -37,7 +37,7 @@ Sensor = BinarySensor[Any] | DigitalSensor
 
 
 class Image(ABC):
-    """What the forms have in common. Slot order: sampled inputs, updated outputs, then the asynchronous objects."""
+    """The common part of the forms. Slot order: sampled inputs, updated outputs, then the asynchronous objects."""
 
     values: Any
     pending: Any
@@ -218,7 +218,7 @@ class Image(ABC):
         except WaitEnded:
             return NO_TICK
         except Exception as error:
-            self._fail_input(slot, told(error), failures)
+            self._fail_input(slot, cause_of_failure(error), failures)
         else:
             if slot != self.timer:
                 self._accept(slot, raw, failures)
@@ -276,7 +276,7 @@ class Image(ABC):
         try:
             self.transfer.write(slot, self.pending_raws[slot])
         except Exception as error:
-            self._fail_output(slot, told(error), failures)
+            self._fail_output(slot, cause_of_failure(error), failures)
             self.commands.failed(slot)
         else:
             self._accepted(slot)
@@ -331,7 +331,7 @@ class Image(ABC):
             self._accepted(slot)
 
     def set_reading(self, slot: int, value: float) -> None:
-        """From now on the zero offset of a digital sensor is such that its last reading is this value."""
+        """Change the zero offset of a digital sensor so that its last reading is this value."""
         item = cast(Digital, self.items[slot])
         if self.quality[slot] == Quality.BAD:
             raise BadInput(item.path, Quality.BAD)

@@ -19,7 +19,7 @@ NEVER = -1
 
 
 class Kind(IntEnum):
-    """What happened to an object between two transfers of the whole machine; the numbers stand in frames."""
+    """The kind of an event between two transfers of the whole machine; the numbers stand in frames."""
 
     READ = 0
     WRITE = 1
@@ -46,9 +46,9 @@ class Journal:
         self.lost = 0
         """Entries of this period that were dropped because the journal was full."""
         self.sampled = NEVER
-        """How many entries came before the sample of the whole machine; NEVER before it took place."""
+        """Number of entries before the sample of the whole machine; NEVER before it took place."""
         self.updated = NEVER
-        """How many entries came before the update of the whole machine; NEVER before it took place."""
+        """Number of entries before the update of the whole machine; NEVER before it took place."""
 
     def add(self, slot: int, kind: Kind, raw: int, before: int) -> None:
         """An object has this raw integer now, and had another one before (the same where nothing moved)."""

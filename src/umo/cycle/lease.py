@@ -13,7 +13,7 @@ class Lease:
 
     def __init__(self) -> None:
         self.holder = ""
-        """Who has it; empty: nobody."""
+        """The holder's name; empty: nobody has it."""
         self.number = 0
         """Counts the leases."""
         self._key = ""

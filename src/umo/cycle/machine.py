@@ -77,8 +77,8 @@ class ConnectedMachine:
         self._root_acts = self._overrides(root)
 
     def cancel_sequences(self) -> None:
-        """Those of hands and of the application, the last started first; the first error of their cleaning up is
-        raised."""
+        """Cancel the sequences of clients and of the application, the last started first; the first error of their
+        cleaning up is raised."""
         try:
             if self.hands is not None:
                 self.hands.cancel()
@@ -92,7 +92,7 @@ class ConnectedMachine:
 
     @cached_property
     def actions(self) -> dict[str, Action]:
-        """What may be called from outside, by path."""
+        """The actions that may be called from outside, by path."""
         return actions_of(self.root)
 
     @cached_property
@@ -108,7 +108,7 @@ class ConnectedMachine:
         return self.image.sample_some(self._slots_of(part).inputs)
 
     def _way_to_sample(self) -> Callable[[], bool]:
-        """Of the whole machine, without a detour for what it does not have."""
+        """The `sample` of the whole machine, without a detour for parts that it does not have."""
         if self.image.timer >= 0:
             return self.sample_all
 
@@ -175,8 +175,8 @@ class ConnectedMachine:
             self._finish()
 
     def _send_and_sample(self, sample: Callable[[], bool]) -> bool:
-        """What the period before has computed and has not expired since, then the sensors; one DriverError lists the
-        failures of both."""
+        """Send what the period before has computed and has not expired since, then read the sensors; one DriverError
+        lists the failures of both."""
         if not self._unsent:
             return sample()
         self._unsent = False
@@ -197,7 +197,7 @@ class ConnectedMachine:
         self.frame.progress = self.frame.progress.then(text, done, total)
 
     def facts(self) -> dict[str, str]:
-        """What the machine is doing, in words."""
+        """The state of the machine in words."""
         stage = Stage.RUNNING if self.running else Stage.STOPPING
         mode, holder = (None, "") if self.hands is None else (self.hands.mode, self.hands.lease.holder)
         return facts_of(stage, mode, holder, self.frame.progress, self.clock.now, self.clock.missed_in_all)

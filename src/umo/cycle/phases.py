@@ -108,7 +108,7 @@ class Phases:
 
 
 def _note_block(journal: Journal, block: Block, kind: Kind, raws: Any, failed: Collection[str]) -> None:
-    """What a block has moved, each object for itself; `failed` are the texts of the channels that did not."""
+    """Note what a block has moved, each object for itself; `failed` are the texts of the channels that did not."""
     for slot, (channel, raw) in enumerate(zip(block.channels, block.view, strict=True), block.start):
         if channel.text not in failed:
             journal.add(slot, kind, raw, raws[slot])

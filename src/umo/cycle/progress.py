@@ -1,4 +1,4 @@
-"""What a machine says of its work (`Compound.progress`)."""
+"""The progress of a machine's work, as it tells it (`Compound.progress`)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Progress(NamedTuple):
 
     @property
     def share(self) -> float:
-        """Of the work that is done, from 0 to 1; 0 if the total is not known."""
+        """Share of the work that is done, from 0 to 1; 0 if the total is not known."""
         return min(self.done / self.total, 1.0) if self.total else 0.0
 
 

@@ -49,7 +49,7 @@ class Rehearsal:
     """Each call is one period of a copy of the machine's objects, at most `MOST` of them."""
 
     def __init__(self, wired: Wired) -> None:
-        """Of a machine with a timer."""
+        """Rehearsals of a machine with a timer."""
         nowhere = Simulated(history=1)
         timer_first = sorted(wired.wires, key=lambda wire: wire.item is not wired.timer)
         wires = [

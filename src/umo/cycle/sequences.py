@@ -21,7 +21,7 @@ from umo.user_code import refuse_exit
 
 
 class Tick(Protocol):
-    """What each period tells the sequences."""
+    """The news of a period for the sequences."""
 
     @property
     def period(self) -> float: ...
@@ -117,7 +117,7 @@ class timeout:
         self._task: Task | None = None
         self._passed = 0.0
         self._expiry: Cancelled | None = None
-        """What the block was cancelled with when the time was over."""
+        """The error with which the block was cancelled when the time was over."""
 
     async def __aenter__(self) -> timeout:
         if not _ADVANCING:
@@ -141,7 +141,7 @@ class timeout:
         self._passed += tick.ticks
 
     def expires(self, tick: Tick) -> Cancelled | None:
-        """What to cancel the block with, if the time is over for the first time."""
+        """The error to cancel the block with, if the time is over for the first time."""
         if self._expiry is not None or self._passed < _whole_periods(self._limit, tick.period):
             return None
         self._expiry = Cancelled()
@@ -185,10 +185,11 @@ class Task:
         self.done = False
         self.result: Any = None
         self.error: BaseException | None = None
-        """What it failed with, if it was started beside others. Not of a part of `together`, whose error an application
-        may handle and go on: an error that its own frames refer to is never freed while the collector is off."""
+        """The error that ended it, if it was started beside others. Not of a part of `together`, whose error an
+        application may handle and go on: an error that its own frames refer to is never freed while the collector is
+        off."""
         self.limits: list[timeout] = []
-        """Of the blocks that it is in, the outermost first."""
+        """The time limits of the blocks that it is in, the outermost first."""
 
     def __await__(self) -> Generator[object, Tick, Any]:
         """Wait for its end in another sequence. Returns its result; TaskFailed if it failed or was cancelled. If the
@@ -251,7 +252,7 @@ class Task:
 
     @property
     def _place(self) -> str:
-        """Where it waits, in code that is not Python's own."""
+        """The place at which it waits, in code that is not Python's own."""
         frames: list[tuple[str, int, str]] = []
         inner: Any = self._sequence
         while isinstance(inner, CoroutineType):
@@ -323,7 +324,7 @@ class Sequences:
 
     @property
     def places(self) -> list[str]:
-        """Where each waits, in the user's code."""
+        """The place at which each waits, in the user's code."""
         return [task._place for task in self._tasks]
 
     def start(self, sequence: Sequence) -> Task:

@@ -26,8 +26,8 @@ class Signal(NamedTuple):
 
 
 def signals_of(root: Compound) -> tuple[Signal, ...]:
-    """What the compounds and their laws declare in `signals`: units by the name of the attribute. DeclarationError for
-    an attribute that is missing or a unit that is not one."""
+    """The numbers that compounds and their laws declare in `signals`: units by the name of the attribute.
+    DeclarationError for an attribute that is missing or a unit that is not one."""
     return tuple(_all(root))
 
 

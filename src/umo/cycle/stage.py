@@ -6,7 +6,7 @@ from enum import IntEnum
 
 
 class Stage(IntEnum):
-    """What a machine is doing; the numbers stand in shared memory, so they keep their meaning."""
+    """The stage of a run; the numbers stand in shared memory, so they keep their meaning."""
 
     STARTING = 0
     """Its drivers are being opened, its objects initialised."""

@@ -75,7 +75,7 @@ class Transfer:
         self.on_call: Callable[[], object] = _nothing
         """Called before each call that is not part of a period: a sign of life."""
         self.tick: Callable[[Channel], int]
-        """How the timer is read."""
+        """The read of the timer."""
         self._blocks: list[Block] = []
         self._late: dict[int, float] = {}
         """Drivers (by id) that timed out, with the time of the timeout."""
@@ -127,7 +127,7 @@ class Transfer:
             self.tick = self.wires[self.timer].driver.read
 
     def refuse(self, instead: Callable[..., NoReturn]) -> None:
-        """From now on no call reaches a driver: in its place `instead` is called, which does not return."""
+        """Let no call reach a driver any longer: in its place `instead` is called, which does not return."""
         self.on_call = self.tick = instead
         self.wires = _Refused(instead)
         for block in self._blocks:
@@ -244,7 +244,7 @@ class Transfer:
         except BaseException as error:  # whatever a driver raises, the others are still to be brought to their defaults
             self._mark(wire.driver, error, True, monotonic() - began)
             self.note(slot, Kind.FAILED_RESET)
-            return self.failure(slot, told(error))
+            return self.failure(slot, cause_of_failure(error))
         self._late.pop(id(wire.driver), None)
         if segment in _DONE:
             self._moved(slot, self.raws[slot] if default[0] is None else default[0], _DONE[segment])
@@ -264,7 +264,7 @@ class Transfer:
     ) -> list[tuple[int, str]]:
         """The slots of a block that failed, with the cause: all of them, or those that the driver names."""
         self._mark(driver, error, write)
-        causes, whole = error.causes if isinstance(error, ChannelsFailed) else {}, told(error)
+        causes, whole = error.causes if isinstance(error, ChannelsFailed) else {}, cause_of_failure(error)
         named = [(slot, causes[text]) for slot in slots if (text := self.wires[slot].channel.text) in causes]
         return named or [(slot, whole) for slot in slots]
 
@@ -295,7 +295,7 @@ class Transfer:
         return list(groups.values())
 
 
-def told(error: BaseException) -> str:
+def cause_of_failure(error: BaseException) -> str:
     """The cause of a failed call, for an error that ends here: it is left without its frames, since a channel may stay
     broken for a day."""
     cause = reported(error)
@@ -304,7 +304,7 @@ def told(error: BaseException) -> str:
 
 
 def settling(wired: Wired) -> float:
-    """How long, in s, a device may take to carry out what was still under way when it began to answer again."""
+    """The time in s that a device may take to carry out what was still under way when it began to answer again."""
     return max([SETTLE, *(min(wired.drivers[name].timeout, LONGEST_SETTLE) for name in wired.hardware)])
 
 

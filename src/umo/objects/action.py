@@ -25,7 +25,7 @@ KINDS: Mapping[Any, str] = {float: "number", int: "integer", bool: "bool", str: 
 
 @dataclass(frozen=True)
 class _Mark:
-    """What the decorator was given."""
+    """The arguments of the decorator."""
 
     ranges: Mapping[str, Declared]
     harmless: bool
@@ -85,9 +85,9 @@ class Argument:
     kind: str
     """"number", "integer", "bool", "text" or "choice"."""
     range: Range | None
-    """Of a number."""
+    """Unit and bounds of a number; None for any other kind."""
     choices: Mapping[str, Any]
-    """Of a choice: the values by their names."""
+    """The values of a choice by their names."""
     required: bool
     default: Any = None
 
@@ -163,7 +163,7 @@ def _of(node: Compound) -> Iterator[Action]:
 
 @cache
 def _marks(kind: type[Compound]) -> dict[str, _Mark]:
-    """What the decorator was given, by the names of the methods."""
+    """The arguments of the decorator, by the names of the methods."""
     found = ((name, getattr(inspect.getattr_static(kind, name, None), MARK, None)) for name in dir(kind))
     return {name: mark for name, mark in found if isinstance(mark, _Mark)}
 

@@ -1,4 +1,4 @@
-"""What the four atomic objects share (the paper's section 4.5 suggests the hierarchy itself)."""
+"""The common part of the four atomic objects (the paper's section 4.5 suggests the hierarchy itself)."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Atomic(Node):
 
     @property
     def time(self) -> float:
-        """When the value was read or accepted, in s on the cycle's clock."""
+        """Time at which the value was read or accepted, in s on the cycle's clock."""
         return cast(float, self._image.times[self._slot])
 
     @property

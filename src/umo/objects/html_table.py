@@ -107,7 +107,7 @@ def _row(item: Atomic) -> TableRow:
 
 
 def inhibition(reason: str | None) -> str:
-    """Of an actuator; empty if it is free."""
+    """A note on an actuator; empty if it is free."""
     return f"⊘ inhibited: {reason}" if reason else ""
 
 
@@ -146,7 +146,7 @@ def _quality(line: Sequence[TableRow]) -> str:
 
 
 def _raw(line: Sequence[TableRow]) -> str:
-    """Of one object; nothing where there is no value yet."""
+    """The raw integer of one object; empty where there is no value yet."""
     row = line[0]
     return "" if len(line) > 1 or row.raw is None or row.value != row.value else str(row.raw)
 

@@ -130,7 +130,7 @@ Group = tuple[Any, IntArray | None]
 
 
 def groups_of(each: Sequence[Cubics | Segments | None]) -> list[Group]:
-    """What calculates the elements of an array of which each has its own function, or none."""
+    """A calculation on an array of which each element has its own function, or none."""
     cubics = [(place, one) for place, one in enumerate(each) if isinstance(one, Cubics)]
     segments: dict[Segments, list[int]] = {}
     for place, one in enumerate(each):

@@ -190,7 +190,7 @@ def fitted(linearization: object, units: str, minimum: float, maximum: float) ->
 
 
 class Linearizations:
-    """Those of neighbouring objects, as one function on arrays."""
+    """The linearizations of neighbouring objects, as one function on arrays."""
 
     def __init__(self, each: Sequence[Linearization | None]) -> None:
         same = {one: one for one in each if one is not None}  # equal ones are one
@@ -222,7 +222,7 @@ def _by_groups(groups: Sequence[Group], xs: FloatArray) -> FloatArray:
 
 
 def _real_roots(coefficients: Sequence[float], value: float) -> list[float]:
-    """Where a polynomial has a value; twice, nearly, where it touches it."""
+    """The places at which a polynomial has a value; two close ones where it touches it."""
     shifted = np.trim_zeros(np.array([coefficients[0] - value, *coefficients[1:]]), "b")
     if len(shifted) < 2:
         return []
@@ -248,8 +248,9 @@ def _numbers(name: str, numbers: Any) -> tuple[float, ...]:
 
 
 def from_table(given: Any) -> Linearization:
-    """What a wiring entry says: `{ thermocouple = "K" }`, `{ polynomial = [c0, c1, ...] }`, with `domain = [from, to]`
-    where it is needed, or `{ table = [[inputs], [values]] }`. DeclarationError for anything else."""
+    """The linearization of a wiring entry: `{ thermocouple = "K" }`, `{ polynomial = [c0, c1, ...] }`, with
+    `domain = [from, to]` where it is needed, or `{ table = [[inputs], [values]] }`. DeclarationError for anything
+    else."""
     from umo.objects.thermocouple import Thermocouple
 
     if not isinstance(given, Mapping) or not given:

@@ -43,7 +43,7 @@ class Image(Protocol):
     times: Live
     """Seconds on the cycle's clock."""
     wire_texts: Sequence[str]
-    """How each object is wired, such as `box:coil:3 inverted`."""
+    """The wiring of each object, such as `box:coil:3 inverted`."""
     sampled_good: bool | None
     """Whether all synchronous sensors are GOOD; None: not known."""
 
@@ -78,7 +78,7 @@ class Clock(Protocol):
     period: float
     dt: float
     ticks: int
-    """Those that the last read of the timer consumed; above 1: periods were missed."""
+    """Ticks that the last read of the timer consumed; above 1: periods were missed."""
 
     @property
     def now(self) -> float: ...

@@ -1,4 +1,4 @@
-"""What every object is: a named place in the tree of the machine."""
+"""The base of every object: a named place in the tree of the machine."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Node:
 
     @property
     def path(self) -> str:
-        """Where the object is in the machine, without the root: `z.motor`, `axes.0.motor`; the root's is ''."""
+        """The place of the object in the machine, without the root: `z.motor`, `axes.0.motor`; the root's is ''."""
         names = []
         node: Node = self
         while node._parent is not None:

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 NEAR = 1e-6
-"""Of a bit."""
+"""Bounds of a bit."""
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]

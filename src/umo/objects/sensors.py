@@ -13,7 +13,7 @@ from umo.objects.linearization import Linearization
 from umo.objects.quality import Quality
 
 OnError: TypeAlias = Literal["raise", "hold", "mark"]
-"""What a failed reading does."""
+"""The effect of a failed reading."""
 
 
 class BinarySensor(Binary[S]):

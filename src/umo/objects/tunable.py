@@ -45,8 +45,8 @@ class Tunable(NamedTuple):
 
 
 def tunables_of(root: Compound) -> dict[str, Tunable]:
-    """What the compounds declare in `tunable`, by path; DeclarationError for an attribute that is missing or not a
-    number."""
+    """The numbers that compounds declare in `tunable`, by path; DeclarationError for an attribute that is missing or
+    not a number."""
     compounds = [node for node in (root, *root.walk()) if isinstance(node, Compound)]
     return {each.path: each for node in compounds for each in _of(node)}
 

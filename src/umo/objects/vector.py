@@ -179,7 +179,7 @@ class Vector(Generic[A]):
 
 
 class _Slots:
-    """Where the objects stand in one image, and their scales as arrays."""
+    """The places of the objects in one image, and their scales as arrays."""
 
     def __init__(self, image: Image, objects: Sequence[Atomic]) -> None:
         self.image = image
@@ -219,7 +219,7 @@ class _Limits:
         self.maximum = np.array([item.maximum for item in objects])
         rates = [item.slew_rate if isinstance(item, DigitalActuator) else None for item in objects]
         self.slew_rate = None if not any(rates) else np.array([rate or inf for rate in rates])
-        """Of actuators; None if none of them is limited."""
+        """Rates of actuators; None if none of them is limited."""
         self.clamps = np.array([isinstance(item, DigitalActuator) and item.limits == "clamp" for item in objects])
 
     def numbers(self, values: Any) -> FloatArray:
