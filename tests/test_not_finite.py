@@ -344,6 +344,18 @@ def test_an_axis_with_a_number_that_is_nan_is_refused_where_it_is_declared(kind:
 
 
 @BAD
+@pytest.mark.parametrize("kind", AXES)
+def test_an_axis_whose_encoder_has_no_value_does_not_go_on(kind: Any, bad: float) -> None:
+    with connect(Portal(x=axis(kind), y=axis(kind), timer=timer())) as m:
+        m.x.encoder.referenced(at=50.0)
+        m.x.jog(5.0)
+        periods(m, 20)
+        m.x.encoder._image.values[m.x.encoder._slot] = bad  # as a linearization may give
+        with pytest.raises((RangeError, umo.AxisError)):
+            m.control()
+
+
+@BAD
 def test_axes_that_move_together_move_all_or_none(bad: float) -> None:
     with connect(Portal(x=axis(AXES[0]), y=axis(AXES[-1]), timer=timer())) as m:
         for each in (m.x, m.y):

@@ -54,11 +54,11 @@ class StepperAxis(Axis):
             return
         if self._interrupted and not self._inhibited:
             self._go_on()
+        reading = value_of(self.encoder, self._accept)
         position = self.profile.step(self.period).position
         self.stepping.control((position - self._offset) / self.step_size)
-        reading = value_of(self.encoder, self._accept)
         self._error = self.commanded - reading
-        beyond = abs(self._error) > self.following_error and not self.searching
+        beyond = not abs(self._error) <= self.following_error and not self.searching  # NaN is beyond
         if (beyond or self.stepping.refused) and self._inhibited:
             self._interrupt()
         elif beyond:
