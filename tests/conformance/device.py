@@ -84,7 +84,8 @@ class Device:
 
     def _work(self) -> None:
         while not self._end:
-            for key, _ in self._selector.select():
+            ready = self._selector.select()
+            for key, _ in sorted(ready, key=lambda each: each[0].fileobj is self._listener):  # who leaves goes first
                 if key.fileobj is self._listener:
                     self._accept()
                 elif key.fileobj is not self._wake:
@@ -137,6 +138,7 @@ class Device:
         self.raws[place] = raw
         if place in self._under_way:
             self._under_way[place].append((monotonic(), raw))
+            self._looped(place)
 
     def _looped(self, place: int) -> int:
         levels = self._under_way[place]

@@ -18,7 +18,19 @@ from conformance.subjects import careful, simulated
 from umo.drivers.contract import Channel, Driver
 from umo.drivers.simulated import Simulated
 from umo.errors import StopError
-from umo.testing.conformance import Certificate, Input, Judgement, Output, Subject, TcpTap, TimePlan, conform, examine
+from umo.testing.conformance import (
+    Certificate,
+    Input,
+    Judgement,
+    Output,
+    Subject,
+    TcpTap,
+    TimePlan,
+    all_rules,
+    conform,
+    examine,
+)
+from umo.testing.conformance.budget import Budget, CallTime
 
 
 def test_many_cycles_of_the_simulated_circuit_leave_nothing_behind() -> None:
@@ -110,7 +122,7 @@ def test_a_signal_waits_for_the_call_under_way_before_the_outputs_are_brought_to
 
 def test_a_driver_that_hangs_without_a_line_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(examine, "HANG", 0.1)
-    monkeypatch.setattr("umo.testing.conformance.trial.PATIENCE", 0.05)
+    monkeypatch.setattr("umo.testing.conformance.clients.PATIENCE", 0.05)
     end = threading.Event()
 
     class Hangs(Simulated):
@@ -127,7 +139,7 @@ def test_a_driver_that_hangs_without_a_line_is_found(monkeypatch: pytest.MonkeyP
 
 def test_a_call_that_hung_and_returns_after_all_is_the_last_one_of_its_rule(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(examine, "HANG", 0.1)
-    monkeypatch.setattr("umo.testing.conformance.trial.PATIENCE", 0.05)
+    monkeypatch.setattr("umo.testing.conformance.clients.PATIENCE", 0.05)
     end = threading.Event()
     hung: list[threading.Thread] = []
     later: list[str] = []
@@ -309,7 +321,18 @@ def test_a_wrong_reading_is_told_as_a_wrong_reading_where_levels_are_recorded() 
     assert why.startswith("in:0 reads 6; out:0 is at 5, as it should be after write(5) (if the device has steps")
 
 
-def test_what_does_not_fit_into_the_time_is_left_out_from_the_end_and_named() -> None:
+def test_the_plan_names_the_rules_that_do_not_fit() -> None:
+    now = 0.0
+    budget = Budget(120.0, all_rules(), clock=lambda: now)
+    plan = budget.plan(CallTime(opening=1.0, transfer=0.2, wait=0.5, channels=3), cycles=None)
+    for rule in all_rules():
+        now += plan.least[rule.id] if budget.begin(rule) else 0.0
+    assert tuple(budget.left_out) == plan.left_out and 0 < len(plan.left_out) < len(all_rules()) - 10
+    assert now <= 120.0
+    assert "late answer" not in budget.plan(CallTime(1.0, 0.2, 0.5, 3), None, line=False).left_out
+
+
+def test_what_does_not_fit_into_the_time_is_left_out_and_named() -> None:
     plans: list[TimePlan] = []
 
     class Slow(Simulated):
@@ -320,8 +343,10 @@ def test_what_does_not_fit_into_the_time_is_left_out_from_the_end_and_named() ->
     subject = Subject("slow", make=Slow, outputs=(Output("valve", 0, 0, 4095),), inputs=(Input("valve"),))
     certificate = conform(subject, minutes=0.03, plan=plans.append)
     assert plans[0].full > 60 and plans[0].left_out
-    assert "Left out first: the long run" in str(plans[0])
-    assert certificate.finding("range").verdict is Judgement.NOT_TRIED or "levels" in certificate.left_out[0]
+    assert ", ".join(plans[0].left_out) in str(plans[0])
+    assert certificate.finding("range").verdict is Judgement.NOT_TRIED or any(
+        "levels" in each for each in certificate.left_out
+    )
     assert certificate.finding("memory").why == "left out, as the time was up (--minutes)"
     assert "the rule memory" in certificate.left_out
     assert "the rule end" not in certificate.left_out and certificate.finding("end").verdict is Judgement.PASSED

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import combinations, islice
+from itertools import combinations, cycle, islice
 from typing import Any, TypeVar
 
 import numpy as np
@@ -58,15 +58,14 @@ def block_read(trial: Trial) -> str | None:
         raise NotTried("the driver has no inputs")
     left, outputs = "", trial.subject.outputs
     with trial.opened() as probe:
-        levels = patterns(outputs)
+        levels = cycle(patterns(outputs))
         for number, order in enumerate(blocks := orders(texts)):
             if number >= FEWEST and not trial.budget.more:
                 left = f"{number} of {len(blocks)} blocks"
                 break
             trial.share = number / len(blocks)
-            if number % 4 == 0 and (raws := next(levels, None)):
-                for output, raw in zip(outputs, raws, strict=True):
-                    probe.write(output.channel, raw)
+            for output, raw in zip(outputs, next(levels), strict=True):
+                probe.write(output.channel, raw)
             _compare(trial, probe, order)
         probe.read_many(())
     trial.spare("block read", [left] if left else [])

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import monotonic
 
-from umo.testing.conformance.rules import Rule
+from umo.testing.conformance.rules import LINE, NOTHING, Rule
 
 SLACK = 1.15
 """What is measured from a few calls is no more exact than this."""
@@ -48,12 +48,13 @@ class TimePlan:
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """Rules that will not fit, as far as this is known: those at the end of the list."""
+        """Rules that will not fit, as far as this is known: each that does not with those before it."""
         total, out = 0.0, []
         for rule, seconds in self.least.items():
-            total += seconds
-            if total > self.budget:
+            if total + seconds > self.budget:
                 out.append(rule)
+            else:
+                total += seconds
         return tuple(out)
 
     def __str__(self) -> str:
@@ -62,10 +63,12 @@ class TimePlan:
             f"of the {_duration(self.budget)} that are allowed"
         )
         if self.left_out:
-            text += f"; {len(self.left_out)} rules will not fit ({_duration(sum(self.least.values()))} would be enough)"
+            enough = _duration(sum(self.least.values()))
+            text += f". Of {len(self.least)} rules {len(self.left_out)} will not fit ({enough} would be enough): "
+            text += ", ".join(self.left_out)
         elif self.full > self.budget:
             text += f"; everything would take {_duration(self.full)}"
-        return f"{text}. Left out first: the long run, levels and openings, then rules from the end"
+        return f"{text}. Left out first: transfers of the long run, levels and openings"
 
 
 def _duration(seconds: float) -> str:
@@ -82,15 +85,18 @@ class Budget:
         self._rules = rules
         self._least: dict[str, float] = {rule.id: 0.0 for rule in rules}
         self._until = self._end
-        self.spent: list[str] = []
-        """What was left out for want of time, in words."""
+        self.left_out: list[str] = []
+        """Rules that did not fit."""
+        self.parts: list[str] = []
+        """What rules left out, in words."""
 
-    def plan(self, pace: CallTime, cycles: int | None) -> TimePlan:
-        """Taken as the basis from now on. `cycles`: of the long run; None: all that it can use."""
+    def plan(self, pace: CallTime, cycles: int | None, line: bool = True) -> TimePlan:
+        """Taken as the basis from now on. `cycles`: of the long run; None: all that it can use. `line`: whether there
+        is one between driver and device."""
         opening, transfer = pace.opening * SLACK, pace.transfer * pace.channels * SLACK
         shown = {}
         for rule in self._rules:
-            cost = rule.cost
+            cost = rule.cost if line or rule.theme not in LINE else NOTHING
             self._least[rule.id] = cost.opens * opening + cost.each * transfer + cost.waits * pace.wait
             more = pace.transfer * SLACK * CALLS if rule.id == "long run" else cost.more * transfer
             shown[rule.id] = self._least[rule.id] + (more if cycles is None else min(more, cycles * transfer))
@@ -100,7 +106,7 @@ class Budget:
         """Whether the rule fits. If so, `more` is for it from now on."""
         left = self._end - self._clock()
         if left < self._least[rule.id]:
-            self.spent.append(f"the rule {rule.id}")
+            self.left_out.append(rule.id)
             return False
         behind = self._rules[self._rules.index(rule) + 1 :]
         spare = max(0.0, left - self._least[rule.id] - sum(self._least[each.id] for each in behind))

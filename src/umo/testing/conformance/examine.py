@@ -102,7 +102,7 @@ class _Examination:
             _in_thread(self.trial, measure, lambda: None)
         except Hangs as error:
             self.hangs = str(error)
-        plan = self.trial.budget.plan(self.trial.pace, self.trial.cycles)
+        plan = self.trial.budget.plan(self.trial.pace, self.trial.cycles, self.trial.subject.line is not None)
         self._weights = [0.1 + plan.shown.get(rule.id, 0.0) for rule in self.rules]
         if on_plan is not None:
             on_plan(plan)
@@ -257,7 +257,7 @@ def _certificate(
         findings=tuple(findings),
         times=trial.times,
         unreached=unreached,
-        left_out=tuple(trial.budget.spent),
+        left_out=(*(f"the rule {rule}" for rule in trial.budget.left_out), *trial.budget.parts),
         date=datetime.now(UTC).strftime("%Y-%m-%d"),
         versions={"umo": _version(), "Python": platform.python_version()},
         platform=f"{platform.system()} {platform.machine()}",

@@ -3,26 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from itertools import combinations
 from time import sleep
 from typing import Any
 
 from umo.drivers.contract import Direction
+from umo.testing.conformance.exchange import Change, Traffic
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.recovery import recovers, values
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
-from umo.testing.conformance.taps import Change, Traffic
+from umo.testing.conformance.subject import Output
 from umo.testing.conformance.trial import Trial
 
 OWN = 0.1
 """s in which a driver that is left alone must send nothing to be judged."""
+EQUAL = 3
+"""Writes of one level, whose requests are compared."""
 REFERENCES = 2
 """Calls that succeed, whose requests are counted."""
 
 
 @rule(
     "retry",
-    "A request that fails is not sent again within the call: a pulse would come twice.",
-    Cost(opens=2, each=24, waits=12),
+    "A request is sent once within a call, also if it fails: a pulse would come twice.",
+    Cost(opens=2, each=32, waits=12),
 )
 def retry(trial: Trial) -> str | None:
     line = trial.line
@@ -47,6 +51,8 @@ def retry(trial: Trial) -> str | None:
                 traffic = _counted(trial, probe, number, lambda: line.spoiling(change, hangup=hangup))  # noqa: B023
                 _check_once(trial, traffic, usual, opening, what)
         _check_refused(trial, probe, opening)
+        if trial.subject.outputs:
+            _check_doubled(trial, probe, trial.subject.outputs[0])
     if not tried:
         raise NotTried("no call sends anything over the line")
     return None
@@ -109,6 +115,32 @@ def _check_refused(trial: Trial, probe: Probe, opening: list[int]) -> None:
                 trial.failure(call, *arguments)
             if usual is not None:
                 _check_once(trial, traffic, [usual], opening, "was refused")
+
+
+def _check_doubled(trial: Trial, probe: Probe, output: Output) -> None:
+    """RuleBroken if a write that succeeds sends two requests with the same level, which differ in nothing but what
+    differs between equal writes too, as a number does."""
+    levels = dict.fromkeys((*(output.other(number) for number in range(3)), output.default))
+    sent: dict[int, list[list[bytes]]] = {raw: [] for raw in levels}
+    for raw in [*levels] * EQUAL:
+        sent[raw].append(trial.traffic(probe.write, output.channel, raw).requests)
+    writes, *others = sent.values()
+    for one, two in combinations(range(len(writes[0])), 2):
+        first, second = _constant(writes, one), _constant(writes, two)
+        common = [place for place in first if first[place] == second.get(place)]
+        tells = any(raw.get(place, first[place]) != first[place] for raw in (_constant(each, one) for each in others)
+                    for place in common)  # fmt: skip
+        if tells and len(common) == len(first.keys() & second.keys()):
+            raise RuleBroken(f"write of {output.other()} to {output.channel} sent its request twice")
+
+
+def _constant(writes: list[list[bytes]], number: int) -> dict[int, int]:
+    """The bytes of the request of this number that are the same in equal writes, by their places; none if its length
+    is not."""
+    requests = [each[number] for each in writes if len(each) > number]
+    if len(requests) < len(writes) or len(set(map(len, requests))) > 1:
+        return {}
+    return {place: values[0] for place, values in enumerate(zip(*requests, strict=True)) if len(set(values)) == 1}
 
 
 def _usual_of(trial: Trial, probe: Probe, writes: bool) -> Traffic | None:

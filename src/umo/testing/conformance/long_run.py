@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Callable
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,8 @@ TABLE = 64
 """Different sets of levels."""
 QUICK = 0.02
 """s within which a call must fail to be repeated often."""
+SLOWER, SLOW = 3.0, 0.002
+"""Times the duration of the first cycles, and s more, from which on a cycle has become slow."""
 FREE = 1 << 20
 """Bytes by which the process may grow: what an allocator keeps."""
 PER_CALL = 32
@@ -55,6 +59,9 @@ class LongRun:
         self.per_cycle = 2 * bool(self.readable) + 2 * bool(self.outputs)
         self.most = CALLS if trial.cycles is None else self.per_cycle * trial.cycles
         self._grown = 0
+        self.early = inf
+        """s of the quickest of the first cycles."""
+        self._took: deque[float] = deque(maxlen=WARM)
 
     def cycle(self) -> None:
         """One read and one write of every channel, as a block; then of one of them."""
@@ -78,12 +85,17 @@ class LongRun:
         self._turn += 1
         self.trial.failure(*call)
 
-    def go(self) -> None:
-        """Cycles until there were enough transfers, or the time is up."""
+    def go(self, most: int | None = None) -> None:
+        """So many cycles; default: until there were enough transfers, or the time is up."""
         number, early = 0, 0
         while (self.per_cycle and number < FEWEST) or (self.calls < self.most and self.trial.budget.more):
+            if number == most:
+                return
             self.trial.share = self.calls / self.most
             self.cycle()
+            self._took.append(self.trial.watch.took)
+            if number < WARM:
+                self.early = min(self._took)
             self.calls += self.per_cycle
             self._look(number)
             number += 1
@@ -96,6 +108,19 @@ class LongRun:
                 f"the process grew by {grown / 1e6:.1f} MB in the last three quarters of {self.calls:,} transfers"
             )
         self._grown = early
+
+    @property
+    def late(self) -> float:
+        """s of the quickest of the last cycles."""
+        return min(self._took)
+
+    @property
+    def slow(self) -> bool:
+        """Whether the last cycles took much longer than the first ones."""
+        return self.calls > 2 * WARM * self.per_cycle and self.slower_than(self.early)
+
+    def slower_than(self, quickest: float) -> bool:
+        return self.late > SLOWER * quickest + SLOW
 
     @property
     def remark(self) -> str:

@@ -115,7 +115,8 @@ class Probe:
         self.call("close", self.driver.close)
 
     def initialize(self, text: str, default: int | None) -> None:
-        self.opened.append(text)
+        if text not in self.opened:
+            self.opened.append(text)
         self.call(f"initialize of {text}", self.driver.initialize, self.channel(text), default)
 
     def finalize(self, text: str) -> None:

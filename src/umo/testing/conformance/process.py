@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import gc
+import locale
 import os
 import signal
 import socket
@@ -29,15 +29,22 @@ def state() -> dict[str, object]:
     return {
         "working directory": os.getcwd(),
         "default timeout of sockets": socket.getdefaulttimeout(),
-        "garbage collector": "on" if gc.isenabled() else "off",
         "interval of thread switches": sys.getswitchinterval(),
         "number of child processes": _children(),
         "environment": " ".join(sorted(os.environ)),
+        "locale": locale.setlocale(locale.LC_ALL),
+        "processors and priority": _scheduling(),
     } | {f"handler of {number.name}": signal.getsignal(number) for number in signal.valid_signals() if _named(number)}
 
 
 def _named(number: object) -> bool:
     return isinstance(number, signal.Signals)
+
+
+def _scheduling() -> str:
+    """Of this thread."""
+    processors = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else ""
+    return f"{processors} {os.getpriority(os.PRIO_PROCESS, 0)}" if hasattr(os, "getpriority") else str(processors)
 
 
 def _children() -> int:

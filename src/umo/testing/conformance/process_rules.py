@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 from collections.abc import Callable
 from contextlib import redirect_stdout
@@ -113,12 +114,19 @@ class _Interrupt:
 
 
 @rule("process", "The process stays as it was: signals, working directory, default timeout of sockets, environment, "
-      "child processes, nothing on stdout.", Cost(opens=1, each=2))  # fmt: skip
+      "locale, processors, priority, garbage collector, child processes; nothing on stdout.",
+      Cost(opens=1, each=2))  # fmt: skip
 def process(trial: Trial) -> None:
-    printed = StringIO()
-    with redirect_stdout(printed), trial.opened() as probe:
-        for call, arguments in trial.transfers(probe):
-            call(*arguments)
+    printed, on = StringIO(), gc.isenabled()
+    gc.disable()  # as in the control process
+    try:
+        with redirect_stdout(printed), trial.opened() as probe:
+            for call, arguments in trial.transfers(probe):
+                call(*arguments)
+        if gc.isenabled():
+            raise RuleBroken("it switched the garbage collector on, which is off in the control process")
+    finally:
+        (gc.enable if on else gc.disable)()
     if text := printed.getvalue().strip():
         raise RuleBroken(f"it prints: {text.splitlines()[0][:80]!r}")
     for what, value in state().items():

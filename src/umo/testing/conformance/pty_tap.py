@@ -8,7 +8,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from umo.testing.conformance.taps import Tap, Tapped
+from umo.testing.conformance.exchange import Tapped
+from umo.testing.conformance.taps import Tap
 
 
 class PtyTap(Tap):

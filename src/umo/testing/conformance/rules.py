@@ -40,6 +40,9 @@ class Cost:
     """Transfers of each channel that are made beside `each` if there is time."""
 
 
+NOTHING = Cost(opens=0, each=0)
+
+
 @dataclass(frozen=True)
 class Rule:
     """One rule. `check` returns a remark or None, or raises RuleBroken or NotTried; any OSError that leaves it is the

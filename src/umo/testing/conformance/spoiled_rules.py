@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from random import Random
 from typing import Any
 
+from umo.testing.conformance.exchange import Change
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.recovery import recovers, rewrite, values
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.subject import Output
-from umo.testing.conformance.taps import Change
 from umo.testing.conformance.trial import Trial
 
 MOST = 2

@@ -1,15 +1,14 @@
-"""Rules of every call: what it returns and raises. They come last, as they judge the calls of the others too."""
+"""Rules of every call: what it returns and raises. They come last, as they judge the calls of the others too, and are
+tried at any rate."""
 
 from __future__ import annotations
 
 from contextlib import suppress
 
-from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.probe import Probe
+from umo.testing.conformance.rules import NOTHING, NotTried, RuleBroken, rule
 from umo.testing.conformance.trial import Trial
 from umo.text import some
-
-NOTHING = Cost(opens=0, each=0)
-"""These are tried at any rate."""
 
 
 @rule("readings", "A reading is an int, within the bits of its channel.", NOTHING)
@@ -34,7 +33,7 @@ def kind_of_errors(trial: Trial) -> None:
         raise RuleBroken(trial.watch.wrong_kinds[0])
 
 
-@rule("end", "At the end every output is at its default.", NOTHING)
+@rule("end", "At the end every output is at its default. Closing a driver moves none.", NOTHING)
 def end(trial: Trial) -> str | None:
     """By a new driver."""
     if not trial.subject.outputs:
@@ -51,4 +50,19 @@ def end(trial: Trial) -> str | None:
     finally:
         with trial.own_error_first():
             trial.leave(probe)
+    _check_closed(trial, probe)
     return trial.looked()
+
+
+def _check_closed(trial: Trial, closed: Probe) -> None:
+    """A device may let go of its outputs by itself when a connection ends: it does so without a `close` too."""
+    line, outputs = trial.subject.line, trial.visible
+    if line is None or trial.subject.levels is None:
+        return
+    for output in outputs:
+        if not trial.is_at(closed, output, output.default):
+            text = f"{output.channel} is at {trial.last_level} since the driver was closed, not at {output.default}"
+            with trial.opened() as probe:
+                line.drop()
+                if trial.is_at(probe, output, output.default):
+                    raise RuleBroken(text)

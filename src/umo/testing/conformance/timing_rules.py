@@ -24,13 +24,16 @@ DELAY = 2.0
     "timeout",
     "A call ends within `timeout`, which it reads, by a TimeoutError; also if bytes come without end, or nothing "
     "answers the request to connect.",
-    Cost(opens=8, each=4, waits=16),
+    Cost(opens=8, each=8, waits=16),
 )
 def timeout(trial: Trial) -> None:
     line = trial.line
     with trial.opened() as probe:
-        trial.hurry(probe)
         for call, arguments in trial.transfers(probe):
+            call(*arguments)  # what is kept of it must not be given later
+        trial.hurry(probe)
+        first = [(probe.initialize, (each.channel, each.default)) for each in trial.subject.outputs[:1]]
+        for call, arguments in (*first, *trial.transfers(probe)):
             error, lost = _lost_in_time(trial, probe, call, *arguments)
             if error is None and lost:
                 raise RuleBroken(f"{trial.watch.doing} succeeded without an answer")

@@ -99,6 +99,22 @@ def directions(trial: Trial) -> str | None:
     return f"whether it changes {some(unsure)} was not seen: nothing says that the level is steady" if unsure else None
 
 
+@rule("reading", "Reading changes no output.", Cost(each=6))
+def reading(trial: Trial) -> str | None:
+    if not trial.readable:
+        raise NotTried("the driver has no inputs")
+    outputs = trial.seen
+    with trial.opened() as probe:
+        for number, output in enumerate(outputs):
+            probe.write(output.channel, output.other(number))
+        for text in trial.readable:
+            probe.read(text)
+        probe.read_many(trial.readable)
+        for number, output in enumerate(outputs):
+            trial.expect(probe, output, output.other(number), "reading all inputs")
+    return trial.remark()
+
+
 def _write(probe: Probe, text: str, raw: int, many: bool) -> None:
     channel = probe.driver.channel(text)
     try:

@@ -1,0 +1,165 @@
+"""Open drivers of the subject, and the way back to the defaults."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import cached_property
+from typing import Any
+
+from umo.cycle.transfer import PATIENCE
+from umo.drivers.contract import Direction, Driver
+from umo.testing.conformance.probe import Probe, Stopped, Watch
+from umo.testing.conformance.subject import Subject
+
+
+class Clients:
+    """Makes drivers of the subject. What their calls do is watched."""
+
+    def __init__(self, subject: Subject) -> None:
+        self.subject = subject
+        self.watch = Watch()
+        self.unreached: list[str] = []
+        """Outputs that could not be brought to their defaults."""
+        self._dirty = False
+        self._is_full = False
+        """The device has turned away a second driver."""
+
+    def new(self, direct: bool = False) -> Probe:
+        """A new driver, not opened, whose channels are known; `direct`: without the line, if the subject can do so."""
+        make = self.subject.direct if direct and self.subject.direct is not None else self.subject.make
+        driver: Driver[Any] = self.watch.call("making the driver", self.patience, make)
+        driver.timeout, driver.period = self.patience, self.subject.period
+        probe = Probe(driver, self.watch)
+        for text in (*self.channels, *self.subject.refused):  # as umo does: all of them before `open`
+            probe.channel(text)
+        return probe
+
+    @property
+    def patience(self) -> float:
+        """s that a call may take that is to succeed, as umo gives when it initialises and resets."""
+        return max(PATIENCE, self.subject.timeout)
+
+    @contextmanager
+    def opened(self, direct: bool = False) -> Iterator[Probe]:
+        """An open driver with its channels initialised. At the end its outputs are reset, its channels are finalised,
+        and it is closed."""
+        probe = self.new(direct)
+        try:
+            probe.open()
+            for text in self.channels:
+                probe.initialize(text, self.default(text))
+            yield probe
+        except BaseException:
+            with suppress(OSError, Stopped):
+                self.leave(probe)
+            raise
+        self.leave(probe)
+
+    def leave(self, probe: Probe) -> None:
+        """Reset, finalise and close. What fails is tried again with a new driver by `restore`; the first error is
+        raised at the end."""
+        probe.driver.timeout = self.patience
+        errors: list[BaseException] = []
+
+        def attempt(call: Callable[..., None], *arguments: Any) -> None:
+            try:
+                call(*arguments)
+            except (OSError, Stopped) as error:
+                self._dirty = True
+                errors.append(error)
+
+        initialised = list(probe.opened)
+        for text in initialised:
+            attempt(probe.reset, text, self.default(text))
+        for text in reversed(initialised):
+            attempt(probe.finalize, text)
+        attempt(probe.close)
+        if errors:
+            raise errors[0]
+
+    def restore(self, always: bool = False) -> None:
+        """With a new driver: every output to its default, if it may not be there."""
+        if not (self._dirty or always) or not self.subject.outputs:
+            return
+        self._dirty = False
+        self.unreached = left = [output.channel for output in self.subject.outputs]
+        with suppress(OSError):
+            probe = self.new()
+            try:
+                probe.open()
+                for output in self.subject.outputs:
+                    if self.failure(probe.reset, output.channel, output.default) is None:
+                        left = [text for text in left if text != output.channel]
+            finally:
+                probe.close()
+        self.unreached = left
+
+    def left_dirty(self) -> None:
+        """`restore` has something to do: an output may be left at another level than its default."""
+        self._dirty = True
+
+    @contextmanager
+    def second(self, direct: bool = False) -> Iterator[Probe | None]:
+        """Another open driver of the device, whose outputs were not initialised; None if there is room for one, which
+        is waited for once."""
+        if self._is_full:
+            yield None
+            return
+        probe = self.new(direct)
+        try:
+            try:
+                probe.open()
+                for each in self.subject.inputs:
+                    probe.initialize(each.channel, None)
+                for each in self.subject.inputs[:1]:
+                    probe.read(each.channel)  # a device may let it in and then hang up
+            except OSError:
+                self._is_full = True
+                yield None
+            else:
+                yield probe
+        finally:
+            self.failure(probe.close)
+
+    # Channels -----------------------------------------------------------------------------------------
+
+    @cached_property
+    def channels(self) -> tuple[str, ...]:
+        """All channels, inputs first."""
+        inputs = [each.channel for each in self.subject.inputs]
+        return tuple(dict.fromkeys((*inputs, *self._defaults)))
+
+    @cached_property
+    def _defaults(self) -> dict[str, int]:
+        return {output.channel: output.default for output in self.subject.outputs}
+
+    def default(self, text: str) -> int | None:
+        return self._defaults.get(text)
+
+    @cached_property
+    def readable(self) -> tuple[str, ...]:
+        """Channels whose direction allows reading."""
+        probe = self.new()
+        return tuple(text for text in self.channels if Direction.INPUT in probe.channel(text).direction)
+
+    # Calls --------------------------------------------------------------------------------------------
+
+    def failure(self, call: Callable[..., object], *arguments: Any) -> OSError | None:
+        """The error of a call, None if it succeeded."""
+        try:
+            call(*arguments)
+        except OSError as error:
+            return error
+        return None
+
+    @contextmanager
+    def own_error_first(self) -> Iterator[None]:
+        """For the tidying up in a `finally`: an error of it does not replace one that is on its way."""
+        on_its_way = sys.exception()
+        try:
+            yield
+        except (OSError, Stopped):
+            if on_its_way is None:
+                raise

@@ -1,0 +1,237 @@
+"""What passes between a driver and its device: a thread moves the bytes of both directions, and spoils answers.
+
+It knows no protocol. In a mode that spoils, an answer is what comes from the device until nothing more has come for
+`QUIET` s.
+"""
+
+from __future__ import annotations
+
+import os
+import selectors
+import threading
+from abc import ABC, abstractmethod
+from collections import deque
+from contextlib import suppress
+from time import monotonic, sleep
+from types import TracebackType
+from typing import Self
+
+from umo.testing.conformance.exchange import HOLDING, PASSING, Tapped, Traffic
+
+QUIET = 0.005
+PIECE = 0.003
+"""s between the pieces of an answer."""
+SETTLE = 5.0
+"""s that the thread is waited for."""
+KEPT = 64
+"""Exchanges that are remembered."""
+SIZE = 65536
+
+
+class Relay(ABC):
+    """Base of the taps."""
+
+    def __init__(self) -> None:
+        self.exchanges: deque[tuple[bytes, bytes]] = deque(maxlen=KEPT)
+        """The last requests, each with what the device answered."""
+        self.connections = 0
+        """Connections that a driver has made so far."""
+        self.spoiled = 0
+        """Answers that were spoiled so far."""
+        self.missing = ""
+        """Why the device could not be reached when a driver connected last; empty if it could."""
+        self._traffic: Traffic | None = None
+        self._mode = PASSING
+        self._open: list[Tapped] = []
+        self._lock = threading.RLock()
+        self._selector = selectors.DefaultSelector()
+        self._wake, self._waker = os.pipe()
+        self._selector.register(self._wake, selectors.EVENT_READ)
+        self._end = False
+        self._asked = self._settled = 0
+        """How often it was asked to settle, and up to which of these it has."""
+        self._turn = threading.Condition()
+        self._thread = threading.Thread(target=self._work, name="umo tap", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._appear()
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._end = True
+        self._nudge()
+        self._thread.join()
+        self._vanish()
+        self.drop()
+        self._selector.close()
+        os.close(self._wake)
+        os.close(self._waker)
+
+    def drop(self) -> None:
+        """The device ends its connections. It takes new ones at once."""
+        with self._lock:
+            for each in tuple(self._open):
+                self._close(each)
+
+    def settle(self) -> None:
+        """Returns when everything has been dealt with that waits now."""
+        with self._turn:
+            self._asked = asked = self._asked + 1
+            self._nudge()
+            self._turn.wait_for(lambda: self._settled >= asked, SETTLE)
+
+    @property
+    def descriptors(self) -> int:
+        """Open descriptors of the connections."""
+        return 2 * len(self._open)
+
+    # What the kinds of taps differ in ----------------------------------------------------------------
+
+    @abstractmethod
+    def _appear(self) -> None:
+        """Begin to take connections."""
+
+    @abstractmethod
+    def _vanish(self) -> None:
+        """Take no connections any more."""
+
+    def _accept(self) -> None:
+        """A connection waits to be taken."""
+        raise NotImplementedError
+
+    def _mirror(self, tapped: Tapped) -> None:
+        """A request is about to be passed on."""
+        return
+
+    # The thread --------------------------------------------------------------------------------------
+
+    def _work(self) -> None:
+        while not self._end:
+            asked = self._asked  # before the look: whatever happened before it was asked is seen
+            ready = self._selector.select(self._pause() if self._settled == asked else 0)
+            with self._lock:
+                for key, _ in ready:
+                    if self._selector.get_map().get(key.fd) is key:  # else closed since, and perhaps used again
+                        self._serve(key.fd)
+                self._look()
+            with self._turn:
+                self._settled = asked
+                self._turn.notify_all()
+
+    def _pause(self) -> float | None:
+        if self._mode.endless:
+            return self._mode.endless
+        dues = [each.due for each in tuple(self._open) if each.due is not None]
+        dues += [each.next for each in tuple(self._open) if each.trickle]
+        return max(0.0, min(dues) - monotonic()) if dues else None
+
+    def _nudge(self) -> None:
+        os.write(self._waker, b"!")
+
+    def _serve(self, ready: int) -> None:
+        if ready == self._wake:
+            os.read(ready, SIZE)
+            return
+        tapped = next((each for each in self._open if ready in (each.driver, each.device)), None)
+        if tapped is None:
+            self._accept()
+            return
+        try:
+            data = os.read(ready, SIZE)
+        except OSError:
+            data = b""
+        if not data:
+            self._close(tapped)
+        elif ready == tapped.driver:
+            self._requested(tapped, data)
+        else:
+            self._answered(tapped, data)
+
+    def _requested(self, tapped: Tapped, data: bytes) -> None:
+        if self._traffic is not None:
+            self._traffic.requests.append(data)
+        if tapped.answer:  # of the request before
+            self._finish(tapped)
+            tapped.request = b""
+        tapped.request += data
+        self._mirror(tapped)
+        self._put(tapped, tapped.device, data)
+
+    def _answered(self, tapped: Tapped, data: bytes) -> None:
+        if self._traffic is not None:
+            self._traffic.answer += data
+        tapped.answer += data
+        if self._mode.spoils or tapped.due is not None:
+            tapped.due = monotonic() + QUIET
+            return
+        self._put(tapped, tapped.driver, tapped.held + data)
+        tapped.held = b""
+
+    def _look(self) -> None:
+        now = monotonic()
+        for each in tuple(self._open):
+            if each.due is not None and now >= each.due:
+                self._finish(each)
+            if self._mode.endless and each.request:
+                self._put(each, each.driver, b"\xff")
+            if each.trickle and now >= each.next:
+                byte, each.trickle, each.next = each.trickle[:1], each.trickle[1:], now + self._mode.step
+                self._put(each, each.driver, byte)
+
+    # Answers -----------------------------------------------------------------------------------------
+
+    def _finish(self, tapped: Tapped, holding: bool = False) -> None:
+        """The answer is complete."""
+        answer, spoils = tapped.answer, tapped.due is not None
+        if not answer:
+            return
+        tapped.due, tapped.answer = None, b""
+        self.exchanges.append((tapped.request, answer))
+        tapped.request = b"" if not self._mode.endless else tapped.request
+        if spoils:
+            self._spoil(tapped, answer, holding)
+
+    def _spoil(self, tapped: Tapped, answer: bytes, holding: bool) -> None:
+        """An answer that a change leaves as it was does not count as spoiled."""
+        mode = HOLDING if holding else self._mode
+        changed = mode.change(answer) if mode.change is not None else None
+        self.spoiled += changed != answer
+        if mode.holding:
+            tapped.held += answer
+        elif changed is not None:
+            self._put(tapped, tapped.driver, tapped.held + changed)
+            tapped.held = b""
+            if mode.hangup:
+                self._close(tapped)
+        elif mode.step:
+            tapped.trickle, tapped.next = answer, monotonic() + mode.step
+        elif mode.splitting:
+            for piece in (answer[:1], answer[1 : len(answer) // 2], answer[max(1, len(answer) // 2) :]):
+                self._put(tapped, tapped.driver, piece)
+                sleep(PIECE)
+        elif not mode.endless:  # it began before the mode ended
+            self._put(tapped, tapped.driver, answer)
+
+    def _put(self, tapped: Tapped, to: int, data: bytes) -> None:
+        try:
+            while data:
+                data = data[os.write(to, data) :]
+        except OSError:
+            self._close(tapped)
+
+    def _add(self, driver: int, device: int) -> None:
+        self._open.append(Tapped(driver, device))
+        for each in (driver, device):
+            self._selector.register(each, selectors.EVENT_READ)
+
+    def _close(self, tapped: Tapped) -> None:
+        if tapped not in self._open:
+            return
+        self._open.remove(tapped)
+        for each in (tapped.driver, tapped.device):
+            with suppress(KeyError):
+                self._selector.unregister(each)
+            os.close(each)

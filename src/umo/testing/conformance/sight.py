@@ -1,0 +1,242 @@
+"""Levels of the outputs, as they are seen: by the record of a counterpart, through a loop-back, or read back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import cached_property
+from threading import Event, Thread
+from time import monotonic, sleep
+
+from umo.testing.conformance.clients import Clients
+from umo.testing.conformance.probe import Probe, Watch
+from umo.testing.conformance.rules import NotTried, RuleBroken
+from umo.testing.conformance.subject import Output
+from umo.text import some
+
+LOOK = 0.001
+"""s between two looks at a level that has not come yet."""
+STEPS = 0.02
+"""Part of a range: a level that is no further off may be a step of the device."""
+NO_VIEW = "the level of no output can be seen: it needs a loop-back, or a channel that can be read back"
+CONFIRMED = "every call succeeded, but no level can be seen: it needs a loop-back, or a channel that can be read back"
+
+
+class Sight(Clients):
+    """What can be seen of the levels."""
+
+    last_level = 0
+    """What `is_at` or `is_read` found last."""
+
+    @cached_property
+    def loops(self) -> dict[str, str]:
+        return dict(self.subject.loopbacks)
+
+    def view(self, output: Output) -> str:
+        """The channel that shows the level of an output: its loop-back, or itself."""
+        return self.loops.get(output.channel, output.channel)
+
+    @cached_property
+    def visible(self) -> tuple[Output, ...]:
+        """Outputs whose level can be seen."""
+        by = self.loops.keys() if self.subject.levels is None else self._defaults.keys()
+        return tuple(each for each in self.subject.outputs if each.channel in by or each.channel in self.readable)
+
+    @property
+    def seen(self) -> tuple[Output, ...]:
+        """As `visible`; NotTried if there is none."""
+        if not self.subject.outputs:
+            raise NotTried("the driver has no outputs")
+        if not self.visible:
+            raise NotTried(NO_VIEW)
+        return self.visible
+
+    @cached_property
+    def viewed(self) -> tuple[Output, ...]:
+        """Outputs whose level the driver can read."""
+        return tuple(each for each in self.subject.outputs if self.view(each) in self.readable)
+
+    @property
+    def steady(self) -> tuple[str, ...]:
+        """Inputs that nothing drives and that do not change by themselves."""
+        looped = {text for _, text in self.subject.loopbacks}
+        return tuple(each.channel for each in self.subject.inputs if each.steady and each.channel not in looped)
+
+    @property
+    def known(self) -> tuple[str, ...]:
+        """Channels that read the same as long as the kit changes nothing: steady inputs, and levels of outputs."""
+        return tuple(dict.fromkeys((*(self.view(each) for each in self.viewed), *self.steady)))
+
+    def remark(self, *more: str) -> str | None:
+        """Which outputs the rule could not see, and what else it says."""
+        unseen = [each.channel for each in self.subject.outputs if each not in self.visible]
+        words = [f"except {some(unseen)}, whose level cannot be seen"] if unseen else []
+        return "; ".join((*words, *more)) or None
+
+    def looked(self) -> str | None:
+        """As `remark`, at the end of a rule whose calls succeeded; NotTried if it could see none of the outputs."""
+        if self.subject.outputs and not self.visible:
+            raise NotTried(CONFIRMED)
+        return self.remark()
+
+    # Levels -------------------------------------------------------------------------------------------
+
+    def reading(self, probe: Probe, output: Output) -> int:
+        """What the driver reads of the level of an output."""
+        view = self.view(output)
+        if view not in probe.opened:
+            probe.initialize(view, self.default(view))
+        return probe.read(view)
+
+    def level(self, probe: Probe, output: Output) -> int:
+        """The level that the output has now: as the counterpart records it, or else as the driver reads it."""
+        if self.subject.levels is not None:
+            return self.subject.levels(output.channel)[-1]
+        return self.reading(probe, output)
+
+    def comes_to(self, look: Callable[[], int], right: Callable[[int], bool]) -> tuple[bool, int]:
+        """Whether the look finds a right level within `settle`, and what it found last."""
+        end = monotonic() + self.subject.settle
+        while not right(found := look()):
+            if monotonic() >= end:
+                return False, found
+            sleep(LOOK)
+        return True, found
+
+    def is_at(self, probe: Probe, output: Output, raw: int) -> bool:
+        """Whether the output comes to this level within `settle`; sets `last_level`."""
+        there, self.last_level = self.comes_to(
+            lambda: self.level(probe, output), lambda level: self.same(output, raw, level)
+        )
+        return there
+
+    def is_read(self, probe: Probe, output: Output, raw: int) -> bool:
+        """As `is_at`, of what the driver reads; sets `last_level`."""
+        there, self.last_level = self.comes_to(
+            lambda: self.reading(probe, output), lambda level: self.same(output, raw, level)
+        )
+        return there
+
+    def arrive(self, other: Probe | None, output: Output, raw: int) -> None:
+        """Returns when the level has come for sure, seen without the driver under test: by the counterpart's record,
+        by another driver; else after `settle`."""
+        if self.subject.levels is not None:
+            record = self.subject.levels
+            self.comes_to(lambda: record(output.channel)[-1], lambda level: self.same(output, raw, level))
+        if other is not None:
+            self.is_read(other, output, raw)
+        elif self.subject.levels is None or self.view(output) != output.channel:
+            sleep(self.subject.settle)
+
+    def expect(self, probe: Probe, output: Output, raw: int, after: str) -> None:
+        """RuleBroken if the output is not at this level, or is not read so."""
+        if self.subject.levels is not None and not self.is_at(probe, output, raw):
+            text = f"{output.channel} is at {self.last_level} after {after}, not at {raw}"
+            raise RuleBroken(text + self._hint(output, raw), f"level of {output.channel}")
+        if output in self.viewed and not self.is_read(probe, output, raw):
+            view, found = self.view(output), self.last_level
+            if self.subject.levels is not None:
+                text = f"{view} reads {found}; {output.channel} is at {raw}, as it should be after {after}"
+                raise RuleBroken(text + self._hint(output, raw), f"reading of {view}")
+            of = "" if view == output.channel else f", which shows {output.channel},"
+            text = f"{view}{of} reads {found} after {after}, not {raw}"
+            raise RuleBroken(text + self._hint(output, raw), f"level of {output.channel}")
+
+    def _hint(self, output: Output, raw: int) -> str:
+        """For a device that has steps."""
+        off, width = abs(self.last_level - raw), output.greatest - output.least
+        if self.subject.agree is None and width >= 1 / STEPS and off <= max(1.0, STEPS * width):
+            return " (if the device has steps or noise, say what agrees: `agree` of the subject, --tolerance)"
+        return ""
+
+    # The same level -----------------------------------------------------------------------------------
+
+    def same(self, output: Output, raw: int, level: int) -> bool:
+        """Whether a level that was seen is the output's raw one."""
+        if raw == level or self.subject.agree is None:
+            return raw == level
+        views = {self.view(output)}
+        if self.subject.levels is not None:  # what records them has the output's own scale
+            views.add(output.channel)
+        return any(self.subject.agree(output.channel, raw, view, level) for view in views)
+
+    def alike(self, text: str, before: int, now: int) -> bool:
+        """Whether two readings of a channel mean one level: they are equal, or those of a loop-back agree with a level
+        of its output."""
+        if before == now or self.subject.agree is None:
+            return before == now
+        return any(
+            self.same(output, raw, before) and self.same(output, raw, now)
+            for output in self.subject.outputs
+            if self.view(output) == text
+            for raw in (*output.inner, output.default)
+        )
+
+    def fallen(self, text: str, found: int) -> bool:
+        """Whether the device itself has brought an output to its default, as a watchdog does while a line is silent: a
+        new driver, without the line, reads that too."""
+        shown = [each for each in self.subject.outputs if self.view(each) == text]
+        if self.subject.direct is None or not any(self.same(each, each.default, found) for each in shown):
+            return False
+        probe = self.new(direct=True)
+        try:
+            probe.open()
+            return self.alike(text, found, probe.read(text))
+        except OSError:
+            return False
+        finally:
+            with suppress(OSError):
+                probe.close()
+
+    # Levels in between --------------------------------------------------------------------------------
+
+    @contextmanager
+    def observing(self, output: Output, until: int) -> Iterator[list[int]]:
+        """The levels that an output had within the block, in the list after its end; the first is the level before.
+        A loop-back is watched on, until it shows the level `until`. Empty if only the driver under test can see it."""
+        found: list[int] = []
+        if self.subject.levels is not None:
+            self.subject.levels(output.channel)
+            yield found
+            found += self.subject.levels(output.channel)
+        elif output.channel in self.loops and (self.subject.line is None or self.subject.line.ordered):
+            with self._polling(self.loops[output.channel], found):
+                yield found
+                end = monotonic() + self.subject.settle
+                while found and not self.same(output, until, found[-1]) and monotonic() < end:
+                    sleep(LOOK)
+        else:
+            yield found
+
+    @contextmanager
+    def _polling(self, text: str, found: list[int]) -> Iterator[None]:
+        """A second driver reads the input as quickly as it can; nothing if the device does not let it in."""
+        probe, end = self.new(), Event()
+        probe.watch = Watch()  # of another thread
+        try:
+            probe.open()
+            probe.initialize(text, None)
+            found.append(probe.read(text))
+        except OSError:
+            with suppress(OSError):
+                probe.close()
+            found.clear()
+            yield
+            return
+
+        def poll() -> None:
+            with suppress(OSError):
+                while not end.is_set():
+                    if (level := probe.read(text)) != found[-1]:
+                        found.append(level)
+
+        thread = Thread(target=poll, name="umo loop-back", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            end.set()
+            thread.join(self.patience)
+            with suppress(OSError):
+                probe.finalize(text)
+                probe.close()
