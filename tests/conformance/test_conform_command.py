@@ -144,7 +144,7 @@ def test_an_input_that_is_steady_lets_the_line_be_tried_without_an_output(umo: U
 def test_a_run_that_was_cut_short_is_status_3_and_says_what_it_will_take(umo: Umo, press: Path) -> None:
     result = umo("conform", "press", "-w", "card", "--yes", "--minutes", "0.05")
     assert result.exit_code == 3, said(result)
-    assert "umo: a transfer takes " in said(result) and "Left out first: the long run" in said(result)
+    assert "umo: a transfer takes " in said(result) and "Left out first: transfers of the long run" in said(result)
     assert "press-card-card: passed (cut short), on device tcp" in said(result)
 
 
