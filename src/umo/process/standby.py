@@ -109,7 +109,7 @@ class Standby:
                 return
 
     def _make_sure(self) -> None:
-        """End the guardian, and wait for that and for its child: only the control process may still write to a device."""
+        """End the guardian, and wait for it and its child: only the control process may still write to a device."""
         self._guardian.send(signal.SIGKILL)
         until = monotonic() + BURIAL
         while not (self._guardian.ended and self._life.gone(0.0, Who.RESET)) and monotonic() < until:
