@@ -6,7 +6,6 @@ import os
 import shutil
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -17,6 +16,7 @@ import pytest
 
 from helpers.peers.modbus_device import PATIENT, Peer, running
 from helpers.peers.modbus_map import coil, discrete, holding, input_register
+from helpers.waiting import until
 from umo import Compound, DigitalActuator, DigitalSensor, check, connect
 from umo.drivers.modbus import Modbus
 from umo.drivers.modbus.rtu import SerialLine
@@ -282,14 +282,16 @@ def test_the_late_answer_itself_ends_the_recovery(start: Start, connected: Unit)
     driver.timeout = HASTY
     with pytest.raises(DeviceTimeout):
         one(driver, "holding:1")
-    for _ in range(1000):
-        try:
-            assert one(driver, "holding:2") == holding(2)
-            return
-        except DriverError as error:
-            assert "recovering" in str(error)
-            time.sleep(0.01)
-    pytest.fail("the unit is still recovering, long after its late answer")
+    until(lambda: recovered(lambda: one(driver, "holding:2")) == holding(2))
+
+
+def recovered(call: Callable[[], Any]) -> Any:
+    """What the call returns; None while the unit recovers."""
+    try:
+        return call()
+    except DriverError as error:
+        assert "recovering" in str(error)
+        return None
 
 
 @pytest.mark.parametrize("fault", ["crc", "truncate=6", "before=1", "before=3", "tail"])
@@ -303,13 +305,8 @@ def test_an_answer_that_came_damaged_is_not_waited_for(start: Start, connected: 
     with pytest.raises(DriverError):
         read(driver, *READING)
     driver.timeout = PATIENT
-    until = time.monotonic() + PATIENT
-    while True:
-        try:
-            assert read(driver, *READING) == [input_register(i) for i in range(4)]
-            break
-        except DriverError as error:  # the rest of the answer is still on its way
-            assert "recovering" in str(error) and time.monotonic() < until
+    # the rest of the answer may still be on its way
+    assert until(lambda: recovered(lambda: read(driver, *READING))) == [input_register(i) for i in range(4)]
     assert len(peer.requests()) == 3
 
 
@@ -355,7 +352,6 @@ def test_a_line_that_is_never_silent_times_out_before_anything_is_sent(start: St
     driver.timeout = HASTY
     with pytest.raises(DriverError, match="an answer of unit 255 in place of 1"):
         one(driver, "holding:1")
-    time.sleep(0.02)
     with pytest.raises(DeviceTimeout, match="reading holding register 2: the line was not silent within 100 ms"):
         one(driver, "holding:2")
     assert peer.requests() == [(3, 1, 1)]
