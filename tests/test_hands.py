@@ -34,7 +34,8 @@ from umo import (
 from umo.control import next_period, state_of, wait
 from umo.cycle.commands import FREE, IN_HAND
 from umo.cycle.events import TEXT, CommandState, Event
-from umo.cycle.hands import HOLD, TAKEN_PER_PERIOD, HandCommand, Hands, Mode
+from umo.cycle.hand_commands import HandCommand, Mode
+from umo.cycle.hands import HOLD, TAKEN_PER_PERIOD, Hands
 from umo.objects import actions_of
 from umo.testing import Scripted, VirtualTimer, put
 

@@ -25,7 +25,8 @@ from helpers.machines import bench, relay, sensor, switch, wired
 from helpers.patient import conveyor
 from helpers.waiting import until
 from umo import Compound, DigitalSensor, FramesError, PathError, Range, RangeError, Vector, connect, published
-from umo.cycle.hands import Hands, Mode
+from umo.cycle.hand_commands import Mode
+from umo.cycle.hands import Hands
 from umo.frames import Reader
 from umo.frames.cells import Cells
 from umo.latency import blackbox

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from helpers.letters import Letters
 from helpers.machines import stations
 from umo import BinaryActuator, Compound, DigitalActuator, OpenClosed, connect
-from umo.cycle.hands import HandCommand, Hands, Mode
+from umo.cycle.hand_commands import HandCommand, Mode
+from umo.cycle.hands import Hands
 from umo.objects import actions_of
 from umo.testing import periods, put
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from umo.cycle.hands import HandCommand
+from umo.cycle.hand_commands import HandCommand
 
 
 class Letters:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from umo.cycle.hands import Mode
+from umo.cycle.hand_commands import Mode
 from umo.cycle.progress import Progress
 from umo.cycle.stage import Stage
 

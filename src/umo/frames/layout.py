@@ -43,8 +43,8 @@ HEAD, STATE, MISSED, JOURNAL, DESCRIBED = 64, 72, 80, 88, 96
 """Offsets of the live numbers, 8 bytes each: frames finished, state (`umo.cycle.stage`), missed periods in all, number
 of the next entry (moved on before the entries are written); and of the CRC-32 of the description, which stays."""
 EVENT, MODE, TAKEN, DROPPED, LEASE = 104, 112, 120, 128, 136
-"""More of them: number of the next event, mode (`umo.cycle.hands`; -1: no hands), commands of hands taken and dropped,
-number of the lease, which is below 0 while its holder is being written."""
+"""More of them: number of the next event, mode (`umo.cycle.hand_commands`; -1: no hands), commands of hands taken and
+dropped, number of the lease, which is below 0 while its holder is being written."""
 HOLDER = 144
 """Offset of the text of who has the lease, UTF-8, `NAME` bytes; empty: nobody."""
 DESCRIPTION = 256

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from umo.cycle.commands import FREE, IN_HAND, reason_of_hand
 from umo.cycle.events import CommandState, Event
-from umo.cycle.hands import Mode
+from umo.cycle.hand_commands import Mode
 from umo.cycle.stage import Stage
 from umo.errors import FramesError, PathError
 from umo.frames.frame_server import is_socket, receive

@@ -14,7 +14,8 @@ from typing import IO, Any, NoReturn
 
 from umo.cycle import Frame, connect, drive
 from umo.cycle.events import CommandState
-from umo.cycle.hands import Hands, Mode
+from umo.cycle.hand_commands import Mode
+from umo.cycle.hands import Hands
 from umo.cycle.rehearsal import rise_early
 from umo.cycle.stage import Stage
 from umo.cycle.stop_order import stop_sequence

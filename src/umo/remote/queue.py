@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from umo.cycle.hands import HandCommand
+from umo.cycle.hand_commands import HandCommand
 from umo.errors import CommandRefused, FramesError
 from umo.frames import Reader
 from umo.frames.cells import QUEUE, SLOT, SLOTS, Cells

@@ -1,0 +1,80 @@
+"""Commands from outside as data, and the two ways in which they come in: a queue, and levels."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+from math import isfinite
+from typing import Any, Protocol
+
+
+class Mode(IntEnum):
+    """The mode of a machine: who operates it; the numbers stand in shared memory."""
+
+    AUTOMATIC = 0
+    MANUAL = 1
+
+    def __str__(self) -> str:
+        return self.name.lower()
+
+
+@dataclass(frozen=True)
+class HandCommand:
+    """One command of a hand. `do` is a name of `Hands.COMMANDS`; which of the others it takes depends on it."""
+
+    number: int
+    who: str = ""
+    key: str = ""
+    """The secret by which the lease knows its holder."""
+    do: str = ""
+    path: str = ""
+    value: Any = None
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+    seconds: float = 2.0
+    over: bool = False
+
+    @classmethod
+    def parse(cls, number: int, data: bytes) -> HandCommand:
+        """ValueError, TypeError or RecursionError if it is not one."""
+        text = json.loads(data)
+        for name, kind in (("who", str), ("key", str), ("do", str), ("path", str), ("arguments", dict)):
+            if not isinstance(text.get(name, kind()), kind):
+                raise TypeError(f"{name} is not a {kind.__name__}")
+        seconds = float(text.pop("seconds", 2.0))
+        if not isfinite(seconds):  # a lease of NaN seconds would never end
+            raise ValueError(f"{seconds} is not a time")
+        return cls(number, seconds=seconds, **text)
+
+    def __str__(self) -> str:
+        words = [self.do, self.path, *(f"{name}={value}" for name, value in self.arguments.items())]
+        return " ".join([*filter(None, words), *([] if self.value is None else [str(self.value)])])
+
+
+class Inbox(Protocol):
+    """The commands that come in."""
+
+    taken: int
+    """Commands that have come in, and were handed on or dropped."""
+    dropped: int
+    """The number of these that were not commands."""
+
+    def take(self) -> HandCommand | None:
+        """The next one, None if there is none now. Quick; raises nothing."""
+
+
+class Levels(Protocol):
+    """The levels that hands keep up. Quick; raises nothing."""
+
+    @property
+    def asked(self) -> Sequence[int]:
+        """One number, always the same one: not 0 if `stop` is to be looked at."""
+
+    @property
+    def stop(self) -> tuple[int, str] | None:
+        """The signal as after which the run is to end, and who asks for it; None: nobody does."""
+
+    def signed(self, path: str, lease: int) -> float:
+        """The time at which the holder of this lease was last there for what it keeps up at this path, in s on the
+        clock of the hands; "": for the lease itself. 0: never. Any number."""
