@@ -21,7 +21,7 @@ from helpers.tiers import first
 from umo.errors import StandsStopped
 from umo.system.custody import Custody
 from umo.system.hold import Hold
-from umo.testing.conformance import Certificate, leak_rules, long_run
+from umo.testing.conformance import Certificate, growth, leak_rules, long_run
 
 Umo = Callable[..., Result]
 OBJECTS = """
@@ -68,7 +68,7 @@ def few_transfers(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where they are many in the search for what adds up."""
     monkeypatch.setattr(long_run, "CALLS", 80)
     monkeypatch.setattr(leak_rules, "OPENINGS", 3)
-    monkeypatch.setattr(leak_rules, "CYCLES", 10)
+    monkeypatch.setattr(growth, "CYCLES", 10)
 
 
 @pytest.fixture

@@ -5,10 +5,8 @@ from __future__ import annotations
 import gc
 import os
 import threading
-import tracemalloc
 from collections.abc import Callable
-from contextlib import contextmanager, nullcontext, suppress
-from dataclasses import dataclass
+from contextlib import nullcontext, suppress
 from itertools import cycle
 from time import monotonic, perf_counter, sleep
 from typing import Any
@@ -16,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from umo.testing.conformance.certificate import TransferTime
+from umo.testing.conformance.growth import Allowed, grows
 from umo.testing.conformance.long_run import WARM, LongRun, fails_at_once
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
@@ -31,27 +30,7 @@ SILENT = 3
 """Times that it is opened on a line where nobody answers."""
 FADE = 5.0
 """s until what was closed has ended at the other end too."""
-ROUNDS, MOST_ROUNDS = 3, 9
-"""Measurements of memory: a cache may still fill in the first ones. More, if it grew in each of them."""
-CACHE = 5000
-"""Calls after which a cache is full, if there is time for so many."""
-CYCLES = 1000
-"""Cycles of one measurement at most."""
-FREE = 4096
-"""Bytes by which the memory may grow at any rate."""
 TIMED = 300
-
-
-@dataclass(frozen=True)
-class Allowed:
-    """What may be left over each time."""
-
-    fewest: int = 30
-    """Times that it is repeated at any rate."""
-    size: float = 4.0
-    """Bytes: less than one entry of a list."""
-    circular: float = 0.5
-    """Objects that only the garbage collector frees."""
 
 
 CONNECTION = Allowed(fewest=FEWEST, size=1024.0, circular=50.0)
@@ -234,7 +213,7 @@ def memory(trial: Trial) -> str:
             if what == "failed calls" and not run.failing:
                 words.append("no call can be made to fail at once")
                 continue
-            words.append(_grows(trial, repeat, what))
+            words.append(grows(trial, repeat, what))
     if trial.subject.line is not None:
         words.append(_over_lost_connections(trial, trial.subject.line))
         words.append(_without_a_device(trial, trial.subject.line))
@@ -242,7 +221,7 @@ def memory(trial: Trial) -> str:
 
 
 def _over_lost_connections(trial: Trial, line: Tap) -> str:
-    """As `_grows`, of calls that connect again."""
+    """As `grows`, of calls that connect again."""
     with trial.opened() as probe:
         call, arguments = trial.transfers(probe)[0]
 
@@ -251,11 +230,11 @@ def _over_lost_connections(trial: Trial, line: Tap) -> str:
             for _ in range(2):  # the first may find the end of the connection
                 trial.failure(call, *arguments)
 
-        return _grows(trial, lose, "lost connections", CONNECTION)
+        return grows(trial, lose, "lost connections", CONNECTION)
 
 
 def _without_a_device(trial: Trial, line: Tap) -> str:
-    """As `_grows`, of calls that fail as the device is away."""
+    """As `grows`, of calls that fail as the device is away."""
     with trial.opened() as probe, line.gone():
         trial.hurry(probe)
         calls = [call for call in trial.transfers(probe) if fails_at_once(trial, *call)]
@@ -267,57 +246,4 @@ def _without_a_device(trial: Trial, line: Tap) -> str:
             call, arguments = next(turns)
             trial.failure(call, *arguments)
 
-        return _grows(trial, fail, "calls without the device")
-
-
-def _grows(trial: Trial, repeat: Callable[[], object], what: str, each: Allowed = Allowed()) -> str:
-    """RuleBroken if memory is left over; else what was measured."""
-    most = CYCLES if trial.cycles is None else max(10, min(CYCLES, trial.cycles // ROUNDS))
-    began, count = monotonic(), 0
-    while count < min(each.fewest, most) or (count < most and trial.budget.more and monotonic() - began < 1.0):
-        repeat()  # warm, and how many fit
-        count += 1
-    allowed = FREE + each.size * count
-    growths: list[int] = []
-    circular = 1 << 60
-    with _traced():
-        while len(growths) < ROUNDS or (min(growths) > allowed and _may_fill(trial, len(growths), count)):
-            trial.share = len(growths) / max(ROUNDS, len(growths) + 1)
-            gc.collect()
-            gc.disable()
-            before = tracemalloc.get_traced_memory()[0]
-            for _ in range(count):
-                repeat()
-            circular = min(circular, gc.collect())
-            growths.append(tracemalloc.get_traced_memory()[0] - before)
-    if circular >= each.circular * count:
-        raise RuleBroken(
-            f"{circular / count:.3g} objects are left in a circle of references by each of {count} {what}: only the "
-            "garbage collector frees them, and it is off in the control process"
-        )
-    if (growth := min(growths)) > allowed:
-        raise RuleBroken(f"the memory grew by {growth} bytes in each {count} {what}, {growth / count:.0f} each time")
-    return f"{len(growths)} rounds of {count} {what}"
-
-
-def _may_fill(trial: Trial, rounds: int, count: int) -> bool:
-    return rounds < MOST_ROUNDS or (rounds * count < CACHE and trial.budget.more)
-
-
-@contextmanager
-def _traced() -> Any:
-    """What is allocated is counted, and no garbage is collected by itself."""
-    own, on = not tracemalloc.is_tracing(), gc.isenabled()
-    if own:
-        tracemalloc.start()
-    if frozen := not gc.get_freeze_count():
-        gc.freeze()  # what is there already need not be looked at again and again
-    try:
-        yield
-    finally:
-        if frozen:
-            gc.unfreeze()
-        if on:
-            gc.enable()
-        if own:
-            tracemalloc.stop()
+        return grows(trial, fail, "calls without the device")

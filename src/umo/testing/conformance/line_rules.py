@@ -123,7 +123,9 @@ def _check_doubled(trial: Trial, probe: Probe, output: Output) -> None:
     levels = dict.fromkeys((*(output.other(number) for number in range(3)), output.default))
     sent: dict[int, list[list[bytes]]] = {raw: [] for raw in levels}
     for raw in [*levels] * EQUAL:
-        sent[raw].append(trial.traffic(probe.write, output.channel, raw).requests)
+        with trial.line.counting() as traffic:
+            probe.write(output.channel, raw)
+        sent[raw].append(traffic.requests)
     writes, *others = sent.values()
     for one, two in combinations(range(len(writes[0])), 2):
         first, second = _constant(writes, one), _constant(writes, two)
