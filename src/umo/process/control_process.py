@@ -179,6 +179,9 @@ class Control:
         plan = self._plan
         process = plan.wired.process
         refusals = realtime.prepare(process.priority, process.cpu)
+        early = process.early
+        if early is None:  # asked now: connecting may take so long that the guardian makes this an ordinary process
+            early = realtime.early_by_itself(plan.wired.period or 0.0)
         self._connection = connection = connect(plan.machine, plan.wired)
         connection.custody = self._custody
         connection.on_step = self._life.beat
@@ -188,7 +191,7 @@ class Control:
                     connection.machine.observers.append(self.each_period)
                     if plan.job.until is not None:
                         connection.machine.observers.append(TimeLimit(plan.job.until, connection.stop))
-                    self._ready(machine, ring, refusals)
+                    self._ready(machine, ring, refusals, early)
                     try:
                         outcome.result = drive(machine, plan.application)
                     finally:
@@ -271,10 +274,9 @@ class Control:
         self._alarm = self._alarm or why
         request_stop()
 
-    def _ready(self, machine: Compound, ring: Ring | None, refusals: list[realtime.Refusal]) -> None:
+    def _ready(self, machine: Compound, ring: Ring | None, refusals: list[realtime.Refusal], early: float) -> None:
         gc.freeze()
-        early, period = self._plan.wired.process.early, self._plan.wired.period or 0.0
-        rise_early(self._plan.wired, realtime.early_by_itself(period) if early is None else early)
+        rise_early(self._plan.wired, early)
         self._stop_if_asked()
         if isinstance(timer := machine.children().get("timer"), DigitalSensor) and machine.running:
             timer.read()  # the ticks that passed until here
