@@ -8,11 +8,11 @@ from time import sleep
 from typing import Any
 
 from umo.drivers.contract import Direction
-from umo.testing.conformance.exchange import Change, Traffic
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.recovery import recovers, values
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.subject import Output
+from umo.testing.conformance.traffic import Change, Traffic
 from umo.testing.conformance.trial import Trial
 
 OWN = 0.1

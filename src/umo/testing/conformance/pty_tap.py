@@ -8,8 +8,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from umo.testing.conformance.exchange import Tapped
 from umo.testing.conformance.taps import Tap
+from umo.testing.conformance.traffic import Tapped
 
 
 class PtyTap(Tap):

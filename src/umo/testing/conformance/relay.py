@@ -16,7 +16,7 @@ from time import monotonic, sleep
 from types import TracebackType
 from typing import Self
 
-from umo.testing.conformance.exchange import HOLDING, PASSING, Tapped, Traffic
+from umo.testing.conformance.traffic import HOLDING, PASSING, Tapped, Traffic
 
 QUIET = 0.005
 PIECE = 0.003

@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator
 from random import Random
 from typing import Any
 
-from umo.testing.conformance.exchange import Change
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.recovery import recovers, rewrite, values
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.spoiling import MOST, NO_ANSWER, Spoilt, each_spoiled, spoiled_read
+from umo.testing.conformance.traffic import Change
 from umo.testing.conformance.trial import Trial
 
 

@@ -6,11 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from umo.testing.conformance.exchange import Change
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.recovery import recovers, rewrite
 from umo.testing.conformance.rules import NotTried, RuleBroken
 from umo.testing.conformance.subject import Output
+from umo.testing.conformance.traffic import Change
 from umo.testing.conformance.trial import Trial
 
 MOST = 2

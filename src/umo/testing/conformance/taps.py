@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from time import monotonic, sleep
 
-from umo.testing.conformance.exchange import HOLDING, PASSING, Change, Mode, Tapped, Traffic
 from umo.testing.conformance.relay import QUIET, Relay
+from umo.testing.conformance.traffic import HOLDING, PASSING, AnswerMode, Change, Tapped, Traffic
 
 LAST = 0.5
 """s in which an answer that is to be late must have come."""
@@ -30,7 +30,7 @@ class Tap(Relay):
     @contextmanager
     def spoiling(self, change: Change, *, hangup: bool = False) -> Iterator[None]:
         """Each answer is changed; `hangup`: then the connection is closed."""
-        with self._in(Mode(change=change, hangup=hangup)):
+        with self._in(AnswerMode(change=change, hangup=hangup)):
             yield
 
     @contextmanager
@@ -57,7 +57,7 @@ class Tap(Relay):
     @contextmanager
     def split(self) -> Iterator[None]:
         """Each answer comes in three pieces."""
-        with self._in(Mode(splitting=True)):
+        with self._in(AnswerMode(splitting=True)):
             yield
 
     @contextmanager
@@ -68,13 +68,13 @@ class Tap(Relay):
             self._put(tapped, tapped.driver, tapped.trickle)
             tapped.trickle = b""
 
-        with self._in(Mode(step=step), deliver):
+        with self._in(AnswerMode(step=step), deliver):
             yield
 
     @contextmanager
     def endless(self, step: float = 0.001) -> Iterator[None]:
         """In place of an answer, bytes come without an end, one every `step` s."""
-        with self._in(Mode(endless=step)):
+        with self._in(AnswerMode(endless=step)):
             yield
 
     @contextmanager
@@ -124,7 +124,7 @@ class Tap(Relay):
             self.drop()
 
     @contextmanager
-    def _in(self, mode: Mode, at_end: Callable[[Tapped], None] = lambda tapped: None) -> Iterator[None]:
+    def _in(self, mode: AnswerMode, at_end: Callable[[Tapped], None] = lambda tapped: None) -> Iterator[None]:
         """`at_end` is called for each connection, before anything else passes."""
         with self._lock:
             before, self._mode = self._mode, mode

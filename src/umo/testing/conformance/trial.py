@@ -10,13 +10,13 @@ from typing import Any
 
 from umo.testing.conformance.budget import Budget, CallTime
 from umo.testing.conformance.certificate import TransferTime
-from umo.testing.conformance.exchange import Change, Traffic
 from umo.testing.conformance.probe import Probe, call_of
 from umo.testing.conformance.process import state, threads
 from umo.testing.conformance.rules import NotTried
 from umo.testing.conformance.sight import Sight
 from umo.testing.conformance.subject import Subject
 from umo.testing.conformance.taps import Tap
+from umo.testing.conformance.traffic import Change, Traffic
 from umo.text import reported
 
 MEASURED = 3

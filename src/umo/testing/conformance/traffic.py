@@ -10,7 +10,7 @@ Change = Callable[[bytes], bytes]
 
 
 @dataclass(frozen=True)
-class Mode:
+class AnswerMode:
     """What happens to answers; by default they pass."""
 
     change: Change | None = None
@@ -30,7 +30,7 @@ class Mode:
         return self != PASSING
 
 
-PASSING, HOLDING = Mode(), Mode(holding=True)
+PASSING, HOLDING = AnswerMode(), AnswerMode(holding=True)
 
 
 class Traffic:
