@@ -100,11 +100,11 @@ def test_latched_interlocks_are_acknowledged(conveyor: umo.Started) -> None:
 
 
 def test_a_number_is_tuned_and_how_to_keep_it_is_said(conveyor: umo.Started) -> None:
-    result = run("tune", "conveyor", "window", "3 cm")
+    result = run("tune", "conveyor", "window", "3.0123456789 cm")
     assert result.exit_code == 0, said(result)
-    assert result.stdout == "window  20 -> 30 mm\n"
-    assert "put window = 30 under [parameters] of the wiring" in said(result)
-    until(lambda: run("tune", "conveyor", "window").stdout == "window  30 mm\n")
+    assert result.stdout == "window  20 -> 30.123456789 mm\n"
+    assert "put window = 30.123456789 under [parameters] of the wiring" in said(result)
+    until(lambda: run("tune", "conveyor", "window").stdout == "window  30.1235 mm\n")
     assert "1 to 100" in run("tune", "conveyor").stdout
 
 

@@ -181,10 +181,10 @@ def tune(name: str, path: str | None, text: str | None, over: bool) -> None:
         value = number(path, text, unit)
         with leased(station, over):
             station.ask("tune", path, value=value)
-        out.print(f"{path}  {now[path]:g} -> {value:g} {unit}")
-        err.print(
-            f"until the run ends; to keep it, put {path} = {value:g} under [parameters] of the wiring", soft_wrap=True
-        )
+        given = str(value) if isinstance(value, int) else f"{value:.15g}"
+        out.print(f"{path}  {now[path]:g} -> {given} {unit}")
+        keep = f"put {path} = {given} under [parameters] of the wiring"
+        err.print(f"until the run ends; to keep it, {keep}", soft_wrap=True)
 
 
 def get_running(reader: Reader, paths: Sequence[str], unit: str | None) -> None:
