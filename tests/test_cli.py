@@ -241,15 +241,6 @@ def test_set_says_why_an_actuator_stays_at_its_default(umo, tank: Path) -> None:
     assert "inlet CLOSED raw 0 GOOD (inhibited: the hatch is open)" in said(result)
 
 
-def test_check_refuses_an_interlock_that_makes_no_sense(umo, tank: Path) -> None:
-    control = tank / "control.py"
-    odd = "    def interlocks(self):\n        return [self.inlet]\n\n    def setup(self)"
-    control.write_text(control.read_text().replace("    def setup(self)", odd))
-    result = umo("check", "tank")
-    assert result.exit_code == 2
-    assert "Tank.interlocks gives <BinaryActuator inlet" in said(result)
-
-
 def test_check_says_how_many_actions_and_tunable_numbers_there_are(umo, tank: Path) -> None:
     control = tank / "control.py"
     control.write_text(re.sub(r" +(@action|tunable).*\n", "", control.read_text()))

@@ -36,8 +36,6 @@ INSTRUMENT: dict[str, Any] = {
     "out{n}": {"ask": "OUT? {n}", "answer": "OUT {n}={}", "set": "OUT {n},{}", "bits": 1},
     "adc{n}": {"ask": "ADC? {n}", "bits": 10, "signed": False},
     "level": {"ask": "LEVEL?", "set": "LEVEL {:.2f}", "scale": 0.01},
-    "delay": {"set": "DELAY {}"},
-    "echo": {"set": "ECHO {}"},
     "long": {"set": "A REQUEST THAT IS LONGER THAN FORTY CHARACTERS {}"},
 }
 AVR: dict[str, Any] = {"baudrate": 38400, "errors": ["ERR*"], "acknowledge": "OK", "quiet": 0.03}

@@ -3,8 +3,6 @@
  *   *IDN?       UMO,AVR-1,328P        OUT n,v   OK; output n (0 to 5, PORTB) to 0 or 1
  *   OUT? n      OUT n=0               LEVEL v   OK; a number from -1999.99 to 1999.99, kept in hundredths
  *   LEVEL?      12.34                 ADC? n    the converter's count of channel n, 0 to 1023
- *   DELAY ms    OK; each later answer comes after this time
- *   ECHO 0|1    OK; repeats the lines that it gets
  *   WD ms       OK; after this time without a line the outputs go to 0; 0: off
  *
  * Errors: ERR 1 unknown, ERR 2 range, ERR 3 line too long. It says "ready" after a reset. Lines end with LF, CR is
@@ -22,9 +20,8 @@
 static volatile uint32_t now_ms;
 static volatile char queue[64];
 static volatile uint8_t head, tail;
-static uint32_t delay_ms, watchdog_ms, heard;
+static uint32_t watchdog_ms, heard;
 static int32_t level;
-static uint8_t echo;
 
 ISR(TIMER0_COMPA_vect) { now_ms++; }
 
@@ -54,9 +51,6 @@ static void send(const char *text) {
 }
 
 static void answer(const char *text) {
-    uint32_t begin = now();
-    while (now() - begin < delay_ms)
-        ;
     send(text);
     send("\r\n");
 }
@@ -115,12 +109,6 @@ static void obey(char *line) {
         answer(text);
     } else if (!strncmp(line, "LEVEL ", 6)) {
         answer(hundredths(line + 6, &level) ? "OK" : "ERR 2 range");
-    } else if (sscanf(line, "DELAY %u", &n) == 1) {
-        answer("OK");
-        delay_ms = n;
-    } else if (sscanf(line, "ECHO %u", &n) == 1) {
-        answer("OK");
-        echo = n != 0;
     } else if (sscanf(line, "WD %u", &n) == 1) {
         answer("OK");
         watchdog_ms = n;
@@ -144,10 +132,6 @@ static void take(char c) {
         answer("ERR 3 line too long");
     } else {
         line[length] = 0;
-        if (echo) {
-            send(line);
-            send("\r\n");
-        }
         obey(line);
     }
     length = 0;
