@@ -48,6 +48,11 @@ def test_the_rule_of_the_verdict(found: Measured, word: str) -> None:
     assert judge(found).word == word
 
 
+def test_the_verdict_says_what_it_rests_on() -> None:
+    text = judge(measured([50.0] * 999 + [212.0])).text
+    assert text == "None of 1,000 periods missed; the longest wake-up plus work was 212 us, 21% of the period"
+
+
 def test_the_verdict_is_on_what_umo_run_does_on_this_computer() -> None:
     found = measured([50.0] * 99, missed=1)
     assert judge(found).word == "no"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -151,3 +152,13 @@ def test_the_commands_of_known_chips(device, options, text, sent, answer):
     device.answer = bytes.fromhex(answer)
     assert driver.read(driver.channel(text)) == 0x2A
     assert device.sent == [bytes.fromhex(sent)]
+
+
+@pytest.mark.skipif(sys.byteorder == "big", reason="words and bytes have one order on this computer")
+def test_longer_words_have_the_same_bits_on_the_wire(device):
+    driver = opened(bits_per_word=16, address_bits=16, read_mask=0x8000)
+    device.answer = bytes.fromhex("ffff 3412")
+    assert driver.read(driver.channel("0x0102:16")) == 0x1234
+    assert device.sent == [bytes.fromhex("0281 0000")]
+    with pytest.raises(DriverError, match="3 bytes is not one of whole words of 16 bits"):
+        driver.read(driver.channel("0x0102:8"))
