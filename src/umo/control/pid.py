@@ -100,7 +100,8 @@ class PID:
         except ZeroDivisionError:
             raise RangeError(f"no output with these settings: {self!r}") from None
         output = self.gain * (error - self.derivative_time * rate) + self.integral + growth + feed_forward
-        if not (isfinite(output) and low < inf and high > -inf):  # one of the numbers that it is made of is not
+        inside = low <= output <= high
+        if not isfinite(output) or not (inside or (low < inf and high > -inf)):  # one of its numbers is not finite
             raise RangeError(
                 f"the output is not finite: setpoint {setpoint!r}, measurement {measurement!r}, "
                 f"feed-forward {feed_forward!r}, period {dt!r} s, range {low!r} to {high!r}"
@@ -108,12 +109,11 @@ class PID:
         self.setpoint, self.error, self._last = setpoint, error, measurement
         if dt:
             self._rate = rate
-        if output > high:
+        if not inside:
             self.limited = True
-            self.integral += min(growth, 0.0)
-            return high
-        if output < low:
-            self.limited = True
+            if output > high:
+                self.integral += min(growth, 0.0)
+                return high
             self.integral += max(growth, 0.0)
             return low
         self.limited = False
