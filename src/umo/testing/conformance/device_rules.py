@@ -122,7 +122,7 @@ def _right(trial: Trial, probe: Probe, after: str) -> None:
     "two clients",
     "A second driver of the device is refused by an OSError, or works; the first goes on working. What one writes "
     "stays when the other writes something else.",
-    Cost(opens=3, each=16),
+    Cost(opens=3, each=20),
 )
 def two_clients(trial: Trial) -> str | None:
     with trial.opened() as first:
@@ -134,18 +134,23 @@ def two_clients(trial: Trial) -> str | None:
                 _right(trial, first, "there is a second client")
                 if not trial.subject.sole_writer:
                     _side_by_side(trial, first, second)
+            _goes_on(trial, first, "a second client is there")
         finally:
             error = trial.failure(trial.leave, second)
         if error is not None and refusal is None:
             raise RuleBroken(f"the second client could not leave: {reported(error)}")
-        for call, arguments in trial.transfers(first):
-            if (error := trial.failure(call, *arguments)) is not None:
-                raise RuleBroken(f"since a second client came and left, {trial.watch.doing} failed: {reported(error)}")
+        _goes_on(trial, first, "a second client came and left")
         _right(trial, first, "a second client came and left")
     remark = trial.looked()
     if refusal is not None:
         return f"the second is refused: {reported(refusal)}"
     return "; ".join(filter(None, (remark, "a second client must not write" if trial.subject.sole_writer else "")))
+
+
+def _goes_on(trial: Trial, first: Probe, since: str) -> None:
+    for call, arguments in trial.transfers(first):
+        if (error := trial.failure(call, *arguments)) is not None:
+            raise RuleBroken(f"since {since}, {trial.watch.doing} failed: {reported(error)}")
 
 
 def _side_by_side(trial: Trial, first: Probe, second: Probe) -> None:

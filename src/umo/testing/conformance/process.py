@@ -30,6 +30,7 @@ def state() -> dict[str, object]:
         "working directory": os.getcwd(),
         "default timeout of sockets": socket.getdefaulttimeout(),
         "interval of thread switches": sys.getswitchinterval(),
+        "recursion limit": sys.getrecursionlimit(),
         "number of child processes": _children(),
         "environment": " ".join(sorted(os.environ)),
         "locale": locale.setlocale(locale.LC_ALL),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import sys
 from collections.abc import Callable
-from contextlib import redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
 from threading import get_native_id
 from time import monotonic, sleep
@@ -114,13 +114,13 @@ class _Interrupt:
 
 
 @rule("process", "The process stays as it was: signals, working directory, default timeout of sockets, environment, "
-      "locale, processors, priority, garbage collector, child processes; nothing on stdout.",
+      "locale, processors, priority, garbage collector, child processes; nothing is printed.",
       Cost(opens=1, each=2))  # fmt: skip
 def process(trial: Trial) -> None:
     printed, on = StringIO(), gc.isenabled()
     gc.disable()  # as in the control process
     try:
-        with redirect_stdout(printed), trial.opened() as probe:
+        with redirect_stdout(printed), redirect_stderr(printed), trial.opened() as probe:
             for call, arguments in trial.transfers(probe):
                 call(*arguments)
         if gc.isenabled():
