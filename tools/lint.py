@@ -28,6 +28,7 @@ ROLES = {"__init__", "application", "control", "objects", "plant", "run", "error
 """Modules with one part in many places: a station's files, a driver's, a command of the command line, its errors."""
 ROLES_OF_CLASSES = {"Plant"}
 """Classes that each station has."""
+COMMAND = get_command(app)
 CODE = re.compile(r"^```.*?^```|`[^`\n]+`", re.M | re.S)
 LINK = re.compile(r"\]\((?!https?:)([^)#]+)")
 FILE = re.compile(r"(?<![\w./~-])(?:tests|tools|bench|docs|src|umo|stations)/[\w./-]*\w")
@@ -100,7 +101,7 @@ def missing(page: Path, tests: set[str]) -> Iterator[str]:
     """Links, and in code: files, tests (of this tree or of the page), programs, targets of make, commands."""
     text = page.read_text("utf-8")
     code = "\n".join(CODE.findall(text))
-    commands: dict[str, Any] = get_command(app).commands  # type: ignore[attr-defined]
+    commands: dict[str, Any] = COMMAND.commands  # type: ignore[attr-defined]
     targets = re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text("utf-8"), re.M)
     known = tests.union(re.findall(r"def (test_\w+)", text), re.findall(r"(test_\w+)\.py", code))
     yield from (link for link in LINK.findall(text) if not (page.parent / link).exists())
