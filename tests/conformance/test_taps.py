@@ -13,6 +13,7 @@ from contextlib import ExitStack
 
 import pytest
 
+from helpers.waiting import until
 from umo.testing.conformance import PtyTap, Tap, TcpTap
 
 PATIENT, HASTY = 5.0, 0.05
@@ -93,8 +94,8 @@ def test_a_silent_device_answers_nothing_then_and_later(tapped: tuple[Tap, Line]
     tap, line = tapped
     with tap.silent():
         assert line.ask(b"one", HASTY) == b""
+        until(lambda: tap.spoiled == 1)  # a busy computer may be later
     assert line.ask(b"two") == b"TWO"
-    assert tap.spoiled == 1
 
 
 def test_an_answer_is_changed(tapped: tuple[Tap, Line]) -> None:
