@@ -126,6 +126,8 @@ def _right(trial: Trial, probe: Probe, after: str) -> None:
 )
 def two_clients(trial: Trial) -> str | None:
     with trial.opened() as first:
+        for call, arguments in trial.transfers(first):
+            call(*arguments)  # a device may be in use from the first transfer on
         second = trial.new()
         try:
             refusal = trial.failure(_join, trial, second)
