@@ -132,6 +132,26 @@ def test_the_end_of_a_run_keeps_its_place_whatever_shows_it() -> None:
     assert "in work" in place_of(caught.value)
 
 
+@pytest.mark.parametrize("again", [False, True])
+def test_a_sequence_that_waits_goes_on_when_an_error_that_it_keeps_is_told(again: bool) -> None:
+    kept: list[ValueError] = []
+
+    def observer(frame: Frame) -> None:
+        raise kept[0] if again else OSError("in fault") from kept[0]
+
+    async def work(m: Bench) -> str:
+        try:
+            raise ValueError("a fault")
+        except ValueError as error:
+            kept.append(error)
+            await next_period()
+            await next_period()
+        return "done"
+
+    machine, box = shown(), Scripted()
+    assert run(machine, wired(machine, box, clock=VirtualTimer()), work, observers=[observer]) == "done"
+
+
 @pytest.mark.parametrize("error", RAISED)
 def test_an_observer_that_raises_is_told_and_disabled_and_the_run_goes_on(
     error: BaseException, caplog: pytest.LogCaptureFixture

@@ -35,7 +35,9 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from traceback import clear_frames, walk_stack
+from opcode import opmap
+from traceback import walk_stack, walk_tb
+from types import TracebackType
 from typing import Any
 
 from umo.text import cause_of, did_you_mean, some
@@ -82,6 +84,10 @@ class WiringError(UmoError, ValueError):
 
 _PLACEHOLDER = re.compile(r"(?<![^\W_])(?:N|TYPE)(?![^\W_])|[{\[]")
 """The part of a form such as "coil:N" that makes it no text of a channel."""
+
+
+_WAITING = opmap["YIELD_VALUE"]
+"""The instruction at which a generator or coroutine waits."""
 
 
 class ChannelError(WiringError):
@@ -257,7 +263,15 @@ def forget_frames(error: BaseException) -> None:
             trace = None if each is None else each.__traceback__
             if each is None or trace is None or (each is not error and trace.tb_frame in at_work):
                 continue
-            clear_frames(trace)  # those that still run stay as they are
+            _clear(trace)
             each.__traceback__ = None
             waiting += [each.__cause__, each.__context__]
             waiting += each.exceptions if isinstance(each, BaseExceptionGroup) else ()
+
+
+def _clear(trace: TracebackType) -> None:
+    """Drop the variables of frames that have ended. Before Python 3.13 clearing one that waits ends its sequence."""
+    for frame, _ in walk_tb(trace):
+        if frame.f_code.co_code[frame.f_lasti] != _WAITING:
+            with suppress(RuntimeError):  # it still runs
+                frame.clear()

@@ -450,11 +450,14 @@ async def forks(m: Machine) -> int:
 
 
 async def forks_for_work(m: Machine) -> int:
-    """A child that does something else."""
+    """A child that does something else, and so does one of its own, with the child's files."""
     await drive(m)
     child = os.fork()
     if child == 0:
-        os._exit(7)
+        files = [os.open(os.devnull, os.O_RDONLY) for _ in range(16)]
+        if os.fork():
+            os._exit(os.waitstatus_to_exitcode(os.wait()[1]))
+        os._exit(7 if all(os.path.exists(f"/proc/self/fd/{file}") for file in files) else 8)
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 

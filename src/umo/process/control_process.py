@@ -106,9 +106,11 @@ class Control:
                 give_up()
 
     def _leave_frames(self) -> None:
-        """This process does not write them, and does not pass for the one that does."""
-        if self._frames is not None:
-            os.close(self._frames[0].alive)
+        """This process does not write them, and does not pass for the one that does. A process that it forks leaves
+        nothing again: the descriptor may be another file's."""
+        frames, self._frames = self._frames, None
+        if frames is not None:
+            os.close(frames[0].alive)
 
     def say_how_it_ended(self, outcome: Outcome) -> None:
         """It stands if all who could say more are killed. An unsafe end, without the guardian, is recorded, and said on
