@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from bench import against, figures, forms, live, native, open_page, report, scan, zones
+from bench import against, endurance, figures, forms, live, native, open_page, report, scan, zones
 from bench.drivers import kernel
 from bench.drivers import table as drivers
 from bench.drivers.case import IN_KERNEL
@@ -53,6 +53,11 @@ def main() -> int:
         with live.folders():
             report.stream(console, open_page.TITLE, takes, partial(open_page.measure, rounds, seconds))
         return 0
+    if options.endurance:
+        with live.folders():
+            takes = 60.0 * options.endurance
+            report.stream(console, endurance.TITLE, takes, partial(endurance.measure, options.endurance))
+        return 0
     return _all(console, rounds, options)
 
 
@@ -70,6 +75,9 @@ def _options() -> argparse.Namespace:
     alone.add_argument("--forms", action="store_true", help="compare the forms of the process image, no more")
     alone.add_argument(
         "--against", type=Path, metavar="DIR", help="this tree against another checkout with its .venv, in pairs"
+    )
+    alone.add_argument(
+        "--endurance", type=float, metavar="MINUTES", help="z-theta with everything beside it: does anything grow?"
     )
     parser.add_argument("--pairs", type=int, default=30, help="pairs of blocks of a row of --against; default: 30")
     parser.add_argument("--only", default="", metavar="TEXT", help="--kills and --against: names with this in them")

@@ -70,8 +70,8 @@ Open = Callable[[str, list[str]], AbstractContextManager[object]]
 
 def measure(rounds: int, seconds: float, doing: Doing) -> Iterator[Target]:
     """Rounds of so many s with the page and as many without, for each kind of page that can be had here."""
-    kinds: list[tuple[str, Open]] = [(f"{PAGES} pages, {TRACES} traces each, without a browser", _clients)]
-    with _served() as server, _browser() as browser:
+    kinds: list[tuple[str, Open]] = [(f"{PAGES} pages, {TRACES} traces each, without a browser", pages)]
+    with served() as server, _browser() as browser:
         if browser is not None:
             kinds.insert(0, (f"the page in Chromium, {TRACES} traces over {SPAN} s", browser))
         for what, kind in kinds:
@@ -133,7 +133,7 @@ def _sample(frames: Reader, into: Samples, seconds: float) -> None:
 
 @dataclass(frozen=True)
 class Server:
-    """`umo view`."""
+    """`umo view ztheta`."""
 
     address: str
     pid: int
@@ -145,7 +145,7 @@ class Server:
 
 
 @contextmanager
-def _served() -> Iterator[Server]:
+def served() -> Iterator[Server]:
     command = [sys.executable, "-c", "from umo.cli import main; main()", "view", "ztheta", "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         assert server.stdout is not None
@@ -156,10 +156,10 @@ def _served() -> Iterator[Server]:
 
 
 @contextmanager
-def _clients(address: str, paths: list[str]) -> Iterator[None]:
-    """Pages that all show the traces."""
+def pages(address: str, paths: list[str], count: int = PAGES) -> Iterator[None]:
+    """So many pages that show the traces, until the end of the block."""
     url = address.replace("http", "ws", 1).replace("/?", "/ws?")
-    command = [sys.executable, "-c", CLIENTS, url, str(PAGES), str(SPAN), json.dumps(paths)]
+    command = [sys.executable, "-c", CLIENTS, url, str(count), str(SPAN), json.dumps(paths)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         try:
