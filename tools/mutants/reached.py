@@ -19,8 +19,8 @@ context = ${{UMO_TEST-}}
 patch =
     _exit
     fork
-    subprocess
 """
+"""Not `subprocess`: it would hand on the context of the process's start; the copy starts coverage by itself."""
 HOURS = 6 * 3600.0
 
 
