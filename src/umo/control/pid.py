@@ -109,16 +109,18 @@ class PID:
         self.setpoint, self.error, self._last = setpoint, error, measurement
         if dt:
             self._rate = rate
-        if not inside:
-            self.limited = True
-            if output > high:
-                self.integral += min(growth, 0.0)
-                return high
-            self.integral += max(growth, 0.0)
-            return low
-        self.limited = False
-        self.integral += growth
-        return output
+        if inside:
+            self.limited = False
+            self.integral += growth
+            return output
+        self.limited = True
+        if output > high:
+            if growth < 0.0:  # what would lead further out is left out
+                self.integral += growth
+            return high
+        if growth > 0.0:
+            self.integral += growth
+        return low
 
     def _filtered_rate(self, measurement: float, dt: float) -> float:
         if not dt:
