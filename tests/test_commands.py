@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -321,6 +322,21 @@ def test_a_sensor_that_cannot_be_trusted_inhibits() -> None:
             m.sample()
         assert m.ram.write(1.0) is False
         assert m.ram.inhibited == "the condition 'the door is open' cannot be evaluated: door is BAD"
+
+
+def test_frames_tell_a_condition_that_cannot_be_evaluated_from_one_that_is_true() -> None:
+    box, m = Scripted(), press()
+    connection = connect(m, wiring(box))
+    with connection:
+        image, commands = connection.machine.image, connection.machine.commands
+        for reading, text in (
+            (OSError("cut"), "the condition 'the door is open' cannot be evaluated"),
+            (1, "the door is open"),
+        ):
+            box.set("door", reading)
+            with suppress(DriverError):
+                begin(m)
+            assert commands.reasons[commands.states[image.slot_of[id(m.ram)]] - 1] == text
 
 
 @pytest.mark.parametrize("answer", [None, 0, 0.0, "", OnOff.OFF])

@@ -67,7 +67,9 @@ def make_driver(name: str, folder: Path, lines: Sequence[str] = ()) -> None:
             raise StationError(f"{file.name} exists; nothing was written")
     for file, text in texts.items():
         file.write_text(text, "utf-8")
-    kind = f"{'.' if (folder / MARK).is_file() else ''}{name}:{cls}"
+    in_station = (folder / MARK).is_file()
+    kind = f"{'.' if in_station else ''}{name}:{cls}"
+    elsewhere = "" if in_station else f'; with {name}.py in the folder of a station: type = ".{kind}"'
     driver, *device, test = (file.name for file in texts)
     stand_in = f"{device[0]} the device for its tests" if device else "with a device in memory"
     own = "the options and the frames" if device else "the options and the class Device"
@@ -76,7 +78,7 @@ def make_driver(name: str, folder: Path, lines: Sequence[str] = ()) -> None:
         f"  pytest {test}\n"
         f"  umo drivers {kind}\n"
         f"In {driver}, replace CHANNELS, {own} by those of your device.\n"
-        f'In a wiring: [drivers.{name}] type = "{kind}"',
+        f'In a wiring: [drivers.{name}] type = "{kind}"{elsewhere}',
         soft_wrap=True,
     )
 

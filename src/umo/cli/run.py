@@ -43,7 +43,7 @@ def run_station(job: Job, recording: Recording, *, full_traceback: bool = False)
     """
     _check_summary(recording.summary)
     plan = Plan(job)
-    if job.options.get("realtime") and not plan.wired.paced:
+    if job.options.get("realtime") and not plan.wired.paced and not job.manual:
         err.print("umo: --realtime has no effect: the timer of this wiring is a real-time timer")
     try:
         folder = RunFolder.make(plan) if recording.record else None

@@ -16,7 +16,7 @@ from math import copysign, inf
 from typing import TYPE_CHECKING, Any
 
 from umo.cycle.events import Event, Events
-from umo.cycle.inhibition import Inhibition, inhibitions_of
+from umo.cycle.inhibition import Inhibition, inhibitions_of, unevaluated
 from umo.cycle.journal import Kind
 from umo.cycle.stop_order import stop_sequence
 from umo.errors import Interlocked
@@ -138,6 +138,8 @@ class Commands:
         self.slewing = [command for command in commands if command.slew_rate < inf]
         self._inhibiting: list[Inhibition] = []
         """The interlocks that inhibit actuators, as last evaluated."""
+        self._shown: list[str | None] = []
+        """Their reasons then."""
         self._states: bytes | None = None
         """The last `states`; None after a change."""
         self._in_hand: set[int] = set()
@@ -240,7 +242,7 @@ class Commands:
             numbers = {reason: number for number, reason in enumerate(self.reasons, 1)}
             for each in reversed(self._inhibitions):
                 for slot in each.slots if each.reason is not None else ():
-                    states[slot] = numbers.get(each.interlock.reason, len(numbers))
+                    states[slot] = numbers.get(each.brief, len(numbers))
             for slot in self._in_hand:
                 states[slot] = IN_HAND
             self._states = bytes(states)
@@ -248,8 +250,10 @@ class Commands:
 
     @property
     def reasons(self) -> list[str]:
-        """The reasons of interlocks, each once, in the order of their numbers; more than fit a byte share the last."""
-        found = list(dict.fromkeys(each.interlock.reason for each in self._inhibitions))
+        """The reasons of interlocks, each once, in the order of their numbers, and those of conditions that cannot be
+        evaluated; more than fit a byte share the last."""
+        interlocks = [each.interlock for each in self._inhibitions]
+        found = list(dict.fromkeys([*(each.reason for each in interlocks), *map(unevaluated, interlocks)]))
         return found if len(found) < IN_HAND else [*found[: IN_HAND - 2], "one of many interlocks"]
 
     def failed(self, slot: int) -> None:
@@ -284,8 +288,9 @@ class Commands:
         begun = [each for each in self._inhibitions if each.ask(latch)]
         if begun or self._inhibiting:
             inhibiting = [each for each in self._inhibitions if each.reason is not None]
-            if begun or inhibiting != self._inhibiting:
-                self._inhibiting, self._states = inhibiting, None
+            reasons = [each.reason for each in inhibiting]
+            if begun or inhibiting != self._inhibiting or reasons != self._shown:
+                self._inhibiting, self._shown, self._states = inhibiting, reasons, None
         for each in begun:
             for slot in each.slots:
                 self._knock_out(slot)

@@ -47,6 +47,11 @@ class Inhibition:
         self._latched = self._latched or (self.held and latch and self.interlock.latched)
         return before is None and self.held
 
+    @property
+    def brief(self) -> str:
+        """The reason without the cause for which a condition cannot be evaluated: one of two for each interlock."""
+        return self.interlock.reason if self.reason == self.interlock.reason else unevaluated(self.interlock)
+
     def acknowledge(self) -> None:
         """Free its actuators, unless its condition is still true."""
         if not self.held:
@@ -70,5 +75,10 @@ def _reason(interlock: Interlock, holds: Any) -> str | None:
     return _cannot(interlock, f"it gives {as_json(holds, SHOWN)}, which is not True or False")
 
 
+def unevaluated(interlock: Interlock) -> str:
+    """The reason of an interlock whose condition cannot be evaluated."""
+    return f"the condition {interlock.reason!r} cannot be evaluated"
+
+
 def _cannot(interlock: Interlock, cause: str) -> str:
-    return f"the condition {interlock.reason!r} cannot be evaluated: {cause}"
+    return f"{unevaluated(interlock)}: {cause}"
