@@ -98,6 +98,14 @@ def test_no_conversion_to_another_dimension():
         convert(1.0, "um", "deg")
 
 
+@pytest.mark.parametrize(("source", "target"), [("Hz", "rpm"), ("1/s", "rad/s"), ("deg", "percent")])
+def test_a_frequency_is_no_angular_speed(source, target):
+    """50 Hz would be 477 rpm: pint takes them for 50 rad/s."""
+    for one, other in ((source, target), (target, source)):
+        with pytest.raises(DeclarationError, match="only one of them contains an angle"):
+            convert(50.0, one, other)
+
+
 def test_read_in_converts_at_the_edge_alone():
     class Arm(Compound):
         z: DigitalSensor

@@ -75,11 +75,21 @@ def _exactly(value: float, source: str, target: str) -> float:
         return float(registry().Quantity(value, source).to(target).magnitude)
 
 
+@lru_cache(maxsize=1024)
+def _angle(unit: str) -> float:
+    """The power of an angle in a unit: 1 in "rpm", 0 in "Hz". Angles have no dimension, so pint takes 1 Hz for
+    1 rad/s, where a user means one revolution per second."""
+    found: dict[str, Any] = dict(registry().Quantity(1.0, unit).to_root_units().unit_items())
+    return float(found.get("radian", 0.0))
+
+
 def convert(value: float, source: str, target: str) -> float:
-    """The value in another unit of the same dimension; DeclarationError if there is none, RangeError for a value that
-    the other unit cannot express (0 mW in dBm)."""
+    """The value in another unit of the same dimension; DeclarationError if there is none, or if only one of the two
+    contains an angle ("Hz" and "rpm"); RangeError for a value that the other unit cannot express (0 mW in dBm)."""
     check_unit(source)
     check_unit(target)
+    if _angle(source) != _angle(target):
+        raise DeclarationError(f"{source!r} cannot be converted to {target!r}: only one of them contains an angle")
     try:
         line = _line(source, target)
         if line is not None:
