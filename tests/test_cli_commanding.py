@@ -18,6 +18,7 @@ from helpers.waiting import until
 from umo.cli.app import app
 from umo.process.start import LINUX
 from umo.remote.search import readers
+from umo.system.custody import Custody
 
 pytestmark = pytest.mark.skipif(not LINUX, reason="machines run in other processes on Linux only")
 
@@ -91,6 +92,13 @@ def test_a_mistake_is_said_in_a_line_with_status_2(conveyor: umo.Started, words:
     result = run(*words)
     assert (result.exit_code, text in said(result)) == (2, True), said(result)
     assert len(result.stderr.strip().splitlines()) <= 2
+
+
+def test_an_unsafe_end_is_acknowledged_by_the_next_start_and_the_command_says_so() -> None:
+    Custody(["a box"], "press").stopped("it was killed", [])
+    result = run("acknowledge", "press")
+    assert result.exit_code == 2
+    assert "'press' is not running; its last run ended unsafely; `umo run press --acknowledge`" in said(result)
 
 
 def test_latched_interlocks_are_acknowledged(conveyor: umo.Started) -> None:

@@ -22,7 +22,7 @@ from umo.text import did_you_mean, printable, some
 
 from .console import err, out
 from .progress_line import OneLine
-from .running import attach
+from .running import attach, standing
 from .values import argument, check_units, number, shown, state
 
 LOOK = 0.05
@@ -61,11 +61,17 @@ def mode(name: str, wanted: str | None, over: bool) -> None:
 
 
 def acknowledge(name: str, path: str, over: bool) -> None:
-    """Acknowledge latched interlocks."""
-    with station_of(name) as station:
-        with leased(station, over):
-            station.acknowledge(path)
-        out.print(f"{path or station.reader.about['station']}: acknowledged")
+    """Acknowledge latched interlocks of a station that runs."""
+    try:
+        with station_of(name) as station:
+            with leased(station, over):
+                station.acknowledge(path)
+            out.print(f"{path or station.reader.about['station']}: acknowledged")
+    except FramesError:
+        if not any(each.station == name for each in standing()):
+            raise
+        how = f"its last run ended unsafely; `umo run {name} --acknowledge` starts it after it was inspected"
+        raise FramesError(f"{name!r} is not running; {how}") from None
 
 
 def stop(name: str) -> None:

@@ -120,4 +120,4 @@ def _others() -> str:
     """A hint for the message if another user has a folder of frames."""
     folders = [path for path in Path("/dev/shm").glob("umo-*") if path.is_dir()] if Path("/dev/shm").is_dir() else []
     own = f"umo-{os.getuid()}" if hasattr(os, "getuid") else ""
-    return " for this user; stations of another user cannot be watched" if any(p.name != own for p in folders) else ""
+    return " for this user; those of another user cannot be reached" if any(p.name != own for p in folders) else ""
