@@ -47,7 +47,11 @@ class Peer:
         assert self.process.stdout is not None
         self._pipe = self.process.stdout.fileno()
         self._text = ""
-        at = self.wait_for("port").split()[1]
+        try:
+            at = self.wait_for("port").split()[1]
+        except BaseException:
+            self.stop()
+            raise
         self.path = at if at.startswith("/") else ""
         """The pseudo-terminal; empty on TCP."""
         self.port = 0 if self.path else int(at)
@@ -80,9 +84,15 @@ class Peer:
         lines = (line.split() for line in self._text.split("\n")[:-1])
         return [words for first, *words in lines if first == "request"]
 
+    def _stands(self) -> str:
+        """Where the process stands: what runs in it, its state, the kernel's call, its class of scheduling."""
+        place = Path(f"/proc/{self.process.pid}")
+        told = [(place / name).read_text().strip() for name in ("comm", "wchan", "schedstat", "stat")]
+        return f"{told}, {os.sched_getscheduler(self.process.pid)}, {os.sched_getaffinity(self.process.pid)}"
+
     def _take(self, timeout: float) -> bool:
         if not select.select([self._pipe], [], [], timeout)[0]:
-            assert timeout == 0.0, f"the peer said no more than {self._text!r}"
+            assert timeout == 0.0, f"the peer said no more than {self._text!r}: {self._stands()}"
             return False
         data = os.read(self._pipe, 65536)
         assert data or timeout == 0.0, f"the peer ended after {self._text!r}"
