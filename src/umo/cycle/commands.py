@@ -136,10 +136,8 @@ class Commands:
         commands = self.by_slot.values()
         self._expiring = [command for command in commands if command.expires < inf]
         self.slewing = [command for command in commands if command.slew_rate < inf]
-        self._inhibiting: list[Inhibition] = []
-        """The interlocks that inhibit actuators, as last evaluated."""
-        self._shown: list[str | None] = []
-        """Their reasons then."""
+        self._inhibiting: list[tuple[Inhibition, str]] = []
+        """The interlocks that inhibit actuators, with their reasons, as last evaluated."""
         self._states: bytes | None = None
         """The last `states`; None after a change."""
         self._in_hand: set[int] = set()
@@ -232,7 +230,7 @@ class Commands:
     def interlocked(self, items: Iterable[Atomic]) -> list[str]:
         """The reasons of the interlocks that inhibit one of these, each once."""
         slots = {self._image.slot_of[id(item)] for item in items}
-        return [str(each.reason) for each in self._inhibiting if each.reason is not None and slots & {*each.slots}]
+        return [reason for each, reason in self._inhibiting if each.reason is not None and slots & {*each.slots}]
 
     @property
     def states(self) -> bytes:
@@ -287,10 +285,9 @@ class Commands:
         latch = self._image.clock.number > 0
         begun = [each for each in self._inhibitions if each.ask(latch)]
         if begun or self._inhibiting:
-            inhibiting = [each for each in self._inhibitions if each.reason is not None]
-            reasons = [each.reason for each in inhibiting]
-            if begun or inhibiting != self._inhibiting or reasons != self._shown:
-                self._inhibiting, self._shown, self._states = inhibiting, reasons, None
+            inhibiting = [(each, each.reason) for each in self._inhibitions if each.reason is not None]
+            if begun or inhibiting != self._inhibiting:
+                self._inhibiting, self._states = inhibiting, None
         for each in begun:
             for slot in each.slots:
                 self._knock_out(slot)
