@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -17,14 +16,12 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import umo
-from bench.open_page import pages, served
+from bench.open_page import UMO, expect_running, pages, running_station, served
 from bench.report import Doing, Target
-from umo.cycle.stage import Stage
-from umo.process.start import Started
 
 TITLE = "Minutes of z-theta with everything beside it"
 EVERY = 5.0
-"""s between two readings."""
+"""s from the end of a move to the next reading."""
 SETTLED = 0.25
 """The share of the readings from which on nothing is to grow."""
 GROWTH = 1.02
@@ -38,10 +35,21 @@ Reading = dict[str, float]
 def measure(minutes: float, doing: Doing) -> Iterator[Target]:
     """A row for each process and reading: when all had settled, and at the end."""
     readings: list[dict[str, Reading]] = []
-    with _station() as started, served() as server, _watcher() as watcher, umo.attach("ztheta") as station, \
-         pages(server.address, ["z.encoder", "theta.encoder"], 2), station.lease("endurance"):  # fmt: skip
-        pids = {"control process": started.pid, "guardian": started.guardian, "standby": started.standby,
-                "umo view": server.pid, "umo watch": watcher}  # fmt: skip
+    with (
+        running_station(parts=1, manual=True) as started,
+        served() as server,
+        _watcher() as watcher,
+        umo.attach("ztheta") as station,
+        pages(server.address, ["z.encoder", "theta.encoder"], 2),
+        station.lease("endurance"),
+    ):
+        pids = {
+            "control process": started.pid,
+            "guardian": started.guardian,
+            "standby": started.standby,
+            "umo view": server.pid,
+            "umo watch": watcher,
+        }
         station.home()
         end = time.monotonic() + 60.0 * minutes
         while time.monotonic() < end:
@@ -49,7 +57,7 @@ def measure(minutes: float, doing: Doing) -> Iterator[Target]:
             with suppress(umo.TaskFailed):  # its cause is that of the end
                 station.z.move_to(HEIGHTS[len(readings) % 2])
             started.poll(EVERY)
-            _look(started)
+            expect_running(started)
             started.keep_black_box()
             readings.append({name: _reading(pid) for name, pid in pids.items()} | {"computer": _shared()})
     yield from _rows(readings)
@@ -81,25 +89,11 @@ def _shared() -> Reading:
 
 
 @contextmanager
-def _station() -> Iterator[Started]:
-    with umo.start("ztheta", parts=1, manual=True, realtime=True, acknowledge=True) as started:
-        while started.frames is None or started.frames.state is not Stage.RUNNING:
-            started.poll(0.1)
-            _look(started)
-        yield started
-
-
-def _look(started: Started) -> None:
-    if started.outcome is not None:
-        raise RuntimeError(f"the station ended: {started.outcome}")
-
-
-@contextmanager
 def _watcher() -> Iterator[int]:
     """`umo watch` on a terminal, its pid."""
     screen, terminal = os.openpty()
     threading.Thread(target=_emptied, args=(screen,), daemon=True).start()
-    command = [sys.executable, "-c", "from umo.cli import main; main()", "watch", "ztheta"]
+    command = [*UMO, "watch", "ztheta"]
     with subprocess.Popen(command, stdin=terminal, stdout=terminal) as process:
         os.close(terminal)
         try:

@@ -65,6 +65,7 @@ async def main():
     await asyncio.gather(*(page() for _ in range(count)))
 asyncio.run(main())
 """
+UMO = [sys.executable, "-c", "from umo.cli import main; main()"]
 Open = Callable[[str, list[str]], AbstractContextManager[object]]
 
 
@@ -83,9 +84,9 @@ def _compared(what: str, kind: Open, server: Server, rounds: int, seconds: float
     without, beside = Samples(), Samples()
     busy, taken = 0.0, rounds * (SETTLE + seconds)
     while rounds:
-        with _station() as started:
+        with running_station(parts=6) as started:
             frames, left = started.frames, rounds
-            assert frames is not None, started.outcome
+            assert frames is not None
             paths = [*frames.paths, *frames.signals][:TRACES]
             while rounds and frames.state is Stage.RUNNING:
                 _sample(frames, without, seconds)
@@ -108,13 +109,20 @@ def _compared(what: str, kind: Open, server: Server, rounds: int, seconds: float
 
 
 @contextmanager
-def _station() -> Iterator[Started]:
-    """z-theta at work, with as many parts as it takes."""
-    with umo.start("ztheta", parts=6, realtime=True, acknowledge=True) as started:
-        while started.outcome is None and (started.frames is None or started.frames.state is not Stage.RUNNING):
+def running_station(**options: Any) -> Iterator[Started]:
+    """z-theta at work in real time. RuntimeError if it ends before."""
+    with umo.start("ztheta", realtime=True, acknowledge=True, **options) as started:
+        while started.frames is None or started.frames.state is not Stage.RUNNING:
             started.poll(0.1)
+            expect_running(started)
         yield started
         started.stop()
+
+
+def expect_running(started: Started) -> None:
+    """RuntimeError if the station has ended."""
+    if started.outcome is not None:
+        raise RuntimeError(f"the station did not run: {started.outcome}")
 
 
 def _two(samples: Samples) -> str:
@@ -146,7 +154,7 @@ class Server:
 
 @contextmanager
 def served() -> Iterator[Server]:
-    command = [sys.executable, "-c", "from umo.cli import main; main()", "view", "ztheta", "--port", "0"]
+    command = [*UMO, "view", "ztheta", "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         assert server.stdout is not None
         try:
