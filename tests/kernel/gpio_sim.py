@@ -6,11 +6,13 @@ Documentation/admin-guide/gpio/gpio-sim.rst of the Linux kernel. Every change of
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
+from io import FileIO
 from pathlib import Path
 from time import sleep
 
@@ -130,17 +132,24 @@ def connected(chip: Chip, wires: Mapping[int, int]) -> Iterator[None]:
 def _copy(device: Path, wires: Sequence[tuple[int, int]]) -> None:
     while True:
         sleep(POLL)
-        with suppress(OSError, ValueError):  # the chip is away
-            _copy_until_it_goes([(_line(device, output), _line(device, line)) for output, line in wires])
+        with suppress(OSError, ValueError), ExitStack() as files:  # the chip is away
+            _copy_until_it_goes(
+                [
+                    (files.enter_context((_line(device, output).folder / "value").open("rb", 0)), _line(device, line))
+                    for output, line in wires
+                ]
+            )
 
 
-def _copy_until_it_goes(pairs: Sequence[tuple[Line, Line]]) -> None:
-    levels: dict[Line, int] = {}
+def _copy_until_it_goes(pairs: Sequence[tuple[FileIO, Line]]) -> None:
+    """The files stay open: those of a chip that was away cannot be read any more, also if it came back at once under
+    the same name."""
+    levels: dict[Line, bytes] = {}
     while True:
         for output, line in pairs:
-            if (level := output.value) != levels.get(output):
-                line.pull(level)
-                levels[output] = level
+            if (level := os.pread(output.fileno(), 1, 0)) != levels.get(line):
+                line.pull(int(level))
+                levels[line] = level
         sleep(POLL)
 
 
