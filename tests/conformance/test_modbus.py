@@ -35,10 +35,12 @@ REFUSED = ("holding:600", "input:600", "coil:5000")
 
 class Levels:
     """The levels of the coils and holding registers of a device, from what it logs before it answers. A thread reads
-    the log, so that it never fills the pipe."""
+    the log, so that it never fills the pipe. It has a descriptor of its own, as the number of one that is closed
+    elsewhere may soon be that of the next device."""
 
     def __init__(self, peer: Peer) -> None:
-        self._pipe = peer._pipe
+        self._pipe = os.dup(peer._pipe)
+        self._ended = False
         self._levels: dict[tuple[str, int], deque[int]] = defaultdict(lambda: deque(maxlen=KEPT))
         self._lock = threading.Lock()
         self._begun = b""
@@ -56,23 +58,22 @@ class Levels:
         return [raw - 65536 if kind == ["int16"] and raw > 32767 else raw for raw in found]
 
     def _read(self) -> None:
-        with suppress(OSError, ValueError):  # the device has been stopped
-            while True:
+        with suppress(OSError, ValueError):  # the log has ended meanwhile
+            while not self._ended:
                 select.select([self._pipe], [], [])
                 with self._lock:
-                    if self._take():
-                        return
+                    self._take()
 
-    def _take(self) -> bool:
-        """Note what is logged now; whether the log has ended."""
-        while select.select([self._pipe], [], [], 0)[0]:
-            more = os.read(self._pipe, 65536)
-            if not more:
-                return True
-            *lines, self._begun = (self._begun + more).split(b"\n")
-            for line in lines:
-                self._note(line.decode().split())
-        return False
+    def _take(self) -> None:
+        """Note what is logged now."""
+        while not self._ended and select.select([self._pipe], [], [], 0)[0]:
+            if more := os.read(self._pipe, 65536):
+                *lines, self._begun = (self._begun + more).split(b"\n")
+                for line in lines:
+                    self._note(line.decode().split())
+            else:
+                self._ended = True
+                os.close(self._pipe)
 
     def _note(self, words: list[str]) -> None:
         if words[:1] != ["request"]:
