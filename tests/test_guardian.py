@@ -555,7 +555,7 @@ def test_a_write_that_failed_on_a_simulated_circuit_costs_no_waiting() -> None:
 
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, value in {"GRACE": 0.1, "PATIENCE": 0.05, "PAUSE": 0.01, "BURIAL": 0.2}.items():
+    for name, value in {"GRACE": 0.4, "PATIENCE": 0.05, "PAUSE": 0.01, "BURIAL": 0.2}.items():
         monkeypatch.setattr(reset, name, value)
 
 
@@ -636,7 +636,7 @@ def test_a_child_that_cannot_be_killed_is_not_waited_for(tmp_path: Path, monkeyp
     for pid in children:
         kill(pid, signal.SIGKILL)
         os.waitpid(pid, 0)
-    assert left == {"valve": "a call did not return within 0.12 s"}
+    assert left == {"valve": "a call did not return within 0.42 s"}
 
 
 def test_a_reset_needs_no_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

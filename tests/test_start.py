@@ -128,7 +128,7 @@ def test_processes_that_were_all_stopped_are_named_and_go_on_to_be_stopped(tmp_p
     with umo.start(process_box.machine, process_box.wiring(tmp_path / "box"), process_box.forever) as machine:
         while not (machine.pid and machine.values):
             machine.poll(0.1)
-        pids = [machine.pid, machine.standby, machine.guardian]
+        pids = [machine.guardian, machine.standby, machine.pid]  # a guardian misses its standby guardian at once
         for pid in pids:
             os.kill(pid, signal.SIGSTOP)
         while not machine.notices:
