@@ -164,15 +164,21 @@ def chromium() -> Iterator[Any]:
         browser.close()
 
 
+def complaints_of(page: Any) -> list[str]:
+    """What a page of Chromium complains of from now on: errors in its console, exceptions that nobody catches."""
+    found: list[str] = []
+    page.on("console", lambda message: found.append(message.text) if message.type == "error" else None)
+    page.on("pageerror", lambda error: found.append(str(error)))
+    return found
+
+
 @pytest.fixture
 def page(chromium: Any) -> Iterator[Any]:
     """A page without errors in its console, and without requests to other hosts."""
-    faults: list[str] = []
     context = chromium.new_context(viewport={"width": 1280, "height": 800}, accept_downloads=True)
     page = context.new_page()
     page.set_default_timeout(PATIENCE * 1e3)
-    page.on("console", lambda message: faults.append(message.text) if message.type == "error" else None)
-    page.on("pageerror", lambda error: faults.append(str(error)))
+    faults = complaints_of(page)
     page.on("request", lambda request: faults.append(request.url) if "//127.0.0.1:" not in request.url else None)
     page.faults = faults
     yield page

@@ -7,6 +7,7 @@ import os
 import re
 import signal
 import threading
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -199,12 +200,69 @@ def test_the_page_says_what_to_type_when_nothing_runs_and_then_shows_it(page: An
             page.locator(".legend").wait_for()
 
 
-def test_several_stations_are_a_list(page: Any) -> None:
+def test_several_stations_are_a_list_and_a_choice_in_each_view(page: Any) -> None:
     with running("press"), running("oven"), serving() as served:
         page.goto(served.url)
+        choice = page.get_by_label("Station", exact=True)
+        assert choice.locator("option").all_inner_texts() == ["All stations", "press (rig)", "oven (rig)"]
         page.get_by_role("button", name=re.compile("oven")).click()
-        eventually(lambda: page.locator("#summary").inner_text().startswith("oven"))
         page.locator(".legend").wait_for()
+        assert choice.input_value() == "oven"
+        choice.select_option("press")
+        eventually(lambda: page.title() == "press · umo")
+        choice.select_option("")
+        page.get_by_role("button", name=re.compile("oven")).wait_for()
+
+
+@pytest.mark.smoke
+def test_the_page_of_a_run_that_has_ended_leads_to_the_other_run_of_its_station(page: Any) -> None:
+    with serving() as served, ExitStack() as first:
+        first.enter_context(running())
+        page.goto(served.url + "#view=machine&raw=1")
+        eventually(lambda: page.locator('tr[data-path="encoder"]').count())
+        with running("oven"), running(count=20):
+            eventually(lambda: page.locator("#station option").count() == 4)
+            first.close()
+            page.locator("#notice").get_by_text("press has ended").wait_for()
+            page.get_by_role("button", name=re.compile(r"Show press \(pid \d+\) \(rig\), which runs")).click()
+            eventually(lambda: cell(page, "encoder", "raw") == "21")
+            assert not page.locator("#newer").is_visible()
+
+
+LONG = "the emergency stop at the door of the second hall was pressed, and the guard of the press is open. " * 3
+
+
+@pytest.mark.parametrize("size", [(1280, 800), (800, 600)])
+def test_a_long_reason_in_the_red_line_can_be_read_to_its_end(
+    page: Any, size: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("umo.page.watched.Watched._hands", lambda watched: {"inhibited": {"valve": LONG}})
+    page.set_viewport_size({"width": size[0], "height": size[1]})
+    cut = "document.querySelector('#forbidden').scrollHeight > document.querySelector('#forbidden').clientHeight + 1"
+    with running(), serving() as served:
+        page.goto(served.url)
+        page.get_by_role("button", name="Show all").click()
+        assert not page.evaluate(cut)
+        assert page.evaluate("document.documentElement.scrollWidth") <= size[0]
+        page.get_by_role("button", name="Show less").click()
+        assert page.evaluate(cut)
+
+
+def test_a_station_without_a_twin_is_not_asked_for_it(page: Any) -> None:
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    with running(), serving() as served:
+        page.goto(served.url + "#view=twin")
+        page.get_by_text("This station declares no twin.").wait_for()
+    assert not [url for url in asked if "/twin/press" in url]
+
+
+def test_who_works_an_actuator_by_hand_is_named_beside_it(page: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    told = {"by_hand": ["valve"], "mode": "manual", "tuned": {}, "lease": {"number": 1, "holder": "Ann (page, ::1)"}}
+    monkeypatch.setattr("umo.page.watched.Watched._hands", lambda watched: told)
+    with running(), serving() as served:
+        page.goto(served.url + "#view=machine")
+        page.locator('tr[data-path="valve"]').get_by_text("by hand: Ann (page, ::1)").wait_for()
 
 
 @pytest.mark.smoke

@@ -296,6 +296,28 @@ def test_an_actuator_is_written_and_released(page: Any, station: umo.RemoteStati
     eventually(lambda: station.diverter.read() == "OFF")
 
 
+@pytest.mark.parametrize("size", [(1280, 800), (800, 600), (390, 844)])
+def test_the_parts_of_a_control_stand_beside_one_another_within_its_part(
+    page: Any, station: umo.RemoteStation, served: Served, size: tuple[int, int]
+) -> None:
+    page.set_viewport_size({"width": size[0], "height": size[1]})
+    page.goto(served.url + "#view=operate")
+    control(page, "window").wait_for()
+    astray = """() => [...document.querySelectorAll(".control")].flatMap((control) => {
+        const part = control.closest(".part").getBoundingClientRect();
+        const boxes = [...control.children].map((each) => [each.className, each.getBoundingClientRect()]);
+        const apart = (a, b) => a.right <= b.left + 1 || b.right <= a.left + 1 || a.bottom <= b.top + 1 || b.bottom <= a.top + 1;
+        const outside = boxes.filter(([, box]) => box.left < part.left || box.right > part.right);
+        const over = boxes.filter(([, a], i) => boxes.some(([, b], j) => i < j && !apart(a, b)));
+        return [...outside, ...over].map(([name]) => `${control.dataset.control}: ${name}`);
+    })"""  # noqa: E501
+    assert page.evaluate(astray) == []
+    assert page.evaluate("document.documentElement.scrollWidth") <= size[0]
+    stop = page.locator("#stop").bounding_box()
+    assert 0 <= stop["x"] <= size[0] - stop["width"]
+    assert 0 <= stop["y"] <= size[1] - stop["height"]
+
+
 @pytest.mark.smoke
 def test_a_wrong_value_is_refused_in_the_machine_s_own_words(
     page: Any, station: umo.RemoteStation, served: Served

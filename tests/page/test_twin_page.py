@@ -17,6 +17,8 @@ from umo.objects import Quality
 from umo.process.station import find
 from umo.twin.declared import declared_by
 
+from .conftest import complaints_of
+
 STATIC = Path(umo_page.__file__).parent / "static"
 TYPES = {".js": "text/javascript", ".css": "text/css", ".html": "text/html"}
 HOST = "http://twin.test"
@@ -29,7 +31,7 @@ FEED = """async ([description, given]) => {
     const heard = {}, subscribers = new Set(), values = {}, qualities = {};
     const past = { times: [], columns: {} };
     const feed = {
-        station: "test", asked: [], description: { qualities: given.qualities },
+        station: "test", asked: [], description: given,
         json: async () => description,
         on: (kind, listener) => ((heard[kind] ??= new Set()).add(listener), () => heard[kind].delete(listener)),
         latest: (path) => path in values ? { value: values[path], quality: qualities[path] ?? 0, time: 0 } : null,
@@ -76,12 +78,11 @@ class Viewer:
     def __init__(self, browser: Any, description: dict[str, Any] | None, **context: Any) -> None:
         self.context = browser.new_context(viewport={"width": 640, "height": 480}, **context)
         self.page = self.context.new_page()
-        self.complaints: list[str] = []
-        self.page.on("console", lambda message: message.type == "error" and self.complaints.append(message.text))
-        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.complaints = complaints_of(self.page)
         self.page.route("**/*", self._answer)
         self.page.goto(f"{HOST}/")
-        told = {"qualities": [(quality.sign, quality.words) for quality in Quality]}
+        qualities = [(quality.sign, quality.words) for quality in Quality]
+        told = {"qualities": qualities, "twin": description is not None}
         self.page.evaluate(FEED, [description, told])
 
     def _answer(self, route: Any) -> None:

@@ -14,7 +14,7 @@ from umo.process.station import find
 from umo.stations.ztheta.control import Manipulator
 from umo.stations.ztheta.objects import machine
 
-from .conftest import viewing
+from .conftest import complaints_of, viewing
 
 pytest.importorskip("mujoco")
 pytest.importorskip("uvicorn", reason="the page needs the extra `page`")
@@ -54,10 +54,8 @@ async def up(m: Manipulator) -> None:
 def test_a_body_stands_where_the_station_is_live_and_in_its_past(chromium: Any, running: Any, address: str) -> None:
     homed = running(home)
     page = chromium.new_page()
-    complaints: list[str] = []
+    complaints = complaints_of(page)
     asked: list[str] = []
-    page.on("console", lambda message: message.type == "error" and complaints.append(message.text))
-    page.on("pageerror", lambda error: complaints.append(str(error)))
     page.on("request", lambda request: asked.append(request.url))
     page.goto(address)
     page.get_by_role("tab", name="Twin").click()

@@ -20,6 +20,7 @@ from umo.objects import Quality
 from umo.page.box_words import BoxInWords, newest_box
 from umo.page.ending import UNKNOWN, Ending, ending_of
 from umo.text import printable
+from umo.twin import declares_twin
 
 ABOUT = ("station", "wiring", "pid", "period")
 """Facts of the run that a page is told."""
@@ -46,6 +47,7 @@ class Watched:
         self.columns = {str(entry["path"]): column for column, entry in enumerate(self.entries)}
         self.period = float(self.about["period"])
         self.history = History(len(self.entries), self.period)
+        self.twin = declares_twin(reader.layout)
         self.stage = reader.state
         self.number = 0
         """Number of the state: the next one is made when a page asks for it."""
@@ -118,7 +120,7 @@ class Watched:
         told = {"type": "description", "name": self.name, "run": self.run}
         told |= {name: self.about[name] for name in ABOUT}
         told |= {name: getattr(self.reader.layout, name) for name in OF_THE_RING}
-        return told | {"qualities": [(quality.sign, quality.words) for quality in Quality]}
+        return told | {"twin": self.twin} | {"qualities": [(quality.sign, quality.words) for quality in Quality]}
 
     def _take_state(self) -> None:
         """Make the state of this number: what has changed since the one that was made before."""
@@ -199,7 +201,7 @@ class Watched:
 
     def line(self) -> dict[str, Any]:
         """For the list of stations."""
-        told = {"name": self.name, "stage": str(self.stage), "wiring": self.about["wiring"]}
+        told = {"name": self.name, "station": self.station, "stage": str(self.stage), "wiring": self.about["wiring"]}
         return told | ({} if self.ending is None else {"ending": self.ending._asdict()})
 
     @property

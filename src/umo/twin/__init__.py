@@ -4,7 +4,7 @@ def twin(machine: Press) -> Twin:
     return Twin([Body("ram", [Cuboid((0.1, 0.1, 0.3))], drives=[Slide("ram.position", axis=(0, 0, -1))])])
 """
 
-from umo.twin.declared import twin_of
+from umo.twin.declared import declares_twin, twin_of
 from umo.twin.drives import Carried, Colour, Drive, Hinge, Joint, Slide, Visible
 from umo.twin.shapes import Capsule, Cuboid, Cylinder, Ellipsoid, Mesh, Shape, Sphere, turned
 from umo.twin.twin import Body, Twin, Viewpoint
@@ -27,6 +27,7 @@ __all__ = [
     "Twin",
     "Viewpoint",
     "Visible",
+    "declares_twin",
     "turned",
     "twin_of",
 ]

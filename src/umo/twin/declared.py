@@ -20,13 +20,18 @@ def twin_of(layout: Layout) -> dict[str, Any] | None:
     The description of its frames names the station's folder and the options of its machine. StationError if twin.py
     cannot be imported or fails, DeclarationError if it does not fit the machine.
     """
-    place = Path(layout.about.get("place") or "-")
-    if not (place / MARK).is_file():  # a machine and an application given as functions
+    if not declares_twin(layout):  # or a machine and an application given as functions
         return None
-    station = find(place)
+    station = find(Path(layout.about["place"]))
     options = arguments_for(station.make, "machine", layout.about.get("options", {}))
     declared = declared_by(station, options)
     return None if declared is None else declared.describe(layout)
+
+
+def declares_twin(layout: Layout) -> bool:
+    """Whether the folder of a running station has a twin.py. Its code is not run."""
+    place = Path(layout.about.get("place") or "-")
+    return (place / MARK).is_file() and (place / "twin.py").is_file()
 
 
 def declared_by(station: Station, options: dict[str, Any] | None = None) -> Twin | None:

@@ -5,6 +5,7 @@ import { test } from "node:test";
 import { folded, generalised, linesOf } from "../../../src/umo/page/static/folding.js";
 import { filtered, groupsOf, partsOf } from "../../../src/umo/page/static/parts.js";
 import { shownQuality } from "../../../src/umo/page/static/quality.js";
+import { runAfter } from "../../../src/umo/page/static/stations.js";
 import { forbidden, statusOf } from "../../../src/umo/page/static/status.js";
 import { nextTab } from "../../../src/umo/page/static/tabs.js";
 import { loadsAt } from "../../../src/umo/page/static/twin/loads.js";
@@ -110,4 +111,12 @@ test("loads on a belt are as long as they passed the sensor, and travel with it"
   assert.deepEqual(loadsAt(load, times, [0, 1, 1, 0, 0], [1, 1, 1, 1, 1], 4), [[1.5, 0.5]]);
   assert.deepEqual(loadsAt(load, times, [1, 1, 0, 0, 0], [1, 1, 1, 1, 1], 4), []);  // it came at a time that is not known
   assert.deepEqual(loadsAt({ ...load, over: 1 }, times, [0, 1, 0, 0, 0], [1, 1, 1, 1, 1], 4), []);  // it has left the belt
+});
+
+test("of a station whose run has ended, another run that goes on is found", () => {
+  const line = (name, station, stage) => ({ name, station, stage, wiring: "" });
+  const lines = [line("press", "press", "ended"), line("oven", "oven", "running"), line("press (pid 7)", "press", "running")];
+  assert.equal(runAfter(lines, "press")?.name, "press (pid 7)");
+  assert.equal(runAfter([...lines.slice(0, 2), line("press (pid 7)", "press", "ended")], "press"), null);
+  assert.equal(runAfter(lines, "lathe"), null);
 });

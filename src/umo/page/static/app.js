@@ -3,6 +3,7 @@
 import { address, el, setText, store } from "./dom.js";
 import { Feed } from "./feed.js";
 import { Hand, words } from "./hand.js";
+import { list, nameOf, offer, runAfter } from "./stations.js";
 import { forbidden, statusOf } from "./status.js";
 import { nextTab } from "./tabs.js";
 
@@ -28,6 +29,12 @@ const seconds = byName("#seconds");
 const acknowledge = byName("#acknowledge");
 /** @type {HTMLButtonElement} */
 const stop = byName("#stop");
+/** @type {HTMLSelectElement} */
+const station = byName("#station");
+/** @type {HTMLButtonElement} */
+const newer = byName("#newer");
+/** @type {HTMLButtonElement} */
+const whole = byName("#whole");
 /** @type {HTMLButtonElement[]} */
 const tabs = [...document.querySelectorAll("button")].filter((button) => button.dataset.view);
 /** @type {{name: string, run: string | null, view: Page.View} | null} */
@@ -52,7 +59,7 @@ async function show() {
   }
   const turn = ++asked;  // another view that is still being loaded is not shown any more
   if (mounted?.name === name && mounted.run === feed.run && name !== "stations") return;
-  const view = name === "stations" ? { mount: mountStations, unmount() {} } : await VIEWS[name]().catch(() => null);
+  const view = name === "stations" ? { mount: (/** @type {HTMLElement} */ element) => list(element, feed, choose), unmount() {} } : await VIEWS[name]().catch(() => null);
   if (turn !== asked || !view) return;  // the server has gone in between: shown again when it is back
   mounted?.view.unmount();
   const element = el("section", { className: name });
@@ -68,23 +75,7 @@ async function show() {
   view.mount(element, feed, hand);
 }
 
-/** The list of running stations, and what to type if there is none. @param {HTMLElement} element */
-function mountStations(element) {
-  const lines = feed.stations.map(({ name, wiring, stage, ending }) => el("li", {}, el("button", {
-    className: ending?.failed ? "failed" : "",
-    textContent: `${name}${wiring ? ` (${wiring})` : ""}: ${ending ? `${ending.failed ? "failed" : "ended"}: ${ending.text}` : stage}`,
-    onclick: () => choose(name),
-  })));
-  if (lines.length) element.append(el("h2", { textContent: "Stations" }), el("ul", {}, ...lines));
-  const missing = feed.wanted && !feed.stations.some(({ name }) => name === feed.wanted);
-  const text = missing ? `${feed.wanted} is not running. ` : lines.length ? "" : "No station is running. ";
-  element.append(el("p", { textContent: `${text}Start one in a terminal:` }));
-  const name = feed.wanted || "ztheta";
-  element.append(el("pre", { textContent: `umo run ${name} --realtime` }));
-  element.append(el("p", { textContent: "It appears here by itself." }));
-}
-
-/** @param {string} name */
+/** @param {string} name  "": the list. */
 function choose(name) {
   address.set({ station: name, traces: null, colours: null });
   feed.watch(name);
@@ -92,16 +83,28 @@ function choose(name) {
 
 /** What is wrong, or how the run ended, in place of the summary: the views do not move. */
 function say() {
-  const { connected, refused, unheard, station, state } = feed;
-  const { kind, text, seconds: since } = statusOf({ connected, refused, unheard, station, state });
-  status.className = kind;
+  const { connected, refused, unheard, state } = feed;
+  const { kind, text, seconds: since } = statusOf({ connected, refused, unheard, station: feed.station, state });
+  for (const each of ["warn", "failed", "ended"]) status.classList.toggle(each, each === kind);
   setText(spoken, text);
   setText(seconds, since);
-  notice.title = text;
   notice.hidden = !text;
   summary.hidden = Boolean(text);
   document.body.classList.toggle("stale", kind === "warn");
   document.body.classList.toggle("ended", feed.ended);
+  const after = feed.ended && feed.station ? runAfter(feed.stations, feed.station) : null;
+  newer.hidden = !after;
+  newer.value = after?.name ?? "";
+  setText(newer, after ? `Show ${nameOf(after)}, which runs` : "");
+  fold();
+}
+
+/** A text of more than two lines is cut, so that the views do not move by themselves, and shown whole on demand. */
+function fold() {
+  const open = status.classList.contains("whole");
+  whole.hidden = !open && ![summary, notice, reasons].some((each) => each.scrollHeight > each.clientHeight + 1);
+  whole.setAttribute("aria-expanded", String(open));
+  setText(whole, open ? "Show less" : "Show all");
 }
 
 /** @param {string} text */
@@ -116,13 +119,12 @@ function onState() {
   if (!state) return;
   const { progress, missed, mode } = state;
   const [text = "", done = 0, total = 0] = progress ?? [];
-  const parts = [feed.station, text + (total ? `, ${done} of ${total}` : ""), `missed ${missed}`];
+  const parts = [text + (total ? `, ${done} of ${total}` : ""), `missed ${missed}`];
   if (mode) parts.push(mode);
   if (hand.holder) parts.push(`lease: ${hand.leased ? "you" : hand.holder}`);
   setText(summary, parts.filter(Boolean).join(" · "));
   const why = forbidden(state.inhibited).map((reason) => `⊘ ${reason}`).join("; ");
   setText(reasons, why);
-  reasons.title = why;
   acknowledge.hidden = !why || !hand.possible || feed.ended;
   acknowledge.disabled = !hand.leased;
   document.title = `${feed.station} · umo`;
@@ -138,7 +140,10 @@ feed.on("connection", () => {
 feed.on("server", () => {
   feed.wanted ??= feed.server?.station ?? null;
 });
-feed.on("stations", () => { if (!feed.description) show(); });
+feed.on("stations", () => {
+  offer(station, feed);
+  if (!feed.description) show();
+});
 feed.on("description", () => {
   if (feed.description) {
     if (lastRun?.name === feed.station && lastRun.run !== feed.run) announce(`${feed.station} has started again.`);
@@ -148,6 +153,8 @@ feed.on("description", () => {
     setText(reasons, "");
     stop.hidden = acknowledge.hidden = true;
   }
+  status.classList.remove("whole");
+  offer(station, feed);
   say();
   show();
 });
@@ -167,8 +174,16 @@ for (const [place, tab] of tabs.entries()) {
 }
 byName("#home").onclick = (event) => {
   event.preventDefault();
-  address.set({ station: null, traces: null, colours: null });
-  feed.watch("");
+  choose("");
+};
+station.onchange = () => choose(station.value);
+newer.onclick = () => {  // of the same machine: the traces stay
+  address.set({ station: newer.value });
+  feed.watch(newer.value);
+};
+whole.onclick = () => {
+  status.classList.toggle("whole");
+  say();
 };
 
 /** A command from the header; what comes of it is said. @param {{do: string, path?: string}} message @param {string} what */

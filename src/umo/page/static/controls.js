@@ -1,6 +1,6 @@
 /** Controls made from the declarations: actuators, actions, jogs, tunable numbers, sensors. */
 
-import { el, isBinary, setText, shown } from "./dom.js";
+import { breakable, el, isBinary, setText, shown } from "./dom.js";
 import { unquoted } from "./hand.js";
 import { NumberInput, plain } from "./number.js";
 import { shownQuality } from "./quality.js";
@@ -34,7 +34,7 @@ export class ActuatorControl {
     this._buttons = this._number ? [el("button", { textContent: "Set", type: "submit" })] : this._states();
     this._reason = el("small", { className: "reason" });
     this.element = el("form", { className: "control actuator", "data-control": entry.path, noValidate: true, onsubmit: (/** @type {Event} */ event) => this._submitted(event) },
-      el("span", { className: "label" }, name(entry.path), this._reason), this._number?.element, ...this._buttons, this._release);
+      el("span", { className: "label" }, ...breakable(name(entry.path)), this._reason), this._number?.element, el("span", { className: "buttons" }, ...this._buttons, this._release));
   }
 
   _states() {
@@ -178,7 +178,7 @@ export class JogControl {
     this._buttons = (this._about?.minimum ?? 0) < 0 ? [this._button("−", -1), this._button("+", 1)] : [this._button("Hold", 1)];
     this._speed = this._about && new NumberInput(this._about, `${action.path} ${this._about.name}`, { value: first(this._about) });
     this.element = el("div", { className: "control jog", "data-control": action.path },
-      el("span", { className: "label", textContent: name(action.path) }), ...this._buttons,
+      el("span", { className: "label" }, ...breakable(name(action.path))), el("span", { className: "buttons" }, ...this._buttons),
       this._about && this._speed && labelled(this._about, this._speed.element),
       ...this._others.elements, el("small", { textContent: "Hold the button.", title: action.help }));
   }
@@ -253,7 +253,7 @@ export class TunableControl {
     this._set = el("button", { textContent: "Set", type: "submit" });
     this._undo = el("button", { textContent: "Undo", type: "button", onclick: () => this._back() });
     this.element = el("form", { className: "control tunable", "data-control": about.path, noValidate: true, onsubmit: (/** @type {Event} */ event) => this._submitted(event) },
-      el("span", { className: "label", textContent: about.name }), this._number.element, this._set, this._undo);
+      el("span", { className: "label" }, ...breakable(about.name)), this._number.element, el("span", { className: "buttons" }, this._set, this._undo));
   }
 
   /** @param {Event} event */
@@ -300,7 +300,7 @@ export class SensorControl {
     this._entry = entry;
     this._value = el("output", {});
     this._word = el("small", { className: "word" });
-    this.element = el("div", { className: "control sensor", "data-control": entry.path }, el("span", { className: "label", textContent: name(entry.path) }), this._word, this._value);
+    this.element = el("div", { className: "control sensor", "data-control": entry.path }, el("span", { className: "label" }, ...breakable(name(entry.path))), this._word, this._value);
   }
 
   /** @param {Feed} feed */

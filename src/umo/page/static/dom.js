@@ -21,6 +21,12 @@ export function setText(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
+/** A name that is broken after its dots and underscores only. @param {string} name @returns {Node[]} */
+export function breakable(name) {
+  const parts = name.split(/(?<=[._])/);
+  return parts.flatMap((part, i) => (i ? [el("wbr"), new Text(part)] : [new Text(part)]));
+}
+
 /** A number in up to five significant digits. @param {number | null | undefined} value */
 export function shortNumber(value) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "-";

@@ -1,6 +1,6 @@
 /** One line of the machine: an object or a signal, or a family of like ones. */
 
-import { duration, el, isBinary, setText, shortNumber, shown, unitOf } from "./dom.js";
+import { breakable, duration, el, isBinary, setText, shortNumber, shown, unitOf } from "./dom.js";
 import { shownQuality, STALE } from "./quality.js";
 
 export class Row {
@@ -21,7 +21,7 @@ export class Row {
     this._age = el("td", { className: "age" });
     this._raw = el("td", { className: "raw" });
     this._scope = el("td", { className: "on-scope" });
-    const button = el("button", { className: "name", textContent: mark + name, title, onclick: act });
+    const button = el("button", { className: "name", title, onclick: act }, mark, ...breakable(name));
     if (how.family) button.setAttribute("aria-expanded", String(how.open));
     this._reason = el("small", { className: "reason" });
     this.element = el("tr", { className: how.inside ? "inside" : "", "data-path": name },
@@ -88,10 +88,10 @@ export class Row {
 
   /** Why an actuator stands at its default, or who works it. */
   _forbidden() {
-    const { inhibited = {}, by_hand: byHand = [] } = this._feed.state ?? {};
+    const { inhibited = {}, by_hand: byHand = [], lease } = this._feed.state ?? {};
     const path = this._paths.find((each) => each in inhibited);
     const hand = !path && this._paths.some((each) => byHand.includes(each));
-    setText(this._reason, path ? `⊘ inhibited: ${inhibited[path]}` : hand ? "by hand" : "");
+    setText(this._reason, path ? `⊘ inhibited: ${inhibited[path]}` : hand ? `by hand: ${lease?.holder ?? ""}` : "");
     this.element.classList.toggle("inhibited", Boolean(path));
   }
 

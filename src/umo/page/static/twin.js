@@ -15,6 +15,10 @@ let turn = 0;
 export async function mount(element, feed) {
   unmount();
   const mine = turn;
+  if (!feed.description?.twin) {
+    tell(element, NONE);
+    return;
+  }
   tell(element, LOADING);
   const description = await asked(feed);
   if (mine !== turn) return; // another one was mounted meanwhile, or this one unmounted
@@ -37,10 +41,9 @@ export function shown() {
 /** @param {Feed} feed @returns {Promise<Page.Twin>} */
 async function asked(feed) {
   try {
-    return (await feed.json(`twin/${encodeURIComponent(feed.station ?? "")}`)) ?? { error: NONE };
+    return await feed.json(`twin/${encodeURIComponent(feed.station ?? "")}`);
   } catch (error) {
-    const text = words(error);
-    return /** @type {Page.Twin} */ ({ error: /404/.test(text) ? NONE : `The twin cannot be shown: ${text}` });
+    return /** @type {Page.Twin} */ ({ error: `The twin cannot be shown: ${words(error)}` });
   }
 }
 

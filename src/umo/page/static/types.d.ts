@@ -42,6 +42,7 @@ declare namespace Page {
     signals: Entry[];
     actions: Action[];
     tunables: Tunable[];
+    twin: boolean;
     qualities: [string, string][];
   }
 
@@ -78,7 +79,7 @@ declare namespace Page {
 
   interface Server { station: string | null; hands: boolean; version: string }
 
-  interface Line { name: string; stage: string; wiring: string; ending?: Ending }
+  interface Line { name: string; station: string; stage: string; wiring: string; ending?: Ending }
 
   /** A value with what is known of it. */
   interface Sample { value: number | null; raw: number | null; quality: number; time?: number }

@@ -1,0 +1,43 @@
+/** The stations that run: their names, the choice in the header, the list, and the run that follows one that has ended. */
+
+import { el } from "./dom.js";
+
+/** @typedef {import("./feed.js").Feed} Feed */
+
+/** @param {Page.Line} line */
+export const nameOf = ({ name, wiring }) => (wiring ? `${name} (${wiring})` : name);
+
+/** @param {Page.Line} line */
+export function sentenceOf({ ending, stage, ...line }) {
+  const end = ending && `${ending.failed ? "failed" : "ended"}: ${ending.text}`;
+  return `${nameOf({ stage, ...line })}: ${end ?? stage}`;
+}
+
+/** Another run of the station of an ended run, which is not over; null: there is none. @param {Page.Line[]} lines @param {string} name */
+export function runAfter(lines, name) {
+  const own = lines.find((line) => line.name === name);
+  return lines.find((line) => line.station === own?.station && line.name !== name && line.stage !== "ended") ?? null;
+}
+
+/** Show every station and what is chosen in a select. Its list stays open as long as nothing changes. @param {HTMLSelectElement} select @param {Feed} feed */
+export function offer(select, { stations, station }) {
+  const texts = ["All stations", ...stations.map((line) => nameOf(line) + (line.stage === "ended" ? ", ended" : ""))];
+  const values = ["", ...stations.map(({ name }) => name)];
+  const made = texts.map((textContent, i) => el("option", { textContent, value: values[i] }));
+  if (select.innerHTML !== made.map(({ outerHTML }) => outerHTML).join("")) select.replaceChildren(...made);
+  const chosen = station ?? "";
+  if (select.value !== chosen) select.value = chosen;
+}
+
+/** The list of running stations, and what to type if there is none. @param {HTMLElement} element @param {Feed} feed @param {(name: string) => void} choose */
+export function list(element, { stations, wanted }, choose) {
+  const lines = stations.map((line) => el("li", {}, el("button", {
+    className: line.ending?.failed ? "failed" : "", textContent: sentenceOf(line), onclick: () => choose(line.name),
+  })));
+  if (lines.length) element.append(el("h2", { textContent: "Stations" }), el("ul", {}, ...lines));
+  const missing = wanted && !stations.some(({ name }) => name === wanted);
+  const text = missing ? `${wanted} is not running. ` : lines.length ? "" : "No station is running. ";
+  element.append(el("p", { textContent: `${text}Start one in a terminal:` }));
+  element.append(el("pre", { textContent: `umo run ${wanted || "ztheta"} --realtime` }));
+  element.append(el("p", { textContent: "It appears here by itself." }));
+}
