@@ -299,6 +299,35 @@ def test_the_tree_of_a_broken_wiring_shows_its_faults(umo: Umo, tank: Path, tmp_
         assert "overflow" in result.stdout
 
 
+# Usage ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        ("stop", "umo stop: missing argument 'STATION'; `umo stop --help` shows what it takes"),
+        ("view --port 99999", "umo view: invalid value for '--port': "),
+        ("view --prot 8300", "umo view: no such option: --prot (did you mean '--port'?)"),
+        ("view --port", "option '--port' requires an argument"),
+        ("ps extra", "umo ps: got unexpected extra argument"),
+        ("run", "umo run: invalid value for STATION: give the directory of a station"),
+        ("call x --hold long", "umo call: invalid value for '--hold': "),
+        ("rnu ztheta", "umo: no such command 'rnu' (did you mean 'run'?); `umo --help` shows what it takes"),
+        ("--verison", "umo: no such option: --verison (did you mean '--version'?)"),
+    ],
+)
+def test_a_usage_error_is_one_line(umo: Umo, words: str, text: str) -> None:
+    result = umo(*words.split())
+    refused(result, text)
+    assert result.stdout == ""
+
+
+def test_the_command_alone_shows_its_help(umo: Umo) -> None:
+    result = umo()
+    assert result.exit_code == 2
+    assert "Usage: umo" in result.stdout
+
+
 # The central place ------------------------------------------------------------------------------------
 
 

@@ -201,6 +201,10 @@ def test_a_damaged_run_does_not_hide_the_others(monkeypatch: pytest.MonkeyPatch)
     assert result.exit_code == 0
     assert "press (rig)" in result.stdout
     assert "cannot be read" in result.stderr
+    with running("mill"):
+        result = umo("ps")
+    assert result.stdout == "no station that can be read is running\n"
+    assert "cannot be read" in result.stderr
 
 
 class Rack(Compound):

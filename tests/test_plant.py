@@ -476,6 +476,10 @@ def test_the_only_modbus_wiring_is_found_whatever_its_name(umo: Callable[..., Re
     assert "the watchdog takes 0" in said(umo("plant", "tank", "--watchdog", "99"))  # found, and then refused
     shutil.copy(wiring / "bench.toml", wiring / "line.toml")
     assert "tank has several Modbus wirings: choose one with -w: bench, line" in said(umo("plant", "tank"))
+    (wiring / "simulated.toml").unlink()
+    assert "umo: tank has no plant: none of its wirings is simulated; write wiring/simulated" in said(
+        umo("plant", "tank", "-w", "line")
+    )
     (wiring / "bench.toml").unlink()
     (wiring / "line.toml").unlink()
     result = umo("plant", "tank")

@@ -16,13 +16,14 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner, Result
 
-from helpers.machines import actuator, bench, relay, sensor, timer, wired
+from helpers.machines import Bench, actuator, bench, relay, sensor, switch, timer, wired
 from umo import (
     BinaryActuator,
     Compound,
     DigitalActuator,
     DigitalSensor,
     FramesError,
+    Interlock,
     OnOff,
     PathError,
     connect,
@@ -100,6 +101,25 @@ def test_watch_once_shows_every_object_with_its_unit() -> None:
     assert "motor 2.5 V" in text
     assert "valve OFF" in text
     assert "missed 2" in text
+
+
+class Guarded(Bench):
+    def interlocks(self) -> list[Interlock]:
+        return [Interlock(lambda: True, [self.motor, self.valve], "the guard is open")]
+
+
+def test_watch_tells_what_is_inhibited_and_why() -> None:
+    m = Guarded(timer=timer(), motor=actuator(), encoder=sensor(), valve=relay(), limit=switch())
+    connection = connect(m, wired(m, Scripted({})))
+    with connection, published(connection, "press", "rig"):
+        periods(m, 2)
+        result = umo("watch", "press", "--once")
+        with attach("press") as reader:
+            lines = drawn(Picture(reader, chosen(reader.paths, ["encoder", "motor"], "press")).screen(Console(), False))
+    assert "motor 0 V inhibited" in said(result)
+    assert "valve OFF inhibited" in said(result)
+    assert "motor and valve inhibited: the guard is open" in said(result)
+    assert lines[-2:] == ["motor inhibited: the guard is open", lines[-1]]
 
 
 def test_watch_takes_objects_and_compounds() -> None:

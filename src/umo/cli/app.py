@@ -14,9 +14,12 @@ import typer
 from umo.errors import UmoError
 from umo.text import cause_of, located
 
+from .usage import MISTAKE, Commands
+
 app = typer.Typer(
     name="umo",
-    no_args_is_help=True,
+    cls=Commands,
+    invoke_without_command=True,
     context_settings={"help_option_names": ["--help", "-h"]},
     add_completion=False,
     rich_markup_mode="rich",
@@ -95,7 +98,7 @@ Take = Annotated[bool, typer.Option("--take", help="Take the lease over from who
 def guarded(work: Callable[[], int | None]) -> None:
     """Print any error in one or two lines on stderr and exit. Status 2: a user's mistake. 1 or 3: a device failed.
     1 with file and line: any other exception. 130: Ctrl-C before a machine was started."""
-    from umo.process.outcome import FAILED, MISTAKE, message_of, status_of
+    from umo.process.outcome import FAILED, message_of, status_of
 
     try:
         status = work() or 0
@@ -298,8 +301,11 @@ def _version(value: bool) -> None:
 
 @app.callback()
 def _options(
+    context: typer.Context,
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
     ] = False,
 ) -> None:
-    pass
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+        raise typer.Exit(MISTAKE)

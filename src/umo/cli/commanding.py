@@ -11,6 +11,7 @@ from typing import Any
 
 from rich.table import Table
 
+from umo.cycle.progress import Progress
 from umo.cycle.stage import Stage
 from umo.errors import FramesError, LeaseHeld, PathError, RangeError
 from umo.frames import Reader
@@ -65,8 +66,9 @@ def acknowledge(name: str, path: str, over: bool) -> None:
     try:
         with station_of(name) as station:
             with leased(station, over):
-                station.acknowledge(path)
-            out.print(f"{path or station.reader.about['station']}: acknowledged")
+                latched = station.acknowledge(path)
+            what = "acknowledged" if latched else "nothing was latched"
+            out.print(f"{path or station.reader.about['station']}: {what}")
     except FramesError:
         if not any(each.station == name for each in standing()):
             raise
@@ -95,21 +97,25 @@ def call(name: str, path: str | None, words: list[str], over: bool, hold: float 
         given = _arguments(actions[path], words)
         with leased(station, over) as lease:
             result = _called(station, actions[path], given)
-            if path in lease.held:
+            if held := path in lease.held:
+                err.print(f"{path}: has begun", soft_wrap=True)
                 _hold(hold)
-        if result is None:
+        if held:
+            err.print(f"{path}: released", soft_wrap=True)
+        elif result is None:
             err.print(f"{path}: done", soft_wrap=True)
         else:
             out.print_json(data=result)
 
 
 def _called(station: RemoteStation, action: dict[str, Any], given: dict[str, Any]) -> Any:
+    """Its result. Progress is shown if the action tells some: what the machine said before is none of it."""
     with OneLine(err) as line:
-        began = time.monotonic()
+        began, before = time.monotonic(), station.progress
 
         def show() -> None:
-            progress = station.progress
-            line.show(time.monotonic() - began, progress.text or action["path"], progress.share)
+            progress = station.progress if station.progress != before else Progress()
+            line.show(time.monotonic() - began, progress.text, progress.share if progress.total else None)
 
         return call_action(station, action, given, show)
 

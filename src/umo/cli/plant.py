@@ -36,6 +36,11 @@ def serve_plant(
     served = modbus_wiring(station, wiring)
     options = parse(station, plant_wiring, arguments, application=False)
     simulated = station.wiring(plant_wiring)
+    if plant_wiring is None and simulated is not None and _uses(simulated):
+        raise StationError(
+            f"{station.name} has no plant: none of its wirings is simulated; write wiring/simulated.toml with a driver "
+            "that is the plant (`umo new` makes an example), or name a wiring with --plant-wiring"
+        )
     shares = share({**options, **injected}, machine=station.make, wiring=simulated)
     machine = station.machine(**shares.machine)
     plant = resolve(machine, simulated, shares.wiring)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from rich import box
@@ -27,8 +27,11 @@ LONGEST = 1e10
 
 def ps(as_json: bool) -> None:
     """List what runs, and the devices that stand stopped."""
-    found = list(_lines())
+    unread: list[str] = []
+    found = list(_lines(unread.append))
     stopped = standing()
+    for text in unread:
+        _say(text)
     if as_json:
         listed = {"running": found, "stopped": [vars(ended) for ended in stopped]}
         out.print_json(json.dumps(listed), ensure_ascii=True)
@@ -36,21 +39,21 @@ def ps(as_json: bool) -> None:
     if found:
         out.print(_table(found))
     else:
-        out.print("no station is running")
+        out.print("no station that can be read is running" if unread else "no station is running")
     for ended in stopped:
         out.print(f"stands stopped: {ended.brief}", no_wrap=True, overflow="ellipsis")
     if stopped:
         out.print("Inspect it, then start it with --acknowledge; `umo ps --json` has the causes.", soft_wrap=True)
 
 
-def _lines() -> Iterator[dict[str, Any]]:
-    """A line for each run; one whose frames are damaged does not hide the others."""
-    for reader in readers():
+def _lines(unread: Callable[[str], object]) -> Iterator[dict[str, Any]]:
+    """A line for each run; one whose frames are damaged does not hide the others: `unread` is told of it."""
+    for reader in search.readers(unread):
         try:
             with reader, search.reading(reader.path):
                 yield _line(reader)
         except FramesError as error:
-            _say(str(error))
+            unread(str(error))
 
 
 def attach_first(words: list[str]) -> tuple[Reader, list[str]]:

@@ -15,11 +15,12 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from umo.cycle.commands import IN_HAND
 from umo.frames import Reader, Stage
 from umo.objects import Quality
 from umo.objects.families import in_words
 from umo.remote.search import reading
-from umo.text import printable
+from umo.text import printable, some
 from umo.wiring.patterns import chosen
 
 from .console import out
@@ -33,6 +34,8 @@ PICTURES = 10
 AROUND = 6
 """Lines of a screen above and below those of the table."""
 HEADINGS = ("object or signal", "value", f"last {SPAN:g} s", "least to most", "raw")
+REASONS = 3
+"""Reasons of inhibitions that are told."""
 GAP = 2
 """Characters between two columns."""
 KEYS = "enter: fold, a: all, arrows, page, home, end, q: quit"
@@ -121,7 +124,8 @@ class Picture:
 
     def screen(self, console: Console, keys: bool = False, hint: str = "Ctrl-C: quit") -> Group | Text:
         """As much as fits the terminal; with keys, a cursor and what they do."""
-        height = max(1, console.size.height - AROUND)
+        reasons = 0 if self._frame is None else len(self._inhibited())
+        height = max(1, console.size.height - AROUND - reasons)
         lines, total = self.view.seen(height), len(self.view.lines)
         rest = f"{self._others} others not asked for; " if self._others else ""
         how = KEYS if keys else hint
@@ -131,7 +135,9 @@ class Picture:
     def _draw(self, lines: list[Line], cursor: Line | None, rest: str, width: int) -> Group | Text:
         if self._frame is None:
             return Text("no frame yet")
-        return Group(self._heading(), self._table(lines, cursor, width), Text(rest, "dim", no_wrap=True))
+        return Group(
+            self._heading(), self._table(lines, cursor, width), *self._inhibited(), Text(rest, "dim", no_wrap=True)
+        )
 
     def _heading(self) -> Text:
         reader, frame = self._reader, self._frame
@@ -202,4 +208,26 @@ class Picture:
         if worst != Quality.GOOD:
             count = f", {qualities.count(worst)}" if len(qualities) > 1 else ""
             text.append(f"{count} {Quality(worst)}", "red" if worst == Quality.BAD else "yellow")
+        taken = [word for i in line.rows if (word := self._taken(i)[0])]
+        for word in dict.fromkeys(taken):
+            text.append(f", {taken.count(word)} {word}" if len(line.rows) > 1 else f" {word}", "red")
         return text
+
+    def _taken(self, row: int) -> tuple[str, str]:
+        """In a word whether an actuator is inhibited or taken by hand, and why; empty: neither."""
+        slot = self._rows[row]
+        why = self._reader.inhibited(self._frame, slot) if slot < len(self._frame["commands"]) else None
+        if why is None:
+            return "", ""
+        by_hand = self._frame["commands"][slot] == IN_HAND
+        return ("by hand", why) if by_hand else ("inhibited", f"inhibited: {why}")
+
+    def _inhibited(self) -> list[Text]:
+        """A line for each reason for which something that is shown is inhibited, the first few."""
+        taken: dict[str, list[str]] = {}
+        for row, name in enumerate(self._names):
+            if why := self._taken(row)[1]:
+                taken.setdefault(why, []).append(name)
+        found = [f"{some(names)} {why}" for why, names in taken.items()]
+        more = [f"and {len(found) - REASONS} other reasons"] if len(found) > REASONS else []
+        return [Text(printable(text), "red", no_wrap=True) for text in found[:REASONS] + more]

@@ -300,15 +300,16 @@ class Hands:
         return CommandState.DONE, ""
 
     def _acknowledge(self, command: HandCommand) -> tuple[CommandState, str]:
-        """The latched interlocks of an object, "": of the machine. CommandRefused while one of its actuators is still
-        inhibited."""
+        """The latched interlocks of an object, "": of the machine; said if there was none. CommandRefused while one of
+        its actuators is still inhibited."""
         self.lease.check(command.key)
         item = self._object(command.path)
+        parts, commands = list(item.atoms()) if isinstance(item, Compound) else [item], self._machine.commands
+        before = commands.interlocked(parts)
         if not item.acknowledge():
-            parts = item.atoms() if isinstance(item, Compound) else (item,)
-            reasons = "; ".join(self._machine.commands.interlocked(parts))
+            reasons = "; ".join(commands.interlocked(parts))
             raise CommandRefused(f"{command.path or 'the machine'} is still inhibited: {reasons}")
-        return CommandState.DONE, ""
+        return CommandState.DONE, "" if before else _plain("nothing was latched")
 
     def _object(self, path: str) -> Atomic | Compound:
         """At this path; "": the machine."""

@@ -153,10 +153,11 @@ class RemoteStation(RemotePart):
             self._cells = Cells(reader.ends.cells, reader.layout)
         return self._cells
 
-    def acknowledge(self, path: str = "") -> None:
+    def acknowledge(self, path: str = "") -> bool:
         """Acknowledge latched interlocks, of an object or compound, or ("") of the machine: what they inhibit is free
-        again. CommandRefused while one of their conditions still holds. Under the lease, in any mode."""
-        self.ask("acknowledge", path)
+        again. False if none was latched. CommandRefused while one of their conditions still holds. Under the lease, in
+        any mode."""
+        return self.ask("acknowledge", path) is None
 
     def send(self, do: str, path: str = "", *, key: str = "", who: str = "", **more: Any) -> int:
         """Send a command; its number. CommandRefused if the queue is full, FramesError if the station has ended."""
