@@ -250,7 +250,7 @@ def test_while_a_machine_runs_it_cannot_be_started_again(tmp_path: Path) -> None
     second = Run(wiring).outcome()
     assert second.status == 2
     assert second.failure is not None
-    assert f"file {tmp_path / 'box'} is held by pid {run.guardian} of " in second.failure.message
+    assert f"file {tmp_path / 'box'} is held by pid {run.control} of " in second.failure.message
     assert "(Machine), since 20" in second.failure.message
     run.channel.send("stop")
     assert run.outcome().status == 128 + signal.SIGTERM

@@ -87,6 +87,10 @@ class Control:
             if self._life.gone(0.0005, Who.GUARDIAN):
                 os._exit(1)
 
+    def name_itself(self) -> None:
+        """Have whoever finds a device held be told of this process, and not of its guardian."""
+        self._custody.hold.used_here()
+
     def stand_aside(self) -> None:
         """In a process that control code forked: it gives up the devices, and ends as soon as it would use one."""
 
@@ -311,6 +315,7 @@ def drive_and_report(control: Control, traces: IO[bytes]) -> int:
     for number in SIGNALS:  # until the machine is connected
         signal.signal(number, control.take_note)
     control.wait_for_admission()
+    control.name_itself()
     faulthandler.register(WHERE, file=traces, all_threads=False)
     outcome = control.run()
     control.say_how_it_ended(outcome)
