@@ -106,8 +106,9 @@ class Client:
     def send(self, **message: Any) -> None:
         self._socket.send(json.dumps(message))
 
-    def send_text(self, text: str | bytes) -> None:
-        self._socket.send(text)
+    def send_text(self, message: str | bytes, text: bool | None = None) -> None:
+        """`text`: whether bytes go as text or as binary; None: as what they are."""
+        self._socket.send(message, text=text)
 
     def get(self, kind: str) -> Any:
         """The next message of a type; `points`: a binary one, as (head, times, low, high). TimeoutError after

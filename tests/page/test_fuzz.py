@@ -7,6 +7,7 @@ import json
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from websockets.exceptions import ConnectionClosed
 
 from umo.testing import Scripted
 
@@ -67,10 +68,15 @@ def test_a_page_goes_on_after_whatever_it_was_sent(capfd: pytest.CaptureFixture[
     assert "Traceback" not in capfd.readouterr().err
 
 
-@pytest.mark.parametrize("data", [b"", b"\0\1", bytes(70_000)])
-def test_a_binary_message_or_one_that_is_too_long_ends_the_page_that_sent_it_only(data: bytes) -> None:
+@pytest.mark.parametrize("data, text", [(b"", False), (b"\0\1", False), (bytes(70_000), False), (b"\xee", True)])
+def test_a_message_that_is_no_text_or_too_long_ends_the_page_that_sent_it_only(
+    data: bytes, text: bool, capfd: pytest.CaptureFixture[str]
+) -> None:
     with running(), serving() as served, opened(served.socket) as other:
         with opened(served.socket) as client:
             client.get("server")
-            client.send_text(data)
+            client.send_text(data, text=text)
+            with pytest.raises(ConnectionClosed):
+                client.get("nothing")
         assert is_there(other)
+    assert capfd.readouterr().err == ""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import base64
 import hashlib
+import logging
 import re
 import socket
 import ssl
@@ -155,8 +156,15 @@ def server(options: Options, ready: Callable[[], None]) -> Server:
         ws_per_message_deflate=False, limit_concurrency=MOST_CONNECTIONS + strangers.MOST,
         timeout_graceful_shutdown=GRACE,
     )  # fmt: skip
+    logging.getLogger("uvicorn.error").addFilter(_is_of_this_server)
     serving = Server(config, ready)
     return serving
+
+
+def _is_of_this_server(record: logging.LogRecord) -> bool:
+    """Whether an error is one of this server. uvicorn reports a text that is no UTF-8 as its own, and closes the page
+    that has sent it."""
+    return "Invalid UTF-8" not in record.getMessage()
 
 
 def _tls(options: Options) -> ssl.SSLContext | None:
