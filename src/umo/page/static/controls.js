@@ -1,6 +1,6 @@
 /** Controls made from the declarations: actuators, actions, jogs, tunable numbers, sensors. */
 
-import { breakable, el, isBinary, setText, shown } from "./dom.js";
+import { breakable, el, isBinary, setText, shown, unitOf } from "./dom.js";
 import { unquoted } from "./hand.js";
 import { NumberInput, plain } from "./number.js";
 import { shownQuality } from "./quality.js";
@@ -30,11 +30,11 @@ export class ActuatorControl {
     this._timer = null;
     this._newest = 0;
     this._release = el("button", { textContent: "Release", type: "button", title: "Send the default; the program may write it again", onclick: () => this._letGo() });
-    this._number = isBinary(entry) ? null : new NumberInput(entry, entry.path, { slide: (value) => this._slid(value) });
+    this._number = isBinary(entry) ? null : new NumberInput(entry, entry.path, { slide: (value) => this._slid(value), unit: false });
     this._buttons = this._number ? [el("button", { textContent: "Set", type: "submit" })] : this._states();
     this._reason = el("small", { className: "reason" });
     this.element = el("form", { className: "control actuator", "data-control": entry.path, noValidate: true, onsubmit: (/** @type {Event} */ event) => this._submitted(event) },
-      el("span", { className: "label" }, ...breakable(name(entry.path)), this._reason), this._number?.element, el("span", { className: "buttons" }, ...this._buttons, this._release));
+      labelOf(name(entry.path), entry, this._reason), this._number?.element, el("span", { className: "buttons" }, ...this._buttons, this._release));
   }
 
   _states() {
@@ -92,6 +92,9 @@ export class ActuatorControl {
     if (!this._timer) this._number?.show(value);
   }
 }
+
+/** The name of a control, and its unit: the fields below one another stand in line. @param {string} text @param {{unit?: string}} about @param {Node[]} more */
+const labelOf = (text, about, ...more) => el("span", { className: "label" }, ...breakable(text), el("span", { className: "unit", textContent: ` ${unitOf(about)}`.trimEnd() }), ...more);
 
 /** An input with the name of what it gives. @param {Page.Argument} about @param {Node} input */
 const labelled = (about, input) => el("label", {}, `${about.name} `, input);
@@ -249,11 +252,11 @@ export class TunableControl {
   constructor(hand, about) {
     this._hand = hand;
     this._about = about;
-    this._number = new NumberInput(about, about.path, { slide: (value, done) => { if (done) this._tune(value); } });
+    this._number = new NumberInput(about, about.path, { slide: (value, done) => { if (done) this._tune(value); }, unit: false });
     this._set = el("button", { textContent: "Set", type: "submit" });
     this._undo = el("button", { textContent: "Undo", type: "button", onclick: () => this._back() });
     this.element = el("form", { className: "control tunable", "data-control": about.path, noValidate: true, onsubmit: (/** @type {Event} */ event) => this._submitted(event) },
-      el("span", { className: "label" }, ...breakable(about.name)), this._number.element, el("span", { className: "buttons" }, this._set, this._undo));
+      labelOf(about.name, about), this._number.element, el("span", { className: "buttons" }, this._set, this._undo));
   }
 
   /** @param {Event} event */

@@ -1,6 +1,6 @@
 /** The one widget for a number: a field that shows its value and takes a new one, its unit, a slider over its range. */
 
-import { el, shortNumber } from "./dom.js";
+import { el, shortNumber, unitOf } from "./dom.js";
 
 const SLIDER = 500;  // steps
 
@@ -19,10 +19,11 @@ const bounded = ({ minimum, maximum }) => Number.isFinite(minimum) && Number.isF
 export class NumberInput {
   /**
    * @param {About} about @param {string} label  For those who hear it.
-   * @param {{value?: string | number, slide?: ((value: number, done: boolean) => void) | null}} [how]
-   *   `slide`: called while the slider is moved and when it is let go of; null: there is none.
+   * @param {{value?: string | number, slide?: ((value: number, done: boolean) => void) | null, unit?: boolean}} [how]
+   *   `slide`: called while the slider is moved and when it is let go of; null: there is none. `unit`: whether it
+   *   stands behind the field.
    */
-  constructor(about, label, { value = "", slide = null } = {}) {
+  constructor(about, label, { value = "", slide = null, unit = true } = {}) {
     const title = [rangeText(about), about.unit].filter(Boolean).join(" ");
     this.field = el("input", { type: "number", step: "any", value, placeholder: rangeText(about), title, "aria-label": label });
     this.field.addEventListener("input", () => { this._edited = true; });
@@ -31,7 +32,7 @@ export class NumberInput {
     /** The present value, and its text in the field, which has fewer digits. */
     this._shown = { text: "", value: 0 };
     this.slider = slide && bounded(about) ? this._slider(about, label, slide) : null;
-    this.element = el("span", { className: "number" }, this.field, about.unit && about.unit !== "sampling_period" ? el("span", { className: "unit", textContent: about.unit }) : null, this.slider);
+    this.element = el("span", { className: "number" }, this.field, unit && unitOf(about) ? el("span", { className: "unit", textContent: unitOf(about) }) : null, this.slider);
   }
 
   /** @param {About} about @param {string} label @param {(value: number, done: boolean) => void} slide */
