@@ -19,6 +19,7 @@ from umo.cli.app import app
 from umo.process.start import LINUX
 from umo.remote.search import readers
 from umo.system.custody import Custody
+from umo.system.record import all_standing
 
 pytestmark = pytest.mark.skipif(not LINUX, reason="machines run in other processes on Linux only")
 
@@ -95,11 +96,14 @@ def test_a_mistake_is_said_in_a_line_with_status_2(conveyor: umo.Started, words:
     assert len(result.stderr.strip().splitlines()) <= 2
 
 
-def test_an_unsafe_end_is_acknowledged_by_the_next_start_and_the_command_says_so() -> None:
+@pytest.mark.parametrize("name", ["press", "a box"])
+def test_an_unsafe_end_is_acknowledged_without_a_run_by_station_or_device(name: str) -> None:
     Custody(["a box"], "press").stopped("it was killed", [])
-    result = run("acknowledge", "press")
-    assert result.exit_code == 2
-    assert "'press' is not running; its last run ended unsafely; `umo run press --acknowledge`" in said(result)
+    Custody(["another"], "mill").stopped("it was killed", [])
+    result = run("acknowledge", name)
+    assert (result.exit_code, result.stdout[:51]) == (0, "acknowledged: press, every actuator was reset, a box, "[:51])
+    assert [each.device for each in all_standing()] == ["another"]
+    assert run("acknowledge", name).exit_code == 2
 
 
 def test_an_acknowledgement_says_that_nothing_was_latched(conveyor: umo.Started) -> None:

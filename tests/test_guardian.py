@@ -573,7 +573,8 @@ def resetter_of(tmp_path: Path, wiring: dict[str, Any], **more: Any) -> Resetter
     ("fault", "cause"),
     [
         ("open:hang", "a call did not return within"),
-        ("open:crash", "the driver crashed (SIGKILL)"),
+        ("open:crash", "the driver crashed (SIGSEGV)"),
+        ("open:kill", "the process that resets was killed (SIGKILL)"),
         ("open:raise close:leave", "unplugged"),
         ("open:leave", "CancelledError"),
         ("initialize.valve:hang", "a call did not return within"),
@@ -686,8 +687,11 @@ def test_a_board_keeps_what_was_reached_and_why_not() -> None:
 def test_the_starter_takes_the_guardians_status_where_nobody_told_the_outcome(
     status: int, left: Outcome | None, expected: int
 ) -> None:
-    outcome = vanished(status, left, running=True)
+    outcome = vanished(status, left, ["motor", "valve"], "press", running=True)
     assert outcome.status == expected
+    assert outcome.failure is None or (expected == 3) == ("not reached: m" in outcome.failure.message)
+    if expected == 3 and left is None:
+        assert "any actuator of press" in str(vanished(status, left, [], "press", running=True).failure)
     if status < 0:
         assert outcome.unsafe
         assert ("after the control process had ended" in str(outcome.failure)) is (left is not None)

@@ -15,6 +15,7 @@ from umo import (
     DriverError,
     OnOff,
     StopError,
+    TaskFailed,
     connect,
     drive,
     run,
@@ -54,6 +55,35 @@ def written_out(machine, wiring):
             m.sample()
             m.control()
             m.update()
+
+
+class Leaving(Scripted):
+    """Ends Python in one of its calls, as if all were well."""
+
+    call = ""
+
+    def open(self) -> None:
+        self._leave("open")
+
+    def read_many(self, channels, out):
+        self._leave("read")
+        super().read_many(channels, out)
+
+    def write_many(self, channels, raws):
+        self._leave("write")
+        super().write_many(channels, raws)
+
+    def _leave(self, call: str) -> None:
+        if call == self.call:
+            raise SystemExit(0)
+
+
+@pytest.mark.parametrize("call", ["open", "read", "write"])
+def test_a_driver_that_exits_is_a_failure_of_the_run(call):
+    machine, box = follower(), Leaving({"encoder": READINGS})
+    box.call = call
+    with pytest.raises(TaskFailed, match="the run raised SystemExit: 0"):
+        run(machine, wired(machine, box, clock=VirtualTimer(end_after=5)))
 
 
 def test_the_explicit_loop_and_run_are_equal():

@@ -13,6 +13,7 @@ import pytest
 from helpers import process_box
 from helpers.process_box import Cells
 from helpers.runs import Run, assert_safe, standing, until_dead
+from helpers.waiting import until
 from umo.cycle import transfer
 from umo.process import conclusion, guardian
 from umo.process.life import Life, Who
@@ -87,6 +88,32 @@ def test_a_standby_guardian_that_died_is_replaced_and_the_next_one_resets(tmp_pa
     for pid in (run.control, run.guardian):
         os.kill(pid, signal.SIGKILL)
     assert "standby guardian" in str(run.outcome().failure)
+    assert_safe(cells)
+
+
+def waiting_to_reset(run: Run) -> list[int]:
+    """The child of the guardian that waits to reset the machine."""
+    children = Path(f"/proc/{run.guardian}/task/{run.guardian}/children").read_text().split()
+    return [int(pid) for pid in children if processes.name_of(int(pid)) == "umo reset"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_process_that_waits_to_reset_is_replaced_when_it_is_killed_or_stopped(
+    tmp_path: Path, cells: Cells, number: signal.Signals
+) -> None:
+    run = running(tmp_path)
+    until(lambda: waiting_to_reset(run))
+    (first,) = waiting_to_reset(run)
+    os.kill(first, number)
+    told = "the process that waits to reset the machine was killed or stopped; another one takes its place"
+    assert run.message("notice")["text"] == told
+    until(lambda: [pid for pid in waiting_to_reset(run) if pid != first])
+    os.kill(run.control, signal.SIGKILL)
+    failure = run.outcome().failure
+    assert failure is not None
+    assert failure.message.endswith(
+        "\nthe guardian reset every actuator; inspect the machine, then start it with --acknowledge (acknowledge=True)"
+    )
     assert_safe(cells)
 
 
@@ -203,7 +230,7 @@ def test_a_standby_guardian_says_on_stderr_how_the_run_ended_where_nobody_else_i
     assert line.startswith(
         "umo: Machine: the process that started it is gone; guardian and control process were killed"
     )
-    assert line.endswith("; the standby guardian reset every actuator")
+    assert "; the standby guardian reset every actuator; inspect the machine" in line
     assert_safe(cells)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import faulthandler
 import gc
 import mmap
 import os
@@ -381,7 +382,12 @@ def _leave() -> None:
     raise asyncio.CancelledError
 
 
-FAULTS = {"raise": _fail, "hang": _hang, "crash": _kill, "leave": _leave}
+def _crash() -> None:
+    faulthandler.disable()  # pytest's would tell
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+
+FAULTS = {"raise": _fail, "hang": _hang, "crash": _crash, "kill": _kill, "leave": _leave}
 
 
 class Faulty(Box):

@@ -14,11 +14,11 @@ import typer
 from umo.errors import UmoError
 from umo.text import cause_of, located
 
-from .usage import MISTAKE, Commands
+from .mistakes import MISTAKE, CommandLine
 
 app = typer.Typer(
     name="umo",
-    cls=Commands,
+    cls=CommandLine,
     invoke_without_command=True,
     context_settings={"help_option_names": ["--help", "-h"]},
     add_completion=False,

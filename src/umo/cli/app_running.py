@@ -156,13 +156,21 @@ def tune(
 
 @command(epilog="Examples: umo acknowledge conveyor  |  umo acknowledge conveyor belt")
 def acknowledge(
-    station: Running,
+    station: Annotated[
+        str,
+        typer.Argument(
+            metavar="STATION", help="Name or pid of a station that runs, or what stands stopped (see `umo ps`)."
+        ),
+    ],
     path: Annotated[str | None, typer.Argument(metavar="[PATH]", help="Such as belt; default: all.")] = None,
     take: Take = False,
 ) -> None:
     """Acknowledge the latched interlocks of a running station, or of one of its objects, in any mode.
 
     What they inhibit is free again: the program may write it in the next period. Refused while a condition still holds.
+
+    Of a station that does not run, the unsafe end of its last run is acknowledged: by the name of the station, or of
+    the device. Inspect the machine first: the next run starts without --acknowledge.
     """
     from .commanding import acknowledge as work
 

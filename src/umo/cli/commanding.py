@@ -19,6 +19,7 @@ from umo.objects import Quality
 from umo.remote import HeldLease, RemoteStation
 from umo.remote.attached import user
 from umo.remote.members import RemoteObject, call_action
+from umo.system.custody import Custody
 from umo.text import did_you_mean, printable, some
 
 from .console import err, out
@@ -62,7 +63,8 @@ def mode(name: str, wanted: str | None, over: bool) -> None:
 
 
 def acknowledge(name: str, path: str, over: bool) -> None:
-    """Acknowledge latched interlocks of a station that runs."""
+    """Acknowledge latched interlocks of a station that runs; else how its last run, or the last one on a device of this
+    name, has ended."""
     try:
         with station_of(name) as station:
             with leased(station, over):
@@ -70,10 +72,11 @@ def acknowledge(name: str, path: str, over: bool) -> None:
             what = "acknowledged" if latched else "nothing was latched"
             out.print(f"{path or station.reader.about['station']}: {what}")
     except FramesError:
-        if not any(each.station == name for each in standing()):
+        if path or not (stopped := [each for each in standing() if name in (each.device, each.station)]):
             raise
-        how = f"its last run ended unsafely; `umo run {name} --acknowledge` starts it after it was inspected"
-        raise FramesError(f"{name!r} is not running; {how}") from None
+        for ended in stopped:
+            Custody([ended.device], ended.station, ended.wiring, acknowledge=True).finish()
+            out.print(f"acknowledged: {ended.brief}", soft_wrap=True)
 
 
 def stop(name: str) -> None:

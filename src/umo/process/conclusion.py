@@ -86,9 +86,9 @@ class Conclusion:
         what = failure.message.partition("\n")[0] if failure is not None else "it was stopped"
         with suppress(Exception):
             if outcome.unsafe:
-                unwritten = self._custody.stopped(what, outcome.unreached)
-                if unwritten and failure is not None:
-                    failure.message += f"; {unwritten}"
+                told = self._custody.stopped(what, outcome.unreached)
+                if told and failure is not None:
+                    failure.message += f"; {told}"
             elif outcome.driven:
                 self._custody.finish()
             else:

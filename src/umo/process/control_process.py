@@ -122,7 +122,8 @@ class Control:
         self._channel.send("left", outcome=outcome.dump())
         if outcome.unsafe:
             assert outcome.failure is not None
-            self._custody.stopped(outcome.failure.message, outcome.unreached)
+            if told := self._custody.stopped(outcome.failure.message, outcome.unreached):
+                outcome.failure.message += f"; {told}"
             if not self.orphaned:  # the guardian was stopped
                 os.kill(self._guardian, signal.SIGKILL)
             if self._life.gone(0.0, Who.STANDBY):

@@ -35,8 +35,9 @@ from umo.system import realtime
 from umo.system.cores import CorePlace
 from umo.system.custody import Custody
 from umo.system.processes import adjust_oom_score, carry_out, flush, name_process
+from umo.system.record import INSPECT
 from umo.system.streams import keep_open, log_on_lines
-from umo.text import cause_of
+from umo.text import cause_of, some
 
 SPARED = -500
 """Change of the guardian's score for the kernel's choice when memory runs out, where that is permitted."""
@@ -65,7 +66,9 @@ def main(file: int, job_file: int) -> int:
         if guardian is not None and guardian.is_followed:
             raise  # the standby guardian takes over as soon as this process has ended
         outcome = Outcome(Failed.of(error))
-        if custody is not None and (guardian is None or not guardian.forked):  # so nothing was driven
+        if guardian is not None and guardian.forked:
+            guardian.give_up(outcome)
+        elif custody is not None:  # nothing was driven
             custody.abandon()
     channel.send("ended", outcome=outcome.dump())
     say_last(channel, name, outcome)
@@ -138,6 +141,12 @@ class Guardian:
         """Whether there has been a control process."""
         return self._control is not None
 
+    def give_up(self, outcome: Outcome) -> None:
+        """Nobody is left to reset the machine: no actuator counts as reached. The record of the start stands."""
+        outcome.unsafe, outcome.unreached = True, list(self._end.resetter.paths)
+        if outcome.failure is not None:
+            outcome.failure.message += f"\nnot reached: {some(outcome.unreached)}; {INSPECT}"
+
     @property
     def is_followed(self) -> bool:
         """Whether a standby guardian lives that takes over when this process ends."""
@@ -200,6 +209,11 @@ class Guardian:
         self._try(self._watcher.look)
         if not self._is_standby:
             self._try(self._standby.look)
+            self._try(self._look_at_resetter)
+
+    def _look_at_resetter(self) -> None:
+        if self._end.resetter.look():
+            self._say("the process that waits to reset the machine was killed or stopped; another one takes its place")
 
     def _try(self, step: Callable[[], object]) -> bool:
         """Whether a step succeeded. A failure is told once."""

@@ -18,7 +18,7 @@ from types import FrameType
 from typing import Literal
 
 from umo.cycle.stop_order import stop_sequence
-from umo.cycle.stopping import signal_name
+from umo.cycle.stopping import SIGNALS, signal_name
 from umo.cycle.transfer import PATIENCE, Transfer, settling, wait_for
 from umo.errors import DeviceTimeout
 from umo.objects import Compound
@@ -67,6 +67,18 @@ class Resetter:
         """Fork the child of the first attempt now."""
         self._heard, self._start = os.pipe()
         self._child = self._fork(self._wait_for_work)
+
+    def look(self) -> bool:
+        """Whether the child on standby was killed or stopped by a signal; another one takes its place."""
+        if not self._child or not os.waitpid(self._child, os.WNOHANG | os.WUNTRACED)[0]:
+            return False
+        with suppress(ProcessLookupError, ChildProcessError):  # it has ended, and has been waited for
+            self.dismiss()
+        self._child = 0
+        for file in (self._heard, self._start):
+            os.close(file)
+        self.stand_by()
+        return True
 
     def hand_over(self) -> None:
         """Work for the standby guardian from now on, which calls this: the child has died with the guardian."""
@@ -193,8 +205,7 @@ class Resetter:
             sleep(LOOK)
         self._child = 0
         if status and not why:
-            crashed = os.WIFSIGNALED(status)
-            why = f"the driver crashed ({signal_name(os.WTERMSIG(status))})" if crashed else "the reset failed"
+            why = _ending(os.WTERMSIG(status)) if os.WIFSIGNALED(status) else "the reset failed"
         if why:
             self._blame(why)
 
@@ -329,6 +340,12 @@ class Resetter:
             if self._board.dead:
                 self._board.note(number, reached)
         return done
+
+
+def _ending(number: int) -> str:
+    """How a signal ended the process that resets, in words: somebody sent it, or a driver crashed."""
+    what = "the process that resets was killed" if number in (signal.SIGKILL, *SIGNALS) else "the driver crashed"
+    return f"{what} ({signal_name(number)})"
 
 
 def summary(left: dict[str, str]) -> str:

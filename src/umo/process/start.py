@@ -8,7 +8,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from time import monotonic
@@ -26,9 +26,11 @@ from umo.objects import Compound
 from umo.objects.html_table import html_table, never_raises
 from umo.process.job import Job, reference
 from umo.process.messages import MessageSocket
-from umo.process.outcome import Failed, Outcome
+from umo.process.outcome import UNREACHED, Failed, Outcome
 from umo.system.processes import is_stopped
 from umo.system.realtime import Refusal
+from umo.system.record import INSPECT
+from umo.text import some
 
 LINUX = sys.platform.startswith("linux")
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -103,6 +105,7 @@ class Started:
         self._due = 0.0
         """Time of the next look for stopped processes."""
         self._lock = threading.RLock()
+        self._name = job.name
         text = job.dump()
         self._channel, there = MessageSocket.pair()
         with there, tempfile.TemporaryFile() as file:
@@ -164,7 +167,10 @@ class Started:
                 timeout = 0.0
                 self._note(message)
             if self._outcome is None and self._channel.ended:
-                self._outcome = vanished(self._guardian.wait(), self._left, running=self.pid is not None)
+                objects = [] if self.frames is None else self.frames.layout.objects
+                actuators = [each["path"] for each in objects if each.get("actuator")]
+                ended = self._guardian.wait()
+                self._outcome = vanished(ended, self._left, actuators, self._name, running=self.pid is not None)
             if self._outcome is None:
                 self._look_for_stopped()
             elif self._guardian.returncode is None:
@@ -252,11 +258,14 @@ class Started:
             os.close(file)
 
 
-def vanished(status: int, left: Outcome | None, *, running: bool) -> Outcome:
+def vanished(status: int, left: Outcome | None, actuators: Sequence[str], name: str, *, running: bool) -> Outcome:
     """The outcome where nobody told it: from the guardian's exit status, and from what the control process told of its
-    own end, if it did. `running`: whether the machine had been started."""
+    own end, if it did. `actuators`: those of the machine, as far as they are known; `name`: its station. `running`:
+    whether the machine had been started."""
     if status < 0 and left is not None:
         what = f"the guardian was killed ({signal_name(-status)}) after the control process had ended"
+        if left.unreached:
+            what += f"\nnot reached: {some(left.unreached)}"
         left.failure = left.failure or Failed("GuardianLost", what, 1)
         left.unsafe = True
         return left
@@ -264,12 +273,15 @@ def vanished(status: int, left: Outcome | None, *, running: bool) -> Outcome:
         return Outcome()
     if status > 128:
         return Outcome(stopped_by=status - 128)
+    unreached = f"not reached: {some(actuators) or f'any actuator of {name}'}; {INSPECT}"
     if status > 0 or not running:
         when = "" if running else " before the machine was started"
         text = f"the guardian ended with status {status}{when}; its report was lost"
-        return Outcome(Failed("Lost", text, max(status, 1)), unsafe=status == 3)
+        if status != UNREACHED:
+            return Outcome(Failed("Lost", text, max(status, 1)))
+        return Outcome(Failed("Lost", f"{text}\n{unreached}", status), unsafe=True, unreached=list(actuators))
     text = (
         "guardian, standby guardian and control process have all ended without resetting the actuators; "
         "only watchdogs of the circuits can have reset them"
     )
-    return Outcome(Failed("Vanished", text, 3), unsafe=True)
+    return Outcome(Failed("Vanished", f"{text}\n{unreached}", UNREACHED), unsafe=True, unreached=list(actuators))

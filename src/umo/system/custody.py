@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from umo.system.hold import Hold
-from umo.system.record import Record
+from umo.system.record import INSPECT, Record
 
 
 class Custody:
@@ -14,7 +14,7 @@ class Custody:
     """
 
     def __init__(self, devices: Iterable[str], station: str, wiring: str = "", *, acknowledge: bool = False) -> None:
-        devices = tuple(devices)
+        self._devices = devices = tuple(devices)
         self.hold = Hold(devices, f"{station}, {wiring}" if wiring else station)
         self._record = Record(devices, station, wiring)
         try:
@@ -34,11 +34,14 @@ class Custody:
         self.hold.release()
 
     def stopped(self, what: str, unreached: list[str]) -> str:
-        """The devices stand stopped until somebody acknowledges it. What could not be written down, in words."""
+        """The devices stand stopped until somebody acknowledges it. In words: what could not be written down, and what
+        is to be done; empty where no device was driven."""
+        if not self._devices:
+            return ""
         try:
             self._record.stopped(what, unreached)
         except OSError as error:  # the record of the start stands all the same
-            return f"this could not be recorded: {error.strerror or error}"
+            return f"this could not be recorded: {error.strerror or error}; {INSPECT}"
         finally:
             self.hold.release()
-        return ""
+        return INSPECT

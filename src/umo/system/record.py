@@ -27,6 +27,8 @@ from umo.text import printable, some, time_of_day
 
 FOLDER = "devices"
 SUFFIX = ".json"
+INSPECT = "inspect the machine, then start it with --acknowledge (acknowledge=True)"
+"""What is to be done after an unsafe end."""
 LARGEST = 1 << 20
 LONGEST = 2000
 """Bytes of a record, and characters of the text in it."""
@@ -114,7 +116,7 @@ class Record:
         before = [each for ended in found.values() for each in ended]
         if before and not acknowledged:
             told = "\n".join(dict.fromkeys(f"{ended}." for ended in before))
-            raise StandsStopped(f"{told}\nInspect the machine, then start it with --acknowledge (acknowledge=True)")
+            raise StandsStopped(f"{told}\n{INSPECT[0].upper()}{INSPECT[1:]}")
         try:
             for device in self._devices:
                 self._write(device, "running")
@@ -198,7 +200,7 @@ def _read(path: Path, owner: int) -> Ended | None:
     except FileNotFoundError:
         return None
     except OSError as error:
-        return _unknown(f"device {path.stem}", path, owner, error.strerror or str(error))
+        return _unknown(f"the device of {path}", path, owner, error.strerror or str(error))
     with open(file, "rb") as opened:
         status = os.fstat(file)
         if status.st_uid != owner or not stat.S_ISREG(status.st_mode):
@@ -210,7 +212,7 @@ def _read(path: Path, owner: int) -> Ended | None:
                 raise TypeError("texts")
             time.localtime(ended.when)
         except (OSError, ValueError, TypeError, OverflowError, RecursionError):
-            return _unknown(f"device {path.stem}", path, owner, "its record cannot be read")
+            return _unknown(f"the device of {path}", path, owner, "its record cannot be read")
     ended.mine = not hasattr(os, "getuid") or owner == os.getuid()
     ended.user = "" if ended.mine else f"user {owner}"
     ended.id = ended.id or _id_of(path)

@@ -17,7 +17,7 @@ from .console import err
 MISTAKE = 2
 
 
-class Commands(TyperGroup):
+class CommandLine(TyperGroup):
     """The command `umo` with its commands; typer would draw a box around a usage error."""
 
     def main(
