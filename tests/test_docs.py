@@ -35,14 +35,17 @@ def in_an_empty_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Itera
 
 @pytest.mark.parametrize("page", some(lambda page: page.name not in LONG, PAGES), ids=lambda page: page.name)
 def test_the_python_of_a_page_runs_from_top_to_bottom(page: Path, tmp_path: Path) -> None:
-    """The blocks of a page share a namespace. Those for a notebook are run by tests/test_notebook.py."""
+    """A block that names a file imports what it uses; the others of a page share a namespace. Those for a notebook are
+    run by tests/test_notebook.py."""
     write_files(page, tmp_path)
     namespace: dict[str, object] = {"__name__": page.stem.replace("-", "_")}
     for rest, text in blocks(page, "python"):
         if rest == "notebook":
             continue
         text = text.replace('umo.start("ztheta", ', f'umo.start("ztheta", {str(patient("ztheta", tmp_path))!r}, ')
-        exec(compile(text, f"{page.name} {rest}", "exec", dont_inherit=True), namespace)
+        own = {"__name__": rest.removesuffix(".py")} if "." in rest else namespace
+        exec(compile(text, f"{page.name} {rest}", "exec", dont_inherit=True), own)
+        namespace |= own
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
