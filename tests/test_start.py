@@ -124,19 +124,25 @@ def test_any_thread_may_ask_for_the_outcome(tmp_path: Path) -> None:
         assert machine.stop().failure is None
 
 
-def test_processes_that_were_all_stopped_are_named_and_go_on_to_be_stopped(tmp_path: Path) -> None:
+@pytest.mark.parametrize("killed", [(), ("standby", "pid"), ("guardian", "pid")], ids=["none", "standby", "guardian"])
+def test_processes_that_were_stopped_or_killed_are_named_and_go_on_to_be_stopped(
+    tmp_path: Path, killed: tuple[str, ...]
+) -> None:
+    """A guardian misses its standby guardian at once, so it is the first to be stopped."""
     with umo.start(process_box.machine, process_box.wiring(tmp_path / "box"), process_box.forever) as machine:
-        while not (machine.pid and machine.values):
+        while not (machine.pid and machine.standby and machine.values):
             machine.poll(0.1)
-        pids = [machine.guardian, machine.standby, machine.pid]  # a guardian misses its standby guardian at once
-        for pid in pids:
+        pids = {name: getattr(machine, name) for name in ("guardian", "standby", "pid")}
+        stopped = {name: pid for name, pid in pids.items() if name not in killed}
+        for pid in stopped.values():
             os.kill(pid, signal.SIGSTOP)
+        for name in killed:
+            os.kill(pids[name], signal.SIGKILL)
         while not machine.notices:
             machine.poll(0.1)
         (notice,) = machine.notices
-        assert notice.startswith("nothing can stop the machine: stopped by a signal: guardian (")
-        assert all(str(pid) in notice for pid in pids)
-        assert "kill -CONT" in notice
+        assert notice.startswith("nothing can stop the machine: stopped by a signal: ")
+        assert f"kill -CONT {' '.join(map(str, stopped.values()))}" in notice
         outcome = machine.stop()
     assert outcome.unreached == []
     assert Cells(tmp_path / "box").levels == {"motor": 0, "valve": 0}

@@ -27,7 +27,7 @@ from umo.objects.html_table import html_table, never_raises
 from umo.process.job import Job, reference
 from umo.process.messages import MessageSocket
 from umo.process.outcome import UNREACHED, Failed, Outcome
-from umo.system.processes import is_stopped
+from umo.system.processes import ENDED, STOPPED, is_stopped, state
 from umo.system.realtime import Refusal
 from umo.system.record import INSPECT
 from umo.text import some
@@ -178,14 +178,17 @@ class Started:
                 self._channel.peer_is_gone(ENDING)  # the standby guardian holds the devices until it ends
 
     def _look_for_stopped(self) -> None:
-        """Say that no guardian can stop the machine, as they were all stopped by a signal. They go on as soon as a stop
-        is asked for."""
+        """Say that no guardian can stop the machine: each has died or was stopped by a signal. Those that were stopped
+        go on as soon as a stop is asked for."""
         if monotonic() < self._due:
             return
         self._due = monotonic() + STOPPED_LOOK
-        pids = {"guardian": self.guardian, "standby guardian": self.standby, "control process": self.pid or 0}
+        guardians = {"guardian": self.guardian, "standby guardian": self.standby}
+        if any(pid and state(pid) not in STOPPED + ENDED for pid in guardians.values()):
+            return
+        pids = guardians | {"control process": self.pid}
         stopped = {name: str(pid) for name, pid in pids.items() if pid and is_stopped(pid)}
-        if "guardian" not in stopped or (self.standby and "standby guardian" not in stopped):
+        if not stopped:
             return
         told = ", ".join(f"{name} ({pid})" for name, pid in stopped.items())
         hint = f"to let them go on: kill -CONT {' '.join(stopped.values())}"

@@ -18,6 +18,8 @@ PR_SET_NAME = 15
 FLAGS, PROCESSOR, PRIORITY = 6, 36, 37
 """Places in proc_pid_stat(5), counted from the state: flags, processor, rt_priority."""
 KERNEL_THREAD = 0x200000
+STOPPED, ENDED = "Tt", "ZX"
+"""States of processes that were stopped by a signal or a debugger, and of those that have ended."""
 LONGEST_NAME = 15
 """Bytes of the name of a process (prctl(2), PR_SET_NAME)."""
 
@@ -85,7 +87,7 @@ def flush() -> None:
 
 def is_stopped(pid: int) -> bool:
     """Whether a process was stopped by a signal, or by a debugger."""
-    return state(pid) in "Tt"
+    return state(pid) in STOPPED
 
 
 def state(pid: int) -> str:
