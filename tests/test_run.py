@@ -15,7 +15,6 @@ from umo import (
     DriverError,
     OnOff,
     StopError,
-    TaskFailed,
     connect,
     drive,
     run,
@@ -79,11 +78,12 @@ class Leaving(Scripted):
 
 
 @pytest.mark.parametrize("call", ["open", "read", "write"])
-def test_a_driver_that_exits_is_a_failure_of_the_run(call):
+@pytest.mark.parametrize("drive", [run, written_out])
+def test_a_driver_that_exits_is_a_failure_like_any_other(call, drive):
     machine, box = follower(), Leaving({"encoder": READINGS})
     box.call = call
-    with pytest.raises(TaskFailed, match="the run raised SystemExit: 0"):
-        run(machine, wired(machine, box, clock=VirtualTimer(end_after=5)))
+    with pytest.raises(DriverError, match="SystemExit: 0"):
+        drive(machine, wired(machine, box, clock=VirtualTimer(end_after=5)))
 
 
 def test_the_explicit_loop_and_run_are_equal():

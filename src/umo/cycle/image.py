@@ -19,7 +19,7 @@ import numpy as np
 from umo.cycle.block import Block
 from umo.cycle.clock import Clock
 from umo.cycle.commands import Command, Commands, Source
-from umo.cycle.transfer import Transfer, cause_of_failure
+from umo.cycle.transfer import FAILURES, Transfer, cause_of_failure
 from umo.drivers.contract import UNREAD, Direction, WaitEnded
 from umo.errors import BadInput, DriverError, Failure
 from umo.objects import Binary, BinaryActuator, BinarySensor, DigitalActuator, DigitalSensor, Quality
@@ -152,7 +152,7 @@ class Image(ABC):
             block.view[:] = block.unread
             try:
                 block.transfer(block.channels, block.buffer)
-            except Exception as error:
+            except FAILURES as error:
                 self._sample_rest(block, error, now, failures)
                 continue
             outside = block.convert(now)
@@ -174,7 +174,7 @@ class Image(ABC):
         for block in self.outputs:
             try:
                 block.transfer(block.channels, block.buffer)
-            except Exception as error:
+            except FAILURES as error:
                 self._update_rest(block, error, failures)
                 continue
             block.commit(now)
@@ -188,7 +188,7 @@ class Image(ABC):
             raise DriverError("could not be written", failures)
         return True
 
-    def _sample_rest(self, block: Block, error: Exception, now: float, failures: list[Failure]) -> None:
+    def _sample_rest(self, block: Block, error: BaseException, now: float, failures: list[Failure]) -> None:
         """A block of which at least some failed: the others stand."""
         causes = dict(self.transfer.block_failed(block, error, inputs=True))
         for slot, raw in zip(range(block.start, block.stop), block.view, strict=True):
@@ -198,7 +198,7 @@ class Image(ABC):
                 self.raws[slot] = raw
                 self._accept(slot, raw, failures)
 
-    def _update_rest(self, block: Block, error: Exception, failures: list[Failure]) -> None:
+    def _update_rest(self, block: Block, error: BaseException, failures: list[Failure]) -> None:
         causes = dict(self.transfer.block_failed(block, error, inputs=False))
         for slot in range(block.start, block.stop):
             if slot in causes:
@@ -217,7 +217,7 @@ class Image(ABC):
             raw = self.transfer.read(slot)
         except WaitEnded:
             return NO_TICK
-        except Exception as error:
+        except FAILURES as error:
             self._fail_input(slot, cause_of_failure(error), failures)
         else:
             if slot != self.timer:
@@ -275,7 +275,7 @@ class Image(ABC):
         failures: list[Failure] = []
         try:
             self.transfer.write(slot, self.pending_raws[slot])
-        except Exception as error:
+        except FAILURES as error:
             self._fail_output(slot, cause_of_failure(error), failures)
             self.commands.failed(slot)
         else:

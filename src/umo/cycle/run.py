@@ -10,7 +10,6 @@ from umo.cycle.connect import connect
 from umo.cycle.frame import Observer
 from umo.errors import DeclarationError
 from umo.objects import Compound, DigitalSensor
-from umo.user_code import refuse_exit
 from umo.wiring import share
 
 C = TypeVar("C", bound=Compound)
@@ -31,19 +30,14 @@ def run(
 
     Without an application the machine's `control` runs until SIGINT or SIGTERM. After a signal the result is
     None. Errors of the application, the control code and the devices are raised after the actuators have been
-    reset to their defaults; a SystemExit of theirs as TaskFailed. Each of the `options` is handed to all who take one
-    of its name: the application and the drivers, as for `umo run` and `umo.start`; OptionError if nobody does.
-    `acknowledge` as for `connect`.
+    reset to their defaults. Each of the `options` is handed to all who take one of its name: the application and the
+    drivers, as for `umo run` and `umo.start`; OptionError if nobody does. `acknowledge` as for `connect`.
     """
     shares = share(options, application=application, wiring=wiring)
     connection = connect(machine, wiring, acknowledge=acknowledge, **shares.wiring)
-    try:
-        with connection as m:
-            connection.machine.observers.extend(observers)
-            return drive(m, application, **shares.application)
-    except BaseException as error:
-        refuse_exit(error, "the run")
-        raise
+    with connection as m:
+        connection.machine.observers.extend(observers)
+        return drive(m, application, **shares.application)
 
 
 def drive(m: C, application: Application[C] | None = None, **options: Any) -> Any:

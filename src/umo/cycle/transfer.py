@@ -25,6 +25,8 @@ from umo.wiring.resolved import Wire, Wired
 SETTLE = 0.25
 """Minimum time in s for a device to carry out requests that are still pending."""
 LONGEST_SETTLE = 1.0
+FAILURES = (Exception, SystemExit)
+"""What a call of a driver fails by: a SystemExit would end the program as if all were well."""
 PATIENCE = 3.0
 """s that a driver may take for a call while nothing is controlled: when connecting, and for the guardian's resets. A
 device that serves one connection at a time may need long to let go of the one before."""
@@ -102,7 +104,7 @@ class Transfer:
             return call()
         except DriverError as error:
             raise DriverError(f"driver {self._name(name)}: {error}", error.failures) from error
-        except Exception as error:
+        except FAILURES as error:
             raise DriverError(f"driver {self._name(name)} could not be {what}: {reported(error)}") from error
 
     def _name(self, name: str) -> str:
@@ -133,7 +135,7 @@ class Transfer:
         for block in self._blocks:
             block.transfer = instead
 
-    def block_failed(self, block: Block, error: Exception, inputs: bool) -> list[tuple[int, str]]:
+    def block_failed(self, block: Block, error: BaseException, inputs: bool) -> list[tuple[int, str]]:
         """The slots of a block that failed, each with its cause; the others stand."""
         return self._failed(block.driver, range(block.start, block.stop), error, not inputs)
 
@@ -147,7 +149,7 @@ class Transfer:
             return raw
         try:
             raw = index(wire.driver.read(wire.channel))
-        except Exception as error:
+        except FAILURES as error:
             self._mark(wire.driver, error, False)
             self.note(slot, Kind.FAILED_READ)
             raise
@@ -159,7 +161,7 @@ class Transfer:
         wire = self.wires[slot]
         try:
             wire.driver.write(wire.channel, raw)
-        except Exception as error:
+        except FAILURES as error:
             self._mark(wire.driver, error, True)
             self.note(slot, Kind.FAILED_WRITE)
             raise
@@ -193,7 +195,7 @@ class Transfer:
     def _some(self, call: Any, driver: Driver[Any], group: list[int], raws: IntArray, write: bool) -> dict[int, str]:
         try:
             call(tuple(self.wires[slot].channel for slot in group), raws)
-        except Exception as error:
+        except FAILURES as error:
             return dict(self._failed(driver, group, error, write))
         self._late.pop(id(driver), None)
         return {}
@@ -260,7 +262,7 @@ class Transfer:
             self.unsure = True
 
     def _failed(
-        self, driver: Driver[Any], slots: Sequence[int], error: Exception, write: bool
+        self, driver: Driver[Any], slots: Sequence[int], error: BaseException, write: bool
     ) -> list[tuple[int, str]]:
         """The slots of a block that failed, with the cause: all of them, or those that the driver names."""
         self._mark(driver, error, write)
