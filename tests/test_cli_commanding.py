@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from helpers import patient
 from helpers.waiting import until
 from umo.cli.app import app
 from umo.process.start import LINUX
+from umo.remote import HeldLease
 from umo.remote.search import readers
 from umo.system.custody import Custody
 from umo.system.record import all_standing
@@ -46,6 +47,22 @@ def conveyor(started: tuple[umo.Started, dict[str, str]], monkeypatch: pytest.Mo
     for name, folder in started[1].items():
         monkeypatch.setenv(name, folder)
     return started[0]
+
+
+HELD = [["set", "conveyor", "diverter", "ON"], ["call", "conveyor", "belt.run_at", "speed=0.1"]]
+"""Commands that hold something until Ctrl-C."""
+
+
+def once_held(patch: pytest.MonkeyPatch, deed: Callable[[HeldLease], object]) -> None:
+    """Do this when a command has begun to hold something."""
+    ended, deeds = HeldLease.ended, [deed]
+
+    def after(self: HeldLease, path: str) -> str:
+        if deeds:
+            deeds.pop()(self)
+        return ended(self, path)
+
+    patch.setattr(HeldLease, "ended", after)
 
 
 def run(*words: str) -> Result:
@@ -84,6 +101,11 @@ def test_an_action_is_called_with_units_and_waited_for(conveyor: umo.Started) ->
         (["call", "conveyor", "belt.run_at", "speed=0", "speed=1"], "belt.run_at: speed is given twice"),
         (["tune", "conveyor", "windows", "3"], "no tunable number 'windows' (did you mean 'window'?)"),
         (["tune", "conveyor", "window", "1 m"], "window: 1000 mm is outside 1 to 100"),
+        (["tune", "conveyor", "window", "-0.5"], "window: -0.5 mm is outside 1 to 100"),
+        (["tune", "conveyor", "window", "-5 1/h"], "'1/h' cannot be converted to 'mm'"),
+        (["set", "conveyor", "belt.setpoint", "-.5"], "belt.setpoint: -0.5 m/s is outside 0 to 1"),
+        (["call", "conveyor", "belt.run_at", "speed=-3"], "belt.run_at: speed: -3 m/s is outside 0 to 1"),
+        (["call", "conveyor", "belt.run_at", "-3"], "'-3' is not one of its arguments: speed=..."),
         (["mode", "conveyor", "automatisch"], "there is no mode 'automatisch'; there are: automatic, manual"),
         (["mode", "convejor"], "'convejor' is not running (did you mean 'conveyor'?)"),
         (["acknowledge", "conveyor", "bolt"], "no object 'bolt' in Conveyor (did you mean 'belt'?)"),
@@ -117,7 +139,7 @@ def test_a_number_is_tuned_and_how_to_keep_it_is_said(conveyor: umo.Started) -> 
     assert result.exit_code == 0, said(result)
     assert result.stdout == "window  20 -> 30.123456789 mm\n"
     assert "put window = 30.123456789 under [parameters] of the wiring" in said(result)
-    until(lambda: run("tune", "conveyor", "window").stdout == "window  30.1235 mm\n")
+    until(lambda: run("tune", "conveyor", "window").stdout == "window  30.123456789 mm\n")
     assert "1 to 100" in run("tune", "conveyor").stdout
 
 
@@ -125,6 +147,22 @@ def test_an_actuator_of_a_running_station_is_taken_and_given_back(conveyor: umo.
     result = run("set", "conveyor", "diverter", "ON", "--hold", "0.1")
     assert result.exit_code == 0, said(result)
     assert "diverter  reset to its default" in result.stdout
+
+
+@pytest.mark.parametrize("words", HELD)
+@pytest.mark.parametrize("how", ["another hand takes the lease", "it gives no sign of life"])
+def test_a_command_ends_with_status_2_when_the_machine_holds_no_longer_what_it_holds(
+    conveyor: umo.Started, monkeypatch: pytest.MonkeyPatch, words: list[str], how: str
+) -> None:
+    def take(lease: HeldLease) -> None:
+        with umo.attach(conveyor.pid) as station, station.lease("ann", over=True):
+            pass
+
+    once_held(monkeypatch, take if how.startswith("another") else lambda lease: setattr(lease, "_ended", True))
+    result = run(*words)
+    *_, line = result.stderr.splitlines()
+    assert (result.exit_code, line.partition(": ")[2].partition(": ")[0]) == (2, f"{words[2]} is held no longer"), line
+    assert "reset to its default" not in result.stdout
 
 
 def test_the_lease_of_another_hand_is_shown_and_taken_over_only_on_demand(conveyor: umo.Started) -> None:
@@ -167,9 +205,16 @@ def test_the_command_that_runs_a_station_tells_who_has_stopped_it(tmp_path: Path
     assert "umo: stopped by ann, the page?[2J; every actuator is at its default" in said(result)
 
 
-def test_a_station_is_stopped(tmp_path: Path) -> None:
+def test_a_station_is_stopped_and_a_command_that_holds_something_ends(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stopped: list[Result] = []
+    once_held(monkeypatch, lambda lease: stopped.append(run("stop", "conveyor")))
     with umo.start("conveyor", patient.conveyor(tmp_path), manual=True, realtime=True) as started:
         until(lambda: started.poll(0.01) or (started.frames is not None and started.frames.head > 5))
-        result = run("stop", "conveyor")
+        result = run(*HELD[0])
+        assert said(result).endswith("umo: diverter is held no longer: conveyor has ended")
+        assert result.exit_code == 2
+        (result,) = stopped
         assert (result.exit_code, result.stdout) == (0, "conveyor has ended\n"), said(result)
         assert started.wait(20).failure is None

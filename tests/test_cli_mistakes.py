@@ -308,6 +308,7 @@ def test_the_tree_of_a_broken_wiring_shows_its_faults(umo: Umo, tank: Path, tmp_
         ("stop", "umo stop: missing argument 'STATION'; `umo stop --help` shows what it takes"),
         ("view --port 99999", "umo view: invalid value for '--port': "),
         ("view --prot 8300", "umo view: no such option: --prot (did you mean '--port'?)"),
+        ("mode x --wanted", "umo mode: no such option: --wanted (did you mean '--take'?)"),
         ("view --port", "option '--port' requires an argument"),
         ("ps extra", "umo ps: got unexpected extra argument"),
         ("run", "umo run: invalid value for STATION: give the directory of a station"),

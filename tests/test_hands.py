@@ -339,6 +339,7 @@ def test_an_interlock_takes_the_actuator_out_of_the_hand(rig: Rig) -> None:
     put(rig.m.door, PassFail.FAIL)
     rig.periods()
     assert rig.m.lamp.read() is OnOff.OFF
+    assert rig.last() == (CommandState.CANCELLED, "the door is open")
     assert "lamp is inhibited: the door is open" in rig.do("write", "lamp", "ON").text
     put(rig.m.door, PassFail.PASS)
     for _ in range(3):
@@ -567,6 +568,11 @@ class Mischief(Press):
         await self.press_on()
 
     @action(release="let_up")
+    async def tapping(self) -> None:
+        """A sequence that ends by itself, and is held until it is released."""
+        await next_period()
+
+    @action(release="let_up")
     def starting(self) -> None:
         """A sequence that it starts, until it is released."""
         self.start(self.press_on())
@@ -615,6 +621,16 @@ def test_what_a_held_action_drives_ends_with_it_however_it_ends(path: str, end: 
         rig.periods(2)
         assert rig.m.ram.read() == 0.0
         assert sum(event.command == number and event.state is CommandState.CANCELLED for event in rig.events) <= 1
+
+
+def test_a_held_sequence_that_has_ended_is_told_to_be_held_no_longer() -> None:
+    with Rig(kind=Mischief) as rig:
+        rig.do("lease")
+        number = rig.call("tapping").command
+        rig.periods(3 + int(HOLD / PERIOD))
+        told = [(event.state, event.text) for event in rig.events if event.command == number]
+        assert [state for state, _ in told] == [CommandState.BEGUN, CommandState.DONE, CommandState.CANCELLED]
+        assert told[-1][1] == "not kept up"
 
 
 @pytest.mark.parametrize("deed", ["raises", "starts a sequence", "is a sequence"])

@@ -41,7 +41,8 @@ def test_a_handle_has_status_values_frames_and_an_end(tmp_path: Path) -> None:
         until(lambda: machine.values["motor"] == 5.0)
         assert machine.values["valve"] == "ON"
         assert machine.frames is not None
-        assert len(machine.frames.read()) > 0
+        first = machine.frames.read()[0]
+        assert first["phases"][-1] > 0  # it has sent something: no period is shown that does nothing but wait
         with pytest.raises(TimeoutError):
             machine.wait(timeout=0.0)
         outcome = machine.stop()
@@ -72,6 +73,9 @@ def test_an_application_that_fails_comes_out_of_wait(tmp_path: Path) -> None:
 def test_a_mistake_of_the_user_comes_out_of_wait() -> None:
     with umo.start("zteta") as machine, pytest.raises(umo.RunFailed, match="did you mean 'ztheta'"):
         machine.wait()
+    with umo.start("ztheta", leek=1) as machine, pytest.raises(umo.RunFailed, match="--leek: nobody takes") as caught:
+        machine.wait()
+    assert caught.value.outcome.status == 2
 
 
 def test_functions_that_another_process_cannot_import_are_refused_at_once() -> None:

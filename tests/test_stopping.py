@@ -219,6 +219,22 @@ def test_a_signal_while_the_safe_end_is_recorded_changes_nothing_of_the_record(t
     assert standing(device) == []
 
 
+def test_a_disconnecting_that_is_interrupted_records_the_actuators_that_were_not_reached(tmp_path):
+    machine, device = bench(), f"test {tmp_path}"
+    board = Board(device)
+    connection = connect(machine, on(board, machine))
+
+    def interrupt() -> None:
+        if len(board.segments("reset")) == 1:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), connection as m:
+        periods(m, 1)
+        connection.image.transfer.on_call = interrupt
+    (ended,) = standing(device)
+    assert ended.unreached == ["valve"]
+
+
 # A stop ends the wait for a tick -------------------------------------------------------------------------
 
 LONG = 600.0

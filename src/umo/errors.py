@@ -206,7 +206,7 @@ class Interlocked(UmoError, RuntimeError):
 
 class CommandRefused(UmoError, RuntimeError):
     """A command from outside was refused: nobody or another hand has the lease, or the mode does not allow it; nothing
-    was changed."""
+    was changed. Or what it held was ended, as by an interlock or another hand."""
 
 
 class LeaseHeld(CommandRefused):

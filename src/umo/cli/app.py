@@ -14,7 +14,7 @@ import typer
 from umo.errors import UmoError
 from umo.text import cause_of, located
 
-from .mistakes import MISTAKE, CommandLine
+from .mistakes import MISTAKE, CommandLine, Subcommand
 
 app = typer.Typer(
     name="umo",
@@ -41,7 +41,7 @@ class HelpPanel:
         self, name: str | None = None, *, epilog: str, status: str = USUAL, **options: Any
     ) -> Callable[[F], F]:
         end = f"{epilog}\n\nExit status: {status}"
-        return app.command(name, epilog=end, rich_help_panel=self._title, **options)
+        return app.command(name, cls=Subcommand, epilog=end, rich_help_panel=self._title, **options)
 
 
 command = HelpPanel("Stations")

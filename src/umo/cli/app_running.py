@@ -116,7 +116,9 @@ def mode(
 
 @command(
     epilog="Examples: umo call ztheta  |  umo call ztheta home  |  umo call ztheta z.move_to 'position=100 mm'  |  "
-    "umo call ztheta z.jog velocity=5000 --hold 2",
+    "umo call ztheta z.jog velocity=-5000 --hold 2",
+    status="0 done; 1 the machine, a device or code failed; 2 a mistake, or it is held no longer, told on stderr; "
+    "130 Ctrl-C",
 )
 def call(
     station: Running,

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from umo.cycle.progress import Progress
 from umo.cycle.stage import Stage
-from umo.errors import FramesError, LeaseHeld, PathError, RangeError
+from umo.errors import CommandRefused, FramesError, LeaseHeld, PathError, RangeError
 from umo.frames import Reader
 from umo.objects import Quality
 from umo.remote import HeldLease, RemoteStation
@@ -102,7 +102,7 @@ def call(name: str, path: str | None, words: list[str], over: bool, hold: float 
             result = _called(station, actions[path], given)
             if held := path in lease.held:
                 err.print(f"{path}: has begun", soft_wrap=True)
-                _hold(hold)
+                _hold(lease, path, hold)
         if held:
             err.print(f"{path}: released", soft_wrap=True)
         elif result is None:
@@ -142,16 +142,19 @@ def _argument(action: dict[str, Any], word: str) -> tuple[str, Any]:
     return name, argument(action["path"], known[name], text)
 
 
-def _hold(seconds: float | None) -> None:
-    """Let the thread of the lease keep it up."""
+def _hold(lease: HeldLease, path: str, seconds: float | None) -> None:
+    """Let the thread of the lease keep it up. CommandRefused as soon as the machine does not hold it any longer."""
     if seconds is None:
         err.print("kept up until Ctrl-C; --hold SECONDS ends it", soft_wrap=True)
     end = time.monotonic() + (inf if seconds is None else seconds)
     try:
-        while (left := end - time.monotonic()) > 0:
+        while not (ended := lease.ended(path)) and (left := end - time.monotonic()) > 0:
             time.sleep(min(left, LOOK))
     except KeyboardInterrupt:
         err.print()
+        return
+    if ended:
+        raise CommandRefused(f"{path} is held no longer: {ended}")
 
 
 def _actions(reader: Reader) -> Table:
@@ -184,22 +187,27 @@ def tune(name: str, path: str | None, text: str | None, over: bool) -> None:
         if path is None:
             table = Table("number", "value", "unit", "range", header_style="bold")
             for each, entry in known.items():
-                table.add_row(each, f"{now[each]:g}", entry["unit"], f"{entry['minimum']:g} to {entry['maximum']:g}")
+                table.add_row(each, _digits(now[each]), entry["unit"], f"{entry['minimum']:g} to {entry['maximum']:g}")
             out.print(table)
             return
         if path not in known:
             raise PathError(f"no tunable number {path!r}{did_you_mean(path, known)}; `umo tune {name}` lists them")
         unit = known[path]["unit"]
         if text is None:
-            out.print(f"{path}  {now[path]:g} {unit}")
+            out.print(f"{path}  {_digits(now[path])} {unit}")
             return
         value = number(path, text, unit)
         with leased(station, over):
             station.ask("tune", path, value=value)
-        given = str(value) if isinstance(value, int) else f"{value:.15g}"
-        out.print(f"{path}  {now[path]:g} -> {given} {unit}")
+        given = str(value) if isinstance(value, int) else _digits(value)
+        out.print(f"{path}  {_digits(now[path])} -> {given} {unit}")
         keep = f"put {path} = {given} under [parameters] of the wiring"
         err.print(f"until the run ends; to keep it, {keep}", soft_wrap=True)
+
+
+def _digits(value: float) -> str:
+    """All digits that a number in the frames surely has."""
+    return f"{value:.15g}"
 
 
 def get_running(reader: Reader, paths: Sequence[str], unit: str | None) -> None:
@@ -240,11 +248,11 @@ def set_running(reader: Reader, path: str, text: str, hold: float | None, over: 
 
 def _take(station: RemoteStation, item: RemoteObject, value: float | str, hold: float | None, over: bool) -> None:
     path = item.path
-    with leased(station, over):
+    with leased(station, over) as lease:
         item.write(value)
         _let_pass(station.reader)
         out.print(f"{path}  {shown(item.read(), item.units, None)}  {item.quality}")
-        _hold(hold)
+        _hold(lease, path, hold)
         item.release()
     out.print(f"{path}  reset to its default")
 

@@ -1,4 +1,5 @@
-"""Usage errors in one line, as all other mistakes are told: the command, what is wrong, the nearest valid choice."""
+"""The command line as umo reads it: a negative number is a value. Usage errors are one line, as all other mistakes are
+told: the command, what is wrong, the nearest valid choice."""
 
 from __future__ import annotations
 
@@ -8,13 +9,33 @@ from collections.abc import Sequence
 from typing import Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from umo.text import did_you_mean
 
 from .console import err
 
 MISTAKE = 2
+NEGATIVE = re.compile(r"-\.?\d")
+"""The beginning of a negative number, with or without a unit. No option begins so."""
+
+
+class Subcommand(TyperCommand):
+    """A command that takes negative numbers as values; the parser would look for an option `-0`, and for `-h` in
+    "-5 1/h"."""
+
+    def make_parser(self, ctx: Any) -> Any:
+        parser: Any = super().make_parser(ctx)
+        process_option = parser._process_opts
+
+        def process(word: str, state: Any) -> None:
+            if NEGATIVE.match(word):
+                state.largs.append(word)
+            else:
+                process_option(word, state)
+
+        parser._process_opts = process
+        return parser
 
 
 class CommandLine(TyperGroup):
@@ -47,7 +68,7 @@ def in_a_line(error: Any) -> str:
     where = "umo" if context is None else context.command_path
     text = " ".join(error.format_message().split()).rstrip(".")
     if option := getattr(error, "option_name", "") if text.startswith("No such option") else "":
-        known = [each for parameter in context.command.params for each in parameter.opts]
+        known = [each for parameter in context.command.params for each in parameter.opts if each[:1] == "-"]
         text = f"No such option: {option}{did_you_mean(option, known)}"
     text = re.sub(r"\. Did you mean (.*)\?$", r" (did you mean \1?)", text)
     return f"{where}: {text[:1].lower()}{text[1:]}; `{where} --help` shows what it takes"

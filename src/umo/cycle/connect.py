@@ -82,6 +82,8 @@ class connect(Generic[C]):
         self._restore: list[Callable[[], object]] = []
         self._opened: list[str] = []
         self._initialized: list[int] = []  # slots
+        self._waiting: set[int] = set()
+        """The slots that are still to be reset."""
         self.started = False
 
     @property
@@ -196,8 +198,9 @@ class connect(Generic[C]):
 
     def _leave(self, cause: BaseException | None) -> None:
         """Reset everything, then release everything. Actuators that were not reached are raised at the end."""
-        unreached: list[Failure] = [Failure("application", "-", "disconnecting was interrupted")]
+        unreached: list[Failure] | None = None
         hindered: list[Failure] = []
+        self._waiting = set(self._stop_sequence())
         try:
             stopping = self._cancel_sequences()
             found, late = self._reset()
@@ -211,6 +214,9 @@ class connect(Generic[C]):
             finally:
                 failures = late + self._ask_reports() + self._finalize() + self._close()
         finally:
+            if unreached is None:
+                failure = self.image.transfer.failure
+                unreached = [failure(slot, "disconnecting was interrupted") for slot in sorted(self._waiting)]
             try:
                 self.machine.disconnect()
             finally:
@@ -279,7 +285,14 @@ class connect(Generic[C]):
         return left, [replace(each, cause=f"reset at the second attempt: {each.cause}") for each in late]
 
     def _reset_once(self, slots: list[int]) -> list[Failure]:
-        return [failure for _, failure in self.image.reset_each(slots) if failure is not None]
+        failures = []
+        self._waiting = set(slots)
+        for slot, failure in self.image.reset_each(slots):
+            if failure is None:
+                self._waiting.discard(slot)
+            else:
+                failures.append(failure)
+        return failures
 
     def _finalize(self) -> list[Failure]:
         found = map(self.image.transfer.finalize, reversed(self._initialized))

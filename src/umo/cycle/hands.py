@@ -71,8 +71,8 @@ class _Held:
     release: Callable[[], object]
     slot: int = -1
     """The actuator; -1 for an action."""
-    is_sequence: bool = False
-    """An action whose end is told by itself."""
+    is_running: bool = False
+    """A sequence that has not ended: its end is told by itself."""
 
 
 class Hands:
@@ -137,11 +137,13 @@ class Hands:
         self.lease.seen(signed[""], now)
         if self.lease.expired(now):
             self._end_lease(f"the lease of {self.lease.holder} has ended: it was not renewed")
+        commands = self._machine.commands
         for path, held in list(self._held.items()):
             if held.seen < signed[path] <= now:
                 held.seen = signed[path]
-            if held.slot >= 0 and not self._machine.commands.hand_of(held.slot):
-                del self._held[path]  # an interlock has reset it
+            if held.slot >= 0 and not commands.hand_of(held.slot):  # an interlock has reset it
+                del self._held[path]
+                self._tell(held.command, CommandState.CANCELLED, commands.inhibited(held.slot) or "it was reset")
             elif now - held.seen > held.lasts:
                 self._release(path, "not kept up")
 
@@ -165,6 +167,9 @@ class Hands:
             if done:
                 result, each.task = each.task.result, None
                 self._tell(each.command, CommandState.DONE, _plain(result))
+                held = self._held.get(each.command.path)
+                if held is not None and held.command is each.command:
+                    held.is_running = False
         _, error = attempt(self._within, each, each.started.advance, self._machine.clock)
         if error is not None:
             self._note(f"a sequence that {each.command.path} has started failed: {error}")
@@ -281,7 +286,7 @@ class Hands:
                 self._release(action.path, "")
             raise
         if begun.task is not None and action.path in self._held:
-            self._held[action.path].is_sequence = True
+            self._held[action.path].is_running = True
         if not begun.is_over:
             self._running.append(begun)
         return (CommandState.BEGUN, "") if begun.task is not None else (CommandState.DONE, _plain(result))
@@ -333,7 +338,7 @@ class Hands:
 
     def _end_lease(self, why: str) -> None:
         self._note(why)
-        self._drop("the lease has ended")
+        self._drop(why)
         self.lease.end()
 
     def _drop(self, why: str) -> None:
@@ -371,7 +376,7 @@ class Hands:
         if failed is not None:
             self._note(f"{path} could not be released: {failed}")
             attempt(self._object(path.rpartition(".")[0]).reset)
-        if why and not held.is_sequence:
+        if why and not held.is_running:
             self._tell(held.command, CommandState.CANCELLED, why)
 
     # What is told --------------------------------------------------------------------------------------

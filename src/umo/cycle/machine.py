@@ -206,6 +206,12 @@ class ConnectedMachine:
         by_hand = None if self.hands is None else self.hands.at_work
         return (self.sequences if by_hand is None else by_hand).start(sequence)
 
+    def skip_ticks(self) -> None:
+        """Read the timer before the first period: the ticks until here belong to no period, and none is missed."""
+        if self.image.timer >= 0:
+            self.image.read_now(self.image.timer)
+            self.period_open, self.clock.missed_in_all = False, 0
+
     def finish_period(self) -> None:
         """Show the frame of a period whose `sample` or `control` failed, so that no `update` did."""
         if self.period_open:

@@ -26,7 +26,6 @@ from umo.frames.cells import Cells
 from umo.frames.frame_server import FrameServer
 from umo.frames.last_event import tell
 from umo.frames.memory import Ends
-from umo.objects import Compound, DigitalSensor
 from umo.process.control_watch import WHERE
 from umo.process.job import Plan
 from umo.process.last_words import say_last
@@ -198,7 +197,7 @@ class Control:
                     connection.machine.observers.append(self.each_period)
                     if plan.job.until is not None:
                         connection.machine.observers.append(TimeLimit(plan.job.until, connection.stop))
-                    self._ready(machine, ring, refusals, early)
+                    self._ready(connection, ring, refusals, early)
                     try:
                         outcome.result = drive(machine, plan.application)
                     finally:
@@ -281,12 +280,14 @@ class Control:
         self._alarm = self._alarm or why
         request_stop()
 
-    def _ready(self, machine: Compound, ring: Ring | None, refusals: list[realtime.Refusal], early: float) -> None:
+    def _ready(
+        self, connection: connect[Any], ring: Ring | None, refusals: list[realtime.Refusal], early: float
+    ) -> None:
         gc.freeze()
         rise_early(self._plan.wired, early)
         self._stop_if_asked()
-        if isinstance(timer := machine.children().get("timer"), DigitalSensor) and machine.running:
-            timer.read()  # the ticks that passed until here
+        if connection.machine.running:
+            connection.machine.skip_ticks()
         if threading.active_count() > 1:
             others = [thread.name for thread in threading.enumerate() if thread is not threading.main_thread()]
             text = f"the control process has other Python threads, which will delay it: {', '.join(others)}"

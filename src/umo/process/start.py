@@ -68,8 +68,8 @@ def start(
     both must be importable by another process, so not defined in a notebook. `wiring` is one of the station's, a
     file, or its contents. `options` are passed to the application and the drivers, as on the command
     line. `acknowledge` starts a machine whose last run ended unsafely. `manual`: in manual mode, in which the
-    application waits (`umo.attach`). Linux only (DriverError elsewhere); all other
-    errors are raised by `wait`.
+    application waits (`umo.attach`). Linux only (DriverError elsewhere). What the other process finds, such as an
+    option that nobody takes or a fault of the wiring, is raised by `wait`, as RunFailed.
     """
     if callable(station):
         machine, script = reference(station)

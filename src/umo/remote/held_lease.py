@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import secrets
 import threading
+import time
 from contextlib import suppress
 from types import TracebackType
 from typing import TYPE_CHECKING
 
+from umo.cycle.events import CommandState
 from umo.cycle.lease import LONGEST, SHORTEST
 from umo.errors import FramesError, LeaseHeld, RangeError, UmoError
 from umo.frames.cells import LEASE
@@ -15,6 +17,8 @@ from umo.frames.cells import LEASE
 if TYPE_CHECKING:
     from umo.remote.attached import RemoteStation
 
+AFTER = 0.05
+"""s within which the machine's words follow the end of a lease."""
 OFTEN = 5
 """Signs of life that a client gives in the time for which a lease, or what is held, lasts."""
 
@@ -34,6 +38,8 @@ class HeldLease:
         self.key = secrets.token_hex(8)
         self.held: dict[str, float] = {}
         """The paths that are kept up, each with the s for which it lasts."""
+        self._since: dict[str, int] = {}
+        """The number of the next event when a path was kept up."""
         self._station = station
         self._seconds = seconds
         self._over = over
@@ -80,9 +86,25 @@ class HeldLease:
 
     def keep_up(self, path: str, lasts: float) -> None:
         """Keep up this path from now on: the thread may be waiting longer than it lasts."""
+        self._since[path] = self._station.reader.next_event
         self._station.sign(self._number, path)
         self.held[path] = lasts
         self._wake.set()
+
+    def ended(self, path: str) -> str:
+        """Why what was kept up at this path has ended, in the machine's words; "": it lasts."""
+        station, lost = self._station, self.lost  # before the events: the last of them may tell why
+        if not (told := self._told(path)) and lost and station.running:
+            time.sleep(AFTER)
+            told = self._told(path)
+        if told or not lost:
+            return told
+        return "the lease has ended" if station.running else f"{station.reader.about['station']} has ended"
+
+    def _told(self, path: str) -> str:
+        events = (each.event for each in self._station.reader.events(self._since[path]))
+        ends = (each.text for each in events if each.path == path and each.state is CommandState.CANCELLED)
+        return next(ends, "")
 
     def _keep(self) -> None:
         """Give signs of life until the block ends, or the lease is lost."""
