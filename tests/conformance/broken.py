@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import select
 import socket
+import sys
 import threading
 from collections.abc import Sequence
 from contextlib import suppress
@@ -229,8 +230,6 @@ class TakesLateAnswers(Careful):
             super().connect()
 
     def drop(self) -> None:
-        import sys
-
         if not isinstance(sys.exception(), TimeoutError):
             super().drop()
 
@@ -522,6 +521,61 @@ class WaitsForGoodbye(Careful):
         super().close()
 
 
+class ReadsItsOwnCopyOfOutputs(Careful):
+    """What was written last is read, in place of the device's own level."""
+
+    def __init__(self, *, host: str = "127.0.0.1", port: int = 4000) -> None:
+        super().__init__(host=host, port=port)
+        self.copy: dict[Place, int] = {}
+
+    def write_raws(self, channels: Sequence[Place], raws: list[int]) -> None:
+        super().write_raws(channels, raws)
+        self.copy |= dict(zip(channels, raws, strict=True))
+
+    def read_many(self, channels: Sequence[Place], out: IntArray) -> None:
+        super().read_many(channels, out)
+        for i, channel in enumerate(channels):
+            out[i] = self.copy.get(channel, out[i])
+
+
+class PrintsItsFailures(Careful):
+    """A call that fails prints why."""
+
+    def exchange(self, function: int, channels: Sequence[Place], raws: Sequence[int]) -> list[tuple[int, int]]:
+        try:
+            return super().exchange(function, channels, raws)
+        except OSError as error:
+            print("failed:", error, file=sys.stderr)
+            raise
+
+
+class PulsesWhenItIsReset(Careful):
+    """Reset writes the highest level first."""
+
+    def reset(self, channel: Place, default: int | None) -> None:
+        if default is not None:
+            self.write(channel, channel.highest)
+        super().reset(channel, default)
+
+
+class TimesOutAsWhenItWasOpened(Careful):
+    """`timeout` stays the one that it had when it was opened, and says so."""
+
+    seconds, set = 1.0, 1.0
+
+    @property  # type: ignore[override]
+    def timeout(self) -> float:
+        return self.seconds
+
+    @timeout.setter
+    def timeout(self, seconds: float) -> None:
+        self.set = seconds
+
+    def open(self) -> None:
+        self.seconds = self.set
+        super().open()
+
+
 BREAKS: dict[type[Careful], str] = {
     KeyErrorForAnUnknownChannel: "channels",
     ConnectsWhenMade: "before open",
@@ -565,4 +619,8 @@ BREAKS: dict[type[Careful], str] = {
     SwitchesOffWhenFinalised: "finalise",
     TakesBlocksToInputs: "directions",
     LeaksWhenItCannotConnect: "descriptors",
+    ReadsItsOwnCopyOfOutputs: "two clients",
+    PrintsItsFailures: "process",
+    PulsesWhenItIsReset: "glitch",
+    TimesOutAsWhenItWasOpened: "timeout",
 }

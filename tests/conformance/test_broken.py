@@ -72,6 +72,22 @@ def test_a_rule_that_is_broken_fails(words: str) -> None:
     assert certificate.finding(mutant.rule).why
 
 
+@pytest.mark.parametrize(
+    "driver",
+    (
+        broken.ReadsItsOwnCopyOfOutputs,
+        broken.PrintsItsFailures,
+        broken.PulsesWhenItIsReset,
+        broken.TimesOutAsWhenItWasOpened,
+    ),
+)
+def test_a_rule_is_broken_also_where_no_record_shows_a_pulse(driver: type[Careful]) -> None:
+    rule = broken.BREAKS[driver]
+    with careful(driver, **({"levels": None} if rule == "glitch" else {})) as subject:
+        found = conform(subject, only=[rule]).finding(rule)
+    assert found.verdict is Judgement.FAILED, found
+
+
 @pytest.mark.full
 @pytest.mark.parametrize("mutant", MUTANTS.values(), ids=lambda mutant: mutant.words.replace(" ", "-"))
 def test_the_kit_names_the_rule_that_a_mutant_breaks(mutant: Mutant) -> None:

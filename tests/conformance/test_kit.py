@@ -172,7 +172,7 @@ def test_a_loop_back_shows_the_level_where_the_device_keeps_no_record() -> None:
         certificate = conform(subject, only=["glitch", "reset", "range", "block write"], cycles=10)
     assert certificate.passed, str(certificate)
     assert certificate.finding("range").why == "except out:1, whose level cannot be seen"
-    assert certificate.finding("glitch").why == "nobody watched out:1 and io:0; short pulses cannot be seen"
+    assert certificate.finding("glitch").why == "nobody watched out:1"
 
 
 def test_a_loop_back_shows_a_wrong_level_on_the_way() -> None:
@@ -351,6 +351,23 @@ def test_what_does_not_fit_into_the_time_is_left_out_and_named() -> None:
     assert "the rule memory" in certificate.left_out
     assert "the rule end" not in certificate.left_out and certificate.finding("end").verdict is Judgement.PASSED
     assert certificate.passed and certificate.status.endswith("(the line was not tried, cut short)")
+
+
+def test_a_rule_that_takes_much_longer_than_planned_is_cut_short(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Budget, "latest", 0.0)
+    with careful() as subject:
+        certificate = conform(subject, only=["range", "late answer", "end"])
+        assert subject.levels is not None
+        assert [subject.levels(output.channel)[-1] for output in subject.outputs] == [5, 0, 0]
+    assert [each.verdict for each in certificate.findings] == [Judgement.NOT_TRIED] * 2 + [Judgement.PASSED]
+    assert certificate.left_out[:2] == ("the rule range", "the rule late answer")
+
+
+def test_without_a_steady_input_it_is_not_said_that_answers_have_no_number() -> None:
+    moving = (Input("in:8", steady=False),)
+    with careful(inputs=moving, outputs=(), loopbacks=(), refused=(), levels=None) as subject:
+        why = conform(subject, only=["old answer"]).finding("old answer").why
+    assert why.startswith("whether answers to reads carry a number is not seen") and "--steady" in why
 
 
 def test_a_refused_input_says_nothing_about_writes() -> None:

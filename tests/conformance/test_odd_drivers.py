@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -109,6 +110,39 @@ class ChecksWhatItWrote(Careful):
             raise DriverError("it was not taken")
 
 
+class SwitchesOnFirst(Careful):
+    """Reset and initialise switch the output on first, by a level of another place: out:2 for out:0."""
+
+    def initialize(self, channel: Place, default: int | None) -> None:
+        self.reset(channel, default)
+
+    def reset(self, channel: Place, default: int | None) -> None:
+        if default is not None:
+            self.write_raws((replace(channel, number=channel.number + 2),), [channel.highest])
+        super().reset(channel, default)
+
+
+class WritesTwice(Careful):
+    """Reset writes the level that is there once more, then the default, twice."""
+
+    def reset(self, channel: Place, default: int | None) -> None:
+        if default is not None:
+            there = self.exchange(READ, (channel,), [0])[0][1]
+            for raw in (there, default, default):
+                self.write(channel, raw)
+
+
+class LogsItsFailures(Careful):
+    """A call that fails tells `logging` why."""
+
+    def exchange(self, function: int, channels: Sequence[Place], raws: Sequence[int]) -> list[tuple[int, int]]:
+        try:
+            return super().exchange(function, channels, raws)
+        except OSError as error:
+            logging.getLogger("careful").warning("failed: %s", error)
+            raise
+
+
 class OneByOne(Careful):
     """A block is a request for each channel."""
 
@@ -210,6 +244,9 @@ ODD: dict[str, Callable[[], Any]] = {
     "its timeout is 5 s": lambda: careful(timeout=5.0),
     "it sends changes only": lambda: careful(SendsChangesOnly),
     "it reads back what it wrote": lambda: careful(ChecksWhatItWrote),
+    "it logs its failures": lambda: careful(LogsItsFailures, levels=None),
+    "it switches outputs on first": lambda: careful(SwitchesOnFirst, levels=None),
+    "its reset writes twice": lambda: careful(WritesTwice, levels=None),
     "it has no blocks": lambda: careful(OneByOne),
     "it greets the device": lambda: careful(GreetsTheDevice),
     "a thread of it beats": lambda: careful(Beats),
@@ -254,6 +291,21 @@ def test_a_correct_driver_passes(what: str) -> None:
         certificate = conform(subject, cycles=CYCLES)
     assert certificate.passed, str(certificate)
     assert certificate.line_tried
+
+
+@pytest.mark.parametrize(
+    "driver",
+    some(
+        lambda driver: driver in (SwitchesOnFirst, SendsChangesOnly),
+        (SwitchesOnFirst, SendsChangesOnly, WritesTwice, ChecksWhatItWrote, OneByOne, GreetsTheDevice, Beats),
+    ),
+)
+def test_the_requests_of_a_correct_reset_are_not_blamed(driver: type[Careful]) -> None:
+    with careful(driver, levels=None) as subject:
+        certificate = conform(subject, only=["glitch"])
+    assert certificate.finding("glitch").verdict is Judgement.PASSED, str(certificate)
+    said = certificate.finding("glitch").why or ""
+    assert ("short pulses of" in said) == (driver in (SwitchesOnFirst, WritesTwice, Beats)), said
 
 
 def wide() -> Subject:

@@ -8,6 +8,8 @@ from time import monotonic
 
 from umo.testing.conformance.rules import LINE, NOTHING, Rule
 
+LATE, LATER = 0.1, 5.0
+"""Part of the budget, and s, by which a rule may take longer than planned, before it is cut short."""
 SLACK = 1.15
 """What is measured from a few calls is no more exact than this."""
 CALLS = 70_000
@@ -113,6 +115,11 @@ class Budget:
         share = SHARES.get(rule.id, SHARE)
         self._until = self._clock() + self._least[rule.id] + share * spare
         return True
+
+    @property
+    def latest(self) -> float:
+        """The time on the clock at which a rule is cut short."""
+        return self._end + LATE * self._seconds + LATER
 
     @property
     def more(self) -> bool:

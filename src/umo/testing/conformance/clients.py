@@ -30,8 +30,9 @@ class Clients:
         """A new driver, not opened, whose channels are known; `direct`: without the line, if the subject can do so."""
         make = self.subject.direct if direct and self.subject.direct is not None else self.subject.make
         driver: Driver[Any] = self.watch.call("making the driver", self.patience, make)
-        driver.timeout, driver.period = self.patience, self.subject.period
+        driver.period = self.subject.period
         probe = Probe(driver, self.watch)
+        probe.timeout = self.patience
         for text in (*self.channels, *self.subject.refused):  # as umo does: all of them before `open`
             probe.channel(text)
         return probe
@@ -60,7 +61,7 @@ class Clients:
     def leave(self, probe: Probe) -> None:
         """Reset, finalise and close. What fails is tried again with a new driver by `restore`; the first error is
         raised at the end."""
-        probe.driver.timeout = self.patience
+        probe.timeout = self.patience
         errors: list[BaseException] = []
 
         def attempt(call: Callable[..., None], *arguments: Any) -> None:

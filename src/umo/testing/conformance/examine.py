@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
+from math import inf
 from threading import Event, Thread
 from time import monotonic
 from typing import Any
@@ -16,7 +17,7 @@ from umo.drivers.contract import Driver
 from umo.errors import Failure, StopError
 from umo.testing.conformance.budget import Budget, TimePlan
 from umo.testing.conformance.certificate import Certificate, Finding, Judgement
-from umo.testing.conformance.probe import Stopped, call_of
+from umo.testing.conformance.probe import Stopped, TimeUp, call_of
 from umo.testing.conformance.rules import NotTried, Rule, RuleBroken, chosen_rules
 from umo.testing.conformance.subject import Subject
 from umo.testing.conformance.trial import Trial
@@ -29,6 +30,7 @@ OnPlan = Callable[[TimePlan], object]
 INTERVAL = 0.1
 MINUTES = 2.0
 """The time budget of a run."""
+TIME_UP = "left out, as the time was up (--minutes)"
 HANG = 2.0
 """s, and four times its timeout, after which a call counts as hanging."""
 on_certificate: list[Callable[[Certificate], object]] = []
@@ -116,7 +118,7 @@ class _Examination:
         if self.ended and not (standing and not self.trial.watch.over):
             return _told(rule, Judgement.NOT_TRIED, self.ended)
         if not standing and not self.trial.budget.begin(rule):
-            return _told(rule, Judgement.NOT_TRIED, "left out, as the time was up (--minutes)")
+            return _told(rule, Judgement.NOT_TRIED, TIME_UP)
         part = self._part(number, rule)
         part(0.0)
         try:
@@ -181,8 +183,12 @@ def _supervised(trial: Trial, rule: Rule, causes: dict[str, str], progress: Call
 
 def _tried(trial: Trial, rule: Rule, causes: dict[str, str]) -> Finding:
     cause = ""
+    trial.watch.until = inf if rule.theme == "standing" else trial.budget.latest
     try:
         verdict, why = Judgement.PASSED, rule.check(trial) or ""
+    except TimeUp:  # its calls took longer than planned
+        verdict, why = Judgement.NOT_TRIED, TIME_UP
+        trial.budget.left_out.append(rule.id)
     except NotTried as reason:
         verdict, why = Judgement.NOT_TRIED, str(reason)
     except RuleBroken as broken:
@@ -190,6 +196,8 @@ def _tried(trial: Trial, rule: Rule, causes: dict[str, str]) -> Finding:
     except OSError as error:
         verdict, why = Judgement.FAILED, f"{call_of(error)} failed: {reported(error)}"
         cause = re.sub(r"-?\d+", "#", f"{call_of(error).partition(' ')[0]} failed: {reported(error)}")
+    finally:
+        trial.watch.until = inf
     if verdict is Judgement.FAILED and cause and (first := causes.setdefault(cause, rule.id)) != rule.id:
         verdict, why = Judgement.NOT_TRIED, f"as above ({first}): {why}"
     trial.restore()

@@ -10,6 +10,7 @@ from typing import Any
 from umo.drivers.contract import Direction
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.recovery import recovers, values
+from umo.testing.conformance.requests import constant
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.subject import Output
 from umo.testing.conformance.traffic import Change, Traffic
@@ -69,7 +70,7 @@ def _opening(trial: Trial) -> list[int]:
 
 def _counted(trial: Trial, probe: Probe, number: int, fault: Callable[[], Any] | None = None) -> Traffic:
     """What one kind of call sends, with a fault or without. The outputs are at other levels before it."""
-    probe.driver.timeout = trial.patience
+    probe.timeout = trial.patience
     if trial.subject.outputs:
         texts = [each.channel for each in trial.subject.outputs]
         _insist(trial, probe.write_many, texts, [each.other() for each in trial.subject.outputs])
@@ -110,7 +111,7 @@ def _check_refused(trial: Trial, probe: Probe, opening: list[int]) -> None:
     for text in trial.subject.refused:
         for call, arguments in list(_transfers_of(trial, probe, text))[::2]:
             usual = _usual_of(trial, probe, call == probe.write)
-            probe.driver.timeout = trial.patience
+            probe.timeout = trial.patience
             with trial.line.counting() as traffic:
                 trial.failure(call, *arguments)
             if usual is not None:
@@ -140,9 +141,7 @@ def _constant(writes: list[list[bytes]], number: int) -> dict[int, int]:
     """The bytes of the request of this number that are the same in equal writes, by their places; none if its length
     is not."""
     requests = [each[number] for each in writes if len(each) > number]
-    if len(requests) < len(writes) or len(set(map(len, requests))) > 1:
-        return {}
-    return {place: values[0] for place, values in enumerate(zip(*requests, strict=True)) if len(set(values)) == 1}
+    return constant(requests) if len(requests) == len(writes) else {}
 
 
 def _usual_of(trial: Trial, probe: Probe, writes: bool) -> Traffic | None:

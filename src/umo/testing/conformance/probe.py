@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from math import inf
 from operator import index
 from time import monotonic
 from typing import Any, TypeVar
@@ -27,6 +28,8 @@ class Watch:
         """Duration in s of the last call."""
         self.stopped = False
         """The next call is not to be made, as the user wants the kit to end."""
+        self.until = inf
+        """The time (`monotonic`) after which the next call is not to be made, as it is up."""
         self.over = False
         """No more calls are to be made: one did not return in time."""
         self.interrupted = False
@@ -44,8 +47,11 @@ class Watch:
         if self.stopped:
             self.stopped = False  # the calls that tidy up are still to be made
             raise Stopped
-        self.doing, self.limit = what, limit
-        self.began = began = monotonic()
+        began = monotonic()
+        if began > self.until:
+            self.until = inf
+            raise TimeUp
+        self.doing, self.limit, self.began = what, limit, began
         try:
             return function(*arguments)
         except OSError as error:
@@ -64,6 +70,10 @@ class Watch:
 
 class Stopped(BaseException):
     """The kit was asked to end."""
+
+
+class TimeUp(Stopped):
+    """The time of the run is up."""
 
 
 class CallNote(str):
@@ -101,6 +111,16 @@ class Probe:
         self.opened: list[str] = []
         """Channels that were initialised and not finalised."""
         self._channels: dict[str, Channel] = {}
+        self._timeout = driver.timeout
+
+    @property
+    def timeout(self) -> float:
+        """s: as it was set here. What the driver makes of it is not asked: it may keep to another one."""
+        return self._timeout
+
+    @timeout.setter
+    def timeout(self, seconds: float) -> None:
+        self._timeout = self.driver.timeout = seconds
 
     def channel(self, text: str) -> Channel:
         """Asked for once, as umo does."""
@@ -150,7 +170,7 @@ class Probe:
 
     def call(self, what: str, function: Callable[..., T], *arguments: Any) -> T:
         """Any call of the driver."""
-        return self.watch.call(what, self.driver.timeout, function, *arguments)
+        return self.watch.call(what, self.timeout, function, *arguments)
 
     def _checked(self, channel: Channel, raw: Any) -> int:
         note = self.watch.wrong_types.append

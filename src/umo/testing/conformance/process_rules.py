@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import gc
+import logging
 import sys
-from collections.abc import Callable
-from contextlib import redirect_stderr, redirect_stdout
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from io import StringIO
 from threading import get_native_id
 from time import monotonic, sleep
 from types import FrameType
-from typing import Any
+from typing import Any, TextIO
 
+from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.process import state, threads
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.trial import Trial
@@ -39,7 +41,7 @@ def idle(trial: Trial) -> str | None:
         _quiet(trial, lambda: sleep(IDLE), "between two calls")
         if trial.subject.line is None:
             return "between calls only: there is no line that could be silent"
-        probe.driver.timeout = max(trial.haste, IDLE)
+        probe.timeout = max(trial.haste, IDLE)
         for call, arguments in trial.transfers(probe)[:4:2]:
             _quiet(trial, lambda: trial.unanswered(call, *arguments), "")  # noqa: B023
     return None
@@ -114,21 +116,65 @@ class _Interrupt:
 
 
 @rule("process", "The process stays as it was: signals, working directory, default timeout of sockets, environment, "
-      "locale, processors, priority, garbage collector, child processes; nothing is printed.",
-      Cost(opens=1, each=2))  # fmt: skip
-def process(trial: Trial) -> None:
-    printed, on = StringIO(), gc.isenabled()
+      "locale, processors, priority, garbage collector, child processes; nothing is printed, also if a call fails.",
+      Cost(opens=1, each=6, waits=3))  # fmt: skip
+def process(trial: Trial) -> str | None:
+    on, remark = gc.isenabled(), None
     gc.disable()  # as in the control process
     try:
-        with redirect_stdout(printed), redirect_stderr(printed), trial.opened() as probe:
+        with _printed(trial) as printed, trial.opened() as probe:
             for call, arguments in trial.transfers(probe):
                 call(*arguments)
+            try:
+                _fail(trial, probe)
+            except NotTried as reason:
+                remark = str(reason)
         if gc.isenabled():
             raise RuleBroken("it switched the garbage collector on, which is off in the control process")
     finally:
         (gc.enable if on else gc.disable)()
-    if text := printed.getvalue().strip():
+    if text := "".join(printed).strip():
         raise RuleBroken(f"it prints: {text.splitlines()[0][:80]!r}")
     for what, value in state().items():
         if value != trial.before[what]:
             raise RuleBroken(f"it changed the {what} from {trial.before[what]} to {value}")
+    return remark
+
+
+def _fail(trial: Trial, probe: Probe) -> None:
+    """Calls without an answer, with a garbled one, and without the device."""
+    trial.fail_some(probe)
+    if trial.subject.line is None:
+        return
+    for call, arguments in trial.transfers(probe)[::3]:
+        probe.timeout = trial.patience
+        trial.failure(call, *arguments)  # connected
+        trial.hurry(probe)
+        trial.spoiled(lambda answer: bytes(each ^ 0x95 for each in answer), True, call, *arguments)
+        with trial.line.gone():
+            trial.failure(call, *arguments)
+
+
+@contextmanager
+def _printed(trial: Trial) -> Iterator[list[str]]:
+    """What is printed within the block, but not by threads that are older than the drivers, such as the progress of the
+    kit. What goes to `logging` is not printed: where it ends is the program's own choice."""
+    found: list[str] = []
+
+    class Output(StringIO):
+        def __init__(self, stream: TextIO) -> None:
+            super().__init__()
+            self._stream = stream
+
+        def write(self, text: str) -> int:
+            if get_native_id() in trial.threads:
+                return self._stream.write(text)
+            found.append(text)
+            return len(text)
+
+    last, logging.lastResort = logging.lastResort, logging.NullHandler()
+    try:
+        with redirect_stdout(Output(sys.stdout)), redirect_stderr(Output(sys.stderr)):
+            yield found
+    finally:
+        logging.lastResort = last

@@ -16,7 +16,7 @@ TRIES = 3
 def values(trial: Trial, probe: Probe) -> dict[str, int | None]:
     """What the channels read, None for those that move by themselves. Every output is brought to another level than its
     default; the inputs that read them are waited for."""
-    probe.driver.timeout = trial.patience
+    probe.timeout = trial.patience
     outputs = trial.subject.outputs
     for number, output in enumerate(outputs):
         rewrite(trial, probe, output, output.other(number), "what was tried before")
@@ -28,7 +28,7 @@ def values(trial: Trial, probe: Probe) -> dict[str, int | None]:
 
 def recovers(trial: Trial, probe: Probe, expected: Mapping[str, int | None], after: str, tries: int = TRIES) -> None:
     """Each channel reads its value, at the last of the tries at the latest, and no other one before."""
-    probe.driver.timeout = trial.patience
+    probe.timeout = trial.patience
     for text, raw in expected.items():
         for left in range(tries - 1, -1, -1):
             try:
@@ -44,7 +44,7 @@ def recovers(trial: Trial, probe: Probe, expected: Mapping[str, int | None], aft
 
 def rewrite(trial: Trial, probe: Probe, output: Output, raw: int, after: str) -> None:
     """The output takes a level, at the third call at the latest."""
-    probe.driver.timeout = trial.patience
+    probe.timeout = trial.patience
     for left in range(TRIES - 1, -1, -1):
         error = trial.failure(probe.write, output.channel, raw)
         if error is None:

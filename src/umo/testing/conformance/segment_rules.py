@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 from umo.testing.conformance.probe import Probe, call_of
+from umo.testing.conformance.pulses import looks_for_pulses
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.subject import Output
 from umo.testing.conformance.trial import Trial
@@ -132,12 +133,28 @@ def glitch(trial: Trial) -> str | None:
         finally:
             with trial.own_error_first():
                 trial.leave(probe)
+    unseen = _short_pulses(trial)
+    watched |= {each.channel for each in trial.visible} - set(unseen)
     unwatched = [each.channel for each in trial.subject.outputs if each.channel not in watched]
     if not watched:
         raise NotTried(f"nobody watched {some(unwatched)}: it needs a record of levels, or a loop-back and two clients")
     words = [f"nobody watched {some(unwatched)}"] if unwatched else []
-    words += ["short pulses cannot be seen"] if trial.subject.levels is None else []
+    words += [f"short pulses of {some(unseen)} cannot be seen"] if unseen else []
     return "; ".join(words) or None
+
+
+def _short_pulses(trial: Trial) -> list[str]:
+    """The outputs of which they cannot be seen: neither in a record of levels, nor in the requests."""
+    if trial.subject.levels is not None:
+        return []
+    unseen: list[str] = []
+    for number, output in enumerate(trial.visible):
+        if trial.subject.line is not None and number >= FEWEST and not trial.budget.more:
+            trial.spare("glitch", [f"pulses of {len(trial.visible) - number} of {len(trial.visible)} outputs"])
+            return unseen + [each.channel for each in trial.visible[number:]]
+        if not looks_for_pulses(trial, output):
+            unseen.append(output.channel)
+    return unseen
 
 
 def _direct(trial: Trial, output: Output, levels: Sequence[int], left: int, doing: str) -> set[str]:

@@ -13,6 +13,11 @@ from umo.testing.conformance.spoiling import MOST, NO_ANSWER, Spoilt, each_spoil
 from umo.testing.conformance.traffic import Change
 from umo.testing.conformance.trial import Trial
 
+UNSTEADY = (
+    "whether answers to reads carry a number is not seen, as nothing says that an input stays the same "
+    "(`steady` of an Input, --steady)"
+)
+
 
 @rule(
     "late answer",
@@ -69,14 +74,14 @@ def _late_level(trial: Trial, probe: Probe, behind: bool) -> bool:
         return False
     view, line = trial.view(output), trial.line
     old, new = output.default, output.other()
-    probe.driver.timeout = trial.patience
+    probe.timeout = trial.patience
     probe.write(output.channel, old)
     trial.is_read(probe, output, old)
     trial.hurry(probe)
     before = line.spoiled
     with line.late(behind=behind):
         trial.failure(probe.read, view)
-    probe.driver.timeout = trial.patience
+    probe.timeout = trial.patience
     rewrite(trial, probe, output, new, f"a timeout of {view}")
     there, found = trial.comes_to(lambda: _read_twice(probe, view), lambda level: trial.same(output, new, level))
     if not there and not trial.fallen(view, found):
@@ -94,7 +99,7 @@ def _read_twice(probe: Probe, text: str) -> int:
 
 def _alive(trial: Trial, probe: Probe) -> None:
     """A call that succeeds, so that the driver is connected; then the short timeout. After a failure it may fail."""
-    probe.driver.timeout = trial.patience
+    probe.timeout = trial.patience
     call, arguments = trial.transfers(probe)[0]
     if trial.failure(call, *arguments) is not None:
         call(*arguments)
@@ -124,19 +129,22 @@ def old_answer(trial: Trial) -> None:
     """The number shows: two answers to one call, while nothing changes, are not alike."""
     with trial.opened() as probe:
         tried = False
+        why = [] if trial.known or not trial.readable else [UNSTEADY]
         for call, arguments in [*_steady_reads(trial, probe), *_calls(trial, probe)[len(trial.readable[:MOST]) :]]:
             _alive(trial, probe)
-            if (old := _numbered(trial, probe, call, arguments)) is None:
+            old = _numbered(trial, probe, call, arguments)
+            if isinstance(old, str):
+                why.append(old)
                 continue
             for later, its in _calls(trial, probe):
                 _alive(trial, probe)
-                found, changed = trial.spoiled(lambda answer: old, False, later, *its)
+                found, changed = trial.spoiled(lambda answer: old, False, later, *its)  # noqa: B023
                 if changed and not isinstance(found, OSError):
                     raise RuleBroken(f"{trial.watch.doing} succeeded with an earlier answer")
                 tried |= changed
         recovers(trial, probe, values(trial, probe), "an earlier answer")
     if not tried:
-        raise NotTried("answers carry no number, or nothing is steady: an earlier answer cannot be told")
+        raise NotTried("; ".join(why) or NO_ANSWER)
 
 
 def _steady_reads(trial: Trial, probe: Probe) -> Iterator[SpoiledCall]:
@@ -144,17 +152,25 @@ def _steady_reads(trial: Trial, probe: Probe) -> Iterator[SpoiledCall]:
         yield probe.read, (text,)
 
 
-def _numbered(trial: Trial, probe: Probe, call: Callable[..., object], arguments: tuple[Any, ...]) -> bytes | None:
-    """An answer to the call, if it has a number in it."""
-    probe.driver.timeout = trial.patience
+def _numbered(trial: Trial, probe: Probe, call: Callable[..., object], arguments: tuple[Any, ...]) -> bytes | str:
+    """An answer to the call, which has a number in it, or why it is not known to have one."""
+    probe.timeout = trial.patience
     line = trial.line
     line.exchanges.clear()
     for _ in range(4):
         call(*arguments)
+    doing = trial.watch.doing
     trial.hurry(probe)
-    requests, answers = zip(*list(line.exchanges)[-3:], strict=True) if len(line.exchanges) >= 3 else ((), ())
-    alike = all(len(set(map(len, each))) == 1 for each in (requests, answers))
-    return answers[-1] if alike and len(set(requests)) == len(set(answers)) == 3 else None
+    exchanges = list(line.exchanges)[-3:]
+    if len(exchanges) < 3:
+        return f"{doing} is not answered over the line each time"
+    requests, answers = zip(*exchanges, strict=True)
+    for what, each in (("requests of", requests), ("answers to", answers)):
+        if len(set(each)) < 3:
+            return f"{what} {doing} carry no number: an earlier one is the same"
+        if len(set(map(len, each))) > 1:
+            return f"{what} {doing} are not of one length"
+    return bytes(answers[-1])
 
 
 @rule(

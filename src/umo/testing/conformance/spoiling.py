@@ -67,7 +67,7 @@ def _has_structure(trial: Trial, probe: Probe, text: str) -> bool:
 def _acknowledged(trial: Trial, probe: Probe) -> bool:
     """Whether the answer to a write is more than one or two bytes."""
     output = trial.subject.outputs[0]
-    probe.driver.timeout = trial.patience
+    probe.timeout = trial.patience
     probe.write(output.channel, output.other())
     answer = _answer(trial, probe, probe.write, output.channel, output.default)
     return trial.subject.structured and (not answer or trial.subject.checksum or len(answer) > ENVELOPE)
@@ -75,19 +75,19 @@ def _acknowledged(trial: Trial, probe: Probe) -> bool:
 
 def _answer(trial: Trial, probe: Probe, call: Callable[..., object], *arguments: Any) -> bytes:
     """The answer to a call that succeeds; nothing if there was none."""
-    probe.driver.timeout = trial.patience
+    probe.timeout = trial.patience
     return trial.traffic(call, *arguments).answer
 
 
 def spoiled_read(trial: Trial, probe: Probe, text: str, way: Spoilt) -> bool:
     """The read must fail or be right. Its level is moved between a good reading and this one, where an output drives
     it. Whether there was an answer to change."""
-    probe.driver.timeout = trial.patience
+    probe.timeout = trial.patience
     output = next((each for each in trial.viewed if trial.view(each) == text), None)
     known = _moved(trial, probe, output) if output is not None else probe.read(text)
     trial.hurry(probe)
     found, changed = trial.spoiled(way.change, way.hangup, probe.read, text)
-    probe.driver.timeout = trial.patience
+    probe.timeout = trial.patience
     if changed and not isinstance(found, OSError):
         if way.blind:
             raise RuleBroken(f"{text} read {found} from {way.words}: that is no reading of now")
@@ -115,11 +115,11 @@ def _moved(trial: Trial, probe: Probe, output: Output) -> int:
 def _spoiled_write(trial: Trial, probe: Probe, way: Spoilt) -> bool:
     """The write must fail, if it has an answer: it is not known whether it was carried out."""
     output = trial.subject.outputs[0]
-    probe.driver.timeout = trial.patience
+    probe.timeout = trial.patience
     probe.write(output.channel, output.default)
     trial.hurry(probe)
     found, changed = trial.spoiled(way.change, way.hangup, probe.write, output.channel, output.other())
-    probe.driver.timeout = trial.patience
+    probe.timeout = trial.patience
     if changed and not isinstance(found, OSError):
         raise RuleBroken(f"{trial.watch.doing} succeeded with {way.words}")
     rewrite(trial, probe, output, output.other(), way.words)

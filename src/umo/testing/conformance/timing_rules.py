@@ -51,9 +51,9 @@ def timeout(trial: Trial) -> None:
 def _lost_in_time(trial: Trial, probe: Probe, call: Callable[..., object], *arguments: Any) -> tuple[Any, bool]:
     for _ in range(TRIES):
         found = trial.unanswered(call, *arguments)
-        if trial.watch.took <= allowed(probe.driver.timeout):
+        if trial.watch.took <= allowed(probe.timeout):
             return found
-    raise RuleBroken(_slow(trial, probe.driver.timeout))
+    raise RuleBroken(_slow(trial, probe.timeout))
 
 
 def _open_in_time(trial: Trial, probes: list[Probe]) -> None:
@@ -87,9 +87,9 @@ def in_time(trial: Trial, probe: Probe, call: Callable[..., object], *arguments:
     """The error of a call that has to end within its timeout."""
     for _ in range(TRIES):
         error = trial.failure(call, *arguments)
-        if trial.watch.took <= allowed(probe.driver.timeout):
+        if trial.watch.took <= allowed(probe.timeout):
             return error
-    raise RuleBroken(_slow(trial, probe.driver.timeout))
+    raise RuleBroken(_slow(trial, probe.timeout))
 
 
 def allowed(timeout: float) -> float:
@@ -116,9 +116,9 @@ def one_deadline(trial: Trial) -> None:
 
     with trial.opened() as probe:
         for call, arguments in trial.transfers(probe)[::2]:
-            probe.driver.timeout = trial.patience
+            probe.timeout = trial.patience
             call(*arguments)  # connected
-            probe.driver.timeout = steady
+            probe.timeout = steady
             before = line.spoiled
             with line.trickling(STEP * steady):
                 in_time(trial, probe, call, *arguments)
@@ -146,13 +146,13 @@ def patience(trial: Trial) -> str | None:
     line = trial.line
     try:
         hurried = _open_in_a_hurry(probe, trial, quick)
-        probe.driver.timeout = trial.patience
+        probe.timeout = trial.patience
         for text in trial.channels:
             probe.initialize(text, trial.default(text))
         with line.spoiling(slow):
             for call, arguments in trial.transfers(probe)[::-2]:  # the last is a reset
-                probe.driver.timeout = quick
-                probe.driver.timeout = trial.patience
+                probe.timeout = quick
+                probe.timeout = trial.patience
                 if (error := trial.failure(call, *arguments)) is not None:
                     raise RuleBroken(
                         f"{trial.watch.doing} failed with a timeout of {trial.patience:g} s and an answer after "
@@ -166,11 +166,11 @@ def patience(trial: Trial) -> str | None:
 
 def _open_in_a_hurry(probe: Probe, trial: Trial, timeout: float) -> bool:
     """Opened with a short timeout, if this is possible: the device or the computer may need longer."""
-    probe.driver.timeout = timeout
+    probe.timeout = timeout
     for _ in range(TRIES):
         if trial.failure(probe.open) is None:
             return True
         probe.close()
-    probe.driver.timeout = trial.patience
+    probe.timeout = trial.patience
     probe.open()
     return False

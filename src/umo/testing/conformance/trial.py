@@ -66,7 +66,7 @@ class Trial(Sight):
 
     def hurry(self, probe: Probe) -> None:
         """Its calls have a timeout that is waited for from now on."""
-        probe.driver.timeout = self.haste
+        probe.timeout = self.haste
 
     def spare(self, rule: str, left: Sequence[str]) -> None:
         """Note what a rule left out for want of time."""
