@@ -529,6 +529,8 @@ class ReadsItsOwnCopyOfOutputs(Careful):
         self.copy: dict[Place, int] = {}
 
     def write_raws(self, channels: Sequence[Place], raws: list[int]) -> None:
+        for channel in channels:
+            self.copy.pop(channel, None)
         super().write_raws(channels, raws)
         self.copy |= dict(zip(channels, raws, strict=True))
 

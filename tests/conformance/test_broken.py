@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import socket
 from collections.abc import Iterator
@@ -33,9 +34,10 @@ OFTEN = (
 @pytest.fixture(autouse=True)
 def nothing_left() -> Iterator[None]:
     """What the broken drivers leave behind on purpose ends here."""
-    folder = os.getcwd()
+    folder, handlers = os.getcwd(), logging.root.handlers[:]
     yield
     os.chdir(folder)
+    logging.root.handlers[:] = handlers
     socket.setdefaulttimeout(None)
     broken.LeaksThreads.end.set()
     broken.LeaksThreads.end.clear()

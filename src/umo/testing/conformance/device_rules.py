@@ -9,6 +9,7 @@ from umo.errors import DriverError
 from umo.system.custody import Custody
 from umo.testing.conformance.connected import machine_of
 from umo.testing.conformance.probe import Probe
+from umo.testing.conformance.recovery import rewrite
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.subject import Output
 from umo.testing.conformance.timing_rules import in_time
@@ -22,7 +23,7 @@ ROUNDS = 3
 ALONE = "(if it must be alone: `sole_writer` of the subject, --sole-writer)"
 
 
-@rule("reset after failure", "Reset reaches the default also after calls that failed.", Cost(each=4, waits=2))
+@rule("reset after failure", "Reset reaches the default also after calls that failed.", Cost(each=12, waits=6))
 def reset_after_failure(trial: Trial) -> str | None:
     outputs = trial.seen
     with trial.opened() as probe:
@@ -33,7 +34,26 @@ def reset_after_failure(trial: Trial) -> str | None:
         for output in outputs:
             probe.reset(output.channel, output.default)
             trial.expect(probe, output, output.default, "reset after failed calls")
+        if trial.subject.line is not None:
+            for output in outputs[:2]:
+                _carried_out_unknown(trial, probe, output)
     return trial.remark()
+
+
+def _carried_out_unknown(trial: Trial, probe: Probe, output: Output) -> None:
+    """A write that the device carried out, and whose answer got lost: the default that was written before it is no
+    longer there."""
+    for reset in (True, False):
+        probe.timeout = trial.patience
+        probe.write(output.channel, output.default)
+        trial.hurry(probe)
+        trial.unanswered(probe.write, output.channel, output.other())
+        probe.timeout = trial.patience
+        if reset:
+            probe.reset(output.channel, output.default)
+        else:
+            rewrite(trial, probe, output, output.default, "a write without an answer")
+        trial.expect(probe, output, output.default, f"{'reset' if reset else 'write'} after a write without an answer")
 
 
 @rule(
@@ -191,7 +211,7 @@ def _read_back(trial: Trial, first: Probe, second: Probe) -> None:
         there, found = trial.comes_to(lambda: first.read(text), lambda level: level != read[1])  # noqa: B023
         if not there:
             why = f"{text} reads {found}, as the driver has written, but another client has written {raw} since"
-            raise RuleBroken(f"{why} {ALONE}", f"reading of {text}")
+            raise RuleBroken(f"{why} {ALONE}")
 
 
 def _join(trial: Trial, second: Probe) -> None:

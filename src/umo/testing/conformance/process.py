@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import locale
+import logging
 import os
 import signal
 import socket
@@ -33,6 +34,7 @@ def state() -> dict[str, object]:
         "recursion limit": sys.getrecursionlimit(),
         "number of child processes": _children(),
         "environment": " ".join(sorted(os.environ)),
+        "number of handlers of the root logger": len(logging.getLogger().handlers),
         "locale": locale.setlocale(locale.LC_ALL),
         "processors and priority": _scheduling(),
     } | {f"handler of {number.name}": signal.getsignal(number) for number in signal.valid_signals() if _named(number)}

@@ -116,8 +116,8 @@ class _Interrupt:
 
 
 @rule("process", "The process stays as it was: signals, working directory, default timeout of sockets, environment, "
-      "locale, processors, priority, garbage collector, child processes; nothing is printed, also if a call fails.",
-      Cost(opens=1, each=6, waits=3))  # fmt: skip
+      "locale, processors, priority, garbage collector, child processes, logging; nothing is printed, also if a call "
+      "fails.", Cost(opens=1, each=6, waits=3))  # fmt: skip
 def process(trial: Trial) -> str | None:
     on, remark = gc.isenabled(), None
     gc.disable()  # as in the control process

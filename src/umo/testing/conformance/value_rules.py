@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from umo.drivers.contract import Direction
@@ -46,7 +48,8 @@ def raw_range(trial: Trial) -> str | None:
     return trial.remark(*left)
 
 
-@rule("one beyond", "A raw level beyond the channel's bits is refused by an OSError, and changes nothing.")
+@rule("one beyond", "A raw level beyond the channel's bits is refused by an OSError, and changes nothing.",
+      Cost(each=18, more=18))  # fmt: skip
 def one_beyond(trial: Trial) -> str | None:
     """Only where a driver that clamps or wraps would not leave the range that may be driven."""
     probe = trial.new()
@@ -57,6 +60,9 @@ def one_beyond(trial: Trial) -> str | None:
         for output in wide:
             for raw in _beyond(probe, output):
                 _refused(trial, probe, output, raw)
+            for raw in _beyond_words(probe, output):
+                if trial.budget.more:
+                    _refused(trial, probe, output, raw)
     return trial.remark()
 
 
@@ -67,11 +73,23 @@ def _beyond(probe: Probe, output: Output) -> tuple[int, ...]:
     return tuple(raw for raw in (channel.highest + 1, channel.lowest - 1) if -INT64 <= raw < INT64)
 
 
+def _beyond_words(probe: Probe, output: Output) -> tuple[int, ...]:
+    """Levels that a conversion to fewer bits would bring into the range."""
+    highest = probe.channel(output.channel).highest
+    return tuple(raw for bits in (16, 32) if (raw := (1 << bits) + output.other()) > highest + 1)
+
+
 def _refused(trial: Trial, probe: Probe, output: Output, raw: int) -> None:
-    for many in (False, True):
+    """Alone, in a block of one, and behind the others in a block."""
+    before = [each for each in trial.visible if each != output]
+    blocks = [[output]] + ([[*before, output]] if before else [])
+    ways: list[tuple[Any, ...]] = [(probe.write, output.channel, raw)]
+    ways += [
+        (probe.write_many, [each.channel for each in block], [*(each.default for each in block[:-1]), raw])
+        for block in blocks
+    ]
+    for call, *arguments in ways:
         probe.write(output.channel, output.default)
-        call = probe.write_many if many else probe.write
-        arguments = ([output.channel], [raw]) if many else (output.channel, raw)
         error = trial.failure(call, *arguments)
         came_to = trial.level(probe, output)
         if error is None:
