@@ -117,7 +117,7 @@ class _Interrupt:
 
 @rule("process", "The process stays as it was: signals, working directory, default timeout of sockets, environment, "
       "locale, processors, priority, garbage collector, child processes, logging; nothing is printed, also if a call "
-      "fails.", Cost(opens=1, each=6, waits=3))  # fmt: skip
+      "fails.", Cost(opens=1, each=16, waits=4))  # fmt: skip
 def process(trial: Trial) -> str | None:
     on, remark = gc.isenabled(), None
     gc.disable()  # as in the control process
@@ -142,16 +142,23 @@ def process(trial: Trial) -> str | None:
 
 
 def _fail(trial: Trial, probe: Probe) -> None:
-    """Calls without an answer, with a garbled one, and without the device."""
+    """Calls without an answer, with a garbled one, and without the device. Then the driver is in use again."""
     trial.fail_some(probe)
-    if trial.subject.line is None:
-        return
-    for call, arguments in trial.transfers(probe)[::3]:
-        probe.timeout = trial.patience
-        trial.failure(call, *arguments)  # connected
-        trial.hurry(probe)
-        trial.spoiled(lambda answer: bytes(each ^ 0x95 for each in answer), True, call, *arguments)
-        with trial.line.gone():
+    if trial.subject.line is not None:
+        for call, arguments in trial.transfers(probe)[::3]:
+            _resume(trial, probe)
+            trial.hurry(probe)
+            trial.spoiled(lambda answer: bytes(each ^ 0x95 for each in answer), True, call, *arguments)
+            with trial.line.gone():
+                trial.failure(call, *arguments)
+    _resume(trial, probe)
+
+
+def _resume(trial: Trial, probe: Probe) -> None:
+    """Calls of which the first may find out that the connection is lost."""
+    probe.timeout = trial.patience
+    for _ in range(TRIES):
+        for call, arguments in trial.transfers(probe):
             trial.failure(call, *arguments)
 
 
