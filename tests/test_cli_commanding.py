@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -17,7 +18,7 @@ from helpers import patient
 from helpers.waiting import until
 from umo.cli.app import app
 from umo.process.start import LINUX
-from umo.remote import HeldLease
+from umo.remote import HeldLease, RemoteStation
 from umo.remote.search import readers
 from umo.system.custody import Custody
 from umo.system.record import all_standing
@@ -118,14 +119,33 @@ def test_a_mistake_is_said_in_a_line_with_status_2(conveyor: umo.Started, words:
     assert len(result.stderr.strip().splitlines()) <= 2
 
 
-@pytest.mark.parametrize("name", ["press", "a box"])
+BOX, ANOTHER = f"box {os.getpid()}", f"another {os.getpid()}"
+"""Devices: they are held beyond this test process."""
+
+
+@pytest.mark.parametrize("name", ["press", BOX])
 def test_an_unsafe_end_is_acknowledged_without_a_run_by_station_or_device(name: str) -> None:
-    Custody(["a box"], "press").stopped("it was killed", [])
-    Custody(["another"], "mill").stopped("it was killed", [])
+    Custody([BOX], "press").stopped("it was killed", [])
+    Custody([ANOTHER], "mill").stopped("it was killed", [])
     result = run("acknowledge", name)
-    assert (result.exit_code, result.stdout[:51]) == (0, "acknowledged: press, every actuator was reset, a box, "[:51])
-    assert [each.device for each in all_standing()] == ["another"]
+    assert result.exit_code == 0
+    assert result.stdout.startswith(f"acknowledged: press, every actuator was reset, {BOX}, ")
+    assert [each.device for each in all_standing()] == [ANOTHER]
     assert run("acknowledge", name).exit_code == 2
+
+
+def test_an_unsafe_end_in_the_middle_of_the_command_is_not_acknowledged(
+    conveyor: umo.Started, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("UMO_STATE", str(tmp_path))
+
+    def end(station: RemoteStation, path: str) -> bool:
+        Custody([BOX], "conveyor").stopped("it was killed", [])
+        raise umo.FramesError("conveyor has ended")
+
+    monkeypatch.setattr(RemoteStation, "acknowledge", end)
+    assert run("acknowledge", "conveyor").exit_code == 2
+    assert [each.device for each in all_standing()] == [BOX]
 
 
 def test_an_acknowledgement_says_that_nothing_was_latched(conveyor: umo.Started) -> None:

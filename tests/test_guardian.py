@@ -594,6 +594,18 @@ def test_a_driver_that_fails_in_any_way_keeps_no_other_driver_from_being_reset(
     assert cause in left["valve"]
 
 
+def test_a_child_on_standby_that_fails_by_itself_is_not_forked_again_and_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    resetter = resetter_of(tmp_path, process_box.wiring(tmp_path / "box"))
+    monkeypatch.setattr(resetter, "_wait_for_work", lambda: 1)
+    resetter.stand_by()
+    os.waitid(os.P_PID, resetter._child, os.WEXITED | os.WNOWAIT)
+    assert not resetter.look()
+    assert resetter.reset(["motor"], 0.0) == {}
+    assert Cells(tmp_path / "box").levels["motor"] == 0
+
+
 @pytest.mark.parametrize(
     ("fault", "left"),
     [("reset.valve:hang", ["valve"]), ("initialize.valve:crash", ["valve"]), ("close:hang", []), ("close:leave", [])],
@@ -681,7 +693,7 @@ def test_a_board_keeps_what_was_reached_and_why_not() -> None:
         (1, None, 1),
         (-9, None, 3),
         (-9, Outcome(), 1),
-        (-9, Outcome(unreached=["m"]), 3),
+        (-9, Outcome(Failed("StopError", "not reached: m", 3), unreached=["m"]), 3),
     ],
 )
 def test_the_starter_takes_the_guardians_status_where_nobody_told_the_outcome(
@@ -694,6 +706,7 @@ def test_the_starter_takes_the_guardians_status_where_nobody_told_the_outcome(
         assert "any actuator of press" in str(vanished(status, left, [], "press", running=True).failure)
     if status < 0:
         assert outcome.unsafe
+        assert "inspect the machine" in str(outcome.failure)
         assert ("after the control process had ended" in str(outcome.failure)) is (left is not None)
         assert ("all ended without resetting the actuators" in str(outcome.failure)) is (left is None)
 

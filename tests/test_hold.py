@@ -108,19 +108,27 @@ def test_who_gets_one_of_two_devices_only_holds_neither(device: str) -> None:
     assert not is_held(f"{device} a")
 
 
-def test_a_forked_process_keeps_the_hold_until_it_has_ended_too(device: str) -> None:
+def test_a_forked_process_keeps_the_hold_until_it_has_ended_too_and_the_one_that_uses_it_is_named(device: str) -> None:
     kept = Hold([device], "first")
     reading, writing = os.pipe()
+    ready, telling = os.pipe()
     child = os.fork()
     if child == 0:
         os.close(writing)
+        kept.used_here()
+        os.write(telling, b"!")
         os.read(reading, 1)
         os._exit(0)
+    os.read(ready, 1)
+    assert re.match(rf"pid {child} of user \w+ \(first\), since", holder(device))
+    kept.used_here()
+    assert holder(device).startswith("this program itself (first), since")
     kept.release()
     assert is_held(device)
     os.close(writing)
     os.waitpid(child, 0)
-    os.close(reading)
+    for file in (reading, ready, telling):
+        os.close(file)
     assert not is_held(device)
 
 

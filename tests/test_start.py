@@ -138,7 +138,7 @@ def test_processes_that_were_stopped_or_killed_are_named_and_go_on_to_be_stopped
             machine.poll(0.1)
         pids = {name: getattr(machine, name) for name in ("guardian", "standby", "pid")}
         stopped = {name: pid for name, pid in pids.items() if name not in killed}
-        for pid in stopped.values():
+        for pid in pids.values():
             os.kill(pid, signal.SIGSTOP)
         for name in killed:
             os.kill(pids[name], signal.SIGKILL)

@@ -235,6 +235,21 @@ def test_a_disconnecting_that_is_interrupted_records_the_actuators_that_were_not
     assert ended.unreached == ["valve"]
 
 
+def test_an_actuator_whose_reset_may_still_be_undone_counts_as_not_reached(tmp_path):
+    machine, device = bench(), f"test {tmp_path}"
+    connection = connect(machine, on(Board(device), machine))
+
+    def interrupt(seconds: float) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), connection as m:
+        periods(m, 1)
+        connection.image.transfer.unsure = True
+        connection.pause = interrupt
+    (ended,) = standing(device)
+    assert sorted(ended.unreached) == ["motor", "valve"]
+
+
 # A stop ends the wait for a tick -------------------------------------------------------------------------
 
 LONG = 600.0

@@ -66,17 +66,19 @@ def acknowledge(name: str, path: str, over: bool) -> None:
     """Acknowledge latched interlocks of a station that runs; else how its last run, or the last one on a device of this
     name, has ended."""
     try:
-        with station_of(name) as station:
-            with leased(station, over):
-                latched = station.acknowledge(path)
-            what = "acknowledged" if latched else "nothing was latched"
-            out.print(f"{path or station.reader.about['station']}: {what}")
+        reader = attach(name)
     except FramesError:
         if path or not (stopped := [each for each in standing() if name in (each.device, each.station)]):
             raise
         for ended in stopped:
             Custody([ended.device], ended.station, ended.wiring, acknowledge=True).finish()
             out.print(f"acknowledged: {ended.brief}", soft_wrap=True)
+        return
+    with RemoteStation(reader) as station:
+        with leased(station, over):
+            latched = station.acknowledge(path)
+        what = "acknowledged" if latched else "nothing was latched"
+        out.print(f"{path or reader.about['station']}: {what}")
 
 
 def stop(name: str) -> None:

@@ -278,6 +278,7 @@ class connect(Generic[C]):
         first = self._reset_once(slots)
         if not self.image.transfer.unsure:
             return first, []
+        self._waiting = set(slots)
         wait_for(settling(self.wired), self.pause, self.on_step)
         left = self._reset_once(slots)
         still = {failure.path for failure in left}

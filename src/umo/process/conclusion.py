@@ -75,6 +75,7 @@ class Conclusion:
     def _reset(self, control: ControlWatch, said: Callable[[str], object]) -> dict[str, str]:
         """Reset every actuator, in stop order; what was not reached, with the cause."""
         self._life.conclude()
+        self._custody.hold.used_here()
         while self._spares:
             os.close(self._spares.pop())
         lasting = self._plan.wired.process.reset_for

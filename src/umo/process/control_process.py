@@ -81,13 +81,10 @@ class Control:
             self._life.ask(number)
 
     def wait_for_admission(self) -> None:
-        """Wait for the standby guardian. Ends the process if the guardian dies before."""
+        """Wait for the standby guardian, then use the devices. Ends the process if the guardian dies before."""
         while not self._life.admitted:
             if self._life.gone(0.0005, Who.GUARDIAN):
                 os._exit(1)
-
-    def name_itself(self) -> None:
-        """Have whoever finds a device held be told of this process, and not of its guardian."""
         self._custody.hold.used_here()
 
     def stand_aside(self) -> None:
@@ -317,7 +314,6 @@ def drive_and_report(control: Control, traces: IO[bytes]) -> int:
     for number in SIGNALS:  # until the machine is connected
         signal.signal(number, control.take_note)
     control.wait_for_admission()
-    control.name_itself()
     faulthandler.register(WHERE, file=traces, all_threads=False)
     outcome = control.run()
     control.say_how_it_ended(outcome)

@@ -69,12 +69,16 @@ class Resetter:
         self._child = self._fork(self._wait_for_work)
 
     def look(self) -> bool:
-        """Whether the child on standby was killed or stopped by a signal; another one takes its place."""
-        if not self._child or not os.waitpid(self._child, os.WNOHANG | os.WUNTRACED)[0]:
+        """Whether the child on standby was killed or stopped by a signal; another one takes its place. Where it has
+        failed by itself, the next one would too: a child is forked when it is needed."""
+        pid, status = os.waitpid(self._child, os.WNOHANG | os.WUNTRACED) if self._child else (0, 0)
+        if not pid:
             return False
-        with suppress(ProcessLookupError, ChildProcessError):  # it has ended, and has been waited for
+        if os.WIFSTOPPED(status):
             self.dismiss()
         self._child = 0
+        if os.WIFEXITED(status):
+            return False
         for file in (self._heard, self._start):
             os.close(file)
         self.stand_by()

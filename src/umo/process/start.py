@@ -266,10 +266,11 @@ def vanished(status: int, left: Outcome | None, actuators: Sequence[str], name: 
     own end, if it did. `actuators`: those of the machine, as far as they are known; `name`: its station. `running`:
     whether the machine had been started."""
     if status < 0 and left is not None:
-        what = f"the guardian was killed ({signal_name(-status)}) after the control process had ended"
-        if left.unreached:
-            what += f"\nnot reached: {some(left.unreached)}"
-        left.failure = left.failure or Failed("GuardianLost", what, 1)
+        what = f"the guardian was killed ({signal_name(-status)}) after the control process had ended; {INSPECT}"
+        if left.failure is None:
+            left.failure = Failed("GuardianLost", what, 1)
+        else:
+            left.failure.message += f"\n{what}"
         left.unsafe = True
         return left
     if status == 0:

@@ -34,27 +34,31 @@ class Hold:
 
     def __init__(self, devices: Iterable[str], purpose: str) -> None:
         self.devices = sorted(set(devices))
-        self._owner = os.getpid()
+        self._told = f"{time.time():.0f} {_ascii(purpose)}"
         self._sockets: list[socket.socket] = []
+        """One for each device, until it is released."""
+        self._notes: list[socket.socket] = []
         if not LINUX:
             return
         try:
             for device in self.devices:
-                self._take(device, purpose)
+                self._take(device)
         except BaseException:
             self.release()
             raise
 
     def release(self) -> None:
-        while self._sockets:
-            self._sockets.pop().close()
+        for sockets in (self._notes, self._sockets):
+            while sockets:
+                sockets.pop().close()
 
     def used_here(self) -> None:
-        """Have `holder` name this process, a child of the one that took the devices, as long as it lives."""
-        for device in self.devices if LINUX else ():
-            self._leave_note(f"{_use(device, self._owner)}{os.getpid()}")
+        """Have `holder` name this process, which has inherited the devices: the kernel names the last that listened."""
+        with suppress(OSError):  # it is only told
+            for device, taken in zip(self.devices, self._sockets, strict=False):
+                self._listen(device, taken)
 
-    def _take(self, device: str, purpose: str) -> None:
+    def _take(self, device: str) -> None:
         taken = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._sockets.append(taken)
         try:
@@ -63,15 +67,16 @@ class Hold:
             if error.errno != errno.EADDRINUSE:
                 raise UmoError(f"{device} cannot be held: {error.strerror}") from None
             raise DeviceHeld(f"{device} is held by {holder(device)}") from None
-        taken.listen(BACKLOG)
-        self._leave_note(f"{_note(device, self._owner)}{time.time():.0f} {_ascii(purpose)}")
+        self._listen(device, taken)
 
-    def _leave_note(self, text: str) -> None:
-        """A socket whose name others read in /proc/net/unix."""
-        note = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self._sockets.append(note)
-        with suppress(OSError):
-            note.bind(f"\0{text}".encode()[:LONGEST])
+    def _listen(self, device: str, taken: socket.socket) -> None:
+        taken.listen(BACKLOG)
+        note = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)  # its name is what others read in /proc/net/unix
+        try:
+            note.bind(f"\0{_note(device, os.getpid())}{self._told}".encode()[:LONGEST])
+            self._notes.append(note)
+        except OSError:  # this process has left it before
+            note.close()
 
 
 def is_held(device: str) -> bool:
@@ -86,10 +91,9 @@ def holder(device: str) -> str:
     if not pid:
         return "another process"
     what, since = _noted(device, pid)
-    user = _used_by(device, pid)
-    who = "this program itself" if pid == os.getpid() else f"pid {user or pid} of {_user(uid)}"
-    if not user and not Path(f"/proc/{pid}").exists():
-        who += ", which has ended; one of its child processes still holds it"
+    who = "this program itself" if pid == os.getpid() else f"pid {pid} of {_user(uid)}"
+    if not Path(f"/proc/{pid}").exists():
+        who += ", which has ended; another process of that program still holds it"
     when = "" if since is None else f", since {time_of_day(since)}"
     return printable(f"{who}{f' ({what})' if what else ''}{when}")
 
@@ -111,26 +115,14 @@ def _peer(device: str) -> tuple[int, int] | None:
 
 def _noted(device: str, pid: int) -> tuple[str, float | None]:
     """The note of the holder about itself: purpose and start time."""
-    since, _, purpose = _told(_note(device, pid)).partition(" ")
-    with suppress(ValueError):
-        return purpose, float(since)
-    return "", None
-
-
-def _used_by(device: str, pid: int) -> int:
-    """The process that the holder has forked for it; 0: there is none, or it has ended."""
-    text = _told(_use(device, pid))
-    return int(text) if text.isdecimal() else 0
-
-
-def _told(start: str) -> str:
-    """The rest of the first name in the kernel's table that begins so; empty where there is none."""
-    with suppress(OSError):
+    start = f"@{_note(device, pid)}"
+    with suppress(OSError, ValueError):
         for line in TABLE.read_text(errors="replace").splitlines():
-            _, found, rest = line.partition(f"@{start}")
+            _, found, rest = line.partition(start)
             if found:
-                return rest
-    return ""
+                since, _, purpose = rest.partition(" ")
+                return purpose, float(since)
+    return "", None
 
 
 def _name(device: str) -> bytes:
@@ -139,10 +131,6 @@ def _name(device: str) -> bytes:
 
 def _note(device: str, pid: int) -> str:
     return f"umo holds {_digest(device)} {pid} "
-
-
-def _use(device: str, pid: int) -> str:
-    return f"umo uses {_digest(device)} {pid} "
 
 
 def _digest(device: str) -> str:

@@ -142,6 +142,7 @@ feed.on("server", () => {
 });
 feed.on("stations", () => {
   offer(station, feed);
+  say();
   if (!feed.description) show();
 });
 feed.on("description", () => {

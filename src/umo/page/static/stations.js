@@ -8,9 +8,9 @@ import { el } from "./dom.js";
 export const nameOf = ({ name, wiring }) => (wiring ? `${name} (${wiring})` : name);
 
 /** @param {Page.Line} line */
-export function sentenceOf({ ending, stage, ...line }) {
-  const end = ending && `${ending.failed ? "failed" : "ended"}: ${ending.text}`;
-  return `${nameOf({ stage, ...line })}: ${end ?? stage}`;
+export function sentenceOf(line) {
+  const { ending, stage } = line;
+  return `${nameOf(line)}: ${ending ? `${ending.failed ? "failed" : "ended"}: ${ending.text}` : stage}`;
 }
 
 /** Another run of the station of an ended run, which is not over; null: there is none. @param {Page.Line[]} lines @param {string} name */
