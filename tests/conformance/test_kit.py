@@ -370,6 +370,19 @@ def test_without_a_steady_input_it_is_not_said_that_answers_have_no_number() -> 
     assert why.startswith("whether answers to reads carry a number is not seen") and "--steady" in why
 
 
+def test_an_old_answer_is_told_of_a_driver_that_connects_for_each_call() -> None:
+    class Connects(Careful):
+        def exchange(self, *arguments: Any) -> list[tuple[int, int]]:
+            try:
+                return super().exchange(*arguments)
+            finally:
+                self.drop()
+
+    with careful(Connects) as subject:
+        found = conform(subject, only=["old answer"]).finding("old answer")
+    assert found.verdict is Judgement.PASSED, found
+
+
 def test_a_refused_input_says_nothing_about_writes() -> None:
     with careful(refused=("in:40",)) as subject:
         certificate = conform(subject, only=["block failures", "error answer"])

@@ -49,6 +49,8 @@ def _carried_out_unknown(trial: Trial, probe: Probe, output: Output) -> None:
         trial.hurry(probe)
         trial.unanswered(probe.write, output.channel, output.other())
         probe.timeout = trial.patience
+        for text in trial.readable[:1]:
+            trial.failure(probe.read, text)  # connected again
         if reset:
             probe.reset(output.channel, output.default)
         else:

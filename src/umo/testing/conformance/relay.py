@@ -231,6 +231,8 @@ class Relay(ABC):
         if tapped not in self._open:
             return
         self._open.remove(tapped)
+        if tapped.answer:  # of a driver that connects for each call
+            self.exchanges.append((tapped.request, tapped.answer))
         for each in (tapped.driver, tapped.device):
             with suppress(KeyError):
                 self._selector.unregister(each)

@@ -160,10 +160,11 @@ def _numbered(trial: Trial, probe: Probe, call: Callable[..., object], arguments
     for _ in range(4):
         call(*arguments)
     doing = trial.watch.doing
+    line.settle()
     trial.hurry(probe)
     exchanges = list(line.exchanges)[-3:]
     if len(exchanges) < 3:
-        return f"{doing} is not answered over the line each time"
+        return f"{doing} has no answer of its own on the line"
     requests, answers = zip(*exchanges, strict=True)
     for what, each in (("requests of", requests), ("answers to", answers)):
         if len(set(each)) < 3:
