@@ -18,7 +18,7 @@ from helpers import patient
 from helpers.waiting import until
 from umo.cli.app import app
 from umo.process.start import LINUX
-from umo.remote import HeldLease, RemoteStation
+from umo.remote import HeldLease
 from umo.remote.search import readers
 from umo.system.custody import Custody
 from umo.system.record import all_standing
@@ -134,16 +134,19 @@ def test_an_unsafe_end_is_acknowledged_without_a_run_by_station_or_device(name: 
     assert run("acknowledge", name).exit_code == 2
 
 
-def test_an_unsafe_end_in_the_middle_of_the_command_is_not_acknowledged(
-    conveyor: umo.Started, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+@pytest.mark.parametrize(
+    ("failed", "text"),
+    [("remote.RemoteStation.acknowledge", "conveyor has ended"), ("cli.commanding.attach", "2 runs are going on")],
+)
+def test_an_unsafe_end_is_not_acknowledged_where_a_station_of_the_name_runs(
+    conveyor: umo.Started, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, failed: str, text: str
 ) -> None:
-    monkeypatch.setenv("UMO_STATE", str(tmp_path))
-
-    def end(station: RemoteStation, path: str) -> bool:
+    def fail(*_: object) -> None:
         Custody([BOX], "conveyor").stopped("it was killed", [])
-        raise umo.FramesError("conveyor has ended")
+        raise umo.FramesError(text)
 
-    monkeypatch.setattr(RemoteStation, "acknowledge", end)
+    monkeypatch.setenv("UMO_STATE", str(tmp_path))
+    monkeypatch.setattr(f"umo.{failed}", fail)
     assert run("acknowledge", "conveyor").exit_code == 2
     assert [each.device for each in all_standing()] == [BOX]
 

@@ -19,12 +19,13 @@ from umo.objects import Quality
 from umo.remote import HeldLease, RemoteStation
 from umo.remote.attached import user
 from umo.remote.members import RemoteObject, call_action
+from umo.remote.search import meant_by
 from umo.system.custody import Custody
 from umo.text import did_you_mean, printable, some
 
 from .console import err, out
 from .progress_line import OneLine
-from .running import attach, standing
+from .running import attach, readers, standing
 from .values import argument, check_units, number, shown, state
 
 LOOK = 0.05
@@ -68,7 +69,8 @@ def acknowledge(name: str, path: str, over: bool) -> None:
     try:
         reader = attach(name)
     except FramesError:
-        if path or not (stopped := [each for each in standing() if name in (each.device, each.station)]):
+        stopped = [each for each in standing() if name in (each.device, each.station)]
+        if path or not stopped or meant_by(name, readers()):  # several runs of this name go on
             raise
         for ended in stopped:
             Custody([ended.device], ended.station, ended.wiring, acknowledge=True).finish()

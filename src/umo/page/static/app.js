@@ -142,7 +142,6 @@ feed.on("server", () => {
 });
 feed.on("stations", () => {
   offer(station, feed);
-  say();
   if (!feed.description) show();
 });
 feed.on("description", () => {
