@@ -59,7 +59,10 @@ def measure(minutes: float, doing: Doing) -> Iterator[Target]:
             started.poll(EVERY)
             expect_running(started)
             started.keep_black_box()
-            readings.append({name: _reading(pid) for name, pid in pids.items()} | {"computer": _shared()})
+            try:
+                readings.append({name: _reading(pid) for name, pid in pids.items()} | {"computer": _shared()})
+            except FileNotFoundError as error:
+                raise RuntimeError(f"one of {pids} has ended; the run told: {started.notices}") from error
     yield from _rows(readings)
 
 
