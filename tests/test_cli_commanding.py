@@ -123,7 +123,7 @@ BOX, ANOTHER = f"box {os.getpid()}", f"another {os.getpid()}"
 """Devices: they are held beyond this test process."""
 
 
-@pytest.mark.parametrize("name", ["press", BOX])
+@pytest.mark.parametrize("name", ["press", BOX], ids=["station", "device"])
 def test_an_unsafe_end_is_acknowledged_without_a_run_by_station_or_device(name: str) -> None:
     Custody([BOX], "press").stopped("it was killed", [])
     Custody([ANOTHER], "mill").stopped("it was killed", [])
