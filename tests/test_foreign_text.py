@@ -81,7 +81,7 @@ def test_the_holder_of_a_device_may_have_noted_anything(since: str, purpose: str
     held = Hold(["a device"], "press")
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as note:
         try:
-            held._sockets.pop().close()  # its own note
+            held._notes.pop().close()
             note.bind(f"\0{hold._note('a device', os.getpid())}{since} {purpose}"[:107].encode())
             text = holder("a device")
         finally:
