@@ -39,7 +39,7 @@ class Device:
     """in:N reads what out:N is at; in:8 and above are constant. One thread serves all clients."""
 
     def __init__(
-        self, clients: int = 99, watchdog: float = inf, defaults: Mapping[int, int] | None = None, wire: float = 0.0
+        self, clients: int = 400, watchdog: float = inf, defaults: Mapping[int, int] | None = None, wire: float = 0.0
     ) -> None:
         """`watchdog`: s of silence after which the device brings these places to their defaults by itself. `wire`: s
         after which in:N follows out:N."""
