@@ -120,24 +120,23 @@ class Picture:
         """Everything that was asked for, each object in a line."""
         lines = View(self._names, fold=False).lines
         rest = f"{self._others} other objects and signals are not shown" if self._others else ""
-        return self._draw(lines, None, rest, out.width)
+        return self._draw(lines, None, self._inhibited(), rest, out.width)
 
     def screen(self, console: Console, keys: bool = False, hint: str = "Ctrl-C: quit") -> Group | Text:
         """As much as fits the terminal; with keys, a cursor and what they do."""
-        reasons = 0 if self._frame is None else len(self._inhibited())
-        height = max(1, console.size.height - AROUND - reasons)
+        reasons = self._inhibited()
+        height = max(1, console.size.height - AROUND - len(reasons))
         lines, total = self.view.seen(height), len(self.view.lines)
         rest = f"{self._others} others not asked for; " if self._others else ""
         how = KEYS if keys else hint
         rest = f"lines {self.view.top + 1} to {self.view.top + len(lines)} of {total}; {rest}{how}".rstrip("; ")
-        return self._draw(lines, self.view.lines[self.view.cursor] if keys else None, rest, console.width)
+        cursor = self.view.lines[self.view.cursor] if keys else None
+        return self._draw(lines, cursor, reasons, rest, console.width)
 
-    def _draw(self, lines: list[Line], cursor: Line | None, rest: str, width: int) -> Group | Text:
+    def _draw(self, lines: list[Line], cursor: Line | None, reasons: list[Text], rest: str, width: int) -> Group | Text:
         if self._frame is None:
             return Text("no frame yet")
-        return Group(
-            self._heading(), self._table(lines, cursor, width), *self._inhibited(), Text(rest, "dim", no_wrap=True)
-        )
+        return Group(self._heading(), self._table(lines, cursor, width), *reasons, Text(rest, "dim", no_wrap=True))
 
     def _heading(self) -> Text:
         reader, frame = self._reader, self._frame
@@ -223,9 +222,10 @@ class Picture:
         return ("by hand", why) if by_hand else ("inhibited", f"inhibited: {why}")
 
     def _inhibited(self) -> list[Text]:
-        """A line for each reason for which something that is shown is inhibited, the first few."""
+        """A line for each reason for which something that is shown is inhibited, the first few; none before the first
+        frame."""
         taken: dict[str, list[str]] = {}
-        for row, name in enumerate(self._names):
+        for row, name in enumerate(self._names if self._frame is not None else ()):
             if why := self._taken(row)[1]:
                 taken.setdefault(why, []).append(name)
         found = [f"{some(names)} {why}" for why, names in taken.items()]
