@@ -46,7 +46,10 @@ def share(
     first parameter is the machine), the drivers of the wiring (`{}`: there are none). OptionError if nobody takes one,
     if a required one is missing, or if a value is no choice of its parameter (`arguments_for`)."""
     takers = {"machine": (machine, 0), "application": (application, 1)}
-    drivers, complete = _driver_options(SIMULATED if wiring is None else wiring)
+    if given:
+        drivers, complete = _driver_options(SIMULATED if wiring is None else wiring)
+    else:  # whoever connects reads the wiring anyway
+        drivers, complete = {}, True
     of_wiring = {*drivers, *(OF_WIRINGS if wiring != {} else ())}
     known = of_wiring.union(*(parameters_of(each, skip) for each, skip in takers.values() if each is not None))
     for name in given:
