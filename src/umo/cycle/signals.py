@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from umo.errors import DeclarationError
 from umo.objects import Compound
 from umo.objects.units import check_unit
-from umo.user_code import told_as
+from umo.user_code import attempt
 
 _MISSING = object()
 
@@ -56,8 +56,9 @@ def _public(node: Compound) -> Iterator[tuple[str, Any]]:
 
 
 def _of(owner: Any, path: str) -> Iterator[Signal]:
-    with told_as(DeclarationError, f"signals of {path or type(owner).__name__} failed"):
-        declared = getattr(owner, "signals", None)
+    declared, error = attempt(getattr, owner, "signals", None)
+    if error is not None:
+        raise DeclarationError(f"signals of {path or type(owner).__name__} failed: {error}")
     if not isinstance(declared, Mapping):
         return
     for name, unit in declared.items():
