@@ -7,6 +7,7 @@ import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
@@ -17,6 +18,7 @@ from helpers.waiting import until
 from umo.cycle import transfer
 from umo.process import conclusion, guardian
 from umo.process.life import Life, Who
+from umo.process.standby import Standby
 from umo.system import processes
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="processes of their own need Linux")
@@ -150,6 +152,19 @@ def test_guardian_and_control_process_stopped_together_are_ended_and_reset(tmp_p
     assert "hung: no sign of life for 200 ms while running (it was stopped by a signal)" in outcome.failure.message
     assert "standby guardian reset every actuator" in outcome.failure.message
     assert_safe(cells)
+
+
+@pytest.mark.parametrize(
+    ("steps", "status", "unreached"), [(["settle", "step_in"], 3, ["valve", "motor"]), (["tell"], 0, [])]
+)
+def test_a_guardian_that_fails_without_anyone_to_follow_it_tells_no_more_than_it_knows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, steps: list[str], status: int, unreached: list[str]
+) -> None:
+    monkeypatch.setattr(Standby, "appoint", lambda standby: None)
+    for step in steps:
+        monkeypatch.setattr(conclusion.Conclusion, step, Mock(side_effect=MemoryError))
+    outcome = Run(process_box.wiring(tmp_path / "box")).outcome()
+    assert (outcome.status, outcome.unreached) == (status, unreached)
 
 
 def test_a_guardian_killed_while_it_resets_is_followed_by_the_standby_guardian(

@@ -67,7 +67,7 @@ def main(file: int, job_file: int) -> int:
             raise  # the standby guardian takes over as soon as this process has ended
         outcome = Outcome(Failed.of(error))
         if guardian is not None and guardian.forked:
-            guardian.give_up(outcome)
+            outcome = guardian.give_up(outcome)
         elif custody is not None:  # nothing was driven
             custody.abandon()
     channel.send("ended", outcome=outcome.dump())
@@ -141,11 +141,16 @@ class Guardian:
         """Whether there has been a control process."""
         return self._control is not None
 
-    def give_up(self, outcome: Outcome) -> None:
-        """Nobody is left to reset the machine: no actuator counts as reached. The record of the start stands."""
+    def give_up(self, outcome: Outcome) -> Outcome:
+        """The end when the guardian has failed and nobody is left to reset the machine: the outcome that was settled,
+        if there is one. Else no actuator counts as reached, and the record of the start stands."""
+        settled = Outcome.decode(self._life.settled())
+        if settled is not None:
+            return settled
         outcome.unsafe, outcome.unreached = True, list(self._end.resetter.paths)
         if outcome.failure is not None:
             outcome.failure.message += f"\nnot reached: {some(outcome.unreached)}; {INSPECT}"
+        return outcome
 
     @property
     def is_followed(self) -> bool:
