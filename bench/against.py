@@ -77,6 +77,7 @@ class Side:
         if not python.exists():
             raise SystemExit(f"{tree} has no .venv: run `make .venv/installed` there")
         environment = os.environ | {"PYTHONPATH": str(tree)}
+        environment.pop("PYTHONDONTWRITEBYTECODE", None)  # both sides import compiled files
         self._process = subprocess.Popen(
             [str(python), "-P", str(HERE / "bench" / "block.py")],
             cwd=tree,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import gc
 import os
 import socket
 import subprocess
@@ -43,6 +44,15 @@ def process(code: str, *words: str) -> Iterator[subprocess.Popen[str]]:
             yield other
         finally:
             other.kill()
+
+
+def test_a_reader_that_nobody_closes_gives_its_descriptors_back() -> None:
+    with running() as (_, ring, _connection):
+        before = len(os.listdir("/proc/self/fd"))
+        reader = Reader(ring.path)
+        del reader
+        gc.collect()
+        assert len(os.listdir("/proc/self/fd")) == before
 
 
 def test_rings_can_be_made_while_others_list_them() -> None:

@@ -279,6 +279,31 @@ def test_a_control_process_stops_after_a_gap_without_a_guardian_or_when_asked(
     assert bool(stopped) is stops
 
 
+def test_a_look_of_the_guardians_beside_a_late_sign_of_life_takes_no_excuse_away(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Looked(Found):
+        def beat(self) -> float:
+            self.excused = 0.0
+            return self.gap
+
+    monkeypatch.setattr(control_process, "request_stop", lambda number=None: pytest.fail("stopped"))
+    life = cast(Life, Looked(gap=0.25, excused=0.2))
+    plan = plan_of(tmp_path, hang_timeout="100 ms")
+    Control(plan, cast(Any, None), life, cast(Any, None), 0, None).each_period(FRAME)
+
+
+@pytest.mark.parametrize(("late", "unsafe"), [(True, False), (False, True)])
+def test_a_guardian_that_looks_soon_after_the_computer_was_suspended_is_not_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, late: bool, unsafe: bool
+) -> None:
+    life, outcome = Found(unwatched=3600.0), Outcome()
+    monkeypatch.setattr(control_process, "sleep", lambda seconds: setattr(life, "unwatched", 0.0) if late else None)
+    control = Control(plan_of(tmp_path), cast(Any, None), cast(Life, life), cast(Any, None), os.getppid(), None)
+    control._judge(outcome, None)
+    assert outcome.unsafe is unsafe
+
+
 @pytest.mark.parametrize(("watchdogs", "stops"), [({}, False), ({"box": 0.06}, True)])
 def test_a_gap_longer_than_the_watchdog_of_a_circuit_ends_the_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, watchdogs: dict[str, float], stops: bool

@@ -354,6 +354,15 @@ def test_a_signal_without_a_name_is_told_by_its_number(tmp_path: Path, cells: Ce
     assert_safe(cells)
 
 
+def test_a_process_that_a_driver_forked_while_connecting_goes_no_further(
+    tmp_path: Path, cells: Cells, capfd: pytest.CaptureFixture[str]
+) -> None:
+    outcome = Run(process_box.wiring(tmp_path / "box", type="helpers.process_box:Forks")).outcome()
+    assert outcome.status == 0
+    assert "control code forked process" in capfd.readouterr().err
+    assert_safe(cells)
+
+
 @pytest.mark.parametrize(("application", "status"), [("forks", 1), ("forks_for_work", 7)])
 def test_a_process_that_control_code_forked_drives_nothing(
     tmp_path: Path, cells: Cells, capfd: pytest.CaptureFixture[str], application: str, status: int

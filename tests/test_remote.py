@@ -304,6 +304,18 @@ def test_what_is_held_lasts_under_a_lease_that_is_seldom_renewed(tmp_path: Path)
             until(lambda: lease.lost)
 
 
+def test_a_station_that_is_closed_gives_its_lease_back(tmp_path: Path) -> None:
+    with umo.start("conveyor", conveyor(tmp_path), manual=True, realtime=True) as started:
+        until(lambda: started.stage.name == "RUNNING")
+        station = umo.attach(started.pid)
+        with station.lease():
+            station.diverter.write("ON")
+            station.close()
+        with umo.attach(started.pid) as again:
+            assert again.reader.holder == ""
+            until(lambda: again.diverter.read() == "OFF")
+
+
 @pytest.mark.parametrize("seconds", [0.1, 61.0, nan])
 def test_a_lease_that_would_end_before_it_is_renewed_is_refused(seconds: float) -> None:
     with (

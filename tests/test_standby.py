@@ -243,7 +243,7 @@ def test_a_standby_guardian_says_on_stderr_how_the_run_ended_where_nobody_else_i
     run.until_all_ended()
     (line,) = [line for line in capfd.readouterr().err.splitlines() if "umo:" in line]
     assert line.startswith(
-        "umo: Machine: the process that started it is gone; guardian and control process were killed"
+        "umo: Machine: the process that started it is gone; the guardian was lost; the control process "
     )
     assert "; the standby guardian reset every actuator; inspect the machine" in line
     assert_safe(cells)

@@ -3,11 +3,12 @@
 import math
 import signal
 from collections.abc import Iterator
-from typing import Any
+from contextlib import nullcontext
+from typing import Any, Self
 
 import pytest
 
-from helpers.machines import Bench, actuator, relay, sensor, switch, timer, wired
+from helpers.machines import Bench, actuator, bench, relay, sensor, switch, timer, wired
 from umo import (
     DeclarationError,
     DriverError,
@@ -22,11 +23,14 @@ from umo import (
     run,
 )
 from umo.control import next_period
-from umo.frames import Reader
+from umo.frames import Reader, Stage
 from umo.objects import tunables_of
+from umo.objects.linearization import Linearization
+from umo.process.reset import Resetter
 from umo.testing import Scripted, VirtualTimer, periods
 from umo.text import place_of
-from umo.user_code import attempt, read_numbers
+from umo.user_code import as_json, attempt, read_numbers
+from umo.wiring import resolve
 
 
 class Exit(BaseException):
@@ -98,6 +102,66 @@ def test_what_shows_a_failed_period_keeps_no_output_on_and_no_driver_open(where:
     assert [motor for motor, _ in seen] == [10, 10, 10, 10, 0]  # the failed period was shown, after the reset
     assert math.isnan(seen[-1][1][0]) == (where != "observer")
     assert seen[-1][1][1] == 1.0
+
+
+@pytest.mark.parametrize("move", ["write", "update", "part"])
+def test_nothing_that_shows_the_end_of_a_run_moves_what_has_been_reset(
+    move: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    machine, box = bench(valve=relay(synchronous=False)), Scripted()
+
+    def observer(frame: Frame) -> None:
+        if connection.reached:
+            machine.motor.write(5.0)
+            {"write": lambda: machine.valve.write(OnOff.ON), "update": machine.update, "part": machine.motor.update}[
+                move
+            ]()
+
+    connection = connect(machine, wired(machine, box))
+    with pytest.raises(KeyError), connection as m:
+        connection.machine.observers.append(observer)
+        periods(m)
+        m.timer.read()
+        m.sample()
+        raise KeyError
+    assert off(box)
+    assert "the machine has been reset; nothing is written any more" in caplog.text
+
+
+class Compensated(Linearization):
+    """A curve of the user's own, which fails from some moment on."""
+
+    broken = False
+
+    def over(self, minimum: float, maximum: float) -> Self:
+        return self
+
+    def to_value(self, x: float) -> float:
+        return x
+
+    def to_input(self, value: float) -> float:
+        return value / (0.0 if self.broken else 1.0)
+
+
+@pytest.mark.parametrize("by", ["leaving", "part", "guardian"])
+def test_a_linearization_that_fails_keeps_no_actuator_from_being_reset(by: str) -> None:
+    curve, box = Compensated(), Scripted()
+    machine = bench(motor=actuator(default=1.0, linearization=curve))
+    wires = wired(machine, box)
+    resetter = Resetter(machine, resolve(machine, wires))
+    with nullcontext() if by != "leaving" else pytest.raises(ZeroDivisionError), connect(machine, wires) as m:
+        m.motor.write(5.0)
+        m.valve.write(OnOff.ON)
+        m.update()
+        curve.broken = True
+        if by == "part":
+            m.reset()
+            assert (box.get("motor"), box.get("valve")) == (2, 0)
+        elif by == "leaving":
+            m.motor.write(4.0)
+    if by == "guardian":
+        assert resetter.reset(resetter.paths, 0.0) == {}
+    assert (box.get("motor"), box.get("valve"), box.calls[-1].segment) == (2, 0, "close")
 
 
 @pytest.mark.parametrize("error", RAISED)
@@ -225,6 +289,31 @@ def test_frames_show_the_failed_period_with_its_resets_and_then_the_end() -> Non
     assert frame["entries"] > 0
     assert not ring.path.exists()
     reader.close()
+
+
+class Bare(Exception):
+    args = 3  # type: ignore[assignment]
+
+
+class Textless(Exception):
+    __str__ = property(lambda self: 1 / 0)  # type: ignore[assignment]
+
+
+@pytest.mark.parametrize("error", [Bare, Textless])
+def test_an_error_that_cannot_be_told_ends_the_frames_as_any_other(error: type[Exception]) -> None:
+    connection = connect(machine := bench(), wired(machine, Scripted()))
+    with pytest.raises(error), connection, published(connection, "bench") as ring:
+        reader = Reader(ring.path)
+        raise error
+    with reader:
+        assert reader.events()[-1].event.text == error.__name__
+        assert reader.state is Stage.ENDED
+    assert not ring.path.exists()
+
+
+@pytest.mark.parametrize("longest", [0, 5, 25, 100])
+def test_a_result_is_cut_to_any_length(longest: int) -> None:
+    assert len(as_json("x" * 1000, longest)) <= max(longest, 2)
 
 
 @pytest.mark.parametrize("error", RAISED)

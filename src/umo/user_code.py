@@ -115,6 +115,8 @@ def _cut(text: str, longest: int) -> str:
     """A text as JSON; its end is left out and its length said where it does not fit."""
     found, room = json.dumps(text[: longest + 1]), longest
     while len(found) > longest:
+        if not room:
+            return '""'
         room = room * 3 // 4
         found = json.dumps(f"{text[:room]}... (cut: {len(text):,} characters)")
     return found

@@ -438,6 +438,15 @@ class HangsInReset(Box):
         super().reset(channel, default)
 
 
+class Forks(Box):
+    """A child that goes on connecting, as the control process does."""
+
+    def open(self) -> None:
+        super().open()
+        if child := os.fork():
+            os.waitpid(child, 0)
+
+
 class NotesPriority(Box):
     """Notes the priority of the process that opened it last."""
 

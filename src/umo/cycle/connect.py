@@ -10,7 +10,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, NoReturn, TypeVar
 
 from umo.cycle.clock import Clock, WallClock
 from umo.cycle.forms import make_image
@@ -90,6 +90,13 @@ class connect(Generic[C]):
     def image(self) -> Image:
         """The process image."""
         return self.machine.image
+
+    def refuse(self, instead: Callable[..., NoReturn]) -> None:
+        """Let no call of this process reach a driver any longer: in its place `instead` is called, which does not
+        return."""
+        self.on_step = instead
+        if hasattr(self, "machine"):
+            self.image.transfer.refuse(instead)
 
     def driver(self, name: str) -> Any:
         """The open driver of that name in the wiring, of the class that the wiring names."""
@@ -202,17 +209,16 @@ class connect(Generic[C]):
         hindered: list[Failure] = []
         self._waiting = set(self._stop_sequence())
         try:
-            stopping = self._cancel_sequences()
+            stopping = _error_of(self.machine.cancel_sequences)
             found, late = self._reset()
             if self.wired.injection is not None and self.wired.injection.end():
                 hindered = found  # this is told; the machine is not left there
                 found, late = self._reset()
             unreached = found
             self.reached = not unreached
-            try:
-                self._show_last()  # what is shown comes after what is safe
-            finally:
-                failures = late + self._ask_reports() + self._finalize() + self._close()
+            self.image.transfer.end_writing()
+            showing = _error_of(self._show_last)  # what is shown comes after what is safe
+            failures = late + self._ask_reports() + self._finalize() + self._close()
         finally:
             if unreached is None:
                 failure = self.image.transfer.failure
@@ -223,19 +229,19 @@ class connect(Generic[C]):
                 self._end_custody(unreached, cause)  # while signals are still only noted: it is not to be interrupted
                 self._give_back()
         if unreached:
-            raise StopError("not brought to their defaults", [*unreached, *failures]) from cause or stopping
+            raise StopError("not brought to their defaults", [*unreached, *failures]) from cause or stopping or showing
         if hindered:
             what = "not brought to their defaults until the injected faults ended"
-            raise StopError(what, [*hindered, *failures]) from cause or stopping
-        if stopping is not None:
-            if cause is None:
-                raise stopping
-            add_note(cause, f"also, while stopping its sequences: {cause_of(stopping)}")
-        if failures:
-            failed = DriverError("failures at the end of the run", failures)
-            if cause is None:
-                raise failed
-            add_note(cause, str(failed))
+            raise StopError(what, [*hindered, *failures]) from cause or stopping or showing
+        failed = DriverError("failures at the end of the run", failures) if failures else None
+        raised = cause
+        for what, error in ("stopping its sequences", stopping), ("showing its last period", showing), ("", failed):
+            if raised is None:
+                raised = error
+            elif error is not None:
+                add_note(raised, f"also, while {what}: {cause_of(error)}" if what else str(error))
+        if raised is not None and raised is not cause:
+            raise raised
 
     def _show_last(self) -> None:
         self.machine.finish_period()
@@ -260,14 +266,6 @@ class connect(Generic[C]):
             self._custody.finish()
         else:
             self._custody.abandon()
-
-    def _cancel_sequences(self) -> BaseException | None:
-        """Cancel the sequences. Returns the error of their cleanup: the outputs must be reset in any case."""
-        try:
-            self.machine.cancel_sequences()
-        except BaseException as error:
-            return error
-        return None
 
     def _reset(self) -> tuple[list[Failure], list[Failure]]:
         """Failures: the actuators not reached, and those reached at the second attempt only.
@@ -325,6 +323,15 @@ class connect(Generic[C]):
         """The slots of the initialised actuators."""
         initialized = set(self._initialized)
         return [slot for slot in self.machine.stop_order if slot in initialized]
+
+
+def _error_of(step: Callable[[], object]) -> BaseException | None:
+    """The error of a step: the machine is reset and left in any case."""
+    try:
+        step()
+    except BaseException as error:
+        return error
+    return None
 
 
 def _date(error: BaseException, moment: Moment | None) -> None:

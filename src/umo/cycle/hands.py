@@ -375,7 +375,7 @@ class Hands:
             failed = "a release starts no sequence"
         if failed is not None:
             self._note(f"{path} could not be released: {failed}")
-            attempt(self._object(path.rpartition(".")[0]).reset)
+            attempt(lambda: self._object(path.rpartition(".")[0]).reset())
         if why and not held.is_running:
             self._tell(held.command, CommandState.CANCELLED, why)
 

@@ -456,9 +456,8 @@ class Image(ABC):
 
     def set_default(self, slot: int) -> None:
         """Its default is pending."""
-        value = cast(Actuator, self.items[slot])._default_value()
-        self.pending[slot] = value
-        self.pending_raws[slot] = self.wires[slot].raw(value)
+        self.pending[slot] = cast(Actuator, self.items[slot])._default_value()
+        self.pending_raws[slot] = self.transfer.defaults[slot]
 
     def _blocks(self, direction: Direction) -> list[Block]:
         inputs = direction is Direction.INPUT

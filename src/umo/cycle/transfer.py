@@ -41,6 +41,14 @@ def _nothing(*_: object) -> None:
     pass
 
 
+def _refuse_write(*_: object) -> NoReturn:
+    raise DriverError("the machine has been reset; nothing is written any more")
+
+
+def _default(wire: Wire) -> int | None:
+    return wire.raw(wire.item._default_value()) if wire.item.direction is Direction.OUTPUT else None  # type: ignore[attr-defined]
+
+
 class _Refused(Sequence[Wire]):
     """Wires that lead nowhere: whoever asks for one calls `instead`, which does not return."""
 
@@ -78,7 +86,13 @@ class Transfer:
         """Called before each call that is not part of a period: a sign of life."""
         self.tick: Callable[[Channel], int]
         """The read of the timer."""
+        self.defaults = [_default(wire) for wire in wires]
+        """The raw integer of each actuator's default, None for a sensor: worked out once, as a reset must not depend on
+        a linearization of the user's."""
         self._blocks: list[Block] = []
+        self._outputs: list[Block] = []
+        self._written = True
+        """Whether writes are carried out."""
         self._late: dict[int, float] = {}
         """Drivers (by id) that timed out, with the time of the timeout."""
         self.unsure = False
@@ -124,7 +138,7 @@ class Transfer:
             block.transfer = block.driver.read_many
         for block in outputs:
             block.transfer = block.driver.write_many
-        self._blocks = inputs + outputs
+        self._blocks, self._outputs = inputs + outputs, outputs
         if self.timer >= 0:
             self.tick = self.wires[self.timer].driver.read
 
@@ -134,6 +148,12 @@ class Transfer:
         self.wires = _Refused(instead)
         for block in self._blocks:
             block.transfer = instead
+
+    def end_writing(self) -> None:
+        """Let no write reach a driver any longer, but resets: the actuators are at their defaults and stay there."""
+        self._written = False
+        for block in self._outputs:
+            block.transfer = _refuse_write
 
     def block_failed(self, block: Block, error: BaseException, inputs: bool) -> list[tuple[int, str]]:
         """The slots of a block that failed, each with its cause; the others stand."""
@@ -160,6 +180,8 @@ class Transfer:
         """One object's raw integer to the hardware, now; any exception of its driver."""
         wire = self.wires[slot]
         try:
+            if not self._written:
+                _refuse_write()
             wire.driver.write(wire.channel, raw)
         except FAILURES as error:
             self._mark(wire.driver, error, True)
@@ -194,6 +216,8 @@ class Transfer:
 
     def _some(self, call: Any, driver: Driver[Any], group: list[int], raws: IntArray, write: bool) -> dict[int, str]:
         try:
+            if write and not self._written:
+                _refuse_write()
             call(tuple(self.wires[slot].channel for slot in group), raws)
         except FAILURES as error:
             return dict(self._failed(driver, group, error, write))
@@ -203,7 +227,7 @@ class Transfer:
     # Connecting, resetting, leaving --------------------------------------------------------------------
 
     def initialize(self, slot: int) -> Failure | None:
-        return self._segment(slot, "initialize", self._default(slot))
+        return self._segment(slot, "initialize", self.defaults[slot])
 
     def finalize(self, slot: int) -> Failure | None:
         return self._segment(slot, "finalize")
@@ -226,15 +250,10 @@ class Transfer:
                 waiting.append(slot)
             else:
                 begin(slot)
-                yield slot, self._segment(slot, segment, self._default(slot))
+                yield slot, self._segment(slot, segment, self.defaults[slot])
         for slot in waiting if patient else ():
             begin(slot)
-            yield slot, self._segment(slot, segment, self._default(slot))
-
-    def _default(self, slot: int) -> int | None:
-        """The raw integer of an actuator's default; None for a sensor."""
-        wire = self.wires[slot]
-        return wire.raw(wire.item._default_value()) if wire.item.direction is Direction.OUTPUT else None  # type: ignore[attr-defined]
+            yield slot, self._segment(slot, segment, self.defaults[slot])
 
     def _segment(self, slot: int, segment: str, *default: int | None) -> Failure | None:
         """One of the paper's segments; what failed."""

@@ -11,6 +11,7 @@ from umo.cycle.machine import ConnectedMachine
 from umo.cycle.stopping import signal_name
 from umo.errors import UmoError
 from umo.text import in_brackets, located, place_of, text_of
+from umo.user_code import attempt
 
 END = "end"
 """`Event.asked` of the last event of a run. Its state is DONE (the application has ended), CANCELLED (the run was
@@ -31,7 +32,8 @@ def tell_end(connection: connect[Any], error: BaseException | None) -> None:
     if machine.events and is_end(machine.events[-1]):
         return
     if error is not None:
-        tell(machine, CommandState.FAILED, _text(error))
+        text, failed = attempt(_text, error)
+        tell(machine, CommandState.FAILED, text if failed is None else type(error).__name__)
     elif connection.stop.requested:
         tell(machine, CommandState.CANCELLED, f"stopped by {_stopper(connection)}")
     else:

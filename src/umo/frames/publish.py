@@ -119,8 +119,8 @@ def _layout(machine: ConnectedMachine, phases: Phases, about: dict[str, Any]) ->
 
 def _end(connection: connect[Any], ring: Ring, memory: ExitStack, error: BaseException | None) -> None:
     machine = connection.machine
-    tell_end(connection, error)
-    if ring in machine.observers:
-        machine.observers.remove(ring)
-    ring.close()
-    memory.close()
+    with memory:
+        tell_end(connection, error)
+        if ring in machine.observers:
+            machine.observers.remove(ring)
+        ring.close()

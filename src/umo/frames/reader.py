@@ -9,6 +9,7 @@ import zlib
 from math import isnan
 from pathlib import Path
 from typing import Any, NamedTuple
+from weakref import finalize
 
 import numpy as np
 import numpy.typing as npt
@@ -82,12 +83,12 @@ class Reader:
         self.path = Path(path)
         self.ends = receive(self.path) if ends is None and is_socket(self.path) else ends
         """The descriptors of the shared memory; None for a file."""
+        self._release = finalize(self, _close, self.ends)  # also if nobody closes it
         try:
             self._memory = _read(self.path) if self.ends is None else mapped(self.ends.frames)
             self._attach()
         except BaseException as error:
-            if self.ends is not None:
-                self.ends.close()
+            self._release()
             if isinstance(error, ValueError | struct.error | MemoryError):  # of numpy and struct
                 raise FramesError(f"{self.path} is damaged: {error}") from None
             raise
@@ -359,15 +360,19 @@ class Reader:
         self._live.release()
         if isinstance(self._memory, mmap.mmap):
             self._memory.close()
-        if self.ends is not None:
-            self.ends.close()
-            self.ends = None
+        self._release()
+        self.ends = None
 
     def __enter__(self) -> Reader:
         return self
 
     def __exit__(self, *error: object) -> None:
         self.close()
+
+
+def _close(ends: Ends | None) -> None:
+    if ends is not None:
+        ends.close()
 
 
 def _read(path: Path) -> bytes:

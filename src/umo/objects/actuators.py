@@ -42,7 +42,8 @@ class BinaryActuator(Binary[S]):
 
     @property
     def inhibited(self) -> str | None:
-        """The reason of the interlock that keeps the actuator at its default; None: not inhibited."""
+        """Why writes of the program are not accepted: the reason of the interlock that keeps it at its default, or who
+        has it by hand. None: they are accepted."""
         return self._image.commands.inhibited(self._slot)
 
     def describe(self) -> str:
@@ -56,7 +57,7 @@ class BinaryActuator(Binary[S]):
     def write(self, value: S) -> bool:
         """Set a new state. Synchronous: sent by the next `update`. Asynchronous: sent at once.
 
-        True: accepted. False: inhibited by an interlock. Raises StateError for a state of another type and changes
+        True: accepted. False: not accepted, see `inhibited`. Raises StateError for a state of another type and changes
         nothing. Asynchronous: also DriverError.
         """
         if not self._direct:
@@ -140,7 +141,8 @@ class DigitalActuator(Digital):
 
     @property
     def inhibited(self) -> str | None:
-        """The reason of the interlock that keeps the actuator at its default; None: not inhibited."""
+        """Why writes of the program are not accepted: the reason of the interlock that keeps it at its default, or who
+        has it by hand. None: they are accepted."""
         return self._image.commands.inhibited(self._slot)
 
     @property
@@ -165,8 +167,8 @@ class DigitalActuator(Digital):
     def write(self, value: float) -> bool:
         """Set a new value in `units`. Synchronous: sent by the next `update`. Asynchronous: sent at once.
 
-        True: accepted unchanged (rounding to the resolution does not count). False: clamped, or inhibited by an
-        interlock. Raises RangeError and changes nothing if the value is outside the range with limits="raise", or is
+        True: accepted unchanged (rounding to the resolution does not count). False: clamped, or not accepted, see
+        `inhibited`. Raises RangeError and changes nothing if the value is outside the range with limits="raise", or is
         not a finite number. Asynchronous: also DriverError.
         """
         if value.__class__ is not float:

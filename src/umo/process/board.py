@@ -23,7 +23,8 @@ class Reached(IntEnum):
 
     UNTRIED = 0
     ONCE = 1
-    """Reset, but a request that was still under way may have undone it."""
+    """Reset. It is reset again, in case a request that was still under way has undone it; if that attempt does not come
+    to an end, this counts as reached."""
     YES = 2
     NO = 3
 

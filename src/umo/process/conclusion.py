@@ -58,8 +58,8 @@ class Conclusion:
         return Outcome(Failed("ControlLost", f"{what}\n{told}", 1), unsafe=True, unreached=list(left))
 
     def _who_died(self, control: ControlWatch) -> str:
-        both = "guardian and control process were killed"
-        return both if self.title == STANDBY else f"the control process {control.ending()}"
+        what = f"the control process {control.ending()}"
+        return f"the guardian was lost; {what}" if self.title == STANDBY else what
 
     def settle(self, control: ControlWatch, outcome: Outcome, said: Callable[[str], object]) -> Outcome:
         """The control process has ended by itself. Retry the actuators that it could not reset."""

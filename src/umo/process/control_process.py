@@ -10,6 +10,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from math import inf
+from time import monotonic, sleep
 from typing import IO, Any, NoReturn
 
 from umo.cycle import Frame, connect, drive
@@ -32,7 +33,7 @@ from umo.process.last_words import say_last
 from umo.process.life import Life, Who
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome, plain, plain_reports, status_of
-from umo.process.silence import STARVED
+from umo.process.silence import LOOK, STARVED, guardian_limit
 from umo.remote.queue import Receiver
 from umo.system import realtime
 from umo.system.custody import Custody
@@ -40,8 +41,8 @@ from umo.system.processes import adjust_oom_score, name_process
 from umo.system.streams import say_without_waiting
 from umo.text import Moment, in_brackets, text_of
 
-WATCHED_EVERY = 0.5
-"""Minimum time in s without a sign of life before the guardian counts as lost: a busy computer delays it."""
+RESUMING = 0.1
+"""s in which a guardian gives a sign of life when a suspended computer goes on: five looks."""
 
 SOONER = 100
 """Change of the control process's score for the kernel's choice when memory runs out: a guardian is left to reset."""
@@ -68,9 +69,12 @@ class Control:
         """The descriptors of the memory for frames, and the server that gives clients theirs; None: no frames."""
         self._stopped_by = ""
         self._hang = plan.wired.process.hang_timeout
+        self._unwatched_limit = guardian_limit(self._hang)
         self._watchdog = min(plan.wired.watchdogs.values(), default=inf)
         """s without a period after which a circuit may have reset its outputs by itself."""
         self._gap = min(self._hang, self._watchdog)
+        self._most_excused = (STARVED - 1) * self._hang
+        """s for which others may keep this process from running."""
         self._alarm = ""
         self._order = stop_sequence(plan.machine)
         self._connection: connect[Any] | None = None
@@ -98,9 +102,7 @@ class Control:
             os._exit(1)
 
         if self._connection is not None:
-            self._connection.on_step = end
-            if self._connection.started:
-                self._connection.image.transfer.refuse(end)
+            self._connection.refuse(end)
         for give_up in (self._custody.hold.release, self._channel.close, self._leave_frames):
             with suppress(OSError):  # control code has closed its descriptor
                 give_up()
@@ -161,7 +163,7 @@ class Control:
             actuators = [item.path for item in self._order]
             named = {failure.path for failure in error.failures} if isinstance(error, StopError) else set()
             outcome.unreached = sorted(named & set(actuators)) or actuators  # leaving itself failed: nothing is known
-        if self.orphaned or self._life.unwatched > self._unwatched_limit:
+        if self._guardian_lost():
             self._alarm = self._alarm or "the guardian has ended"
             outcome.unsafe = True
         if self._alarm and outcome.failure is None:
@@ -169,14 +171,20 @@ class Control:
             what = f"{self._alarm}; the control process stopped the machine{moment}"
             outcome.failure = Failed("Stopped", what, 1)
 
+    def _guardian_lost(self) -> bool:
+        """Whether the guardian has ended or hangs. After the whole computer stood still it needs a moment for its next
+        sign of life."""
+        until = monotonic() + RESUMING
+        while not self.orphaned and self._life.unwatched > self._unwatched_limit:
+            if monotonic() > until:
+                return True
+            sleep(LOOK)
+        return self.orphaned
+
     @property
     def orphaned(self) -> bool:
         """Whether the guardian has ended."""
         return os.getppid() != self._guardian
-
-    @property
-    def _unwatched_limit(self) -> float:
-        return max(self._hang, WATCHED_EVERY)
 
     def _work(self, outcome: Outcome) -> None:
         plan = self._plan
@@ -258,8 +266,9 @@ class Control:
     def each_period(self, frame: Frame) -> None:
         """Give a sign of life. Check whether this process was suspended, asked to stop, or lost its guardian."""
         life = self._life
+        excused = life.excused  # first: a look of the guardian's that sees the new sign of life ends it
         gap = life.beat()
-        if gap > self._gap and (gap > self._watchdog or gap - self._excused() > self._hang):
+        if gap > self._gap and (gap > self._watchdog or gap - min(excused, self._most_excused) > self._hang):
             self._stop(
                 f"no period ended for {gap:.1f} s, limit {self._gap:g} s: control code or a driver took too long, "
                 "others had the processors, or the processes or the computer were suspended"
@@ -268,10 +277,6 @@ class Control:
             request_stop(life.asked)
         elif life.unwatched > self._unwatched_limit:
             self._stop(f"no sign of life from the guardian for {life.unwatched:.1f} s")
-
-    def _excused(self) -> float:
-        """s for which other processes kept this one from running, as far as that is borne."""
-        return min(self._life.excused, (STARVED - 1) * self._hang)
 
     def _stop(self, why: str) -> None:
         self._alarm = self._alarm or why

@@ -19,7 +19,7 @@ from umo.cycle.stage import Stage
 from umo.cycle.stopping import SIGNALS
 from umo.latency.blackbox import ON_DEMAND
 from umo.process.conclusion import Conclusion
-from umo.process.control_process import WATCHED_EVERY, Control, drive_and_report
+from umo.process.control_process import Control, drive_and_report
 from umo.process.control_watch import ControlWatch
 from umo.process.job import Job, Plan
 from umo.process.last_words import say_last
@@ -28,7 +28,7 @@ from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome
 from umo.process.reset import BURIAL
 from umo.process.share import Share
-from umo.process.silence import LOOK, Silence
+from umo.process.silence import LOOK, Silence, guardian_limit
 from umo.process.standby import Standby
 from umo.process.watcher import Watcher
 from umo.system import realtime
@@ -85,6 +85,7 @@ class Guardian:
         self._core: int | None = None
         """The core of its own that the control process has under SCHED_FIFO."""
         self._place = self._take_core()
+        """Taken as long as this process lives."""
         self._process = plan.wired.process
         self._life = Life()
         self._stop: int | None = None
@@ -97,7 +98,7 @@ class Guardian:
         self._traces = tempfile.TemporaryFile()  # noqa: SIM115  (as long as the process)
         self._watcher = Watcher(plan.name)
         self._end = Conclusion(plan, custody, self._life, channel, self._watcher)
-        limit = max(self._process.hang_timeout, WATCHED_EVERY)
+        limit = guardian_limit(self._process.hang_timeout)
         self._standby = Standby(self._life, limit, self._take_over, channel, self._say)
 
     def _take_core(self) -> CorePlace | None:

@@ -35,16 +35,16 @@ class Who(IntEnum):
     """The child of the guardian that resets the machine, while it works."""
 
 
-STAGE, BEAT, ASKED, WATCH, ADMITTED, CONCLUDING, REPORTED, SETTLED, EXCUSED = range(9)
+STAGE, BEAT, ASKED, WATCH, ADMITTED, CONCLUDING, REPORT_LENGTH, OUTCOME_LENGTH, EXCUSED = range(9)
 CELLS = 16
 TABLE = MUTEX * len(Who)
 LARGEST = 1 << 16
 """Bytes of a report."""
 HOLD_LIMIT = 1.0
 """Timeout in s for a lock of one's own; others hold it for microseconds to see whether it is free."""
-REPORT = TABLE + 8 * CELLS
-SETTLEMENT = REPORT + LARGEST
-LENGTH = SETTLEMENT + LARGEST
+REPORT_AT = TABLE + 8 * CELLS
+OUTCOME_AT = REPORT_AT + LARGEST
+LENGTH = OUTCOME_AT + LARGEST
 
 
 class _Timespec(ctypes.Structure):
@@ -63,7 +63,7 @@ class Life:
         self._libc = ctypes.CDLL(None, use_errno=True)
         self._memory = mmap.mmap(-1, LENGTH)  # anonymous and shared
         self._locks = [ctypes.c_char.from_buffer(self._memory, MUTEX * who) for who in Who]
-        self._cells = memoryview(self._memory)[TABLE:REPORT].cast("q")
+        self._cells = memoryview(self._memory)[TABLE:REPORT_AT].cast("q")
         attributes = ctypes.create_string_buffer(64)
         self._libc.pthread_mutexattr_init(attributes)
         self._libc.pthread_mutexattr_setpshared(attributes, PROCESS_SHARED)
@@ -161,7 +161,7 @@ class Life:
 
     def report(self, text: bytes) -> None:
         """Write the report of the end. A report that is too long is dropped; the guardian then treats it as invalid."""
-        self._put(REPORT, REPORTED, text)
+        self._put(REPORT_AT, REPORT_LENGTH, text)
 
     # The guardian --------------------------------------------------------------------------------------
 
@@ -205,7 +205,7 @@ class Life:
 
     def reported(self) -> bytes:
         """The report of the control process at its end."""
-        return self._get(REPORT, REPORTED)
+        return self._get(REPORT_AT, REPORT_LENGTH)
 
     def conclude(self) -> None:
         """The guardian resets the machine, or records and tells its end, from now on: its signs of life may be far
@@ -221,12 +221,12 @@ class Life:
     def settle(self, text: bytes) -> None:
         """The machine is reset as far as possible, with this outcome. It stands if the guardian dies before it has
         recorded and told it."""
-        self._put(SETTLEMENT, SETTLED, text)
+        self._put(OUTCOME_AT, OUTCOME_LENGTH, text)
         self.conclude()
 
     def settled(self) -> bytes:
         """The outcome, empty before there is one."""
-        return self._get(SETTLEMENT, SETTLED)
+        return self._get(OUTCOME_AT, OUTCOME_LENGTH)
 
     def _put(self, at: int, length: int, text: bytes) -> None:
         self._memory[at : at + min(len(text), LARGEST)] = text[:LARGEST]

@@ -47,6 +47,7 @@ class Resetter:
         by_item = {id(wire.item): wire for wire in wired.wires}
         self._wires = [by_item[id(item)] for item in stop_sequence(machine)]
         self._wired = wired
+        self._transfer = Transfer(self._wires, wired)
         self._guard = guard
         self._timeouts = {name: driver.timeout for name, driver in wired.drivers.items()}
         self.paths = [wire.item.path for wire in self._wires]
@@ -283,7 +284,7 @@ class Resetter:
         """Open, initialise at the defaults, reset once the old process is dead, and again when what was under way has
         been carried out; then give all back."""
         board = self._board
-        transfer = Transfer(self._wires, self._wired)
+        transfer = self._transfer
         names = {id(driver): name for name, driver in self._wired.drivers.items()}
 
         def call() -> None:

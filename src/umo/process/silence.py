@@ -18,6 +18,14 @@ STARTING_LIMIT = 30.0
 REPORTING_LIMIT = 5.0
 """s that the control process may take for its report when the machine has been reset."""
 
+LEAST = 0.5
+"""Minimum time in s without a sign of life before a guardian counts as lost: a busy computer delays it."""
+
+
+def guardian_limit(hang: float) -> float:
+    """Limit in s for a guardian's own signs of life. `hang`: the limit for those of its control process."""
+    return max(hang, LEAST)
+
 
 class Silence:
     """How long the control process has given no sign of life. `hang`: limit in s while it runs; `period` in s. The

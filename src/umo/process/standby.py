@@ -1,7 +1,8 @@
 """The standby guardian: a second guardian that waits until the first one dies or gives no sign of life.
 
 It is forked by the guardian before anything is driven, in a session of its own, and does nothing else meanwhile. When
-it takes over it is the only guardian: the first one and its child that resets are dead by then.
+it takes over it is the only guardian: it has killed the first one and its child that resets, and waited for their end
+(up to 5 s: what is blocked in a kernel call cannot be killed).
 """
 
 from __future__ import annotations

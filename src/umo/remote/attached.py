@@ -208,7 +208,9 @@ class RemoteStation(RemotePart):
             self.held_lease.held.pop(path, None)
 
     def close(self) -> None:
-        """Detach."""
+        """Detach. A lease that this station still holds is given back."""
+        if self.held_lease is not None:
+            self.held_lease.give_back()
         if self._sender is not None:
             self._sender.close()
             self._sender = None

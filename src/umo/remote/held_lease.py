@@ -63,6 +63,12 @@ class HeldLease:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self.give_back()
+
+    def give_back(self) -> None:
+        """End the lease. What it held goes to its default."""
+        if self._ended:
+            return
         try:
             with suppress(UmoError, OSError):  # it is lost, or the station has ended
                 if not self.lost:
