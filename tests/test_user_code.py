@@ -160,7 +160,7 @@ def test_a_linearization_that_fails_keeps_no_actuator_from_being_reset(by: str) 
         elif by == "leaving":
             m.motor.write(4.0)
     if by == "guardian":
-        assert resetter.reset(resetter.paths, 0.0) == {}
+        assert resetter.reset(0.0) == {}
     assert (box.get("motor"), box.get("valve"), box.calls[-1].segment) == (2, 0, "close")
 
 

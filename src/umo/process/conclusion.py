@@ -79,7 +79,7 @@ class Conclusion:
         while self._spares:
             os.close(self._spares.pop())
         lasting = self._plan.wired.process.reset_for
-        return self.resetter.reset(self.resetter.paths, lasting, is_dead=control.is_dead, said=said)
+        return self.resetter.reset(lasting, is_dead=control.is_dead, said=said)
 
     def tell(self, outcome: Outcome) -> None:
         """Record and tell how the run ended. The standby guardian does it again if the guardian is killed meanwhile."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from math import inf
 from time import monotonic, sleep
@@ -98,34 +98,32 @@ class Resetter:
 
     def reset(
         self,
-        paths: Iterable[str],
         lasting: float,
         *,
         is_dead: Callable[[], bool] = lambda: True,
         said: Callable[[str], object] = lambda text: None,
     ) -> dict[str, str]:
-        """Bring these actuators to their defaults, trying for `lasting` s, and as long again for those that no attempt
-        came to; what was not reached, with the cause.
+        """Bring every actuator to its default, in stop order, trying for `lasting` s, and as long again for those that
+        no attempt came to; what was not reached, with the cause.
 
         `is_dead` says whether the old process is gone for certain: then everything is reset once more, and a last
         time when a request that was still under way has been carried out.
         """
-        numbers = {path: number for number, path in enumerate(self.paths)}
-        wanted = [numbers[path] for path in paths if path in numbers]
+        numbers = range(len(self.paths))
         until = monotonic() + lasting
         told = False
-        while due := [number for number in wanted if self._result(number)[0] is not Reached.YES]:
+        while due := [number for number in numbers if self._result(number)[0] is not Reached.YES]:
             self._run(due, is_dead)
-            left = self._left(wanted)
+            left = self._left()
             if monotonic() >= until:
                 break
             if left and not told:
                 told = True
                 said(f"not reached yet, retrying for up to {lasting:g} s: {summary(left)}")
             self._pause(is_dead)
-        if untried := [number for number in wanted if number not in self._known]:
+        if untried := [number for number in numbers if number not in self._known]:
             self._try_each(untried, is_dead, monotonic() + lasting)
-        return self._left(wanted)
+        return self._left()
 
     def _try_each(self, numbers: list[int], is_dead: Callable[[], bool], until: float) -> None:
         """Try once, with the timeout of the wiring, those that no attempt came to, since others of their drivers had
@@ -133,10 +131,10 @@ class Resetter:
         self._each = True
         self._run(numbers, is_dead, until)
 
-    def _left(self, wanted: Iterable[int]) -> dict[str, str]:
+    def _left(self) -> dict[str, str]:
         """The actuators that are not at their defaults, each with the cause."""
-        results = {self.paths[number]: self._result(number) for number in wanted}
-        return {path: cause for path, (reached, cause) in results.items() if reached in (Reached.UNTRIED, Reached.NO)}
+        results = ((path, *self._result(number)) for number, path in enumerate(self.paths))
+        return {path: cause for path, reached, cause in results if reached in (Reached.UNTRIED, Reached.NO)}
 
     def _result(self, number: int) -> tuple[Reached, str]:
         """The result of the last attempt that came to it, with the cause."""
