@@ -23,6 +23,8 @@ from helpers.tiers import first  # noqa: E402
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # hundreds of processes import umo: it is compiled once
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # in the background of a shell; programs of the tests inherit it
     signal.signal(signal.SIGINT, signal.default_int_handler)
+if hasattr(signal, "SIGHUP"):  # under nohup
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 FOLDERS = tempfile.TemporaryDirectory(prefix="umo-tests-")  # for what runs outside of a test
 os.environ |= {name: str(Path(FOLDERS.name, name)) for name in ("UMO_STATE", "UMO_FRAMES")}
 settings.register_profile("umo", deadline=None, suppress_health_check=[HealthCheck.too_slow])

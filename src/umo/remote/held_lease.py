@@ -67,7 +67,7 @@ class HeldLease:
 
     def give_back(self) -> None:
         """End the lease. What it held goes to its default."""
-        if self._ended:
+        if self._station.held_lease is not self:  # it was given back before
             return
         try:
             with suppress(UmoError, OSError):  # it is lost, or the station has ended
