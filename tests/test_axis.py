@@ -254,6 +254,26 @@ def test_homing_references_the_edge_of_a_home_switch(make: Callable[..., Axis], 
 
 
 @BOTH
+@pytest.mark.parametrize("after", [1, 3, 5])
+def test_a_home_switch_that_bounces_when_it_is_met_references_its_edge(make: Callable[..., Axis], after: int) -> None:
+    m, slide = machine(make()), Slide(50.0)
+    m.x.homing = HomeSwitch(switch=m.switch, active=OnOff.ON, position=SWITCH, creep_speed=5.0)
+    met: list[float] = []
+
+    def watch(m: Machine) -> None:
+        if slide.position < SWITCH:
+            met.append(m.now)
+        slide.switch_broken = len(met) == after
+
+    async def work(m: Machine) -> None:
+        await m.x.home()
+        assert m.x.encoder.read() == pytest.approx(slide.position, abs=0.1)
+
+    run(m, slide, work, watch)
+    assert len(met) > after
+
+
+@BOTH
 @pytest.mark.parametrize("direction", [-1, 1])
 def test_homing_references_an_end_stop(make: Callable[..., Axis], direction: int) -> None:
     stop = LOW if direction < 0 else HIGH

@@ -16,7 +16,9 @@ from typer.testing import CliRunner, Result
 import umo
 from helpers import patient
 from helpers.waiting import until
+from umo.cli import commanding
 from umo.cli.app import app
+from umo.cli.values import state
 from umo.process.start import LINUX
 from umo.remote import HeldLease
 from umo.remote.search import readers
@@ -77,7 +79,7 @@ def said(result: Result) -> str:
 def test_the_actions_are_listed_with_units_and_ranges(conveyor: umo.Started) -> None:
     result = run("call", "conveyor")
     assert result.exit_code == 0, said(result)
-    assert "speed=0..1 m/s" in result.stdout
+    assert "speed=0 to 1 m/s" in result.stdout
     assert "as long as it is kept up" in result.stdout
     assert "Push whatever is before the diverter onto the chute." in result.stdout
 
@@ -186,6 +188,41 @@ def test_a_command_ends_with_status_2_when_the_machine_holds_no_longer_what_it_h
     *_, line = result.stderr.splitlines()
     assert (result.exit_code, line.partition(": ")[2].partition(": ")[0]) == (2, f"{words[2]} is held no longer"), line
     assert "reset to its default" not in result.stdout
+
+
+@pytest.mark.parametrize("words", HELD)
+@pytest.mark.parametrize(("hold", "status"), [(["--hold", "60"], 130), ([], 0)])
+def test_a_ctrl_c_that_cuts_a_hold_short_is_the_exit_status(
+    conveyor: umo.Started, monkeypatch: pytest.MonkeyPatch, words: list[str], hold: list[str], status: int
+) -> None:
+    def interrupt(lease: HeldLease) -> None:
+        raise KeyboardInterrupt
+
+    once_held(monkeypatch, interrupt)
+    result = run(*words, *hold)
+    assert result.exit_code == status, said(result)
+    assert "reset to its default" in result.stdout or "released" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "text"), [(0, 1, "0 to 1"), (0, None, "0 or more"), (None, 5, "up to 5"), (None, None, "")]
+)
+def test_a_range_without_a_bound_is_shown(low: float | None, high: float | None, text: str) -> None:
+    assert commanding.between({"minimum": low, "maximum": high}) == text
+
+
+@pytest.mark.parametrize(("text", "found"), [("open", "open"), ("OPEN", "open"), ("Shut", "SHUT"), ("Open", "open")])
+def test_a_state_is_found_whatever_its_letters(text: str, found: str) -> None:
+    assert state("valve", text, ["open", "SHUT"]) == found
+
+
+def test_a_state_with_the_very_letters_comes_first() -> None:
+    assert state("valve", "shut", ["Shut", "shut"]) == "shut"
+
+
+def test_what_was_never_held_has_not_ended(conveyor: umo.Started) -> None:
+    with umo.attach(conveyor.pid) as station, station.lease() as lease:
+        assert lease.ended("diverter") == ""
 
 
 def test_the_lease_of_another_hand_is_shown_and_taken_over_only_on_demand(conveyor: umo.Started) -> None:

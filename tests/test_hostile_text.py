@@ -4,6 +4,7 @@ is ever read. Each answer names its channel, T3=..., so that an answer to anothe
 from __future__ import annotations
 
 import re
+import socket
 import tracemalloc
 from collections.abc import Iterable
 from itertools import count
@@ -15,6 +16,8 @@ import pytest
 
 from helpers.peers.hostile import BEHAVIOURS, fuzz, hostile
 from helpers.tiers import first, some
+from umo.drivers.streams import hosts
+from umo.drivers.streams.stream import Gone, TimedOut
 from umo.drivers.text import Text
 from umo.errors import ChannelsFailed, DriverError
 
@@ -26,6 +29,34 @@ TRUTH = {"t1": 10_125, "t2": -20_250, "t3": 31_375}
 _SET = re.compile(rb"T(\d) (\S+)\n")
 _ASK = re.compile(rb"T(\d)\?\n")
 _IDENTIFY = re.compile(rb"\*IDN\?\n")
+
+
+def test_each_address_of_a_host_gets_its_share_of_the_time_and_one_that_fails_ends_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        there = (socket.AF_INET, socket.SOCK_STREAM, 0, "", server.getsockname())
+        silent, unsupported = (socket.AF_INET, socket.SOCK_STREAM, 0, "", "silent"), (99, 1, 0, "", ("::1", 5025, 0, 0))
+        given, connected = [], hosts._connected
+
+        def connect(place: Any, seconds: float) -> socket.socket:
+            given.append(seconds)
+            if place is silent:
+                raise TimeoutError
+            return connected(place, seconds)
+
+        monkeypatch.setattr(hosts, "_connected", connect)
+
+        def dial(*found: Any) -> None:
+            monkeypatch.setattr(hosts, "_found", lambda *_: list(found))
+            hosts.TcpDial("device", 5025)(monotonic() + 60.0).close()
+
+        dial(unsupported, silent, there)
+        dial(there)
+        assert given == [pytest.approx(share, abs=5.0) for share in (20.0, 30.0, 60.0, 60.0)]
+        for found, failed in (([unsupported, silent], TimedOut), ([silent, unsupported], Gone), ([], Gone)):
+            with pytest.raises(failed):
+                dial(*found)
 
 
 def answer(data: bytes) -> tuple[int, bytes]:

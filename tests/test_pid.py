@@ -175,3 +175,13 @@ def test_the_largest_error_is_the_largest_magnitude() -> None:
     law.step(1.0, np.array([0.5, 4.0, 1.0]), 0.1)
     assert law.largest_error == 3.0
     assert law.signals == {"largest_error": ""}
+
+
+def test_a_derivative_that_is_switched_on_again_does_not_see_what_happened_meanwhile() -> None:
+    law = VectorPID(gain=-1.0, derivative_time=1.0)
+    for measured, derivative_time in ((0.0, 1.0), (5.0, 0.0), (10.0, 0.0)):
+        law.derivative_time = derivative_time
+        law.step(0.0, np.array([measured]), 0.01)
+    law.derivative_time = 1.0
+    assert law.step(0.0, np.array([10.0]), 0.01).tolist() == [10.0]
+    assert law.step(0.0, np.array([10.1]), 0.01).tolist() == pytest.approx([20.1])

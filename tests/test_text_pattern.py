@@ -343,6 +343,12 @@ def test_numbered_channels_put_their_number_into_all_texts() -> None:
             made.named(wrong)
 
 
+@pytest.mark.parametrize("wrong", ["R{n:zz}?", "R{n:99999999999d}?", "R{n:.3f}?"])
+def test_a_number_of_a_channel_in_another_format_is_a_mistake_of_the_channel(wrong: str) -> None:
+    with pytest.raises(WiringError, match=re.escape("channels.zone{n}.ask: {n:")):
+        channels(**{"zone{n}": {"ask": wrong, "answer": "{}"}})
+
+
 def test_places_are_what_is_set_or_asked() -> None:
     made = channels(
         a={"set": "V {}"}, b={"set": "V {}", "ask": "V?"}, c={"ask": "V?"}, d={"ask": "V?", "answer": "x{}"}

@@ -292,7 +292,23 @@ def test_the_watchdog_s_time_is_a_register() -> None:
     assert bench.box.watchdog.drops == 1
 
 
-@given(st.binary(min_size=1, max_size=30) | st.builds(lambda f, b: bytes([f]) + b, st.integers(1, 16), st.binary()))
+def test_function_23_writes_registers_and_reads_registers_or_changes_nothing() -> None:
+    bench = Bench()
+    words = [WATCHDOG_REGISTER, 1, WATCHDOG_REGISTER, 1]
+    asked = struct.pack(">B4HBH", 23, *words, 2, 70)
+    assert bench.box.request(asked) == struct.pack(">BBH", 23, 2, 70)
+    assert bench.ask(3, WATCHDOG_REGISTER, 1) == struct.pack(">BBH", 3, 2, 70)
+    for wrong, code in (
+        (asked[:-1], 3),
+        (asked[:6], 3),
+        (struct.pack(">B4HBH", 23, 9_999, 1, WATCHDOG_REGISTER, 1, 2, 80), 2),
+        (struct.pack(">B4HBH", 23, WATCHDOG_REGISTER, 1, 9_999, 1, 2, 80), 2),
+    ):
+        assert bench.box.request(wrong) == bytes([0x80 | 23, code])
+    assert bench.ask(3, WATCHDOG_REGISTER, 1) == struct.pack(">BBH", 3, 2, 70)
+
+
+@given(st.binary(min_size=1, max_size=30) | st.builds(lambda f, b: bytes([f]) + b, st.integers(1, 23), st.binary()))
 def test_every_request_has_an_answer(request: bytes) -> None:
     reply = answer(request, Bench().box)
     assert reply[0] & 0x7F == request[0] & 0x7F

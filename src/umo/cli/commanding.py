@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -92,27 +93,29 @@ def stop(name: str) -> None:
         out.print(f"{station.reader.about['station']} has ended")
 
 
-def call(name: str, path: str | None, words: list[str], over: bool, hold: float | None) -> None:
-    """List the actions of a station; or call one, show its progress and print its result."""
+def call(name: str, path: str | None, words: list[str], over: bool, hold: float | None) -> int:
+    """List the actions of a station; or call one, show its progress and print its result. The exit status."""
     with station_of(name) as station:
         actions = {entry["path"]: entry for entry in station.reader.layout.actions}
         if path is None:
             out.print(_actions(station.reader))
-            return
+            return 0
         if path not in actions:
             raise PathError(f"no action {path!r}{did_you_mean(path, actions)}; `umo call {name}` lists them")
         given = _arguments(actions[path], words)
+        status = 0
         with leased(station, over) as lease:
             result = _called(station, actions[path], given)
             if held := path in lease.held:
                 err.print(f"{path}: has begun", soft_wrap=True)
-                _hold(lease, path, hold)
+                status = _hold(lease, path, hold)
         if held:
             err.print(f"{path}: released", soft_wrap=True)
         elif result is None:
             err.print(f"{path}: done", soft_wrap=True)
         else:
             out.print_json(data=result)
+        return status
 
 
 def _called(station: RemoteStation, action: dict[str, Any], given: dict[str, Any]) -> Any:
@@ -146,8 +149,9 @@ def _argument(action: dict[str, Any], word: str) -> tuple[str, Any]:
     return name, argument(action["path"], known[name], text)
 
 
-def _hold(lease: HeldLease, path: str, seconds: float | None) -> None:
-    """Let the thread of the lease keep it up. CommandRefused as soon as the machine does not hold it any longer."""
+def _hold(lease: HeldLease, path: str, seconds: float | None) -> int:
+    """Let the thread of the lease keep it up. CommandRefused as soon as the machine does not hold it any longer. The
+    exit status: that of a Ctrl-C before the end of `seconds`, else 0."""
     if seconds is None:
         err.print("kept up until Ctrl-C; --hold SECONDS ends it", soft_wrap=True)
     end = time.monotonic() + (inf if seconds is None else seconds)
@@ -156,9 +160,10 @@ def _hold(lease: HeldLease, path: str, seconds: float | None) -> None:
             time.sleep(min(left, LOOK))
     except KeyboardInterrupt:
         err.print()
-        return
+        return 0 if seconds is None else 128 + signal.SIGINT
     if ended:
         raise CommandRefused(f"{path} is held no longer: {ended}")
+    return 0
 
 
 def _actions(reader: Reader) -> Table:
@@ -178,9 +183,15 @@ def _described(about: dict[str, Any]) -> str:
 
 
 def _span(about: dict[str, Any]) -> str:
+    return " ".join(filter(None, [between(about), about["unit"]])) or "number"
+
+
+def between(about: dict[str, Any]) -> str:
+    """The range of a number; empty where it has no bounds."""
     low, high = about["minimum"], about["maximum"]
-    span = "" if low is None or high is None else f"{low:g}..{high:g}"
-    return " ".join(filter(None, [span, about["unit"]])) or "number"
+    if low is None or high is None:
+        return "" if low is high else f"up to {high:g}" if low is None else f"{low:g} or more"
+    return f"{low:g} to {high:g}"
 
 
 def tune(name: str, path: str | None, text: str | None, over: bool) -> None:
@@ -191,7 +202,7 @@ def tune(name: str, path: str | None, text: str | None, over: bool) -> None:
         if path is None:
             table = Table("number", "value", "unit", "range", header_style="bold")
             for each, entry in known.items():
-                table.add_row(each, _digits(now[each]), entry["unit"], f"{entry['minimum']:g} to {entry['maximum']:g}")
+                table.add_row(each, _digits(now[each]), entry["unit"], between(entry))
             out.print(table)
             return
         if path not in known:
@@ -240,25 +251,26 @@ def _object(station: RemoteStation, path: str) -> RemoteObject:
     raise PathError(f"{path} is a compound object; name one of its parts: {some(known)}")
 
 
-def set_running(reader: Reader, path: str, text: str, hold: float | None, over: bool) -> None:
-    """Take one actuator of a station that runs in manual mode, keep it up, and let go of it."""
+def set_running(reader: Reader, path: str, text: str, hold: float | None, over: bool) -> int:
+    """Take one actuator of a station that runs in manual mode, keep it up, and let go of it. The exit status."""
     with RemoteStation(reader) as station:
         item = _object(station, path)
         if not item.actuator:
             raise PathError(f"{path} is a sensor; only actuators can be set")
         value = state(path, text, item.states) if item.states else number(path, text, item.units)
-        _take(station, item, value, hold, over)
+        return _take(station, item, value, hold, over)
 
 
-def _take(station: RemoteStation, item: RemoteObject, value: float | str, hold: float | None, over: bool) -> None:
+def _take(station: RemoteStation, item: RemoteObject, value: float | str, hold: float | None, over: bool) -> int:
     path = item.path
     with leased(station, over) as lease:
         item.write(value)
         _let_pass(station.reader)
         out.print(f"{path}  {shown(item.read(), item.units, None)}  {item.quality}")
-        _hold(lease, path, hold)
+        status = _hold(lease, path, hold)
         item.release()
     out.print(f"{path}  reset to its default")
+    return status
 
 
 def _let_pass(reader: Reader) -> None:

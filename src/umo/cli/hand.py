@@ -63,8 +63,7 @@ def set_value(
     """Write one actuator, keep the loop going for `hold` s or until a signal, show what is read, reset. Of a station
     that runs, take the actuator by hand. What will be refused is refused before a device is opened."""
     if (running := _running(name, wiring, arguments)) is not None:
-        set_running(running, path, text, hold, over)
-        return 0
+        return set_running(running, path, text, hold, over)
     station = _station(name)
     machine = machine_of(station, arguments)
     item = _atomic(machine, path)

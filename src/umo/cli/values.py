@@ -56,9 +56,12 @@ def duration(name: str, text: str) -> float:
 
 def state(name: str, text: str, states: Sequence[str]) -> str:
     """The name of a state, in capital letters or small ones; StateError if it is not one."""
-    if (found := text.upper()) not in states:
-        raise StateError(f"{name} has no state {text!r}{did_you_mean(found, states)}: {', '.join(states)}")
-    return found
+    if text in states:
+        return text
+    for each in states:
+        if each.casefold() == text.casefold():
+            return each
+    raise StateError(f"{name} has no state {text!r}{did_you_mean(text.upper(), states)}: {', '.join(states)}")
 
 
 def argument(path: str, about: dict[str, Any], text: str) -> Any:

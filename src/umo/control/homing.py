@@ -81,7 +81,8 @@ class IndexPulse:
 
 @dataclass(kw_only=True)
 class HomeSwitch:
-    """A switch is active at one end of the axis. The reference is its edge, met slowly when the axis leaves it."""
+    """A switch is active at one end of the axis. The reference is its edge, met slowly when the axis leaves it. It does
+    not matter that the switch bounces when it is met at search speed."""
 
     switch: BinarySensor[Any]
     active: TwoState
@@ -103,13 +104,17 @@ class HomeSwitch:
         toward = self.direction * axis.search_speed
         if not self._is_active() and await axis.search(toward, self._is_active) is not Met.CONDITION:
             raise HomingError(f"{axis.path} found no home switch: {self.switch.path} did not become {self.active}")
-        if await axis.search(-self.direction * self.creep_speed, lambda: not self._is_active()) is not Met.CONDITION:
+        if await axis.search(-self.direction * self.creep_speed, lambda: self._is_left(axis)) is not Met.CONDITION:
             raise HomingError(f"{axis.path} cannot leave its home switch: {self.switch.path} stays {self.active}")
         axis.reference(at=self.position)
         await axis.travel(self.position - self.direction * self.clearance, speed=axis.search_speed)
 
     def _is_active(self) -> bool:
         return state_of(self.switch) is self.active
+
+    def _is_left(self, axis: Axis) -> bool:
+        """Whether the switch is not active any longer, and the axis moves away from it: before that it bounces."""
+        return not self._is_active() and self.direction * axis.profile.setpoint.velocity < 0.0
 
 
 @dataclass(kw_only=True)

@@ -132,7 +132,8 @@ class PID:
 @dataclass(kw_only=True, eq=False)
 class VectorPID:
     """Many PIDs at once, on arrays: the same law as `PID`, element by element. Gains and times are numbers for all, or
-    arrays of shape (n,). `measurement`, and with it the output, is an array of shape (n,)."""
+    arrays of shape (n,). `measurement`, and with it the output, is an array of shape (n,). While all derivative times
+    are 0 no derivative is computed; it begins anew with the first step afterwards."""
 
     gain: float | FloatArray
     integral_time: float | FloatArray = inf
@@ -207,6 +208,8 @@ class VectorPID:
             self._last = measurement.copy()  # the caller may fill the same array anew
             if dt:
                 self._rate = rate
+        elif self._last is not None:
+            self._last, self._rate = None, np.zeros(1)
         self.integral = self.integral + growth
         return output
 

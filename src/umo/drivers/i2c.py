@@ -39,8 +39,9 @@ class I2c(RegisterDriver):
             when the bus is opened again after a failure, so no outputs of the machine are among them.
         pec: checksums of SMBus; for registers of 8 and 16 bits.
 
-    Each call ends within `timeout`. A transfer on a bus that is held ends when the adapter gives up: its timeout is set
-    to that of the driver, in steps of 10 ms, and holds for all users of the bus.
+    `timeout` is observed between two transfers. A transfer on a bus that is held ends when the adapter gives up: its
+    timeout is set to that of the driver, in steps of 10 ms, and holds for all users of the bus. So a call ends within
+    twice `timeout` and 10 ms.
     After a failed transfer the next call opens the bus again.
 
     Sources: NXP UM10204 (I2C), the kernel's Documentation/i2c/dev-interface.rst and smbus-protocol.rst.

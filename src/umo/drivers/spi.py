@@ -46,7 +46,7 @@ class Spi(RegisterDriver):
 
     A transfer is a command, and then data, under one chip select. SPI has no acknowledgement: a chip that is not there
     reads as all zeros or all ones. Only `identity` finds that, and only when the bus is opened.
-    Each call ends within `timeout`, which is observed between two transfers.
+    `timeout` is observed between two transfers: a call ends within it and the time of one transfer.
 
     Source: the kernel's Documentation/spi/spidev.rst.
     """

@@ -8,7 +8,7 @@ from .modbus_server import DEVICE_FAILURE, ILLEGAL_ADDRESS, ILLEGAL_VALUE, Excep
 from .register_map import Point, RegisterMap
 from .simulation import Simulation
 
-WRITES = frozenset((5, 6, 15, 16))
+WRITES = frozenset((5, 6, 15, 16, 23))
 
 
 class Watchdog:

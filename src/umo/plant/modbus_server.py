@@ -51,6 +51,8 @@ def _answer(function: int, body: bytes, cells: RegisterCells) -> bytes:
         return _write_one(function, body, cells)
     if function in (15, 16):
         return _write_many(function, body, cells)
+    if function == 23:
+        return _read_write(body, cells)
     raise ExceptionAnswer(ILLEGAL_FUNCTION)
 
 
@@ -85,6 +87,22 @@ def _write_many(function: int, body: bytes, cells: RegisterCells) -> bytes:
     values = _unpack_bits(packed, count) if bitwise else list(struct.unpack(f">{count}H", packed))
     cells.write(table, address, values)
     return body[:4]
+
+
+def _read_write(body: bytes, cells: RegisterCells) -> bytes:
+    """Write registers, then read registers. Where either is refused nothing has changed."""
+    ahead, packed = body[:8], body[9:]
+    from_, count = _two_words(ahead[:4], len(ahead[:4]))
+    to, written = _two_words(ahead[4:], len(ahead[4:]))
+    if (
+        not (1 <= count <= 125 and 1 <= written <= 121)
+        or body[8:9] != bytes([2 * written])
+        or len(packed) != 2 * written
+    ):
+        raise ExceptionAnswer(ILLEGAL_VALUE)
+    cells.read("holding", from_, count)
+    cells.write("holding", to, struct.unpack(f">{written}H", packed))
+    return bytes([2 * count]) + struct.pack(f">{count}H", *cells.read("holding", from_, count))
 
 
 def _two_words(body: bytes, length: int) -> tuple[int, int]:

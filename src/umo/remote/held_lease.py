@@ -98,7 +98,7 @@ class HeldLease:
         self._wake.set()
 
     def ended(self, path: str) -> str:
-        """Why what was kept up at this path has ended, in the machine's words; "": it lasts."""
+        """Why what was kept up at this path has ended, in the machine's words; "": it lasts, or was not kept up."""
         station, lost = self._station, self.lost  # before the events: the last of them may tell why
         if not (told := self._told(path)) and lost and station.running:
             time.sleep(AFTER)
@@ -108,7 +108,8 @@ class HeldLease:
         return "the lease has ended" if station.running else f"{station.reader.about['station']} has ended"
 
     def _told(self, path: str) -> str:
-        events = (each.event for each in self._station.reader.events(self._since[path]))
+        since = self._since.get(path, self._station.reader.next_event)
+        events = (each.event for each in self._station.reader.events(since))
         ends = (each.text for each in events if each.path == path and each.state is CommandState.CANCELLED)
         return next(ends, "")
 

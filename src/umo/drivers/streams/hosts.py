@@ -40,26 +40,18 @@ class TcpDial:
         self._found: Found = []
 
     def __call__(self, deadline: float) -> Stream:
-        """Raises Gone or TimedOut; DriverError for a name that is not found."""
+        """Tries each address of the host, with an equal share of the time that is left. Raises Gone or TimedOut, as the
+        last of them failed; DriverError for a name that is not found."""
         self._found = self._found or self._look_up(deadline)
-        failed = "no address"
-        for family, kind, protocol, _, address in self._found:
-            connection = socket.socket(family, kind, protocol)
+        failed = OSError("no address")
+        for tried, place in enumerate(self._found):
             try:
-                if (left := deadline - monotonic()) <= 0:
-                    raise TimeoutError
-                connection.settimeout(left)
-                connection.connect(address)
-                connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                connection.setblocking(False)
-                return Stream(connection, "the device closed the connection")
-            except TimeoutError:
-                connection.close()
-                raise TimedOut from None
+                connection = _connected(place, (deadline - monotonic()) / (len(self._found) - tried))
             except OSError as error:
-                connection.close()
-                failed = plain(error)
-        raise Gone(failed)
+                failed = error
+            else:
+                return Stream(connection, "the device closed the connection")
+        raise TimedOut if isinstance(failed, TimeoutError) else Gone(plain(failed))
 
     def _look_up(self, deadline: float) -> Found:
         try:
@@ -70,6 +62,23 @@ class TcpDial:
             raise DriverError(f"{self._host}:{self._port}: {plain(error)}") from None
         except ValueError:  # UnicodeError, and a NUL
             raise DriverError(f"{self._host!r} is not the name of a host") from None
+
+
+def _connected(place: tuple[Any, ...], seconds: float) -> socket.socket:
+    """A connection that does not block; OSError if there is none within the time."""
+    family, kind, protocol, _, address = place
+    connection = socket.socket(family, kind, protocol)
+    try:
+        if seconds <= 0:
+            raise TimeoutError
+        connection.settimeout(seconds)
+        connection.connect(address)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.setblocking(False)
+    except BaseException:
+        connection.close()
+        raise
+    return connection
 
 
 def _found(host: str, port: int | None, seconds: float) -> Found:

@@ -190,7 +190,7 @@ class Channels:
         where, table = f"channels.{name}", self.tables[name]
         known(table, ChannelOptions, where)
         if n is not None:
-            table = numbered(table, n)
+            table = numbered(table, n, where)
         scale = _scale(table["scale"], f"{where}.scale") if "scale" in table else None
         units = _text(table["units"], f"{where}.units") if "units" in table else None
         reading, setting = _reading(table, where, scale), self._setting(table, where, scale)

@@ -11,7 +11,8 @@ from typing import Any
 from umo.drivers.text.pattern import EXACT
 from umo.errors import WiringError
 
-_N = re.compile(r"\{n(?::(\w*))?\}")
+_N = re.compile(r"\{n(?::([^{}]*))?\}")
+_NUMBER = re.compile(r"0?[0-9]{0,2}[bdoxX]?")
 _FORMAT = re.compile(
     r"(?:(?P<fill>.)?(?P<align>[<>=^]))?[-+ ]?z?#?(?P<zeros>0)?[0-9]*(?P<groups>[,_])?(?:\.(?P<digits>[0-9]+))?"
     r"(?P<kind>[a-zA-Z%]?)"
@@ -117,10 +118,16 @@ def _written(raw: int, scale: Decimal | None, spec: str) -> str:
     return format(int(number) if spec[-1] in _WHOLE else number, spec)
 
 
-def numbered(thing: Any, n: int) -> Any:
-    """The texts within with `{n}`, `{n:02d}` replaced by the number of the channel."""
+def numbered(thing: Any, n: int, where: str) -> Any:
+    """The texts within with `{n}`, `{n:02d}` replaced by the number of the channel; WiringError for another format."""
+
+    def written(found: re.Match[str]) -> str:
+        if not _NUMBER.fullmatch(found[1] or ""):
+            raise WiringError(f"{where}: {found[0]} is not the number of a channel; it is {{n}}, or such as {{n:02d}}")
+        return format(n, found[1] or "")
+
     if isinstance(thing, str):
-        return _N.sub(lambda found: format(n, found[1] or ""), thing)
+        return _N.sub(written, thing)
     if isinstance(thing, dict):
-        return {key: numbered(value, n) for key, value in thing.items()}
-    return [numbered(each, n) for each in thing] if isinstance(thing, list | tuple) else thing
+        return {key: numbered(value, n, f"{where}.{key}") for key, value in thing.items()}
+    return [numbered(each, n, where) for each in thing] if isinstance(thing, list | tuple) else thing
