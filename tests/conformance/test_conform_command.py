@@ -18,10 +18,12 @@ from typer.testing import Result
 import umo as package
 from conformance.device import Device
 from helpers.tiers import first
+from umo.cli import conform as conform_command
 from umo.errors import StandsStopped
+from umo.process.station import StationError
 from umo.system.custody import Custody
 from umo.system.hold import Hold
-from umo.testing.conformance import Certificate, growth, leak_rules, long_run
+from umo.testing.conformance import Certificate, PtyTap, growth, leak_rules, long_run
 
 Umo = Callable[..., Result]
 OBJECTS = """
@@ -139,6 +141,56 @@ def test_an_input_that_is_steady_lets_the_line_be_tried_without_an_output(umo: U
     certificate = Certificate.from_json(Path("made.json").read_text())
     tried = {each.rule for each in certificate.findings if each.verdict == "passed"}
     assert {"late answer", "old answer", "short answer", "garbled answer", "retry", "vanish"} <= tried
+
+
+def test_the_line_of_a_driver_that_knows_its_port_is_disturbed(umo: Umo, press: Path, device: Device) -> None:
+    (press / "cards.py").write_text(
+        f"""
+from conformance.careful import Careful
+from umo.drivers.streams import Host
+
+
+class Card(Careful):
+    def __init__(self, *, host: str = "127.0.0.1", port: int | None = None) -> None:
+        self.place = Host(host, port or {device.port})
+        super().__init__(host=host, port=self.place.port)
+"""
+    )
+    file = press / "wiring" / "card.toml"
+    file.write_text(
+        file.read_text().replace("conformance.careful:Careful", ".cards:Card").replace("port =", "# port =")
+    )
+    result = umo("conform", "press", "-w", "card", "--only", "encoder", "--steady", "encoder")
+    assert result.exit_code == 0, said(result)
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ("", {"parity": "even", "data_bits": 8}),
+        ('parity = "odd"', {"parity": "odd", "data_bits": 8}),
+        ("rs485 = true", None),
+    ],
+)
+def test_the_tap_on_a_serial_line_has_the_settings_of_the_driver(
+    umo: Umo, press: Path, monkeypatch: pytest.MonkeyPatch, options: str, expected: dict[str, object] | None
+) -> None:
+    made = []
+
+    class Refused(PtyTap):
+        def __init__(self, path: str, **settings: object) -> None:
+            made.append((path, settings))
+            raise StationError("a tap was made")
+
+    monkeypatch.setattr(conform_command, "PtyTap", Refused)
+    line = f'[drivers.card]\ntype = "modbus"\nserial = "/dev/umo-none"\n{options}\n'
+    wires = [f'"{name}" = {{ driver = "simulated" }}' for name in ("motor", "fan", "back", "spare")]
+    wires.append('"timer" = { driver = "timerfd", period = "1 ms" }')
+    text = "\n".join([line, "[wire]", '"encoder" = { driver = "card", channel = "input:0" }', *wires])
+    (press / "wiring" / "line.toml").write_text(text)
+    result = umo("conform", "press", "-w", "line", "--driver", "card")
+    assert ("a tap was made" if expected else "no device /dev/umo-none") in said(result), said(result)
+    assert made == ([("/dev/umo-none", expected)] if expected else []), said(result)
 
 
 def test_a_run_that_was_cut_short_is_status_3_and_says_what_it_will_take(umo: Umo, press: Path) -> None:

@@ -6,14 +6,18 @@ import errno
 import os
 import select
 import socket
+import termios
 import threading
+import time
 import tty
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from typing import Any
 
 import pytest
 
 from helpers.waiting import until
+from umo.drivers.streams import Serial
 from umo.testing.conformance import PtyTap, Tap, TcpTap
 
 PATIENT, HASTY = 5.0, 0.05
@@ -180,20 +184,27 @@ def test_a_tap_whose_device_is_not_there_ends_the_connection() -> None:
         assert client.recv(1) == b""
 
 
-def test_the_settings_of_a_serial_line_are_passed_on() -> None:
-    import termios
-
+def test_the_settings_of_a_serial_line_are_passed_on_each_time_it_is_opened(monkeypatch: pytest.MonkeyPatch) -> None:
     device, path = os.openpty()
+    seen: list[list[int]] = []
+    set_modes = termios.tcsetattr
+
+    def spied(descriptor: int, when: int, modes: Any) -> None:
+        if os.ttyname(descriptor) == os.ttyname(path):  # a pseudo terminal does not keep what a device would
+            seen.append(modes)
+        set_modes(descriptor, when, modes)
+
     try:
-        with PtyTap(os.ttyname(path)) as tap:
-            line = os.open(tap.serial, os.O_RDWR | os.O_NOCTTY)
-            settings = termios.tcgetattr(line)
-            settings[4] = settings[5] = termios.B9600
-            termios.tcsetattr(line, termios.TCSANOW, settings)
-            os.write(line, b"one")
-            assert select.select([device], [], [], PATIENT)[0]
-            assert termios.tcgetattr(path)[4] == termios.B9600
-            os.close(line)
+        with PtyTap(os.ttyname(path), parity="even", data_bits=7) as tap:
+            monkeypatch.setattr(termios, "tcsetattr", spied)
+            for baudrate in (9600, 19200):
+                line = Serial(tap.serial, baudrate, "even", data_bits=7, stop_bits=2).dial()(time.monotonic() + PATIENT)
+                line.send(b"one", time.monotonic() + PATIENT)
+                assert select.select([device], [], [], PATIENT)[0] and os.read(device, 100)
+                line.close()
     finally:
         os.close(device)
         os.close(path)
+    assert [modes[4] for modes in seen] == [termios.B9600, termios.B19200]
+    shape = termios.CSIZE | termios.PARENB | termios.PARODD | termios.CSTOPB
+    assert [modes[2] & shape for modes in seen] == [termios.CS7 | termios.PARENB | termios.CSTOPB] * 2

@@ -19,6 +19,7 @@ from rich.table import Table
 from umo.cycle.stopping import SIGNALS, signal_name
 from umo.cycle.transfer import PATIENCE
 from umo.drivers import Direction, Driver
+from umo.drivers.streams import Host, Serial
 from umo.errors import DriverError, PathError, StopError
 from umo.objects import Digital
 from umo.objects.units import convert
@@ -71,7 +72,7 @@ def conform_wiring(target: str, wiring: str | None, choice: Choice, arguments: S
     custody = Custody(devices, station.name, "conform", acknowledge=choice.acknowledge)
     with _kept(custody) as stopped, _signals():
         _consent(subject, wires, devices, choice.yes)
-        with _line(subject, maker_of(file, name)) as tapped:
+        with _line(subject, maker_of(file, name), name) as tapped:
             _check_opens(tapped, name)
             certificate = _driven(tapped, choice.minutes)
         stopped += certificate.unreached
@@ -266,16 +267,12 @@ def _kept(custody: Custody) -> Iterator[list[str]]:
 
 
 @contextmanager
-def _line(subject: Subject, make: partial[Driver[Any]]) -> Iterator[Subject]:
-    """With a tap before the device, where the driver's options tell how to reach it."""
+def _line(subject: Subject, make: partial[Driver[Any]], name: str) -> Iterator[Subject]:
+    """With a tap before the device, if the driver's address can be changed."""
     parameters = signature(make.func).parameters
     options = {name: parameters[name].default for name in ("host", "port", "serial") if name in parameters}
     options |= {name: value for name, value in make.keywords.items() if name in options}
-    tap: Tap | None = None
-    if options.get("serial"):
-        tap = PtyTap(str(options["serial"]))
-    elif options.get("host") and isinstance(options.get("port"), int):
-        tap = TcpTap(options["host"], options["port"])
+    tap = _tap(options, getattr(_made(subject, name), "place", None))
     with tap or nullcontext():
         if isinstance(tap, PtyTap):
             subject = replace(subject, make=_maker(make, serial=tap.serial), line=tap)
@@ -284,9 +281,31 @@ def _line(subject: Subject, make: partial[Driver[Any]]) -> Iterator[Subject]:
         yield subject
 
 
+def _tap(options: dict[str, Any], place: object) -> Tap | None:
+    """By the driver's `place`, which knows what the wiring leaves out; by its options, if it has none."""
+    if isinstance(place, Serial) and "serial" in options:
+        if place.rs485:  # a pseudo terminal has no direction to switch
+            return None
+        return PtyTap(place.path, parity=place.parity, data_bits=place.data_bits)
+    if isinstance(place, Host) and {"host", "port"} <= options.keys():
+        return TcpTap(place.host, place.port)
+    if options.get("serial"):
+        return PtyTap(str(options["serial"]))
+    if options.get("host") and isinstance(options.get("port"), int):
+        return TcpTap(options["host"], options["port"])
+    return None
+
+
+def _made(subject: Subject, name: str) -> Driver[Any]:
+    try:
+        return subject.make()
+    except Exception as error:
+        raise DriverError(f"driver {name} cannot be made once more: {reported(error)}") from error
+
+
 def _check_opens(subject: Subject, name: str) -> None:
     """One clear error in place of a table of failures."""
-    driver = subject.make()
+    driver = _made(subject, name)
     driver.timeout, driver.period = max(PATIENCE, subject.timeout), subject.period
     inputs = [driver.channel(each.channel) for each in subject.inputs]
     for output in subject.outputs:

@@ -44,10 +44,11 @@ class _File(io.FileIO):
 
 def _open(place: Serial) -> _File:
     serial: Any = import_module("serial")  # it has no types
+    pseudo = _is_pseudo(place.path)
     line = serial.Serial(
         baudrate=place.baudrate,
-        bytesize=place.data_bits,
-        parity="N" if _is_pseudo(place.path) else place.parity[0].upper(),
+        bytesize=8 if pseudo else place.data_bits,
+        parity="N" if pseudo else place.parity[0].upper(),
         stopbits=place.stop_bits,
         rtscts=place.flow == "rtscts",
         xonxoff=place.flow == "xonxoff",
@@ -71,7 +72,7 @@ def _open(place: Serial) -> _File:
 
 
 def _is_pseudo(path: str) -> bool:
-    """A pseudo-terminal has no parity, and refuses it from the second time on."""
+    """A pseudo-terminal has 8 bits and no parity, and refuses anything else from the second time on."""
     return os.path.realpath(path).startswith("/dev/pts/")
 
 

@@ -8,19 +8,25 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from umo.drivers.streams.place import Parity
 from umo.testing.conformance.taps import Tap
 from umo.testing.conformance.traffic import Tapped
+
+CMSPAR = 0o10_000_000_000
+"""Parity "mark" and "space", on Linux. The module termios has no name for it."""
 
 
 class PtyTap(Tap):
     """A pseudo terminal at `serial`, a path, in front of a device file. The driver's settings of the line (baud rate,
-    parity) are passed on. When the line ends, as an adapter that is taken out, a new one appears at the same path."""
+    stop bits, flow control) are passed on. Parity and data bits are told to the tap, as a pseudo terminal does not keep
+    them. When the line ends, as an adapter that is taken out, a new one appears at the same path."""
 
     ordered = False
 
-    def __init__(self, device: str) -> None:
+    def __init__(self, device: str, *, parity: Parity = "none", data_bits: int = 8) -> None:
+        """ValueError for a parity or data bits that no line has."""
         super().__init__()
-        self._path = device
+        self._path, self._shape = device, _shape(parity, data_bits)
         self._folder = tempfile.TemporaryDirectory(prefix="umo-tap-")
         self.serial = str(Path(self._folder.name) / "line")
         self._terminal = -1
@@ -62,7 +68,25 @@ class PtyTap(Tap):
         import termios
 
         settings = termios.tcgetattr(self._terminal)
+        settings[2] = settings[2] & ~_shape("mark", 8) | self._shape  # these two have all the bits
         if settings != self._settings and os.isatty(tapped.device):
             with suppress(termios.error):
                 termios.tcsetattr(tapped.device, termios.TCSANOW, settings)
             self._settings = settings
+
+
+def _shape(parity: Parity, data_bits: int) -> int:
+    """Parity and data bits, as the control modes of a terminal have them."""
+    import termios
+
+    sizes = {5: termios.CS5, 6: termios.CS6, 7: termios.CS7, 8: termios.CS8}
+    parities = {
+        "none": 0,
+        "even": termios.PARENB,
+        "odd": termios.PARENB | termios.PARODD,
+        "space": termios.PARENB | CMSPAR,
+        "mark": termios.PARENB | termios.PARODD | CMSPAR,
+    }
+    if parity not in parities or data_bits not in sizes:
+        raise ValueError(f"a line has no parity {parity!r} with {data_bits!r} data bits")
+    return parities[parity] | sizes[data_bits]

@@ -61,8 +61,8 @@ class MyCard(Driver):
     """
 
     def __init__(self, *, host: str = "127.0.0.1", port: int = 7000) -> None:
-        self._place = Host(host, port, "my_card tcp")
-        self._dial = self._place.dial()  # nothing is opened before `open`
+        self.place = Host(host, port, "my_card tcp")
+        self._dial = self.place.dial()  # nothing is opened before `open`
         self._stream: Stream | None = None
         self._is_open = False
         self._number = 0
@@ -74,7 +74,7 @@ class MyCard(Driver):
 
     def devices(self) -> Sequence[str]:
         """One text for one device, however it is spelled: one run at a time has it."""
-        return self._place.devices()
+        return self.place.devices()
 
     def open(self) -> None:
         self._is_open = True
