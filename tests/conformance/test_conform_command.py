@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from pydantic import TypeAdapter
 from typer.testing import Result
 
 import umo as package
@@ -93,6 +94,20 @@ def said(result: Result) -> str:
     return " ".join((result.stdout + result.stderr).split())
 
 
+def saved(file: str) -> Certificate:
+    return TypeAdapter(Certificate).validate_json(Path(file).read_text())
+
+
+def own_card(press: Path, text: str, *options: str) -> None:
+    """The station's card is made by a module of its own, with these options in place of the port."""
+    (press / "cards.py").write_text(
+        "import os\nfrom pathlib import Path\n\nfrom conformance.careful import Careful\n" + text
+    )
+    file = press / "wiring" / "card.toml"
+    lines = file.read_text().replace("conformance.careful:Careful", ".cards:Card").split("\n")
+    file.write_text("\n".join(line for each in lines for line in (options if each.startswith("port") else [each])))
+
+
 def test_a_wired_driver_is_tested_within_the_ranges_of_its_objects(umo: Umo, press: Path, device: Device) -> None:
     device.levels("out:0")
     words = ("--yes", "--loopback", "motor=back", "--json", "made.json")
@@ -101,7 +116,7 @@ def test_a_wired_driver_is_tested_within_the_ranges_of_its_objects(umo: Umo, pre
     assert f"press-card-card: passed, on device tcp 127.0.0.1:{device.port}" in said(result)
     assert "out:0 0 to 200" not in said(result)
     assert "motor out:0 0 to 200 0 to 4 V 1.0" in said(result).replace("│ ", "")
-    certificate = Certificate.from_json(Path("made.json").read_text())
+    certificate = saved("made.json")
     assert certificate.outputs == ("out:0 0 to 200", "out:1 0 to 1")
     assert max(device.levels("out:0")) <= 200
     passed = {each.rule for each in certificate.findings if each.verdict == "passed"}
@@ -123,7 +138,7 @@ def test_without_a_terminal_and_without_yes_nothing_is_driven(umo: Umo, press: P
 def test_only_the_listed_channels_are_used(umo: Umo, press: Path, device: Device) -> None:
     words = ("--only", "fan", "--only", "in:9", "--yes", "--json", "made.json")
     assert umo("conform", "press", "-w", "card", *words).exit_code == 0
-    certificate = Certificate.from_json(Path("made.json").read_text())
+    certificate = saved("made.json")
     assert certificate.outputs == ("out:1 0 to 1",) and certificate.inputs == ("in:9",)
     assert device.levels("out:0") == [0]
 
@@ -138,30 +153,75 @@ def test_an_input_that_is_steady_lets_the_line_be_tried_without_an_output(umo: U
     words = ("--only", "encoder", "--steady", "encoder", "--json", "made.json")
     result = umo("conform", "press", "-w", "card", *words)
     assert result.exit_code == 0, said(result)
-    certificate = Certificate.from_json(Path("made.json").read_text())
+    certificate = saved("made.json")
     tried = {each.rule for each in certificate.findings if each.verdict == "passed"}
     assert {"late answer", "old answer", "short answer", "garbled answer", "retry", "vanish"} <= tried
 
 
-def test_the_line_of_a_driver_that_knows_its_port_is_disturbed(umo: Umo, press: Path, device: Device) -> None:
-    (press / "cards.py").write_text(
-        f"""
-from conformance.careful import Careful
+PLACED = """
 from umo.drivers.streams import Host
 
 
 class Card(Careful):
     def __init__(self, *, host: str = "127.0.0.1", port: int | None = None) -> None:
-        self.place = Host(host, port or {device.port})
+        self.place = Host(host, port or PORT)
         super().__init__(host=host, port=self.place.port)
 """
-    )
-    file = press / "wiring" / "card.toml"
-    file.write_text(
-        file.read_text().replace("conformance.careful:Careful", ".cards:Card").replace("port =", "# port =")
-    )
-    result = umo("conform", "press", "-w", "card", "--only", "encoder", "--steady", "encoder")
+MODEL = """
+
+class Card(Careful):
+    def __init__(self, *, model: Path, host: str = "127.0.0.1", port: int) -> None:
+        super().__init__(host=host, port=port)
+        model.read_text()
+"""
+LASTING = """
+os.environ["UMO_LASTING"] = "imported"
+
+
+class Card(Careful):
+    def open(self) -> None:
+        super().open()
+        os.chdir("/")
+"""
+INPUT = ("conform", "press", "-w", "card", "--only", "encoder", "--steady", "encoder")
+
+
+def test_the_line_of_a_driver_that_knows_its_port_is_disturbed(umo: Umo, press: Path, device: Device) -> None:
+    own_card(press, PLACED.replace("PORT", str(device.port)))
+    result = umo(*INPUT)
     assert result.exit_code == 0, said(result)
+
+
+def test_a_path_of_the_wiring_is_that_of_the_station(umo: Umo, press: Path, device: Device) -> None:
+    own_card(press, MODEL, f"port = {device.port}", 'model = "data/model"')
+    (press / "data").mkdir()
+    (press / "data" / "model").write_text("a model")
+    result = umo(*INPUT)
+    assert result.exit_code == 0, said(result)
+
+
+@pytest.mark.parametrize("word", ["UMO_LASTING", "chdir"])
+def test_what_a_driver_changes_of_the_process_before_the_first_rule_is_told(
+    umo: Umo, press: Path, device: Device, monkeypatch: pytest.MonkeyPatch, word: str
+) -> None:
+    monkeypatch.setenv("UMO_LASTING", "not yet")
+    folder = Path.cwd()
+    monkeypatch.chdir(folder)  # and back at the end
+    text = LASTING if word == "chdir" else LASTING.replace("os.chdir", "len")
+    own_card(press, text, f"port = {device.port}")
+    result = umo(*INPUT, "--json", "made.json")
+    assert result.exit_code == 1, said(result)
+    told = "it changed the working directory from" if word == "chdir" else "it changed the environment: UMO_LASTING"
+    assert saved(str(folder / "made.json")).finding("process").why.startswith(told)
+
+
+@pytest.mark.parametrize(("file", "why"), [("none/x", "there is no folder none"), (".", "is a folder")])
+def test_a_file_that_cannot_be_written_is_told_before_anything_is_driven(
+    umo: Umo, press: Path, device: Device, file: str, why: str
+) -> None:
+    result = umo("conform", "press", "-w", "card", "--yes", "--json", file)
+    assert (result.exit_code, said(result)) == (2, f"umo: --json {file}: {why}")
+    assert device.levels("out:0") == [0]
 
 
 @pytest.mark.parametrize(
@@ -255,7 +315,7 @@ def test_a_device_that_is_not_there_is_one_line_and_status_1(umo: Umo, press: Pa
 def test_a_channel_that_the_device_refuses_lets_error_answers_be_tried(umo: Umo, press: Path) -> None:
     words = ("--yes", "--refused", "in:40", "--refused", "io:40", "--json", "made.json")
     assert umo("conform", "press", "-w", "card", "--loopback", "motor=back", *words).exit_code == 0
-    certificate = Certificate.from_json(Path("made.json").read_text())
+    certificate = saved("made.json")
     assert certificate.finding("error answer").verdict == "passed"
     assert certificate.finding("block failures").verdict == "passed"
 

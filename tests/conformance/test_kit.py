@@ -269,6 +269,37 @@ def test_the_table_has_the_text_of_a_rule_and_the_remark_behind_it() -> None:
     assert "3 rounds of 166 cycles" in text
 
 
+def test_what_a_constructor_changes_of_the_process_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("UMO_CHANGED", "secret")
+
+    class Changes(Simulated):
+        def __init__(self) -> None:
+            super().__init__()
+            os.environ["UMO_CHANGED"] = "another"
+
+    found = conform(Subject("changes", make=Changes), only=["process"]).finding("process")
+    assert found.why == "it changed the environment: UMO_CHANGED"
+
+
+@pytest.mark.filterwarnings("error::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_driver_that_cannot_be_made_again_is_told_and_ends_the_run() -> None:
+    made = []
+
+    class Limited(Simulated):
+        def __init__(self) -> None:
+            made.append(self)
+            if len(made) > 4:
+                raise OSError("the library has no more handles")
+            super().__init__()
+
+    subject = Subject("limited", make=Limited, inputs=(Input("valve"),))
+    certificate = conform(subject, only=["channels", "answers", "reading", "readings"])
+    first, *others = [each for each in certificate.findings if each.why]
+    assert first.verdict is Judgement.FAILED and "no more handles" in first.why
+    why = "making the driver failed: the library has no more handles"
+    assert {each.why for each in others} == {f"since the rule {first.rule}: {why}"}
+
+
 # Status, causes, time ---------------------------------------------------------------------------------------
 
 

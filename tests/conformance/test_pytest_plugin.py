@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from pydantic import TypeAdapter
+
 import umo
 from umo.testing.conformance import Certificate
 
@@ -66,7 +68,7 @@ def test_each_rule_is_a_test_and_those_that_cannot_be_tried_are_skipped(tmp_path
     assert "test_conformance[late-answer] SKIPPED" in said
     assert "there is no line between driver and device" in said
     assert " failed" not in said.splitlines()[-1]
-    certificate = Certificate.from_json((tmp_path / "made" / "card.json").read_text())
+    certificate = TypeAdapter(Certificate).validate_json((tmp_path / "made" / "card.json").read_text())
     assert certificate.passed and certificate.name == "card"
 
 

@@ -21,13 +21,14 @@ from umo.cycle.transfer import PATIENCE
 from umo.drivers import Direction, Driver
 from umo.drivers.streams import Host, Serial
 from umo.errors import DriverError, PathError, StopError
-from umo.objects import Digital
+from umo.objects import Compound, Digital
 from umo.objects.units import convert
 from umo.process.outcome import FAILED
 from umo.process.station import Station, StationError, find
 from umo.system.custody import Custody
 from umo.system.packages import station_of
 from umo.testing.conformance import Certificate, Input, Output, PtyTap, Subject, Tap, TcpTap, all_rules, conform
+from umo.testing.conformance.process import State, state
 from umo.text import did_you_mean, in_brackets, reported, some
 from umo.wiring import Wire, Wired, resolve
 from umo.wiring.options import maker_of
@@ -35,6 +36,7 @@ from umo.wiring.options import maker_of
 from .console import err, out
 from .progress_line import OneLine
 from .station_options import machine_of
+from .values import check_file
 
 ALMOST = 1e-9
 IN_PART = 3
@@ -61,27 +63,41 @@ class Choice:
 
 def conform_wiring(target: str, wiring: str | None, choice: Choice, arguments: Sequence[str] = ()) -> int:
     """Try the rules; status 0: none is broken, 1: one is, 3: the line was not tried or the time was short."""
+    check_file("--json", choice.json)
+    made = None if choice.json is None else choice.json.absolute()  # whatever folder a driver changes to
     station, wiring = _station(target, wiring)
-    file = station.wiring(wiring)
     machine = machine_of(station, arguments)
+    with _signals():
+        certificate = _proved(station, station.wiring(wiring), machine, choice)
+    out.print(certificate.table())
+    if made is not None:
+        made.write_text(certificate.to_json(), encoding="utf-8")
+    if not certificate.passed:
+        return FAILED
+    return 0 if certificate.whole else IN_PART
+
+
+def _proved(station: Station, file: Path | None, machine: Compound, choice: Choice) -> Certificate:
+    before = state()
     wired = resolve(machine, file)
     name = _driver(wired, choice.driver)
+    if not all(other == name or _is_of_umo(driver) for other, driver in wired.drivers.items()):
+        before = state()  # another driver may have changed the process while it was made
     wires = _wires(wired, name, choice.only)
     subject = _subject(station, file, wired, name, wires, choice)
     devices = wired.hardware.get(name, ())
     custody = Custody(devices, station.name, "conform", acknowledge=choice.acknowledge)
-    with _kept(custody) as stopped, _signals():
+    with _kept(custody) as stopped:
         _consent(subject, wires, devices, choice.yes)
         with _line(subject, maker_of(file, name), name) as tapped:
             _check_opens(tapped, name)
-            certificate = _driven(tapped, choice.minutes)
+            certificate = _driven(tapped, choice.minutes, before)
         stopped += certificate.unreached
-    out.print(certificate.table())
-    if choice.json is not None:
-        choice.json.write_text(certificate.to_json(), encoding="utf-8")
-    if not certificate.passed:
-        return FAILED
-    return 0 if certificate.whole else IN_PART
+    return certificate
+
+
+def _is_of_umo(driver: Driver[Any]) -> bool:
+    return type(driver).__module__.startswith("umo.")
 
 
 def _station(target: str, wiring: str | None) -> tuple[Station, str | None]:
@@ -321,17 +337,17 @@ def _check_opens(subject: Subject, name: str) -> None:
         driver.close()
 
 
-def _driven(subject: Subject, minutes: float) -> Certificate:
+def _driven(subject: Subject, minutes: float, before: State) -> Certificate:
     """As `_shown`; what a signal leaves behind is said."""
     try:
-        return _shown(subject, minutes)
+        return _shown(subject, minutes, before)
     except KeyboardInterrupt:
-        state = "every output is at its default" if subject.outputs else "no output was driven"
-        err.print(f"umo: stopped; {state}", soft_wrap=True)
+        end = "every output is at its default" if subject.outputs else "no output was driven"
+        err.print(f"umo: stopped; {end}", soft_wrap=True)
         raise
 
 
-def _shown(subject: Subject, minutes: float) -> Certificate:
+def _shown(subject: Subject, minutes: float, before: State) -> Certificate:
     """The certificate; first what it will take, then a line of progress. What writes to inputs is left out if nothing
     may be driven."""
     began = time.monotonic()
@@ -341,6 +357,7 @@ def _shown(subject: Subject, minutes: float) -> Certificate:
             subject,
             only=only,
             minutes=minutes,
+            before=before,
             plan=lambda plan: err.print(f"umo: {plan}", soft_wrap=True),
             progress=(lambda rule, share: line.show(time.monotonic() - began, rule, share))
             if err.is_terminal

@@ -19,6 +19,7 @@ from umo.latency.verdict import advice, recommend
 from umo.process.start import LINUX
 
 from .console import err, out
+from .values import check_file
 
 SHORTEST, LONGEST = 50e-6, 1.0
 QUANTILES = (("least", 0), ("median", 50), ("99 %", 99), ("99.9 %", 99.9), ("longest", 100))
@@ -32,8 +33,7 @@ def latency(period: str, seconds: float, load: bool, file: Path | None) -> None:
         raise RangeError(f"--period {period}: umo latency measures periods from 50 us to 1 s")
     if not LINUX:
         raise RangeError("umo latency needs Linux: umo runs in real time on Linux only")
-    if file is not None and (file.is_dir() or not file.parent.is_dir()):
-        raise RangeError(f"--json {file}: is a folder" if file.is_dir() else f"--json {file}: no folder {file.parent}")
+    check_file("--json", file)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
     # without a thread that draws, which would run beside what is measured
     with Progress(*columns, console=err, transient=True, auto_refresh=False, disable=not err.is_terminal) as bar:

@@ -13,7 +13,6 @@ from umo.cycle.trace import Statistics, Trace
 from umo.process.job import Job, Plan
 from umo.process.outcome import NOT_RECORDED, TIME_OVER, Failed, Outcome, plain, plain_reports
 from umo.process.start import LINUX
-from umo.process.station import StationError
 from umo.text import cause_of, printable
 
 from .console import err, out
@@ -23,6 +22,7 @@ from .progress_line import Shown
 from .result import Result
 from .run_folder import NotRecorded, RunFolder, TraceFile, whole
 from .stillness import Stillness
+from .values import check_file
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ def run_station(job: Job, recording: Recording, *, full_traceback: bool = False)
 
     In real time it runs in processes of its own (`umo.process`), in virtual time in this one.
     """
-    _check_summary(recording.summary)
+    check_file("--summary", recording.summary)
     plan = Plan(job)
     if job.options.get("realtime") and not plan.wired.paced and not job.manual:
         err.print("umo: --realtime has no effect: the timer of this wiring is a real-time timer")
@@ -71,13 +71,6 @@ def run_station(job: Job, recording: Recording, *, full_traceback: bool = False)
             complete &= folder.complete
     status = result.outcome.status
     return status if complete or status not in (0, TIME_OVER) else NOT_RECORDED
-
-
-def _check_summary(summary: Path | None) -> None:
-    """StationError if it cannot be written there: before anything runs."""
-    if summary is not None and (summary.is_dir() or not summary.parent.is_dir()):
-        what = "is a folder" if summary.is_dir() else f"there is no folder {summary.parent}"
-        raise StationError(f"--summary {summary}: {what}")
 
 
 def _run(plan: Plan, trace: Trace, folder: RunFolder | None) -> Result:

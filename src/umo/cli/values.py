@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 from umo.duration import seconds
@@ -74,3 +75,9 @@ def argument(path: str, about: dict[str, Any], text: str) -> Any:
             raise RangeError(f"{name}: {text!r} is not true or false")
         return text.lower() in TRUE
     return text
+
+
+def check_file(option: str, file: Path | None) -> None:
+    """RangeError if nothing can be written there: before anything runs."""
+    if file is not None and (file.is_dir() or not file.parent.is_dir()):
+        raise RangeError(f"{option} {file}: {'is a folder' if file.is_dir() else f'there is no folder {file.parent}'}")

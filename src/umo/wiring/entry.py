@@ -8,11 +8,13 @@ from __future__ import annotations
 import inspect
 import json
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictInt, StrictStr, ValidationError, create_model
 
+from umo.system.packages import station_of
 from umo.text import did_you_mean
 from umo.wiring.parameters import as_plain
 
@@ -79,6 +81,24 @@ def options_of(name: str, signature: Mapping[str, inspect.Parameter], given: dic
     else:
         checked = model.model_validate_json(text)
     return {key: getattr(checked, key) for key in given}
+
+
+def arguments_of(
+    cls: Any,
+    signature: Mapping[str, inspect.Parameter],
+    given: Mapping[str, Any],
+    file: str,
+    run: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """The arguments of a driver's constructor, of what the wiring gives and of the options of the run, which go first;
+    ValidationError. A relative path that the wiring gives starts from its station, or from the folder of its file."""
+    own = {key: value for key, value in (run or {}).items() if key in signature}
+
+    def beside(value: Any) -> Any:
+        return (station_of(Path(file)) or Path(file).parent) / value if isinstance(value, Path) else value
+
+    options = options_of(cls.__name__, signature, {**given, **own})
+    return {key: value if key in own else beside(value) for key, value in options.items()}
 
 
 def faults_of(

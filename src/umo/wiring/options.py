@@ -90,9 +90,10 @@ def _driver_options(wiring: WiringText) -> tuple[dict[str, tuple[str, inspect.Pa
 
 def maker_of(wiring: WiringText | None, name: str) -> partial[Driver[Any]]:
     """Makes drivers like that of this name, in a wiring that `check` found right; keywords change options."""
-    from umo.wiring.entry import options_of
+    from umo.wiring.entry import arguments_of
 
-    table = {"type": name} | (read(wiring).drivers.get(name, {}) if wiring is not None else {})
+    source = read({} if wiring is None else wiring)
+    table = {"type": name} | source.drivers.get(name, {})
     cls = registry.find(table["type"])
     given = {key: value for key, value in table.items() if key not in RESERVED}
-    return partial(cls, **options_of(cls.__name__, inspect.signature(cls, eval_str=True).parameters, given))
+    return partial(cls, **arguments_of(cls, inspect.signature(cls, eval_str=True).parameters, given, source.file))

@@ -133,7 +133,7 @@ class _Resolver:
     def _make_driver(self, name: str, table: dict[str, Any]) -> Driver | None:
         from pydantic import ValidationError
 
-        from umo.wiring.entry import faults_of, options_of
+        from umo.wiring.entry import arguments_of, faults_of
 
         declared = name in self.source.drivers
         given = {key: value for key, value in table.items() if key not in RESERVED}
@@ -157,22 +157,13 @@ class _Resolver:
         signature: Mapping[str, inspect.Parameter] = {}
         try:
             signature = inspect.signature(cls, eval_str=True).parameters
-            given |= {key: value for key, value in self.options.items() if key in signature}
-            options = options_of(cls.__name__, signature, given)
-            return cls(**{key: v if key in self.options else self._beside(v) for key, v in options.items()})
+            return cls(**arguments_of(cls, signature, given, self.source.file, self.options))
         except ValidationError as error:
             for key, message in faults_of(error, [*signature, *RESERVED], signature):
                 self.source.fault(f"drivers.{name}.{key}", message)
         except (Exception, SystemExit) as error:  # of the driver's constructor
             self.source.fault(f"drivers.{name}", reason_of(error))
         return None
-
-    def _beside(self, value: Any) -> Any:
-        """A relative path that the wiring gives starts from its station, or from the folder that the wiring is in."""
-        if not isinstance(value, Path):
-            return value
-        file = Path(self.source.file)
-        return (station_of(file) or file.parent) / value
 
     def _own_module(self, kind: str) -> str:
         """A hint for a module that was meant to be the station's own."""

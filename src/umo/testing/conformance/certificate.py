@@ -149,9 +149,3 @@ class Certificate:
         file = folder / f"{self.name.replace('/', '-').replace(' ', '-')}.json"
         file.write_text(self.to_json(), encoding="utf-8")
         return file
-
-    @classmethod
-    def from_json(cls, text: str) -> Certificate:
-        from pydantic import TypeAdapter
-
-        return TypeAdapter(cls).validate_json(text)

@@ -18,6 +18,7 @@ from umo.errors import Failure, StopError
 from umo.testing.conformance.budget import Budget, TimePlan
 from umo.testing.conformance.certificate import Certificate, Finding, Judgement
 from umo.testing.conformance.probe import Stopped, TimeUp, call_of
+from umo.testing.conformance.process import State
 from umo.testing.conformance.rules import NotTried, Rule, RuleBroken, chosen_rules
 from umo.testing.conformance.subject import Subject
 from umo.testing.conformance.trial import Trial
@@ -49,19 +50,21 @@ def conform(
     cycles: int | None = None,
     progress: OnProgress | None = None,
     plan: OnPlan | None = None,
+    before: State | None = None,
 ) -> Certificate:
     """Try every rule (or `only` these) on the driver, for `minutes` at most; what was left out for that is in the
     certificate. `cycles`: of the search for what adds up, each with a write and a read of every channel as a block and
     of one; default: enough for 70,000 transfers. `plan` is called before the first rule.
+    `before`: the process before the driver was imported (`process.state`), if more than `make` is to be judged.
 
     Outputs are driven within the limits of the subject, and are at their defaults at the end, also after an exception
     or Ctrl-C. A rule that fails does not keep the others from being tried, unless the driver hangs (a call that
     does not return within four times its timeout and 2 s) or the device does not answer any more.
     """
     rules = chosen_rules(only)
-    driver = subject.make()
     trial = Trial(subject, cycles, Budget(60 * minutes, rules))
-    trial.begin()
+    trial.begin(before)
+    driver = subject.make()
     try:
         examination = _Examination(trial, rules, progress)
         examination.prepare(plan)

@@ -11,6 +11,8 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
+from umo.text import some
+
 TASKS = Path("/proc/self/task")
 
 
@@ -25,15 +27,31 @@ def threads() -> dict[int, tuple[float, float]]:
     return found
 
 
-def state() -> dict[str, object]:
-    """What a driver has no business with."""
+State = dict[str, object]
+"""What a driver has no business with, by name."""
+
+
+def change(before: State, now: State) -> str:
+    """The first difference between two states, in words; empty if there is none. Values of the environment are not
+    told: some are secret."""
+    for what, value in now.items():
+        if value != before[what]:
+            if not isinstance(value, dict):
+                return f"the {what} from {before[what]} to {value}"
+            names = {name for name, _ in value.items() ^ before[what].items()}  # type: ignore[attr-defined]
+            return f"the {what}: {some(sorted(names))}"
+    return ""
+
+
+def state() -> State:
+    """The present one, as this thread has it."""
     return {
         "working directory": os.getcwd(),
         "default timeout of sockets": socket.getdefaulttimeout(),
         "interval of thread switches": sys.getswitchinterval(),
         "recursion limit": sys.getrecursionlimit(),
         "number of child processes": _children(),
-        "environment": " ".join(sorted(os.environ)),
+        "environment": dict(os.environ),
         "number of handlers of the root logger": len(logging.getLogger().handlers),
         "locale": locale.setlocale(locale.LC_ALL),
         "processors and priority": _scheduling(),

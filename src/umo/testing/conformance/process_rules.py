@@ -14,7 +14,7 @@ from types import FrameType
 from typing import Any, TextIO
 
 from umo.testing.conformance.probe import Probe
-from umo.testing.conformance.process import state, threads
+from umo.testing.conformance.process import change, state, threads
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.trial import Trial
 
@@ -135,9 +135,8 @@ def process(trial: Trial) -> str | None:
         (gc.enable if on else gc.disable)()
     if text := "".join(printed).strip():
         raise RuleBroken(f"it prints: {text.splitlines()[0][:80]!r}")
-    for what, value in state().items():
-        if value != trial.before[what]:
-            raise RuleBroken(f"it changed the {what} from {trial.before[what]} to {value}")
+    if changed := change(trial.before, state()):
+        raise RuleBroken(f"it changed {changed}")
     return remark
 
 

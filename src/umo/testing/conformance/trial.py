@@ -11,7 +11,7 @@ from typing import Any
 from umo.testing.conformance.budget import Budget, CallTime
 from umo.testing.conformance.certificate import TransferTime
 from umo.testing.conformance.probe import Probe, call_of
-from umo.testing.conformance.process import state, threads
+from umo.testing.conformance.process import State, state, threads
 from umo.testing.conformance.rules import NotTried
 from umo.testing.conformance.sight import Sight
 from umo.testing.conformance.subject import Subject
@@ -43,12 +43,12 @@ class Trial(Sight):
         """Results that several rules share."""
         self.threads: frozenset[int] = frozenset()
         """Threads of the process that are older than the first driver."""
-        self.before: dict[str, object] = {}
+        self.before: State = {}
         """The process, as it was before the first driver."""
 
-    def begin(self) -> None:
-        """Note what is there before the first driver."""
-        self.before = state()
+    def begin(self, before: State | None = None) -> None:
+        """Note what is there before the first driver; `before`: the process, if a driver has been there already."""
+        self.before = before or state()
         self.threads = frozenset(threads())
 
     def measure(self) -> None:
@@ -87,8 +87,9 @@ class Trial(Sight):
 
     def dead(self) -> str:
         """Why the device cannot be used at all; empty if it can."""
-        probe, doing = self.new(), ""
+        probe, doing = None, ""
         try:
+            probe = self.new()
             probe.open()
             for text in self.channels:
                 probe.initialize(text, self.default(text))
@@ -100,10 +101,11 @@ class Trial(Sight):
             what = f"{call_of(error)} failed: {reported(error)}"
             if missing:
                 return f"the device is not there: {missing} ({what})"
-            return what if doing else f"the device does not answer: {what}"
+            return what if doing or probe is None else f"the device does not answer: {what}"
         finally:
-            with suppress(OSError):
-                self.leave(probe)
+            if probe is not None:
+                with suppress(OSError):
+                    self.leave(probe)
         return ""
 
     # The line -----------------------------------------------------------------------------------------

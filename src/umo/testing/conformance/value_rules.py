@@ -107,9 +107,10 @@ def directions(trial: Trial) -> str | None:
     with trial.opened() as probe:
         for each in inputs:
             before = probe.read(each.channel)
+            raw = before ^ 1 if each.channel in trial.steady else before  # another level, if a change of it can be seen
             for many in (False, True):
                 what = f"{'write_many' if many else 'write'} to {each.channel}"
-                if trial.failure(probe.call, what, _write, probe, each.channel, before, many) is None:
+                if trial.failure(probe.call, what, _write, probe, each.channel, raw, many) is None:
                     raise RuleBroken(f"a {what}, an input, was taken")
             if each.channel in trial.steady and (after := probe.read(each.channel)) != before:
                 raise RuleBroken(f"a refused write to {each.channel} changed it from {before} to {after}")
