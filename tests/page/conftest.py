@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -36,12 +37,14 @@ def eventually(condition: Callable[[], Any], seconds: float = PATIENCE) -> Any:
 
 
 @contextmanager
-def running(name: str = "press", count: int = 50, box: Scripted | None = None) -> Iterator[Callable[[int], None]]:
+def running(
+    name: str = "press", count: int = 50, box: Scripted | None = None, place: Path | None = None
+) -> Iterator[Callable[[int], None]]:
     """A station that this process publishes; the function runs more of its periods of 1 ms."""
     m = bench()
     wiring = wired(m, box or Scripted({"encoder": range(1, 100_000)}), clock=VirtualTimer())
     connection = connect(m, wiring)
-    with connection, published(connection, name, "rig"):
+    with connection, published(connection, name, "rig", place=place):
         periods(m, count)
         yield lambda more: periods(m, more)
 

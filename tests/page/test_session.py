@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from threading import Thread
 from typing import Any
 
@@ -27,7 +28,7 @@ from umo.page.feed import Feed
 from umo.page.live import Live
 from umo.page.page_hand import PageHand
 from umo.page.server import Options, listen, server
-from umo.page.session import MOST_ASKED
+from umo.page.session import MOST_ASKED, First
 from umo.page.watched import Watched
 from umo.testing import Scripted
 
@@ -55,6 +56,38 @@ def test_the_list_of_stations_follows_what_runs(client: Client) -> None:
         assert (line["name"], line["stage"]) == ("press", "running")
     (line,) = client.get("stations")["stations"]
     assert line["stage"] == "ended"
+
+
+def test_of_two_stations_with_one_name_the_one_of_the_folder_is_shown_first() -> None:
+    first = First("press", "/b/press")
+    with running(place=Path("/a/press")), serving(first=first) as served, opened(served.socket) as client:
+        while not client.get("stations")["stations"]:
+            pass
+        with running(place=Path("/b/press")):
+            assert client.get("description")["place"] == first.place
+
+
+def test_of_two_runs_in_one_folder_the_one_of_the_pid_is_shown_first() -> None:
+    with running(), running():
+        looking = Feed()
+        looking.search()
+        one, other = looking.watched.values()
+        one.about["pid"] = 7
+        assert First("press", "", 7).among([one, other]) is one
+        assert First("press", "", 8).among([one, other]) is other  # 8 has ended, and the station has started again
+        looking.close()
+
+
+def test_a_run_that_has_ended_gives_its_name_only_to_the_next_one_of_its_folder() -> None:
+    looking = Feed()
+    for place in ("/a/press", "/b/press", "/a/press"):
+        with running(place=Path(place)):
+            looking.search()
+        looking.look(states=True)
+    first, second = looking.watched.values()
+    assert (first.place, second.place) == ("/b/press", "/a/press")
+    assert (first.name.startswith("press (pid "), second.name) == (True, "press")
+    looking.close()
 
 
 def test_a_state_has_the_values_of_the_last_frame_and_then_what_has_changed(client: Client) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import signal
+import socket
 import ssl
 import subprocess
 import urllib.request
@@ -14,7 +16,10 @@ from pathlib import Path
 import pytest
 from typer.testing import Result
 
-from .conftest import PATIENCE, eventually, viewing
+from umo.page.server import Options
+from umo.page.session import First
+
+from .conftest import PATIENCE, eventually, running, viewing
 
 ROOT = Path(__file__).parents[2]
 Umo = Callable[..., Result]
@@ -51,6 +56,23 @@ def test_a_certificate_that_is_missing_is_named(umo: Umo) -> None:
 
 def test_a_station_that_nobody_knows_is_refused_with_the_nearest(umo: Umo) -> None:
     assert "did you mean 'ztheta'?" in refused(umo("view", "zteta"))
+
+
+def test_the_run_that_is_named_is_shown_first_and_a_name_of_several_is_refused(
+    umo: Umo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    served: list[Options] = []
+
+    def serve(options: Options, listening: socket.socket, ready: Callable[[], None]) -> None:
+        listening.close()
+        served.append(options)
+
+    monkeypatch.setattr("umo.page.server.serve", serve)
+    monkeypatch.setattr("umo.cli.page.stand_back", lambda: None)
+    with running(place=tmp_path / "a"), running("press", place=tmp_path / "b"):
+        umo("view", str(tmp_path / "b"), "--port", "0")
+        assert [each.first for each in served] == [First("press", str(tmp_path / "b"), os.getpid())]
+        assert "2 runs of press are going on; give the pid" in refused(umo("view", "press", "--port", "0"))
 
 
 def test_an_address_of_another_computer_is_refused(umo: Umo) -> None:

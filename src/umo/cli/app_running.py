@@ -58,7 +58,9 @@ def watch(
 def view(
     station: Annotated[
         str | None,
-        typer.Argument(metavar="[STATION]", help="Name or directory of the station to show first; it may start later."),
+        typer.Argument(
+            metavar="[STATION]", help="Name, directory or pid of the station to show first; it may start later."
+        ),
     ] = None,
     port: Annotated[
         int | None, typer.Option(min=0, max=65535, help="TCP port; default: 8270, or any free one if it is taken.")

@@ -15,7 +15,7 @@ from urllib.parse import quote
 from umo.errors import FramesError
 from umo.frames.folder import folder
 from umo.process.station import StationError, find, shipped
-from umo.remote.search import meant_by, station_name
+from umo.remote.search import meant_by, several_runs, station_name
 from umo.system.realtime import stand_back
 from umo.text import did_you_mean, printable
 
@@ -54,15 +54,17 @@ def view(choice: ViewOptions) -> int:
             raise PageError(f'the page needs {library}: pip install "umo[page]"')
     from umo.page.guard import is_loopback, new_token
     from umo.page.server import Options, serve
+    from umo.page.session import First
 
     local = is_loopback(choice.host)
     _check(choice, local)
-    name = _station(choice)
+    named = _station(choice)
     listening = _listening(choice)
     port = listening.getsockname()[1]
     token = choice.token or new_token(folder() / "page.token")
     hands = local or choice.hands
-    options = Options(choice.host, port, token, name, hands, choice.certificate, choice.key)
+    first = None if named is None else First(*named)
+    options = Options(choice.host, port, token, first, hands, choice.certificate, choice.key)
     address = f"http{'s' if choice.certificate else ''}://{_shown_host(choice.host)}:{port}/"
 
     def ready() -> None:
@@ -103,16 +105,19 @@ def _check(choice: ViewOptions, local: bool) -> None:
             raise PageError(f"{choice.certificate}, {choice.key}: no certificate and its key (PEM): {reason}") from None
 
 
-def _station(choice: ViewOptions) -> str | None:
-    """The name of the station to show first: one that runs, or one that can be started."""
+def _station(choice: ViewOptions) -> tuple[str, str, int | None] | None:
+    """Name, folder and pid of the station to show first: one that runs, or, without a pid, one that can be started."""
     if choice.station is None:
         return None
     found = readers()
     if fitting := meant_by(choice.station, found):
-        return str(fitting[0].about["station"])
+        if len(fitting) > 1:
+            raise FramesError(several_runs(choice.station, fitting))
+        about = fitting[0].about
+        return str(about["station"]), str(about["place"]), int(about["pid"])
     name, running = station_name(choice.station), [str(reader.about["station"]) for reader in found]
     try:
-        find(choice.station)
+        station = find(choice.station)
     except StationError as error:
         if Path(choice.station).is_dir():
             raise
@@ -120,7 +125,7 @@ def _station(choice: ViewOptions) -> str | None:
         known = f"running: {', '.join(running) or 'none'}; others: {', '.join(shipped())}, or a directory"
         raise PageError(f"no station {printable(choice.station)!r}{near}; {known}") from error
     err.print(f"umo: {name} is not running yet; the page waits for it", soft_wrap=True)
-    return name
+    return station.name, str(station.path), None
 
 
 def _listening(choice: ViewOptions) -> socket.socket:

@@ -30,7 +30,7 @@ ENDED = 4
 
 
 class Feed:
-    """`watched` are the runs by name. A run that has ended stays until the station starts again."""
+    """`watched` are the runs by name. A run that has ended stays until the station, in this folder, starts again."""
 
     def __init__(self) -> None:
         self.watched: dict[str, Watched] = {}
@@ -118,10 +118,10 @@ class Feed:
 
     def _attach(self, watched: Watched) -> None:
         before = self.watched.get(watched.name)
-        if before is not None and not before.ended:
-            watched.name = f"{watched.name} (pid {watched.about['pid']})"
-        elif before is not None:
+        if before is not None and before.ended and before.place == watched.place:
             before.close()
+        elif before is not None:
+            watched.name = f"{watched.name} (pid {watched.about['pid']})"
         self.watched.pop(watched.name, None)
         self.watched[watched.name] = watched
 

@@ -31,7 +31,7 @@ from umo.page.feed import Feed
 from umo.page.guard import Guard
 from umo.page.live import Stretch, made
 from umo.page.samples import csv_of
-from umo.page.session import Session
+from umo.page.session import First, Session
 from umo.page.strangers import visits
 
 STATIC = Path(__file__).parent / "static"
@@ -49,12 +49,12 @@ ATTACHMENT = {"content-disposition": "attachment"}
 
 @dataclass(frozen=True)
 class Options:
-    """How to serve. `station` is shown first; `hands`: pages may command."""
+    """How to serve. `first` is shown first; `hands`: pages may command."""
 
     host: str
     port: int
     token: str
-    station: str | None = None
+    first: First | None = None
     hands: bool = True
     certificate: Path | None = None
     key: Path | None = None
@@ -62,14 +62,15 @@ class Options:
 
 def application(options: Options, feed: Feed, ended: Callable[[asyncio.Task[None]], None]) -> ASGIApp:
     """The page of a feed, behind its guard. `ended` is called when the feed has ended."""
-    about = {"station": options.station, "hands": options.hands, "version": version("umo")}
+    name = None if options.first is None else options.first.station
+    about = {"station": name, "hands": options.hands, "version": version("umo")}
 
     async def index(request: Request) -> Response:
         return FileResponse(STATIC / "index.html")
 
     async def page(websocket: WebSocket) -> None:
         await websocket.accept()
-        await Session(websocket, feed, about).run()
+        await Session(websocket, feed, about, options.first).run()
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:

@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -35,14 +36,29 @@ CLOSING = 1.0
 READ_ONLY = "this page is read-only"
 
 
-class Session:
-    """`server`: what every page is told of this server."""
+@dataclass(frozen=True)
+class First:
+    """The station that is shown before the page chooses one: the run of this pid; else the one of this folder."""
 
-    def __init__(self, socket: WebSocket, feed: Feed, server: dict[str, Any]) -> None:
+    station: str
+    place: str
+    pid: int | None = None
+
+    def among(self, runs: Sequence[Watched]) -> Watched | None:
+        own = [each for each in runs if (each.station, each.place) == (self.station, self.place)]
+        return next((each for each in runs if each.about["pid"] == self.pid), own[-1] if own else None)
+
+
+class Session:
+    """`server`: what every page is told of this server. `first`: None: the only run."""
+
+    def __init__(self, socket: WebSocket, feed: Feed, server: dict[str, Any], first: First | None = None) -> None:
         self._socket = socket
         self._feed = feed
         self._server = server
-        self._name: str | None = server.get("station")
+        self._first = first
+        self._name: str | None = None
+        """Name of the run to show; empty: none; None: not chosen yet."""
         self._watched: Watched | None = None
         self._live: dict[Any, Live] = {}
         self._state = 0
@@ -101,18 +117,25 @@ class Session:
 
     async def _tell_stations(self) -> None:
         """The list when it has changed, and the description of a run that is new."""
-        lines = [watched.line() for watched in self._feed.watched.values()]
+        runs = list(self._feed.watched.values())
+        lines = [watched.line() for watched in runs]
         if (text := json.dumps({"type": "stations", "stations": lines})) != self._stations:
             self._stations = text
             await self._send(text)
-        if self._name is None and len(lines) == 1:
-            self._name = lines[0]["name"]
+        if self._name is None and (first := self._choice(runs)) is not None:
+            self._name = first.name
         watched = self._feed.watched.get(self._name or "")
         if watched is not self._watched:
             self._watched, self._state = watched, 0
             self._live.clear()
             if watched is not None:
                 await self._tell(watched.description())
+
+    def _choice(self, runs: list[Watched]) -> Watched | None:
+        """The run to show while the page has chosen none."""
+        if self._first is not None:
+            return self._first.among(runs)
+        return runs[0] if len(runs) == 1 else None
 
     async def _tell_state(self) -> None:
         watched = self._watched

@@ -22,7 +22,7 @@ from umo.page.ending import UNKNOWN, Ending, ending_of
 from umo.text import printable
 from umo.twin import declares_twin
 
-ABOUT = ("station", "wiring", "pid", "period")
+ABOUT = ("station", "wiring", "place", "pid", "period")
 """Facts of the run that a page is told."""
 OF_THE_RING = ("objects", "signals", "actions", "tunables")
 """Parts of a ring's description that a page is told."""
@@ -40,6 +40,8 @@ class Watched:
         reader.skip_older_half()
         self.about: dict[str, Any] = {name: reader.about[name] for name in ABOUT}
         self.station = str(self.about["station"])
+        self.place = str(self.about["place"])
+        """Folder of the station; empty: it has none."""
         self.name = self.station
         """Name of this run on the page; two runs of one station have different names."""
         self.run = reader.path.name
@@ -201,7 +203,8 @@ class Watched:
 
     def line(self) -> dict[str, Any]:
         """For the list of stations."""
-        told = {"name": self.name, "station": self.station, "stage": str(self.stage), "wiring": self.about["wiring"]}
+        told = {"name": self.name, "station": self.station, "place": self.place}
+        told |= {"stage": str(self.stage), "wiring": self.about["wiring"]}
         return told | ({} if self.ending is None else {"ending": self.ending._asdict()})
 
     @property

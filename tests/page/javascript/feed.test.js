@@ -46,11 +46,26 @@ test("states are put together from what has changed; events and misses stay unti
   assert.equal(feed.ended, false);
 });
 
+test("a page that shows a station takes nothing of another one, which the server may send before it knows", () => {
+  for (const wanted of ["oven", ""]) {
+    const feed = new Feed();
+    feed.wanted = wanted;
+    feed._text(DESCRIPTION);
+    feed._text(JSON.parse(state({})));
+    assert.deepEqual([feed.wanted, feed.station, feed.state], [wanted, null, null]);
+  }
+  const feed = new Feed();
+  feed._text(DESCRIPTION);
+  feed.watch("oven");
+  feed._text(JSON.parse(state({})));
+  assert.equal(feed.state, null);
+});
+
 test("another run begins with nothing known of the one before", () => {
   const feed = new Feed();
   feed._text(DESCRIPTION);
   feed._text(JSON.parse(state({ values: { 0: [1.5, 300, 0] }, events: [{ text: "x" }] })));
-  feed._text({ ...DESCRIPTION, run: "r2" });
+  feed._text({ ...DESCRIPTION, run: "r2" });  // of the same name: the station has started again
   assert.deepEqual([feed.latest("motor"), feed.events, feed.state], [null, [], null]);
 });
 

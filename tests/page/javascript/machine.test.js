@@ -5,7 +5,7 @@ import { test } from "node:test";
 import { folded, generalised, linesOf } from "../../../src/umo/page/static/folding.js";
 import { filtered, groupsOf, partsOf } from "../../../src/umo/page/static/parts.js";
 import { shownQuality } from "../../../src/umo/page/static/quality.js";
-import { runAfter } from "../../../src/umo/page/static/stations.js";
+import { nameOf, runAfter } from "../../../src/umo/page/static/stations.js";
 import { forbidden, statusOf } from "../../../src/umo/page/static/status.js";
 import { nextTab } from "../../../src/umo/page/static/tabs.js";
 import { loadsAt } from "../../../src/umo/page/static/twin/loads.js";
@@ -114,9 +114,13 @@ test("loads on a belt are as long as they passed the sensor, and travel with it"
 });
 
 test("of a station whose run has ended, another run that goes on is found", () => {
-  const line = (name, station, stage) => ({ name, station, stage, wiring: "" });
+  const line = (name, station, stage, place = `/a/${station}`) => ({ name, station, stage, place, wiring: "" });
   const lines = [line("press", "press", "ended"), line("oven", "oven", "running"), line("press (pid 7)", "press", "running")];
   assert.equal(runAfter(lines, "press")?.name, "press (pid 7)");
   assert.equal(runAfter([...lines.slice(0, 2), line("press (pid 7)", "press", "ended")], "press"), null);
   assert.equal(runAfter(lines, "lathe"), null);
+  const elsewhere = line("press (pid 8)", "press", "running", "/b/press");
+  assert.equal(runAfter([lines[0], elsewhere], "press"), null);  // another machine
+  assert.equal(nameOf(elsewhere, [lines[0], elsewhere]), "press (pid 8) in /b/press");
+  assert.equal(nameOf(lines[1], [...lines, elsewhere]), "oven");
 });

@@ -40,7 +40,7 @@ const tabs = [...document.querySelectorAll("button")].filter((button) => button.
 /** @type {{name: string, run: string | null, view: Page.View} | null} */
 let mounted = null;
 let asked = 0;
-/** @type {{name: string | null, run: string | null} | null} */
+/** @type {{name: string, place: string, run: string} | null} */
 let lastRun = null;
 
 function viewName() {
@@ -95,7 +95,7 @@ function say() {
   const after = feed.ended && feed.station ? runAfter(feed.stations, feed.station) : null;
   newer.hidden = !after;
   newer.value = after?.name ?? "";
-  setText(newer, after ? `Show ${nameOf(after)}, which runs` : "");
+  setText(newer, after ? `Show ${nameOf(after, feed.stations)}, which runs` : "");
   fold();
 }
 
@@ -137,17 +137,15 @@ feed.on("connection", () => {
   say();
   if (feed.connected && lastRun) announce("The connection to the server is back.");
 });
-feed.on("server", () => {
-  feed.wanted ??= feed.server?.station ?? null;
-});
 feed.on("stations", () => {
   offer(station, feed);
   if (!feed.description) show();
 });
 feed.on("description", () => {
   if (feed.description) {
-    if (lastRun?.name === feed.station && lastRun.run !== feed.run) announce(`${feed.station} has started again.`);
-    lastRun = { name: feed.station, run: feed.run };
+    const { name, place, run } = feed.description;
+    if (lastRun?.name === name && lastRun.place === place && lastRun.run !== run) announce(`${name} has started again.`);
+    lastRun = { name, place, run };
   } else {
     setText(summary, "");
     setText(reasons, "");

@@ -3,7 +3,7 @@
 const RETRY = [250, 500, 1000, 2000];  // ms from one attempt to the next
 
 /**
- * @typedef {"server" | "stations" | "description" | "state" | "connection"} Kind
+ * @typedef {"stations" | "description" | "state" | "connection"} Kind
  * @typedef {{paths: string[], start: number, stop: number}} Stretch
  */
 
@@ -108,7 +108,6 @@ export class Feed {
     this.server = message;
     this._attempt = 0;
     this.connected = true;
-    this._emit("server");
     this._emit("connection");
   }
 
@@ -121,6 +120,7 @@ export class Feed {
 
   /** @param {Page.Description} message */
   _on_description(message) {
+    if (this.wanted !== null && message.name !== this.wanted) return;  // sent before the server knew what this page shows
     this.description = message;
     this.wanted = message.name;
     this._heard = performance.now();
@@ -136,6 +136,7 @@ export class Feed {
 
   /** @param {Page.State} message */
   _on_state(message) {
+    if (message.run !== this.run) return;
     if (message.full) this._values = [];
     this.changed = Object.keys(message.values).map(Number);
     for (const index of this.changed) this._values[index] = message.values[index];
@@ -259,7 +260,7 @@ export class Feed {
     if (this._socket?.readyState === WebSocket.OPEN) this._socket.send(JSON.stringify(message));
   }
 
-  /** Call a listener on "server", "stations", "description", "state" or "connection"; the result ends that. @param {Kind} kind @param {() => void} listener @returns {() => void} */
+  /** Call a listener on "stations", "description", "state" or "connection"; the result ends that. @param {Kind} kind @param {() => void} listener @returns {() => void} */
   on(kind, listener) {
     const all = this._listeners.get(kind) ?? new Set();
     this._listeners.set(kind, all.add(listener));

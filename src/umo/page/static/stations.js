@@ -4,24 +4,27 @@ import { el } from "./dom.js";
 
 /** @typedef {import("./feed.js").Feed} Feed */
 
-/** @param {Page.Line} line */
-export const nameOf = ({ name, wiring }) => (wiring ? `${name} (${wiring})` : name);
+/** A run's name and wiring, and its folder if another station of this name runs. @param {Page.Line} line @param {Page.Line[]} lines */
+export function nameOf({ name, wiring, station, place }, lines) {
+  const shared = lines.some((line) => line.station === station && line.place !== place);
+  return `${name}${wiring && ` (${wiring})`}${shared && place ? ` in ${place}` : ""}`;
+}
 
-/** @param {Page.Line} line */
-export function sentenceOf(line) {
+/** @param {Page.Line} line @param {Page.Line[]} lines */
+export function sentenceOf(line, lines) {
   const { ending, stage } = line;
-  return `${nameOf(line)}: ${ending ? `${ending.failed ? "failed" : "ended"}: ${ending.text}` : stage}`;
+  return `${nameOf(line, lines)}: ${ending ? `${ending.failed ? "failed" : "ended"}: ${ending.text}` : stage}`;
 }
 
 /** Another run of the station of an ended run, which is not over; null: there is none. @param {Page.Line[]} lines @param {string} name */
 export function runAfter(lines, name) {
   const own = lines.find((line) => line.name === name);
-  return lines.find((line) => line.station === own?.station && line.name !== name && line.stage !== "ended") ?? null;
+  return lines.find((line) => line.station === own?.station && line.place === own.place && line.name !== name && line.stage !== "ended") ?? null;
 }
 
 /** Show every station and what is chosen in a select. Its list stays open as long as nothing changes. @param {HTMLSelectElement} select @param {Feed} feed */
 export function offer(select, { stations, station }) {
-  const texts = ["All stations", ...stations.map((line) => nameOf(line) + (line.stage === "ended" ? ", ended" : ""))];
+  const texts = ["All stations", ...stations.map((line) => nameOf(line, stations) + (line.stage === "ended" ? ", ended" : ""))];
   const values = ["", ...stations.map(({ name }) => name)];
   const made = texts.map((textContent, i) => el("option", { textContent, value: values[i] }));
   if (select.innerHTML !== made.map(({ outerHTML }) => outerHTML).join("")) select.replaceChildren(...made);
@@ -30,9 +33,10 @@ export function offer(select, { stations, station }) {
 }
 
 /** The list of running stations, and what to type if there is none. @param {HTMLElement} element @param {Feed} feed @param {(name: string) => void} choose */
-export function list(element, { stations, wanted }, choose) {
+export function list(element, { stations, wanted: chosen, server }, choose) {
+  const wanted = chosen ?? server?.station;
   const lines = stations.map((line) => el("li", {}, el("button", {
-    className: line.ending?.failed ? "failed" : "", textContent: sentenceOf(line), onclick: () => choose(line.name),
+    className: line.ending?.failed ? "failed" : "", textContent: sentenceOf(line, stations), onclick: () => choose(line.name),
   })));
   if (lines.length) element.append(el("h2", { textContent: "Stations" }), el("ul", {}, ...lines));
   const missing = wanted && !stations.some(({ name }) => name === wanted);

@@ -36,6 +36,7 @@ declare namespace Page {
     run: string;
     station: string;
     wiring: string;
+    place: string;
     pid: number;
     period: number;
     objects: Entry[];
@@ -79,7 +80,7 @@ declare namespace Page {
 
   interface Server { station: string | null; hands: boolean; version: string }
 
-  interface Line { name: string; station: string; stage: string; wiring: string; ending?: Ending }
+  interface Line { name: string; station: string; place: string; stage: string; wiring: string; ending?: Ending }
 
   /** A value with what is known of it. */
   interface Sample { value: number | null; raw: number | null; quality: number; time?: number }
