@@ -42,6 +42,8 @@ def test_a_run_places_all_parts_and_leaves_trace_plot_and_summary(umo, tmp_path:
     assert "part 1 of 1: picking" in result.stderr
     summary = json.loads((tmp_path / "sum.json").read_text())
     assert set(summary) == {
+        "status",
+        "failure",
         "progress",
         "periods",
         "missed_periods",

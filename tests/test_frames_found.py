@@ -17,6 +17,7 @@ import pytest
 
 from helpers.machines import bench, wired
 from helpers.publishing import running, writer
+from helpers.waiting import until
 from umo import FramesError, connect, published
 from umo.frames import Reader, Stage, rings
 from umo.frames.folder import folder, new_path
@@ -52,7 +53,7 @@ def test_a_reader_that_nobody_closes_gives_its_descriptors_back() -> None:
         reader = Reader(ring.path)
         del reader
         gc.collect()
-        assert len(os.listdir("/proc/self/fd")) == before
+        until(lambda: len(os.listdir("/proc/self/fd")) <= before)  # the server's thread closes its own end in its time
 
 
 def test_rings_can_be_made_while_others_list_them() -> None:

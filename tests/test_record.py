@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import stat
@@ -263,3 +264,13 @@ def test_another_user_reads_this_users_record_and_takes_none_that_is_hidden_for_
             os.setuid(NOBODY)
             os._exit([(ended.user, ended.state) for ended in standing(DEVICE)] != [("user 0", state)])
         assert os.waitpid(child, 0)[1] == 0
+
+
+def test_a_record_that_cannot_be_written_leaves_no_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(file: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(UmoError, match="No space left"):
+        Record([DEVICE], "press", "bench").begin(False)
+    assert list(record._folder().iterdir()) == []

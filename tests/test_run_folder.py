@@ -236,7 +236,17 @@ def test_an_observer_that_fails_does_not_end_the_run(umo: Umo, quick: Path, monk
     monkeypatch.setattr(TraceFile, "__call__", fail)
     (quick / "application.py").write_text(FOR_EVER)
     result = umo("run", "tank", "--realtime", "--until", "300 ms", "--no-plot")
-    assert (result.exit_code, said(result).count("are not shown any longer")) == (124, 1), said(result)
+    assert (result.exit_code, said(result).count("neither shown nor recorded any longer")) == (4, 1), said(result)
+
+
+@pytest.mark.parametrize("before", [True, False])
+def test_a_run_that_is_refused_leaves_runs_as_it_was(umo: Umo, quick: Path, before: bool) -> None:
+    runs = quick.parent / "runs"
+    if before:
+        runs.mkdir()
+    (quick / "application.py").write_text("def main(m):\n    raise SystemExit\n")
+    assert umo("run", "tank", "--fault", "level exception at 0 s").exit_code != 0
+    assert runs.exists() is before
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="real time needs Linux")

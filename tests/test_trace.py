@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import tracemalloc
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from umo import BinaryActuator, Compound, DigitalSensor, OnOff, connect
+from umo import BinaryActuator, Compound, DigitalSensor, OnOff, Quality, connect
 from umo.cycle.progress import Progress
 from umo.cycle.trace import Statistics, Trace
 from umo.testing import VirtualTimer, periods, put
@@ -47,6 +48,19 @@ def recorded(trace: Trace, statistics: Statistics, count: int, missed: list[int]
             put(m.pressure, float(number))
             m.valve.write(OnOff.ON if number % 2 else OnOff.OFF)
             periods(m)
+
+
+def test_a_value_that_was_bad_is_none() -> None:
+    trace, connection = Trace(), connect(press())
+    with connection as m:
+        connection.machine.observers.append(trace)
+        put(m.pressure, 3.0)
+        periods(m)
+        m.timer.read()
+        m.sample()
+        connection.image.quality[connection.image.slot_of[id(m.pressure)]] = Quality.BAD
+        m.update()
+    assert trace.rows[:, trace.place(m.pressure)].tolist() == pytest.approx([3.0, math.nan], nan_ok=True)
 
 
 def test_a_row_a_period_with_a_column_for_each_object(tmp_path: Path) -> None:
@@ -138,6 +152,7 @@ def test_a_trace_of_many_objects_is_bounded_in_bytes_and_grows_as_it_is_filled(m
         missed=1,
         execution=0.0,
         values=np.zeros(10_000),
+        quality=np.zeros(10_000, np.uint8),
     )
     trace = Trace()
     tracemalloc.start()

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from typer.testing import Result
 
@@ -348,3 +349,25 @@ def test_a_declaration_that_does_not_fit_is_told_to_the_page(umo: Callable[..., 
     )
     layout = layout_of(find(place).machine(), place=str(place))
     assert describe(layout) == {"error": "twin: body 'x': no object or signal 'nothing'"}
+
+
+@pytest.mark.parametrize(
+    "declare",
+    [
+        lambda: Carried(sensor="s", state="ON", speed="v", over=math.inf, size=(0.1, 0.1)),
+        lambda: Carried(sensor="s", state="ON", speed="v", over="2", size=(0.1, 0.1)),  # type: ignore[arg-type]
+        lambda: Sphere(radius="1"),  # type: ignore[arg-type]
+        lambda: Sphere(radius=0.1, opacity=None),  # type: ignore[arg-type]
+        lambda: Colour("s", ["#000000", "#ffffff"]),  # type: ignore[arg-type]
+        lambda: Twin([], floor=math.inf),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused_where_it_is_declared(declare: Callable[[], object]) -> None:
+    with pytest.raises(DeclarationError):
+        declare()
+
+
+def test_numbers_of_numpy_are_drawn() -> None:
+    body = Body("arm", [Sphere(radius=np.float32(0.1))], position=np.array([0, 0, 1]))  # type: ignore[arg-type]
+    described = Twin([body], floor=np.float64(0.5)).describe(Layout((), (), {}))
+    assert json.loads(json.dumps(described))["bodies"][0]["position"] == [0.0, 0.0, 1.0]

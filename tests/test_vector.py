@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from helpers.machines import actuator, failed, relay, sensor, switch, timer, wired
+from helpers.machines import actuator, bench, failed, relay, sensor, switch, timer, wired
 from umo import (
     BinaryActuator,
     Compound,
@@ -326,3 +327,16 @@ class Motors(Compound):
 class Valves(Compound):
     timer: DigitalSensor
     valves: list[BinaryActuator[OnOff]]
+
+
+@pytest.mark.parametrize("wrong", [1.0, True, None, OnOff, "ON"])
+def test_what_is_no_state_is_a_state_error(wrong: Any) -> None:
+    machine = bench()
+    with connect(machine, wired(machine, Scripted())) as m, pytest.raises(StateError):
+        Vector([m.valve]).write(wrong)
+
+
+def test_lists_of_different_lengths_are_a_range_error() -> None:
+    machine = bench()
+    with connect(machine, wired(machine, Scripted())) as m, pytest.raises(RangeError):
+        Vector([m.motor]).write([1.0, [2.0]])  # type: ignore[list-item]

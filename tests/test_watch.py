@@ -6,7 +6,7 @@ import json
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import StringIO
 from types import SimpleNamespace
 from typing import Any
@@ -32,7 +32,7 @@ from umo import (
 from umo.cli.app import app
 from umo.cli.follow import _name_other_runs
 from umo.cli.keys import parse, pressed
-from umo.cli.running import attach, lasting
+from umo.cli.running import attach, how_ended, lasting
 from umo.cli.traces import Traces, span, spark
 from umo.cli.watch import Picture
 from umo.objects.families import folded
@@ -185,6 +185,33 @@ def test_a_trace_keeps_extremes_without_values_that_are_missing() -> None:
     assert span(low, high, False) == "24 to 39.5"
     assert spark(low, high, False) == "▁▁▂▂▃▃▄▄▅▅▆▆▇▇██"
     assert len(traces.of([1])[0]) == 0
+
+
+def test_a_trace_of_a_slow_station_covers_no_more_than_its_heading_says() -> None:
+    traces = Traces(1)
+    for second in range(0, 90, 6):
+        traces.add(np.array([float(second)]), np.array([[float(second)]]))
+    assert traces.of([0])[0].tolist() == [72.0, 78.0, 84.0]
+    traces.add(np.array([1000.0]), np.array([[1.0]]))
+    assert traces.of([0])[0].tolist() == [1.0]
+
+
+@pytest.mark.parametrize(
+    ("error", "text", "style"),
+    [
+        (None, "press has ended: the application has ended", ""),
+        (KeyError("x"), "press has ended: KeyError: 'x'", "red"),
+    ],
+)
+def test_the_end_of_a_run_is_told_with_its_cause(error: Exception | None, text: str, style: str) -> None:
+    with suppress(KeyError), running(count=2):
+        reader = attach("press")
+        if error is not None:
+            raise error
+    with reader:
+        told = how_ended(reader)
+    assert told.plain.startswith(text)
+    assert told.style == style
 
 
 class Zone(Compound):

@@ -26,7 +26,7 @@ from umo.text import did_you_mean, printable, some
 
 from .console import err, out
 from .progress_line import OneLine
-from .running import attach, readers, standing
+from .running import attach, how_ended, readers, standing
 from .values import argument, check_units, number, shown, state
 
 LOOK = 0.05
@@ -90,7 +90,7 @@ def stop(name: str) -> None:
         station.stop(f"{user()}, umo stop (pid {os.getpid()})")
         while station.running:
             time.sleep(LOOK)
-        out.print(f"{station.reader.about['station']} has ended")
+        out.print(how_ended(station.reader), soft_wrap=True)
 
 
 def call(name: str, path: str | None, words: list[str], over: bool, hold: float | None) -> int:

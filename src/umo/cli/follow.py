@@ -36,6 +36,9 @@ class Seen:
         self.number = self.missed = 0
         self.time = self.execution = 0.0
         self.values: Any = ()
+        self.quality: Any = ()
+        self.whole = True
+        """Whether the observers have seen the run to its end."""
         self.progress = Progress()
         self.signals: list[Signal] = []
         self.signal_values: Any = ()
@@ -51,14 +54,14 @@ class Seen:
     def take(self, row: Any) -> None:
         self.number, self.missed = int(row["number"]), int(row["missed"])
         self.time, self.execution = float(row["time"]), float(row["execution"]) * 1e-9
-        self.values, self.signal_values = row["values"], row["signals"]
+        self.values, self.quality, self.signal_values = row["values"], row["quality"], row["signals"]
         self.progress = progress_of(row)
 
 
 def follow(job: Job, seen: Seen, observers: list[Callable[[Any], None]]) -> tuple[Outcome, float]:
     """Start the job, show every frame to the observers until it ends: its outcome, and the s that it ran."""
     with Started(job) as started, _passed_on(started):
-        told, begun, lost, shown = 0, None, 0, True
+        told, begun, lost = 0, None, 0
         while True:
             outcome = started.outcome
             if begun is None and started.frames is not None:
@@ -70,8 +73,8 @@ def follow(job: Job, seen: Seen, observers: list[Callable[[Any], None]]) -> tupl
             for notice in started.notices[told:]:
                 _say(notice)
             told = len(started.notices)
-            if started.frames is not None and shown:
-                shown = _show(started.frames, seen, observers)
+            if started.frames is not None and seen.whole:
+                _show(started.frames, seen, observers)
                 lost = started.frames.lost
             if outcome is not None:
                 break
@@ -84,18 +87,17 @@ def follow(job: Job, seen: Seen, observers: list[Callable[[Any], None]]) -> tupl
     return outcome, elapsed
 
 
-def _show(frames: Reader, seen: Seen, observers: list[Callable[[Any], None]]) -> bool:
-    """Show the new frames to the observers. False: what stands in them makes no sense, or an observer failed; the
-    machine runs on."""
+def _show(frames: Reader, seen: Seen, observers: list[Callable[[Any], None]]) -> None:
+    """Show the new frames to the observers, until what stands in them makes no sense or an observer fails: the machine
+    runs on, and the record is not complete."""
     try:
         for row in frames.read():
             seen.take(row)
             for observer in observers:
                 observer(seen)
     except Exception as error:
-        _say(f"the periods of this run are not shown any longer: {cause_of(error)}")
-        return False
-    return True
+        _say(f"the periods of this run are neither shown nor recorded any longer: {cause_of(error)}")
+        seen.whole = False
 
 
 def _name_other_runs(started: Started) -> None:

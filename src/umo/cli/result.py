@@ -36,10 +36,18 @@ class Result:
     def realtime_factor(self) -> float | None:
         return self.outcome.simulated / self.elapsed if self.elapsed and self.statistics.periods else None
 
+    @property
+    def failed(self) -> str:
+        """Why the run failed, in a line; "": it did not."""
+        failure = self.outcome.failure
+        return "" if failure is None else failure.message.partition("\n")[0]
+
     def summary(self) -> dict[str, Any]:
         statistics = self.statistics
         injected = {"injected_faults": list(self.faults)} if self.faults else {}
         return injected | {
+            "status": self.outcome.status,
+            "failure": self.failed,
             "progress": self.progress._asdict(),
             "periods": statistics.periods,
             "missed_periods": statistics.missed,

@@ -66,7 +66,8 @@ def run_station(job: Job, recording: Recording, *, full_traceback: bool = False)
         out.print(result.table(f"umo run {name}"))
         complete = recording.summary is None or _write_summary(result, recording.summary)
         if folder is not None:
-            title = f"umo run {plan.name}: {result.progress.text or 'done'}" if recording.plot else ""
+            how = result.failed or result.progress.text or "done"
+            title = f"umo run {plan.name}: {how}" if recording.plot else ""
             _leave_behind(folder, result, trace, title, signals)
             complete &= folder.complete
     status = result.outcome.status
@@ -86,6 +87,8 @@ def _run(plan: Plan, trace: Trace, folder: RunFolder | None) -> Result:
         seen = Seen(plan.machine)
         result.outcome, result.elapsed = follow(plan.job, seen, observers)
         result.progress = seen.progress
+        if folder is not None:
+            folder.complete = seen.whole
     return result
 
 

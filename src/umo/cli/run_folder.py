@@ -1,6 +1,7 @@
 """The folder of a run in `runs/`: `run.json` and the trace from its beginning, at its end summary, failure and plot.
 
-Every file is there whole or not at all. Only the trace of a run whose `umo run` was killed ends before the run did.
+Every file is there whole or not at all. The trace of a run whose `umo run` was killed, or could not read its frames to
+the end (status 4), ends before the run did.
 """
 
 from __future__ import annotations
@@ -37,8 +38,10 @@ class NotRecorded(UmoError, OSError):
 class RunFolder:
     """The folder of one run."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, alone: bool = False) -> None:
         self.path = path
+        self._alone = alone
+        """Whether `runs/` was made for it."""
         self.complete = True
         """Whether all was written."""
 
@@ -49,9 +52,9 @@ class RunFolder:
         about: dict[str, Any] = {"station": plan.name, "wiring": job.wiring or plan.wiring_name or None}
         about |= {"options": job.options, "manual": job.manual, "until": job.until}
         about |= {"started": now.astimezone().isoformat(), "pid": os.getpid(), "command": sys.argv}
-        folder = None
+        folder, alone = None, not RUNS.exists()
         try:
-            folder = cls(_new_folder(f"{plan.name}-{now:%Y%m%d-%H%M%S}"))
+            folder = cls(_new_folder(f"{plan.name}-{now:%Y%m%d-%H%M%S}"), alone)
             with whole(folder.path / "run.json") as file:
                 _write(file, json.dumps(about, indent=2, default=as_plain) + "\n")
         except OSError as error:
@@ -64,8 +67,9 @@ class RunFolder:
     def discard(self) -> None:
         """Nothing ran: there is nothing to keep."""
         shutil.rmtree(self.path, ignore_errors=True)
-        with suppress(OSError):  # others are in it
-            RUNS.rmdir()
+        if self._alone:
+            with suppress(OSError):  # others are in it
+                RUNS.rmdir()
 
     def save(self, result: Result, trace: Trace) -> None:
         """Write all but the plot. What fails is said and makes the record incomplete."""
@@ -154,3 +158,5 @@ def _new_folder(name: str) -> Path:
         except FileExistsError:
             number += 1
             folder = RUNS / f"{name}-{number}"
+        except FileNotFoundError:  # another run, which was refused, has removed it
+            RUNS.mkdir(exist_ok=True)

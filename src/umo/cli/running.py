@@ -9,9 +9,12 @@ from typing import Any
 
 from rich import box
 from rich.table import Table
+from rich.text import Text
 
+from umo.cycle.events import CommandState
 from umo.errors import FramesError, PathError
 from umo.frames import Reader
+from umo.frames.last_event import is_end
 from umo.objects.families import ANY
 from umo.remote import search
 from umo.system.hold import is_held
@@ -54,6 +57,17 @@ def _lines(unread: Callable[[str], object]) -> Iterator[dict[str, Any]]:
                 yield _line(reader)
         except FramesError as error:
             unread(str(error))
+
+
+def how_ended(reader: Reader) -> Text:
+    """That a run has ended, and how as far as it could still tell; red where it failed."""
+    ends = [each.event for each in reader.events() if is_end(each.event)]
+    if not ends:
+        return Text(
+            f"{reader.about['station']} has ended without telling how; `umo ps` names what stands stopped", "red"
+        )
+    text, failed = printable(ends[-1].text), ends[-1].state is CommandState.FAILED
+    return Text(f"{reader.about['station']} has ended: {text}", "red" if failed else "")
 
 
 def attach_first(words: list[str]) -> tuple[Reader, list[str]]:

@@ -33,11 +33,11 @@ class Traces:
         stretches = (times * (TRACE / SPAN)).astype(np.int64)
         for number in np.unique(stretches)[-TRACE:]:
             seen = values[stretches == number]
-            if number != self._stretch:
-                self._stretch = number
-                for kept in (self.low, self.high):
-                    kept[:-1] = kept[1:]
-                    kept[-1] = np.nan
+            passed = 1 if self._stretch is None else min(max(int(number) - self._stretch, 0), TRACE)
+            self._stretch = int(number)
+            for kept in (self.low, self.high) if passed else ():
+                kept[:-passed] = kept[passed:]
+                kept[-passed:] = np.nan
             np.fmin(self.low[-1], np.fmin.reduce(seen), out=self.low[-1])
             np.fmax(self.high[-1], np.fmax.reduce(seen), out=self.high[-1])
 

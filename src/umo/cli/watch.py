@@ -17,6 +17,7 @@ from rich.text import Text
 
 from umo.cycle.commands import IN_HAND
 from umo.frames import Reader, Stage
+from umo.frames.frames_table import facts_of_frames
 from umo.objects import Quality
 from umo.objects.families import in_words
 from umo.remote.search import reading
@@ -25,7 +26,7 @@ from umo.wiring.patterns import chosen
 
 from .console import out
 from .keys import Wait, pressed
-from .running import attach_first
+from .running import attach_first, how_ended
 from .traces import SPAN, Traces, span, spark
 from .watch_lines import Line, View
 
@@ -55,12 +56,12 @@ def watch(words: list[str], once: bool, seconds: float | None) -> None:
             out.print(picture.whole())
             return
         try:
-            ended = _live(picture, None if seconds is None else time.monotonic() + seconds)
+            over = _live(picture, None if seconds is None else time.monotonic() + seconds)
         except KeyboardInterrupt:
             return
-        if ended:
+        if over:
             out.print(picture.screen(out, hint=""))
-            out.print(f"{reader.about['station']} has ended")
+            out.print(how_ended(reader), soft_wrap=True)
 
 
 def _live(picture: Picture, until: float | None) -> bool:
@@ -109,7 +110,9 @@ class Picture:
         if len(frames):
             self._frame = frames[-1]
             self._times.append(frames[["wake", "execution"]].copy())
-            self.traces.add(frames["time"], self._values(frames))
+            known = frames.copy()
+            known["values"][frames["quality"] >= Quality.BAD] = np.nan
+            self.traces.add(frames["time"], self._values(known))
         return ended
 
     def _values(self, frames: Any) -> Any:
@@ -148,9 +151,11 @@ class Picture:
         text = Text(f"{name}: {progress}{done}\n", style="bold", no_wrap=True)
         text.append(
             f"{frame['time']:.3f} s, period {about['period'] * 1e3:g} ms, missed {reader.missed:,}{lost}"
-            f"{self._hands()}\n",
+            f"{self._hands()}",
             "none",
         )
+        silent = facts_of_frames(reader, frame).get("no frame for")
+        text.append(f", no frame for {silent}\n" if silent else "\n", "yellow")
         text.append(self._paces(), "none")
         return text
 

@@ -55,6 +55,7 @@ def _keep(station: str | None) -> Path:
     with attach(station) as reader:
         file = blackbox.name_for(blackbox.folder(), str(reader.about["station"]), time.time())
         blackbox.save(reader, file, blackbox.ON_DEMAND)
+        blackbox.thin(file.parent)
         return file
 
 

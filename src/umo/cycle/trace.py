@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from umo.cycle.frame import Frame
 from umo.cycle.signals import Signal
-from umo.objects import Atomic, Binary, Digital
+from umo.objects import Atomic, Binary, Digital, Quality
 
 ROWS = 100_000
 MOST = 32_000_000
@@ -44,7 +44,8 @@ class Statistics:
 
 
 class Trace:
-    """A row a period: time in s, missed, execution time in us, then the values of the objects and of the signals.
+    """A row a period: time in s, missed, execution time in us, then the values of the objects and of the signals. NaN:
+    the value was BAD, or a signal that has none.
 
     When the rows are full every second one is dropped and from then on only every second period kept, and so
     on: the whole run stays in view. There are as many rows as asked for, fewer where the objects are so many that
@@ -77,7 +78,9 @@ class Trace:
             return
         row = rows[self._used]
         row[0], row[1], row[2] = frame.time, frame.missed, frame.execution * 1e6
-        row[3 : 3 + len(self.items)] = frame.values
+        values = row[3 : 3 + len(self.items)]
+        values[:] = frame.values
+        values[np.asarray(frame.quality) >= Quality.BAD] = np.nan
         row[3 + len(self.items) :] = frame.signal_values
         self._used += 1
 

@@ -34,6 +34,8 @@ def judge(found: Measured) -> Answer:
     total, missed = found.by_itself.total, found.by_itself.missed
     count = len(total) + missed
     period = found.period * 1e6
+    if not count:
+        return Answer(NO, "Nothing was measured")
     if not len(total):
         return Answer(NO, f"None of {count:,} periods began in time")
     worst, most = float(total.max()), float(np.percentile(total, 99.9))

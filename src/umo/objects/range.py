@@ -28,6 +28,9 @@ class Range:
 
     def __post_init__(self) -> None:
         check_unit(self.unit)
+        for bound in (self.minimum, self.maximum):
+            if isinstance(bound, bool) or not isinstance(bound, int | float):
+                raise DeclarationError(f"a bound of a Range is a number, not {bound!r}")
         if not self.minimum <= self.maximum:
             raise DeclarationError(f"no number is between {self.minimum!r} and {self.maximum!r}")
 

@@ -150,6 +150,8 @@ class Vector(Generic[A]):
         if isinstance(states, np.ndarray) and states.dtype.kind in "bfiu":
             return self._given_levels(states), True
         first = cast("Binary[Any]", self._objects[0])
+        if not isinstance(states, TwoState | list | tuple):
+            raise StateError(f"{states!r} is neither a state nor a list of states")
         each = [states] * len(self) if isinstance(states, TwoState) else list(states)
         if len(each) != len(self):
             raise StateError(f"{len(each)} states for {len(self)} objects")
@@ -224,7 +226,11 @@ class _Limits:
 
     def numbers(self, values: Any) -> FloatArray:
         """One number for each object; RangeError for anything else."""
-        given, count = np.asarray(values), len(self.minimum)
+        count = len(self.minimum)
+        try:
+            given = np.asarray(values)
+        except ValueError as error:  # lists of different lengths
+            raise RangeError(f"{values!r} is not an array of {count} numbers: {error}") from None
         if given.dtype.kind not in "fiu" or given.shape not in ((), self.minimum.shape):
             raise RangeError(f"{given.dtype} of shape {given.shape} is not an array of {count} numbers")
         return given.astype(np.float64, copy=False) if given.shape else np.full(count, given, np.float64)

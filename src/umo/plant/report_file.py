@@ -6,6 +6,7 @@ import json
 import os
 import stat
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
 from umo.errors import DriverError, WiringError
@@ -35,6 +36,8 @@ class ReportFile:
             self._look()
             self._draft.replace(self._path)
         except OSError as error:
+            with suppress(OSError):
+                self._draft.unlink()
             raise DriverError(f"the report {self._given} cannot be written: {_reason(error)}") from None
 
     def _look(self) -> None:

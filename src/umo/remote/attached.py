@@ -23,6 +23,7 @@ from umo.errors import FramesError, TaskFailed, UmoError
 from umo.frames import Reader
 from umo.frames.cells import Cells
 from umo.frames.frames_table import progress_of
+from umo.objects import Quality
 from umo.remote.answers import Answers
 from umo.remote.held_lease import HeldLease
 from umo.remote.live_view import LiveView, live_scope, live_table
@@ -91,14 +92,16 @@ class RemoteStation(RemotePart):
         return [each.event for each in self.reader.events()]
 
     def frames(self, seconds: float) -> dict[str, npt.NDArray[np.float64]]:
-        """The last frames as arrays: "time" in s, and every object and signal by its path. As many as the ring still
-        holds."""
+        """The last frames as arrays: "time" in s, and every object and signal by its path, NaN where it was BAD. As
+        many as the ring still holds."""
         reader = self.reader
         period = reader.about["period"] or 0.01
         rows = reader.last(max(1, round(seconds / period)))
         found = {"time": np.array(rows["time"])}
         for name, paths in (("values", reader.paths), ("signals", reader.signals)):
             found |= {path: np.array(rows[name][:, number]) for number, path in enumerate(paths)}
+        for number, path in enumerate(reader.paths):
+            found[path][rows["quality"][:, number] >= Quality.BAD] = np.nan
         return found
 
     # In a notebook -------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 from umo.errors import DeclarationError
 from umo.objects.units import check_unit, convert
 from umo.text import did_you_mean
-from umo.twin.shapes import HERE, Numbers, check_colour, numbers, unit_vector
+from umo.twin.shapes import HERE, Numbers, check_colour, number, numbers, unit_vector
 
 Described = Mapping[str, Any]
 """An object or a signal as frames describe it: path, and unit or the names of its states `one` and `zero`."""
@@ -110,7 +110,7 @@ class Joint(Drive):
             "axis": list(unit_vector("axis", self.axis)),
             "factor": factor,
             "offset": offset,
-            "range": None if self.range is None else list(self.range),
+            "range": None if self.range is None else list(map(float, self.range)),
         }
 
 
@@ -135,7 +135,7 @@ class Hinge(Joint):
         numbers(f"Hinge {self.path!r}: anchor", self.anchor, 3)
 
     def describe(self, values: Values) -> dict[str, Any]:
-        return super().describe(values) | {"anchor": list(self.anchor)}
+        return super().describe(values) | {"anchor": list(map(float, self.anchor))}
 
 
 @dataclass(frozen=True)
@@ -149,6 +149,10 @@ class Colour:
     shape: int | None = None
 
     def __post_init__(self) -> None:
+        if not isinstance(self.colours, Mapping):
+            raise DeclarationError(
+                f"Colour {self.path!r}: a mapping of states or numbers to colours, not {self.colours!r}"
+            )
         for colour in self.colours.values():
             check_colour(f"Colour {self.path!r}", colour)
         if len(self.colours) < 2:
@@ -163,7 +167,7 @@ class Colour:
             return values.level(self.path, key)
         if "one" in values.entry(self.path):
             raise DeclarationError(f"{self.path!r} has states, not numbers: name them instead of {key!r}")
-        return float(key)
+        return number(f"Colour {self.path!r}: a place", key)
 
 
 @dataclass(frozen=True)
@@ -196,7 +200,7 @@ class Carried:
     def __post_init__(self) -> None:
         numbers(f"Carried {self.sensor!r}: size", self.size, 2)
         check_colour(f"Carried {self.sensor!r}", self.colour)
-        if not self.over > 0.0:
+        if not number(f"Carried {self.sensor!r}: over", self.over) > 0.0:
             raise DeclarationError(f"Carried {self.sensor!r}: over must be above 0 m, not {self.over!r}")
 
     def describe(self, values: Values) -> dict[str, Any]:
@@ -207,7 +211,7 @@ class Carried:
             "speed": self.speed,
             "factor": factor,
             "offset": offset,
-            "over": self.over,
-            "size": list(self.size),
+            "over": float(self.over),
+            "size": list(map(float, self.size)),
             "colour": self.colour,
         }

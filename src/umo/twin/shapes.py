@@ -40,10 +40,10 @@ class Shape:
         numbers(f"{what}: position", self.position, 3)
         unit_quaternion(f"{what}: rotation", self.rotation)
         check_colour(what, self.colour)
-        if not 0.0 <= self.opacity <= 1.0:
+        if not 0.0 <= number(f"{what}: opacity", self.opacity) <= 1.0:
             raise DeclarationError(f"{what}: opacity is 0 to 1, not {self.opacity!r}")
         for name, size in self.sizes().items():
-            if not (math.isfinite(size) and size > 0.0):
+            if not number(f"{what}: {name}", size) > 0.0:
                 raise DeclarationError(f"{what}: {name} must be above 0 m, not {size!r}")
 
     def sizes(self) -> dict[str, float]:
@@ -54,11 +54,11 @@ class Shape:
         """For the page."""
         return {
             "kind": self.kind,
-            "size": list(self.sizes().values()),
-            "position": list(self.position),
-            "rotation": list(self.rotation),
+            "size": list(map(float, self.sizes().values())),
+            "position": list(map(float, self.position)),
+            "rotation": list(map(float, self.rotation)),
             "colour": self.colour,
-            "opacity": self.opacity,
+            "opacity": float(self.opacity),
         }
 
 
@@ -128,6 +128,13 @@ class Mesh(Shape):
         return super().describe() | {"vertices": vertices, "faces": [int(i) for face in self.faces for i in face]}
 
 
+def number(what: str, given: Any) -> float:
+    """A finite number; DeclarationError otherwise."""
+    if isinstance(given, str):
+        raise DeclarationError(f"{what} is a number, not {given!r}")
+    return numbers(what, (given,), 1)[0]
+
+
 def numbers(what: str, given: Any, count: int) -> tuple[float, ...]:
     """So many finite numbers; DeclarationError otherwise."""
     try:
@@ -135,7 +142,8 @@ def numbers(what: str, given: Any, count: int) -> tuple[float, ...]:
     except (TypeError, ValueError):
         found = ()
     if len(found) != count or not all(map(math.isfinite, found)):
-        raise DeclarationError(f"{what} is {count} finite numbers, not {given!r}")
+        many = "a finite number" if count == 1 else f"{count} finite numbers"
+        raise DeclarationError(f"{what} is {many}, not {given[0] if count == 1 else given!r}")
     return found
 
 

@@ -14,7 +14,7 @@ from umo.frames.layout import Layout, describe_objects, describe_signals
 from umo.objects import Compound
 from umo.text import did_you_mean
 from umo.twin.drives import Carried, Colour, Drive, Joint, Values, Visible
-from umo.twin.shapes import HERE, UPRIGHT, Numbers, Shape, numbers, unit_quaternion
+from umo.twin.shapes import HERE, UPRIGHT, Numbers, Shape, number, numbers, unit_quaternion
 
 Driven = Joint | Colour | Visible | Carried
 
@@ -65,7 +65,7 @@ class Body:
         except DeclarationError as error:
             raise DeclarationError(f"twin: body {self.name!r}: {error}") from None
         shapes = [shape.describe() for shape in self.shapes]
-        place = {"position": list(self.position), "rotation": list(self.rotation)}
+        place = {"position": list(map(float, self.position)), "rotation": list(map(float, self.rotation))}
         return {"name": self.name, "parent": self.parent, "shapes": shapes} | place | driven
 
 
@@ -90,7 +90,8 @@ class Twin:
 
     def __init__(self, bodies: Iterable[Body], *, floor: float | None = 0.0, view: Viewpoint | None = None) -> None:
         self.bodies = tuple(bodies)
-        self.floor, self.view = floor, view
+        self.floor = None if floor is None else number("twin: floor", floor)
+        self.view = view
         known = {body.name: body for body in self.bodies}
         for name, count in Counter(body.name for body in self.bodies).items():
             if count > 1:
@@ -132,7 +133,11 @@ class Twin:
         """
         values = Values(entries_of(machine))
         bodies = [body.describe(values) for body in self.bodies]
-        view = None if self.view is None else {"eye": list(self.view.eye), "target": list(self.view.target)}
+        view = (
+            None
+            if self.view is None
+            else {name: list(map(float, getattr(self.view, name))) for name in ("eye", "target")}
+        )
         paths = sorted(set(_paths(bodies)))
         return {"bodies": bodies, "floor": self.floor, "view": view, "paths": [dict(values.entry(p)) for p in paths]}
 
