@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,11 +15,14 @@ from helpers import process_box
 from helpers.machines import bench, wired
 from helpers.runs import Run
 from umo import connect, published
+from umo.cycle.events import CommandState, Event
 from umo.cycle.stopping import TimeLimit
 from umo.frames import Reader, rings
-from umo.page.ending import UNKNOWN, Ending
+from umo.page.box_words import BoxInWords
+from umo.page.ending import UNKNOWN, Ending, ending_of
 from umo.page.feed import Feed
 from umo.page.watched import Watched
+from umo.system.record import Record
 from umo.testing import Scripted, VirtualTimer, periods
 
 from .conftest import eventually, opened, running, serving
@@ -105,6 +109,17 @@ def test_of_a_killed_run_the_page_says_so(tmp_path: Path, killed: str, text: str
     assert ending is not None and ending.failed
     assert text in ending.text
     feed.close()
+
+
+def test_the_unsafe_end_of_the_next_run_is_not_told_of_the_one_before() -> None:
+    last = Event(1.0, "", "stopped by ann", state=CommandState.CANCELLED)
+    about = {"station": "press", "devices": ["bus 1"], "started": time.time() - 60.0}
+    record = Record(["bus 1"], "press", "rig")
+    record.begin(False)
+    of_the_next = about | {"started": time.time()}
+    record.stopped("device not reached", ["valve"])
+    assert ending_of(about, last, BoxInWords()) == Ending(False, "stopped by ann")
+    assert ending_of(of_the_next, last, BoxInWords()) == Ending(True, "device not reached; not reached: valve")
 
 
 def test_an_end_that_nobody_could_tell_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -36,11 +36,11 @@ def ending_of(about: Mapping[str, Any], last: Event | None, box: BoxInWords) -> 
 
 
 def _record(about: Mapping[str, Any]) -> Ended | None:
-    """The record of this run on its devices; None if it ended safely."""
+    """The record of this run on its devices, not of a later one; None if it ended safely."""
     station, started = about.get("station"), float(about.get("started", 0.0))
     with suppress(OSError):
         for device in about.get("devices", ()):
             for ended in standing(str(device)):
-                if ended.mine and ended.station == station and ended.when >= started:
+                if ended.mine and ended.station == station and ended.began <= started <= ended.when:
                     return ended
     return None

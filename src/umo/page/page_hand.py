@@ -120,7 +120,7 @@ class PageHand:
                     self._following[cast("asyncio.Task[None]", asyncio.current_task())] = ""
                     leased = (message.get("do"), state) == ("lease", CommandState.DONE)
                     more = self._take_lease(int(event.text)) if leased else {}
-                    await self._answer(message, state, "" if leased else event.text, **more)
+                    await self._answer(message, state, "" if leased else event.text, command=event.command, **more)
                 await self._feed.looked()
         except (CommandRefused, FramesError) as error:
             await self._answer(message, CommandState.FAILED, str(error))

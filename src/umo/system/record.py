@@ -51,7 +51,7 @@ class Ended:
     state: str
     """running or stopped"""
     when: float
-    """s since 1970"""
+    """s since 1970: when it was written"""
     what: str = ""
     unreached: list[str] = field(default_factory=list)
     id: str = ""
@@ -61,6 +61,8 @@ class Ended:
     user: str = ""
     """Who wrote it, if another user."""
     mine: bool = True
+    began: float = 0.0
+    """s since 1970: when the run took its devices"""
 
     def __str__(self) -> str:
         return printable(self._text())
@@ -99,6 +101,7 @@ class Record:
     def __init__(self, devices: Iterable[str], station: str, wiring: str) -> None:
         self._devices = sorted(set(devices))
         self._station, self._wiring = station, wiring
+        self._began = time.time()
         self._seen: dict[str, list[str]] = {}
         self._former: dict[str, Ended] = {}
         """This user's records that this run takes the place of."""
@@ -157,7 +160,7 @@ class Record:
 
     def _write(self, device: str, state: str, what: str = "", unreached: Sequence[str] = ()) -> None:
         ended = Ended(device, self._station, self._wiring, state, time.time(), what[:LONGEST], list(unreached))
-        ended.id, ended.seen = secrets.token_hex(8), self._seen[device]
+        ended.id, ended.seen, ended.began = secrets.token_hex(8), self._seen[device], self._began
         _replace(_folder() / _file(device), asdict(ended))
 
 
@@ -210,7 +213,8 @@ def _read(path: Path, owner: int) -> Ended | None:
             texts = [ended.device, ended.station, ended.wiring, ended.state, ended.what, ended.id]
             if not all(isinstance(text, str) for text in [*texts, *ended.unreached, *ended.seen]):
                 raise TypeError("texts")
-            time.localtime(ended.when)
+            for moment in (ended.when, ended.began):
+                time.localtime(float(moment))
         except (OSError, ValueError, TypeError, OverflowError, RecursionError):
             return _unknown(f"the device of {path}", path, owner, "its record cannot be read")
     ended.mine = not hasattr(os, "getuid") or owner == os.getuid()

@@ -178,6 +178,7 @@ export class JogControl {
     this._action = action;
     this._about = action.arguments.find(({ kind }) => kind === "number") ?? null;
     this._others = new Arguments(action, (about) => about !== this._about);
+    this._presses = 0;
     this._buttons = (this._about?.minimum ?? 0) < 0 ? [this._button("−", -1), this._button("+", 1)] : [this._button("Hold", 1)];
     this._speed = this._about && new NumberInput(this._about, `${action.path} ${this._about.name}`, { value: first(this._about) });
     this.element = el("div", { className: "control jog", "data-control": action.path },
@@ -209,6 +210,7 @@ export class JogControl {
   async _start(sign) {
     const { path } = this._action;
     if (this._hand.holds(path)) return;
+    const press = ++this._presses;
     const given = this._others.values();
     const speed = this._speed?.value ?? null;
     if (this._about && speed !== null) given[this._about.name] = sign * Math.abs(speed);
@@ -216,7 +218,7 @@ export class JogControl {
     this._mark(sign);
     for (const kind of LET_GO) window.addEventListener(kind, this._stop);
     const answer = await this._hand.ask({ do: "call", path, arguments: given }, path);
-    if (answer.state !== "done") this._ended();
+    if (answer.state !== "done" && press === this._presses) this._ended();  // not of a press before, which ends late
   }
 
   _stop = () => {

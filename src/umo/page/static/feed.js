@@ -24,6 +24,9 @@ export function unpack(buffer) {
   return { head, points: { ...head, times, low, high } };
 }
 
+/** The connection was lost before an answer came: whether what was asked for was done is not known. */
+export class ConnectionLost extends Error {}
+
 export class Feed {
   constructor() {
     this.connected = false;
@@ -90,7 +93,7 @@ export class Feed {
     const refused = code === 4401;
     const news = was || this._attempt === 0 || refused !== this.refused;
     this.refused = refused;
-    for (const { reject } of this._waiting.values()) reject(new Error("the connection to the server is lost"));
+    for (const { reject } of this._waiting.values()) reject(new ConnectionLost("the connection to the server is lost"));
     this._waiting.clear();
     if (news) this._emit("connection");
     setTimeout(() => this.start(), RETRY[Math.min(this._attempt++, RETRY.length - 1)]);

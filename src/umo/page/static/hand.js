@@ -1,10 +1,13 @@
 /** The hand of this page: its lease, what it holds, and what it has asked for. */
 
+import { ConnectionLost } from "./feed.js";
 import { Undo } from "./undo.js";
 
 /** @typedef {{what: string, path: string, state: string, text: string}} Asked */
 
 const KEPT = 30;  // commands that are remembered
+const HOLDING = ["write", "call"];  // commands that hold their path
+const UNANSWERED = "no answer: the connection was lost; whether it was carried out is not known";
 const ENDS = ["done", "refused", "failed", "cancelled"];
 
 export class Hand {
@@ -15,7 +18,7 @@ export class Hand {
     this.asked = [];
     /** What tunable numbers were before this page changed them. */
     this.tuned = new Undo();
-    /** @type {Map<string, {jog: (() => void) | null, lost: () => void, since: number}>} */
+    /** @type {Map<string, {jog: (() => void) | null, lost: () => void, command: number | null}>} `command`: the number of the last one that began it. */
     this._held = new Map();
     /** @type {number | null} */
     this._number = null;
@@ -70,12 +73,15 @@ export class Hand {
     const entry = { what: what || [message.do, message.path].filter(Boolean).join(" "), path: message.path ?? "", state: "sent", text: "" };
     this._remember(entry);
     this._changed();
+    const held = HOLDING.includes(message.do) ? this._held.get(entry.path) : undefined;
+    const taken = (/** @type {Page.Answer} */ { command }) => { if (held) held.command = command ?? null; };
     let answer;
     try {
-      answer = await this.feed.command(message, () => { entry.state = "begun"; this._changed(); });
+      answer = await this.feed.command(message, (begun) => { entry.state = "begun"; taken(begun); this._changed(); });
+      if (answer.state === "done") taken(answer);
       if (!ENDS.includes(answer.state)) answer = { state: "failed", text: `unknown answer ${answer.state}` };
     } catch (error) {
-      answer = { state: "refused", text: String(error instanceof Error ? error.message : error) };
+      answer = error instanceof ConnectionLost ? { state: "failed", text: UNANSWERED } : { state: "refused", text: String(error instanceof Error ? error.message : error) };
     }
     Object.assign(entry, { state: answer.state, text: answer.text ?? "" });
     this._changed();
@@ -83,7 +89,7 @@ export class Hand {
   }
 
   /** Keep a path up from now on. `jog`: it ends too when the window loses the focus. @param {string} path @param {{jog?: (() => void) | null, lost?: () => void}} [how] */
-  hold(path, { jog = null, lost = () => {} } = {}) { this._held.set(path, { jog, lost, since: this.feed.state?.time ?? 0 }); }
+  hold(path, { jog = null, lost = () => {} } = {}) { this._held.set(path, Object.assign(this._held.get(path) ?? { command: null }, { jog, lost })); }
 
   /** @param {string} path */
   letGo(path) { this._held.delete(path); }
@@ -95,8 +101,8 @@ export class Hand {
 
   _onState() {
     const { number = 0, holder = "" } = this.feed.state?.lease ?? {};
-    for (const { path, state, time } of this.feed.state?.events ?? []) {  // the machine has let go by itself
-      if (state === "cancelled" && (this._held.get(path)?.since ?? Infinity) < time) this._drop(path);
+    for (const { path, state, command } of this.feed.events) {  // the machine has let go by itself
+      if (state === "cancelled" && this._held.get(path)?.command === command) this._drop(path);
     }
     if (this.leased) this.feed.touch([...this._held.keys()]);
     else if (this._number !== null && (number > this._number || (number === this._number && !holder))) {

@@ -95,7 +95,8 @@ declare namespace Page {
     start?: number;
   }
 
-  interface Answer { state: string; text: string; lease?: number }
+  /** `command`: its number, which its events have too. */
+  interface Answer { state: string; text: string; command?: number; lease?: number }
 
   /** A line on the scope. `index`: its place in the buffer. */
   interface Trace { path: string; entry: Entry; index: number; colour: number }

@@ -1,0 +1,74 @@
+/** What a page holds, and what it says of its commands: a hand and a jog button, over a machine that is told by messages. */
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+const listeners = new Map();
+globalThis.window = { addEventListener: (kind, act) => listeners.set(kind, act), removeEventListener: (kind) => listeners.delete(kind) };
+globalThis.WebSocket ??= /** @type {any} */ ({ OPEN: 1 });
+globalThis.Text = class {};
+globalThis.document = {
+  addEventListener() {},
+  createElement: () => ({ classList: { toggle() {} }, dataset: {}, addEventListener() {}, append() {}, setAttribute() {}, setPointerCapture() {} }),
+};
+const { JogControl } = await import("../../../src/umo/page/static/controls.js");
+const { Feed } = await import("../../../src/umo/page/static/feed.js");
+const { Hand } = await import("../../../src/umo/page/static/hand.js");
+
+/** A page of a station whose action is held; `answer` is one of the machine's, `cancelled` the event of a command. */
+function page() {
+  const feed = new Feed();
+  const sent = [];
+  feed.connected = true;
+  feed.start = () => {};
+  feed._send = (message) => sent.push(message);
+  feed._text({ type: "description", name: "belt", run: "r1", objects: [], signals: [] });
+  const hand = new Hand(feed);
+  const control = new JogControl(hand, { path: "run", help: "", arguments: [], harmless: true, kept_up: true });
+  const told = async (message) => {
+    feed._text({ run: "r1", stage: "running", values: {}, ...message });
+    await new Promise(setImmediate);
+  };
+  return {
+    feed, hand, sent,
+    press: () => control._buttons[0].onpointerdown({ button: 0, pointerId: 1 }),
+    release: () => listeners.get("pointerup")?.(),
+    answer: (id, state, command) => told({ type: "answer", id, state, text: "", command }),
+    cancelled: (command) => told({ type: "state", time: 2, events: [{ time: 2, path: "run", state: "cancelled", command }] }),
+  };
+}
+
+test("a press is held though the one before ends late, and is let go of when the button is", async () => {
+  const { hand, sent, press, release, answer, cancelled } = page();
+  press();
+  await answer(1, "begun", 5);
+  release();
+  press();
+  await answer(1, "cancelled", 5);
+  await answer(3, "begun", 6);
+  await cancelled(5);
+  assert.equal(hand.holds("run"), true);
+  release();
+  assert.deepEqual(sent.map((each) => each.do), ["call", "let go", "call", "let go"]);
+  assert.equal(hand.holds("run"), false);
+});
+
+test("what the machine has let go of by itself is held no longer", async () => {
+  const { hand, press, answer, cancelled } = page();
+  press();
+  await cancelled(4);
+  await answer(1, "begun", 5);
+  assert.equal(hand.holds("run"), true);
+  await cancelled(5);
+  assert.equal(hand.holds("run"), false);
+});
+
+test("of a command without an answer nobody knows whether it was carried out; one that was not sent is refused", async () => {
+  const { feed, hand } = page();
+  const asked = hand.ask({ do: "call", path: "home" });
+  feed._text({ type: "answer", id: 1, state: "begun", text: "" });
+  feed._closed(1006);
+  const { state, text } = await asked;
+  assert.deepEqual([state, text], ["failed", "no answer: the connection was lost; whether it was carried out is not known"]);
+  assert.equal((await hand.ask({ do: "call", path: "home" })).state, "refused");
+});
