@@ -472,6 +472,19 @@ def test_a_sequence_that_an_action_has_left_behind_goes_on_and_ends_with_the_lea
     assert (rig.m.closed, rig.m.cleaned) == (1, 2)
 
 
+def test_the_default_of_a_choice_is_told_as_the_choice_that_it_is() -> None:
+    class Belt(Compound):
+        timer: DigitalSensor
+
+        @action
+        def select(self, step: Literal[1, 2, 3] = 2, part: PassFail = PassFail.FAIL) -> None: ...
+
+    step, part = actions_of(Belt(timer=timer()))["select"].describe()["arguments"]
+    assert (step["choices"], step["default"]) == (["1", "2", "3"], "2")
+    assert part["default"] in part["choices"]
+    assert part["default"] == PassFail.FAIL.name
+
+
 def test_an_action_that_fails_is_answered_and_the_machine_goes_on(rig: Rig) -> None:
     rig.call("fail")
     rig.periods(3)

@@ -182,6 +182,21 @@ def test_the_view_tells_which_joints_are_not_referenced_until_they_are(shown: An
     assert told.inner_text() == ""
 
 
+def test_after_the_end_the_last_values_are_marked(shown: Any) -> None:
+    viewer = shown("ztheta")
+    viewer.set({"z.encoder": 100_000.0, "theta.encoder": 0.0})
+    viewer.page.get_by_role("button", name="Labels").click()
+    time, told = viewer.page.locator(".twin-time"), viewer.page.locator(".twin-poor")
+    label = viewer.page.locator(".twin-label").filter(has_text="z.encoder").first
+    assert ("(live)" in time.inner_text(), told.inner_text(), "(last)" in label.inner_text()) == (True, "", False)
+    viewer.run("test.feed.ended = true")
+    viewer.set({})
+    assert "(last)" in time.inner_text()
+    assert told.inner_text() == "Drawn faintly: the last values before the end"
+    assert "(last)" in label.inner_text()
+    assert max(viewer.run("test.view().scene.byName.get('z').meshes.map((mesh) => mesh.material.opacity)")) < 0.5
+
+
 def test_states_show_bodies_and_colour_them(shown: Any) -> None:
     viewer = shown("ztheta")
     part = "test.view().scene.byName.get('part').node.visible"

@@ -217,7 +217,7 @@ def _argument(node: Compound, path: str, each: inspect.Parameter, declared: Mapp
     if (kind in ("number", "integer")) != (limits is not None):
         need = "needs a range" if limits is None else "is not a number and has no range"
         raise DeclarationError(f"{where} {need}: @action({each.name}=Range(...))")
-    return Argument(each.name, kind, limits, choices, required, None if required else _plain(each.default))
+    return Argument(each.name, kind, limits, choices, required, None if required else _plain(each.default, choices))
 
 
 def _choices(kind: Any) -> dict[str, Any]:
@@ -228,10 +228,10 @@ def _choices(kind: Any) -> dict[str, Any]:
     return {}
 
 
-def _plain(default: Any) -> Any:
-    """A default for people to see; None where it says nothing."""
-    if isinstance(default, Enum):
-        return default.name
+def _plain(default: Any, choices: Mapping[str, Any]) -> Any:
+    """A default for people to see, of a choice its name; None where it says nothing."""
+    if choices:
+        return next((name for name, value in choices.items() if value == default), None)
     if isinstance(default, float):
         return default if abs(default) < inf else None
     return default if isinstance(default, str | int) else None

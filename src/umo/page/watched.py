@@ -29,7 +29,7 @@ OF_THE_RING = ("objects", "signals", "actions", "tunables")
 MOST_EVENTS = 100
 """The last ones that a page is told of, and the last missed periods."""
 TELLING = 5.0
-"""s after the last frame in which the guardian of a run that did not tell its end may still do so."""
+"""s after the end in which the guardian of a run that did not tell its end may still do so."""
 
 
 class Watched:
@@ -61,6 +61,8 @@ class Watched:
         """How the run ended; None: it has not, or that is still being found out."""
         self.over = False
         """The run has ended, and all its frames are read."""
+        self._ended = 0.0
+        """When that was seen, s."""
         self._frame: Any = reader.latest()
         self._good = np.full(len(reader.layout.objects), np.nan)
         self._seen = time.monotonic()
@@ -92,7 +94,7 @@ class Watched:
         self.stage = self.reader.state  # before the frames: the last ones are read in any case
         frames = self.reader.read()
         if self.ended and not self.over:
-            self.over = True
+            self.over, self._ended = True, time.monotonic()
             ends = [each.event for each in self.reader.events() if is_end(each.event)]
             self._last_event = ends[-1] if ends else None
         if not len(frames):
@@ -111,7 +113,7 @@ class Watched:
         self.box = newest_box(self.reader.about, self.box)
         if self.over:
             found = ending_of(self.reader.about, self._last_event, self.box)
-            if found is None and time.monotonic() - self._seen > TELLING:
+            if found is None and time.monotonic() - self._ended > TELLING:
                 found = Ending(True, UNKNOWN)
             self.ending = found and Ending(found.failed, printable(found.text))
 

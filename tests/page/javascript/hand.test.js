@@ -1,4 +1,4 @@
-/** What a page holds, and what it says of its commands: a hand and a jog button, over a machine that is told by messages. */
+/** What a page holds, and what it says of its commands and after the end: controls, over a machine that is told by messages. */
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
@@ -11,9 +11,10 @@ globalThis.document = {
   addEventListener() {},
   createElement: () => ({ classList: { toggle() {} }, dataset: {}, addEventListener() {}, append() {}, setAttribute() {}, setPointerCapture() {} }),
 };
-const { JogControl } = await import("../../../src/umo/page/static/controls.js");
+const { ActuatorControl, JogControl, TunableControl } = await import("../../../src/umo/page/static/controls.js");
 const { Feed } = await import("../../../src/umo/page/static/feed.js");
 const { Hand } = await import("../../../src/umo/page/static/hand.js");
+const { Trigger } = await import("../../../src/umo/page/static/trigger.js");
 
 /** A page of a station whose action is held; `answer` is one of the machine's, `cancelled` the event of a command. */
 function page() {
@@ -30,7 +31,7 @@ function page() {
     await new Promise(setImmediate);
   };
   return {
-    feed, hand, sent,
+    feed, hand, sent, told,
     press: () => control._buttons[0].onpointerdown({ button: 0, pointerId: 1 }),
     release: () => listeners.get("pointerup")?.(),
     answer: (id, state, command) => told({ type: "answer", id, state, text: "", command }),
@@ -71,4 +72,29 @@ test("of a command without an answer nobody knows whether it was carried out; on
   const { state, text } = await asked;
   assert.deepEqual([state, text], ["failed", "no answer: the connection was lost; whether it was carried out is not known"]);
   assert.equal((await hand.ask({ do: "call", path: "home" })).state, "refused");
+});
+
+test("after the end of the run its values are marked as the last ones, and no trigger is waited for", async () => {
+  const { feed, hand, told } = page();
+  const controls = [new ActuatorControl(hand, { path: "lamp", one: "ON", zero: "OFF" }), new ActuatorControl(hand, { path: "motor" }), new TunableControl(hand, { path: "gain", name: "gain" })];
+  const trigger = new Trigger(feed, () => {});
+  trigger._path.value = "motor";
+  const words = () => {
+    for (const control of controls) control.refresh(feed);
+    return [trigger.hint, ...controls.map(({ _word }) => _word.textContent ?? "")];
+  };
+  await told({ type: "state" });
+  assert.deepEqual(words(), ["", "", "", ""]);
+  trigger._kind.value = "rising";
+  assert.equal(trigger.hint, "waiting for the trigger");
+  await told({ type: "state", stage: "ended" });
+  assert.deepEqual(words(), ["the run has ended: no trigger comes", "last value", "last value", "last value"]);
+});
+
+test("a jog has a button for each direction of its range, which may be without limits", () => {
+  const { hand } = page();
+  const directions = (range) => new JogControl(hand, { path: "run", help: "", arguments: range, harmless: true, kept_up: true })._buttons.length;
+  const about = { name: "speed", kind: "number" };
+  const ranges = [[], [{ ...about, minimum: 0, maximum: 5 }], [{ ...about, minimum: -5, maximum: 5 }], [{ ...about, minimum: null, maximum: null }]];
+  assert.deepEqual(ranges.map(directions), [1, 1, 2, 2]);
 });

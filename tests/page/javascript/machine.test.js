@@ -5,6 +5,7 @@ import { test } from "node:test";
 import { folded, generalised, linesOf } from "../../../src/umo/page/static/folding.js";
 import { filtered, groupsOf, partsOf } from "../../../src/umo/page/static/parts.js";
 import { shownQuality } from "../../../src/umo/page/static/quality.js";
+import { inWords } from "../../../src/umo/page/static/row.js";
 import { nameOf, runAfter } from "../../../src/umo/page/static/stations.js";
 import { forbidden, statusOf } from "../../../src/umo/page/static/status.js";
 import { nextTab } from "../../../src/umo/page/static/tabs.js";
@@ -60,7 +61,7 @@ test("a quality that is not good has a sign and a word; after the end nothing is
   assert.equal(shownQuality(4, QUALITIES, true).kind, "bad");
 });
 
-const KNOWN = { connected: true, refused: false, unheard: 0, station: "press", state: { stage: "running", silent: 0, ending: null } };
+const KNOWN = { connected: true, refused: false, unheard: 0, station: "press", period: 0.01, state: { stage: "running", silent: 0, ending: null } };
 const ended = (ending) => statusOf({ ...KNOWN, state: { stage: "ended", silent: 9, ending } });
 
 test("each end says its cause, and a failure is one", () => {
@@ -69,6 +70,19 @@ test("each end says its cause, and a failure is one", () => {
   assert.deepEqual([ended({ failed: false, text: "stopped by Ann" }).kind, ended({ failed: false, text: "stopped by Ann" }).text], ["ended", "press has ended: stopped by Ann."]);
   const failed = ended({ failed: true, text: "GripError: no part." });
   assert.deepEqual([failed.kind, failed.text], ["failed", "press failed: GripError: no part."]);
+});
+
+test("a frame is missed after ten periods: a slow station is in order meanwhile", () => {
+  const slow = (silent) => statusOf({ ...KNOWN, period: 6, state: { stage: "running", silent, ending: null } }).text;
+  assert.deepEqual([slow(59), slow(61)], ["", "No new frame"]);
+});
+
+test("a family in words counts what is known", () => {
+  const binary = { path: "lamp", one: "ON", zero: "OFF" };
+  const said = [[1, null, 1], [null, 0, 0], [null, 1, 0], [null, null], [1]].map((values) => inWords(binary, values));
+  assert.deepEqual(said, ["ON", "OFF", "1 ON, 1 OFF", "-", "ON"]);
+  const number = { path: "level", unit: "m" };
+  assert.deepEqual([[null, 2, 3], [null, 2], [null, null], [null]].map((values) => inWords(number, values)), ["2 to 3 m", "2 m", "-", "-"]);
 });
 
 test("silence is said with its seconds, and told once without them", () => {

@@ -83,8 +83,8 @@ function choose(name) {
 
 /** What is wrong, or how the run ended, in place of the summary: the views do not move. */
 function say() {
-  const { connected, refused, unheard, state } = feed;
-  const { kind, text, seconds: since } = statusOf({ connected, refused, unheard, station: feed.station, state });
+  const { connected, refused, unheard, station: name, description, state } = feed;
+  const { kind, text, seconds: since } = statusOf({ connected, refused, unheard, station: name, period: description?.period ?? 0, state });
   for (const each of ["warn", "failed", "ended"]) status.classList.toggle(each, each === kind);
   setText(spoken, text);
   setText(seconds, since);

@@ -33,8 +33,9 @@ export class ActuatorControl {
     this._number = isBinary(entry) ? null : new NumberInput(entry, entry.path, { slide: (value) => this._slid(value), unit: false });
     this._buttons = this._number ? [el("button", { textContent: "Set", type: "submit" })] : this._states();
     this._reason = el("small", { className: "reason" });
+    this._word = el("small", { className: "word" });
     this.element = el("form", { className: "control actuator", "data-control": entry.path, noValidate: true, onsubmit: (/** @type {Event} */ event) => this._submitted(event) },
-      labelOf(name(entry.path), entry, this._reason), this._number?.element, el("span", { className: "buttons" }, ...this._buttons, this._release));
+      labelOf(name(entry.path), entry, this._reason, this._word), this._number?.element, el("span", { className: "buttons" }, ...this._buttons, this._release));
   }
 
   _states() {
@@ -80,6 +81,7 @@ export class ActuatorControl {
     const reason = feed.state?.inhibited?.[this.path] ?? "";
     setText(this._reason, reason && "⊘ inhibited");
     this._reason.title = reason;
+    setText(this._word, lastOf(feed));
     this.element.classList.toggle("inhibited", Boolean(reason));
     const enabled = this._hand.leased && this._hand.manual;
     for (const button of this._buttons) button.disabled = !enabled;
@@ -95,6 +97,9 @@ export class ActuatorControl {
 
 /** The name of a control, and its unit: the fields below one another stand in line. @param {string} text @param {{unit?: string}} about @param {Node[]} more */
 const labelOf = (text, about, ...more) => el("span", { className: "label" }, ...breakable(text), el("span", { className: "unit", textContent: ` ${unitOf(about)}`.trimEnd() }), ...more);
+
+/** Said beside a value after the end of the run. @param {Feed} feed */
+const lastOf = ({ ended }) => (ended ? "last value" : "");
 
 /** An input with the name of what it gives. @param {Page.Argument} about @param {Node} input */
 const labelled = (about, input) => el("label", {}, `${about.name} `, input);
@@ -179,7 +184,7 @@ export class JogControl {
     this._about = action.arguments.find(({ kind }) => kind === "number") ?? null;
     this._others = new Arguments(action, (about) => about !== this._about);
     this._presses = 0;
-    this._buttons = (this._about?.minimum ?? 0) < 0 ? [this._button("−", -1), this._button("+", 1)] : [this._button("Hold", 1)];
+    this._buttons = this._about && (this._about.minimum ?? -Infinity) < 0 ? [this._button("−", -1), this._button("+", 1)] : [this._button("Hold", 1)];
     this._speed = this._about && new NumberInput(this._about, `${action.path} ${this._about.name}`, { value: first(this._about) });
     this.element = el("div", { className: "control jog", "data-control": action.path },
       el("span", { className: "label" }, ...breakable(name(action.path))), el("span", { className: "buttons" }, ...this._buttons),
@@ -256,9 +261,10 @@ export class TunableControl {
     this._about = about;
     this._number = new NumberInput(about, about.path, { slide: (value, done) => { if (done) this._tune(value); }, unit: false });
     this._set = el("button", { textContent: "Set", type: "submit" });
+    this._word = el("small", { className: "word" });
     this._undo = el("button", { textContent: "Undo", type: "button", onclick: () => this._back() });
     this.element = el("form", { className: "control tunable", "data-control": about.path, noValidate: true, onsubmit: (/** @type {Event} */ event) => this._submitted(event) },
-      labelOf(about.name, about), this._number.element, el("span", { className: "buttons" }, this._set, this._undo));
+      labelOf(about.name, about, this._word), this._number.element, el("span", { className: "buttons" }, this._set, this._undo));
   }
 
   /** @param {Event} event */
@@ -289,6 +295,7 @@ export class TunableControl {
   /** @param {Feed} feed */
   refresh(feed) {
     this._number.show(feed.state?.tuned?.[this._about.path] ?? null);
+    setText(this._word, lastOf(feed));
     const enabled = this._hand.leased;
     this._set.disabled = !enabled;
     this._number.enable(enabled);
@@ -313,7 +320,7 @@ export class SensorControl {
     const found = feed.latest(this._entry.path);
     const { sign, word, kind } = shownQuality(found?.quality ?? 4, feed.description?.qualities ?? [], feed.ended);
     setText(this._value, shown(this._entry, found?.value ?? null));
-    setText(this._word, word ? `${sign} ${word}` : kind === "last" ? "last value" : "");
+    setText(this._word, word ? `${sign} ${word}` : kind === "last" ? lastOf(feed) : "");
     this.element.dataset.quality = kind;
   }
 }

@@ -45,26 +45,11 @@ export class Row {
   refresh() {
     const found = this._paths.flatMap((path) => this._feed.latest(path) ?? []);
     if (!found.length) return;
-    setText(this._value, this._text(found.map(({ value }) => value)));
+    setText(this._value, inWords(this._entry, found.map(({ value }) => value)));
     this._quality(Math.max(...found.map(({ quality }) => quality)), found);
     const [{ raw }] = found;
     setText(this._raw, found.length === 1 && raw !== null ? String(raw) : "");
     this._forbidden();
-  }
-
-  /** @param {(number | null)[]} values */
-  _text(values) {
-    if (values.length === 1) return shown(this._entry, values[0]);
-    const known = values.filter((value) => value !== null);
-    if (isBinary(this._entry)) {
-      const ones = known.filter((value) => value > 0.5).length;
-      if (ones === 0 || ones === values.length) return shown(this._entry, values[0]);
-      return `${ones} ${this._entry.one}, ${values.length - ones} ${this._entry.zero}`;
-    }
-    const low = known.reduce((a, b) => Math.min(a, b), Infinity);
-    const high = known.reduce((a, b) => Math.max(a, b), -Infinity);
-    if (!known.length) return "-";
-    return low === high ? shown(this._entry, low) : `${shortNumber(low)} to ${shortNumber(high)} ${unitOf(this._entry)}`.trimEnd();
   }
 
   /** The worst one, with how many have it; the age of the oldest value. @param {number} worst @param {Page.Sample[]} found */
@@ -102,4 +87,17 @@ export class Row {
     this._scope.title = on ? "On the scope" : "";
     this.element.classList.toggle("traced", on);
   }
+}
+
+/** The value of an object or signal, or those of a family: the states with their numbers, or the least and the greatest. @param {Page.Entry} entry @param {(number | null)[]} values */
+export function inWords(entry, values) {
+  const known = values.filter((value) => value !== null);
+  if (isBinary(entry)) {
+    const ones = known.filter((value) => value > 0.5).length;
+    const mixed = ones > 0 && ones < known.length;
+    return mixed ? `${ones} ${entry.one}, ${known.length - ones} ${entry.zero}` : shown(entry, known[0]);
+  }
+  const low = known.reduce((a, b) => Math.min(a, b), Infinity);
+  const high = known.reduce((a, b) => Math.max(a, b), -Infinity);
+  return low < high ? `${shortNumber(low)} to ${shortNumber(high)} ${unitOf(entry)}`.trimEnd() : shown(entry, known[0]);
 }

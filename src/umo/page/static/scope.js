@@ -7,7 +7,7 @@ import { address, duration, el, isBinary, save, setText, tracesOfAddress, unitOf
 import { gestures } from "./gestures.js";
 import { Legend } from "./legend.js";
 import { markAt, marksOf } from "./marks.js";
-import { Trigger } from "./trigger.js";
+import { Trigger, WAITING } from "./trigger.js";
 
 const SPANS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300];  // s
 const SHORTEST = 0.002;
@@ -138,7 +138,7 @@ class Scope {
     if (this.view || !this.paths.length) return;
     const request = { paths: this.paths, span: this.span, width: this.chart.width };
     const trigger = this.trigger.request;
-    setText(this._hint, trigger ? "waiting for the trigger" : "");
+    setText(this._hint, this.trigger.hint);
     this._subscription = this.feed.subscribe(trigger ? { ...request, trigger } : request, (points) => this._take(points));
   }
 
@@ -169,6 +169,7 @@ class Scope {
 
   _onState() {
     this.legend.refresh();
+    if (this._hint.textContent === WAITING) setText(this._hint, this.trigger.hint);  // the run may have ended
     const marks = this._marks();
     if (marks.length === this.chart.marks.length && marks.at(-1)?.text === this.chart.marks.at(-1)?.text) return;
     this.chart.marks = marks;

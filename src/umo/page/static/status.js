@@ -1,15 +1,15 @@
 /** The line of the page that says how the run and the connection are. */
 
-const SILENT = 1;  // s without news, after which the page says so
+const SILENT = 1;  // s without news, after which the page says so; of frames 10 periods, if that is more (frames_table.py)
 
 /**
- * @typedef {{connected: boolean, refused?: boolean, unheard: number, station: string | null, state: Page.State | null}} Known
+ * @typedef {{connected: boolean, refused?: boolean, unheard: number, station: string | null, period: number, state: Page.State | null}} Known
  * @typedef {{kind: "" | "warn" | "failed" | "ended", text: string, seconds: string}} Status
  *   `text` is told to those who hear the page; `seconds`, which follow it, change all the time and are not.
  */
 
 /** What is wrong, or how the run ended; an empty text: all is well. @param {Known} known @returns {Status} */
-export function statusOf({ connected, refused, unheard, station, state }) {
+export function statusOf({ connected, refused, unheard, station, period, state }) {
   if (!connected) {
     const lost = "The connection to the server is lost. The page tries again by itself.";
     const out = "The server refuses this page. Open the address that `umo view` has printed.";
@@ -17,7 +17,7 @@ export function statusOf({ connected, refused, unheard, station, state }) {
   }
   if (state?.stage === "ended") return ended(station ?? "", state.ending);
   if (station && unheard > SILENT) return warning("Nothing heard from the server", unheard);
-  if (state && state.silent > SILENT) return warning("No new frame", state.silent);
+  if (state && state.silent > Math.max(SILENT, 10 * period)) return warning("No new frame", state.silent);
   return { kind: "", text: "", seconds: "" };
 }
 

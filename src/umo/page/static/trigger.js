@@ -2,6 +2,7 @@
 
 import { el, isBinary, setText, unitOf } from "./dom.js";
 
+export const WAITING = "waiting for the trigger";
 const KINDS = { "": "none", rising: "rising edge", falling: "falling edge", above: "above", below: "below" };
 
 export class Trigger {
@@ -44,6 +45,12 @@ export class Trigger {
     this._leveled.hidden = isBinary(entry);
     setText(this._unit, unitOf(entry));
     this._level.value = isBinary(entry) ? "0.5" : String(Number((value ?? 0).toPrecision(4)));
+  }
+
+  /** Whether it is waited for, in words; empty: there is none. */
+  get hint() {
+    if (!this.request) return "";
+    return this._feed.ended ? "the run has ended: no trigger comes" : WAITING;
   }
 
   /** For the subscription; null: none. */

@@ -133,8 +133,8 @@ declare namespace Page {
     error?: string;
   }
 
-  /** A value with its quality, 0 good ... 4 bad. */
-  interface TwinSample { value: number; quality: number }
+  /** A value with its quality, 0 good ... 4 bad. `last`: of a run that has ended. */
+  interface TwinSample { value: number; quality: number; last?: boolean }
 
   interface View { mount(element: HTMLElement, feed: import("./feed.js").Feed, hand: import("./hand.js").Hand): void; unmount(): void }
 }

@@ -106,11 +106,11 @@ export class Labels {
   }
 }
 
-/** A value as text: with its unit, or the name of its state; and its quality, if that is not good.
+/** A value as text: with its unit, or the name of its state; and its quality, if that is not good, or that it is the last one.
  * @param {Page.Entry | undefined} entry @param {Page.TwinSample | null} found @param {[string, string][]} qualities */
 export function shownValue(entry, found, qualities) {
   if (!entry || !found || !Number.isFinite(found.value)) return "no value";
-  const quality = found.quality ? ` (${qualities[found.quality][1]})` : "";
+  const quality = found.quality ? ` (${qualities[found.quality][1]})` : found.last ? " (last)" : "";
   if ("one" in entry) return (found.value > 0.5 ? entry.one : entry.zero) + quality;
   const size = Math.abs(found.value);
   const digits = size >= 1000 ? 0 : size >= 100 ? 1 : size >= 10 ? 2 : 3;

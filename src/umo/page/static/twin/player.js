@@ -64,7 +64,7 @@ export class Player {
     this.slider.min = String(start);
     this.slider.max = String(stop);
     this.slider.value = String(this.time ?? stop);
-    const ago = this.time === null ? "live" : `${(this.time - stop).toFixed(1)} s`;
+    const ago = this.time === null ? (this.feed.ended ? "last" : "live") : `${(this.time - stop).toFixed(1)} s`;
     this.text.textContent = `${(this.time ?? stop).toFixed(2)} s (${ago})`;
     this.play.textContent = this.playing ? "Pause" : "Play";
     this.live.setAttribute("aria-pressed", String(this.time === null));

@@ -46,7 +46,7 @@ export class TwinScene {
       let poor = false;
       for (const joint of body.joints) {
         const found = sample(joint.path);
-        poor ||= !found || found.quality > 0;
+        poor ||= !found || found.quality > 0 || Boolean(found.last);
         if (found && Number.isFinite(found.value)) joint.move(found.value);
       }
       for (const colour of body.colours) {

@@ -158,7 +158,7 @@ export class TwinView {
   #stateCame(paths) {
     this.player.refresh();
     const found = paths.map((path) => this.feed.latest(path));
-    const qualities = found.map((latest) => latest?.quality).join();
+    const qualities = [this.feed.ended, ...found.map((latest) => latest?.quality)].join();
     if (qualities !== this.qualities) this.draw();
     this.qualities = qualities;
     if (paths.length > MANY) this.#take(paths, found.map((latest) => latest?.value ?? NaN));
@@ -190,7 +190,7 @@ export class TwinView {
     for (const path of this.scene.paths) {
       const latest = this.feed.latest(path);
       const value = this.live.get(path) ?? latest?.value ?? NaN;
-      this.samples.set(path, { value, quality: latest?.quality ?? 0 });
+      this.samples.set(path, { value, quality: latest?.quality ?? 0, last: this.feed.ended });
     }
   }
 
@@ -224,6 +224,7 @@ export class TwinView {
   /** Why bodies are drawn faintly. */
   #tellPoor() {
     const words = [...this.scene.poor(this.sample)].map(([path, quality]) => `${path} ${this.feed.description?.qualities[quality]?.[1]}`);
+    if (this.feed.ended && this.player.time === null) words.unshift("the last values before the end");
     setText(this.poor, words.length ? `Drawn faintly: ${words.join(", ")}` : "");
   }
 
