@@ -31,7 +31,7 @@ export class ActuatorControl {
     this._newest = 0;
     this._release = el("button", { textContent: "Release", type: "button", title: "Send the default; the program may write it again", onclick: () => this._letGo() });
     this._number = isBinary(entry) ? null : new NumberInput(entry, entry.path, { slide: (value) => this._slid(value), unit: false });
-    this._buttons = this._number ? [el("button", { textContent: "Set", type: "submit" })] : this._states();
+    this._buttons = this._number ? [setButton()] : this._states();
     this._reason = el("small", { className: "reason" });
     this._word = el("small", { className: "word" });
     this.element = el("form", { className: "control actuator", "data-control": entry.path, noValidate: true, onsubmit: (/** @type {Event} */ event) => this._submitted(event) },
@@ -97,6 +97,9 @@ export class ActuatorControl {
 
 /** The name of a control, and its unit: the fields below one another stand in line. @param {string} text @param {{unit?: string}} about @param {Node[]} more */
 const labelOf = (text, about, ...more) => el("span", { className: "label" }, ...breakable(text), el("span", { className: "unit", textContent: ` ${unitOf(about)}`.trimEnd() }), ...more);
+
+/** It leaves the focus in the field: one that is left shows the present value again, which the end of the click would send. */
+const setButton = () => el("button", { textContent: "Set", type: "submit", onmousedown: (/** @type {Event} */ event) => event.preventDefault() });
 
 /** Said beside a value after the end of the run. @param {Feed} feed */
 const lastOf = ({ ended }) => (ended ? "last value" : "");
@@ -260,7 +263,7 @@ export class TunableControl {
     this._hand = hand;
     this._about = about;
     this._number = new NumberInput(about, about.path, { slide: (value, done) => { if (done) this._tune(value); }, unit: false });
-    this._set = el("button", { textContent: "Set", type: "submit" });
+    this._set = setButton();
     this._word = el("small", { className: "word" });
     this._undo = el("button", { textContent: "Undo", type: "button", onclick: () => this._back() });
     this.element = el("form", { className: "control tunable", "data-control": about.path, noValidate: true, onsubmit: (/** @type {Event} */ event) => this._submitted(event) },
