@@ -42,13 +42,13 @@ such as `--seed 7`, are the station's own options: `umo run STATION --help` show
 | file | |
 | --- | --- |
 | `run.json` | what is run: station, wiring, options, start; from the beginning |
-| `trace.csv` | a row a period, of a long run every second, fourth and so on; `nan`: the value was BAD; in real time it grows during the run |
+| `trace.csv` | a row a period, of a long run every second, fourth and so on; `nan`: BAD; it grows during a run in real time |
 | `summary.json` | status, failure, and what the table at the end shows, as data |
 | `plot.png` | the trace as a picture (`--no-plot` draws none, Ctrl-C leaves it out) |
 | `failure.txt` | the whole traceback of a run that failed |
 
-Each file is whole or not there. A run whose `umo run` was killed leaves a trace that
-ends before the run did, and no summary; one whose frames could not be read to the end leaves such a trace with status 4.
+Each file is whole or not there. A run whose `umo run` was killed leaves a trace that ends before the run did, and no
+summary; one whose frames could not be read to the end leaves such a trace, with status 4.
 """
 
 
