@@ -42,7 +42,7 @@ such as `--seed 7`, are the station's own options: `umo run STATION --help` show
 | file | |
 | --- | --- |
 | `run.json` | what is run: station, wiring, options, start; from the beginning |
-| `trace.csv` | a row a period, in a long run every second, fourth, ...; `nan`: BAD; it grows during a run in real time |
+| `trace.csv` | a row a period, in a long run every 2nd, 4th, ...; `nan`: BAD; it grows during a run in real time |
 | `summary.json` | status, failure, and what the table at the end shows, as data |
 | `plot.png` | the trace as a picture (`--no-plot` draws none, Ctrl-C leaves it out) |
 | `failure.txt` | the whole traceback of a run that failed |
