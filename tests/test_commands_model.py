@@ -286,6 +286,8 @@ class Pair:
             scale = 1 if path == "brake" else 2
             assert self.boxes[path].get(path) == act.confirmed * scale, path
             reason = next(iter(self.model.reasons(path)), None)
+            if reason == "blind" and not self.model.held[reason]:
+                reason = "blind (latched: to be acknowledged)"
             found = re.sub(r"the condition '(\w+)' cannot be evaluated: .*", r"\1", item.inhibited or "")
             assert found == (reason or ""), path
         assert [event.path for event in self.connection.machine.events] == self.model.events

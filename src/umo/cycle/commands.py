@@ -16,7 +16,7 @@ from math import copysign, inf
 from typing import TYPE_CHECKING, Any
 
 from umo.cycle.events import Event, Events
-from umo.cycle.inhibition import Inhibition, inhibitions_of, unevaluated
+from umo.cycle.inhibition import Inhibition, inhibitions_of, latched, unevaluated
 from umo.cycle.journal import Kind
 from umo.cycle.stop_order import stop_sequence
 from umo.errors import Interlocked
@@ -248,10 +248,11 @@ class Commands:
 
     @property
     def reasons(self) -> list[str]:
-        """The reasons of interlocks, each once, in the order of their numbers, and those of conditions that cannot be
-        evaluated; more than fit a byte share the last."""
+        """The reasons of interlocks, each once, in the order of their numbers, those of conditions that cannot be
+        evaluated, and those of latched interlocks whose condition is over; more than fit a byte share the last."""
         interlocks = [each.interlock for each in self._inhibitions]
-        found = list(dict.fromkeys([*(each.reason for each in interlocks), *map(unevaluated, interlocks)]))
+        over = [latched(each) for each in interlocks if each.latched]
+        found = list(dict.fromkeys([*(each.reason for each in interlocks), *map(unevaluated, interlocks), *over]))
         return found if len(found) < IN_HAND else [*found[: IN_HAND - 2], "one of many interlocks"]
 
     def failed(self, slot: int) -> None:

@@ -42,15 +42,15 @@ class Inhibition:
         except BaseException as error:
             found = _cannot(self.interlock, told(error).text)
         self.held = found is not None
-        if self.held or not self._latched:
-            self.reason = found
         self._latched = self._latched or (self.held and latch and self.interlock.latched)
+        self.reason = latched(self.interlock) if self._latched and not self.held else found
         return before is None and self.held
 
     @property
     def brief(self) -> str:
-        """The reason without the cause for which a condition cannot be evaluated: one of two for each interlock."""
-        return self.interlock.reason if self.reason == self.interlock.reason else unevaluated(self.interlock)
+        """The reason without the cause for which a condition cannot be evaluated: one of a few for each interlock."""
+        known = (self.interlock.reason, latched(self.interlock))
+        return self.reason if self.reason in known else unevaluated(self.interlock)
 
     def acknowledge(self) -> None:
         """Free its actuators, unless its condition is still true."""
@@ -73,6 +73,11 @@ def _reason(interlock: Interlock, holds: Any) -> str | None:
     if isinstance(holds, bool | np.bool_):
         return interlock.reason if holds else None
     return _cannot(interlock, f"it gives {as_json(holds, SHOWN)}, which is not True or False")
+
+
+def latched(interlock: Interlock) -> str:
+    """The reason of a latched interlock whose condition is false again."""
+    return f"{interlock.reason} (latched: to be acknowledged)"
 
 
 def unevaluated(interlock: Interlock) -> str:
