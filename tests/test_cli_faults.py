@@ -72,7 +72,7 @@ def test_umo_plant_refuses_a_wrong_fault(umo):
 def test_a_fault_of_the_command_line_is_blamed_on_it(umo):
     result = umo("run", "conveyor", "--fault", "belt.sped stuck")
     assert result.exit_code == 2
-    assert "1 fault given\n--fault 'belt.sped stuck': no object or driver 'belt.sped'" in result.stderr
+    assert "1 mistake in --fault\n--fault 'belt.sped stuck': no object or driver 'belt.sped'" in result.stderr
     assert ".toml" not in result.stderr
 
 

@@ -20,6 +20,7 @@ from umo.process import conclusion, guardian
 from umo.process.life import Life, Who
 from umo.process.standby import Standby
 from umo.system import processes
+from umo.system.record import INSPECT
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="processes of their own need Linux")
 
@@ -113,9 +114,7 @@ def test_a_process_that_waits_to_reset_is_replaced_when_it_is_killed_or_stopped(
     os.kill(run.control, signal.SIGKILL)
     failure = run.outcome().failure
     assert failure is not None
-    assert failure.message.endswith(
-        "\nthe guardian reset every actuator; inspect the machine, then start it with --acknowledge (acknowledge=True)"
-    )
+    assert failure.message.endswith(f"\nthe guardian reset every actuator; {INSPECT}")
     assert_safe(cells)
 
 

@@ -77,7 +77,10 @@ def test_ps_names_the_machines_that_stand_stopped() -> None:
     run.stopped("the control process hung", ["motor"])
     found = said(umo("ps"))
     assert found.startswith("no station is running stands stopped: press (rig), not reached: motor, bus 1, 2")
-    assert "Inspect it, then start it with --acknowledge; `umo ps --json` has the causes." in found
+    assert (
+        "Inspect it, then start it with --acknowledge, or use `umo acknowledge`; `umo ps --json` has the causes."
+        in found
+    )
     assert '"what": "the control process hung"' in umo("ps", "--json").stdout
 
 

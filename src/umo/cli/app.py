@@ -55,7 +55,12 @@ OptionalStation = Annotated[str | None, _STATION]
 NO_STATION = "give the directory of a station, or the name of a shipped one"
 WiringName = Annotated[
     str | None,
-    typer.Option("--wiring", "-w", metavar="NAME|FILE", help="Name of a wiring of the station, or a TOML file."),
+    typer.Option(
+        "--wiring",
+        "-w",
+        metavar="NAME|FILE",
+        help="Name of a wiring of the station, or a TOML file; default: simulated, else the first by name.",
+    ),
 ]
 Faults = Annotated[
     list[str] | None,

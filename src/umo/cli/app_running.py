@@ -120,7 +120,7 @@ def mode(
     epilog="Examples: umo call ztheta  |  umo call ztheta home  |  umo call ztheta z.move_to 'position=100 mm'  |  "
     "umo call ztheta z.jog velocity=-5000 --hold 2",
     status="0 done; 1 the machine, a device or code failed; 2 a mistake, or it is held no longer, told on stderr; "
-    "130 Ctrl-C",
+    "130 Ctrl-C, but 0 where it is kept up until Ctrl-C",
 )
 def call(
     station: Running,

@@ -90,7 +90,7 @@ def get(
     "set",
     epilog="Examples: umo set ztheta gripper.vacuum ON --hold 2  |  umo set ztheta z.motor '-500 mV' --hold 1",
     status="0 done; 1 a device failed; 2 a mistake, or it is held no longer, told on stderr; 3 an actuator is not at "
-    "its default; 130 Ctrl-C",
+    "its default; 130 Ctrl-C, but 0 where it is held until Ctrl-C",
     context_settings=OF_THE_MACHINE,
 )
 def set_(

@@ -71,8 +71,11 @@ def acknowledge(name: str, path: str, over: bool) -> None:
         reader = attach(name)
     except FramesError:
         stopped = [each for each in standing() if name in (each.device, each.station)]
-        if path or not stopped or meant_by(name, readers()):  # several runs of this name go on
+        if path or meant_by(name, readers()):  # several runs of this name go on
             raise
+        if not stopped:
+            names = [each.station for each in standing()]
+            raise FramesError(f"{name!r} neither runs nor stands stopped{did_you_mean(name, names)}") from None
         for ended in stopped:
             Custody([ended.device], ended.station, ended.wiring, acknowledge=True).finish()
             out.print(f"acknowledged: {ended.brief}", soft_wrap=True)
@@ -103,9 +106,15 @@ def call(name: str, path: str | None, words: list[str], over: bool, hold: float 
         if path not in actions:
             raise PathError(f"no action {path!r}{did_you_mean(path, actions)}; `umo call {name}` lists them")
         given = _arguments(actions[path], words)
+        if hold is not None and not actions[path]["kept_up"]:
+            raise RangeError(f"{path} ends by itself; --hold is for actions that are kept up, such as a jog")
         status = 0
         with leased(station, over) as lease:
-            result = _called(station, actions[path], given)
+            try:
+                result = _called(station, actions[path], given)
+            except KeyboardInterrupt:
+                err.print(f"{path}: cancelled", soft_wrap=True)
+                raise
             if held := path in lease.held:
                 err.print(f"{path}: has begun", soft_wrap=True)
                 status = _hold(lease, path, hold)
@@ -242,7 +251,10 @@ def get_running(reader: Reader, paths: Sequence[str], unit: str | None) -> None:
 
 def _object(station: RemoteStation, path: str) -> RemoteObject:
     """An object of a station that runs; PathError if the path is not one's."""
-    item = station[path]
+    try:
+        item = station[path]
+    except AttributeError:
+        raise PathError(f"no object {path!r}{did_you_mean(path, station.reader.paths)}") from None
     if isinstance(item, RemoteObject):
         return item
     known = [each for each in station.reader.paths if each.startswith(f"{path}.")]

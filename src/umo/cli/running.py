@@ -46,7 +46,10 @@ def ps(as_json: bool) -> None:
     for ended in stopped:
         out.print(f"stands stopped: {ended.brief}", no_wrap=True, overflow="ellipsis")
     if stopped:
-        out.print("Inspect it, then start it with --acknowledge; `umo ps --json` has the causes.", soft_wrap=True)
+        out.print(
+            "Inspect it, then start it with --acknowledge, or use `umo acknowledge`; `umo ps --json` has the causes.",
+            soft_wrap=True,
+        )
 
 
 def _lines(unread: Callable[[str], object]) -> Iterator[dict[str, Any]]:

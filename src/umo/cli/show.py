@@ -11,6 +11,7 @@ from umo.errors import Fault, OptionError
 from umo.objects import Compound, actions_of, tunables_of
 from umo.objects.interlock import interlocks_of
 from umo.process.station import Station
+from umo.twin.declared import declared_by
 from umo.wiring import check, resolve
 from umo.wiring.process_table import remarks
 from umo.wiring.resolved import apply_parameters
@@ -27,6 +28,8 @@ def check_station(station: Station, wiring: str | None, every: bool = False, arg
     machine = machine_of(station, arguments)
     station.module("application")  # a wiring may be right and the application not import
     interlocks_of(machine)
+    if (twin := declared_by(station)) is not None:
+        twin.describe(machine)
     files = list(station.wirings.values()) if every and station.wirings else [station.wiring(wiring)]
     statuses = [_check_wiring(machine, file) for file in files]
     if others := [name for name, file in station.wirings.items() if file not in files]:

@@ -329,7 +329,9 @@ class Hands:
 
     def _need_manual(self, what: str) -> None:
         if self.mode is not Mode.MANUAL:
-            raise CommandRefused(f"{what} in manual mode only; the machine runs in automatic mode")
+            raise CommandRefused(
+                f"{what} in manual mode only; the machine runs in automatic mode (`umo mode` changes it)"
+            )
 
     def cancel(self) -> None:
         """The machine stops: cancel what runs. TaskFailed with the first error of the cleaning up."""

@@ -27,6 +27,7 @@ from umo.objects.html_table import html_table, never_raises
 from umo.process.job import Job, reference
 from umo.process.messages import MessageSocket
 from umo.process.outcome import UNREACHED, Failed, Outcome
+from umo.remote.search import station_name
 from umo.system.processes import ENDED, STOPPED, is_stopped, state
 from umo.system.realtime import Refusal
 from umo.system.record import INSPECT
@@ -113,7 +114,7 @@ class Started:
             file.seek(0)
             files = [there.fileno(), file.fileno()]
             self._guardian = subprocess.Popen(
-                [sys.executable, "-m", "umo.process", *map(str, files), job.name],
+                [sys.executable, "-m", "umo.process", *map(str, files), station_name(job.name)],
                 pass_fds=files,
                 stdin=subprocess.DEVNULL,
                 start_new_session=True,  # Ctrl-C at the terminal is for the starter to pass on

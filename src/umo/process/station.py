@@ -120,4 +120,5 @@ def find(name: str | Path) -> Station:
         return Station(text, known[text])
     if path.is_dir():
         raise StationError(f"{text} is not a station: it has no {MARK} (`umo new DIR` makes one)")
-    raise StationError(f"no station {text!r}{did_you_mean(text, known)}: a directory, or one of: {', '.join(known)}")
+    near = did_you_mean(text, [*known, *(each.parent.name for each in Path().glob(f"*/{MARK}"))])
+    raise StationError(f"no station {text!r}{near}: a directory, or one of: {', '.join(known)}")

@@ -27,7 +27,7 @@ from umo.text import printable, some, time_of_day
 
 FOLDER = "devices"
 SUFFIX = ".json"
-INSPECT = "inspect the machine, then start it with --acknowledge (acknowledge=True)"
+INSPECT = "inspect the machine, then start it with --acknowledge (acknowledge=True), or use `umo acknowledge`"
 """What is to be done after an unsafe end."""
 LARGEST = 1 << 20
 LONGEST = 2000

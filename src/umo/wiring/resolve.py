@@ -54,11 +54,12 @@ def resolve(
 ) -> Wired:
     """The wiring checked and put together; WiringError lists every fault. Nothing is opened. `options`: those that its
     drivers take (`umo.wiring.options.share`)."""
-    wired, faults = _Resolver(root, wiring, options or {}).run()
+    found, faults = _Resolver(root, wiring, options or {}).run()
     if faults:
-        where = "in the wiring" if any(not each.file.startswith(GIVEN) for each in faults) else "given"
-        raise WiringError(f"{len(faults)} fault{'s' * (len(faults) > 1)} {where}", faults)
-    return wired
+        wired = any(not each.file.startswith(GIVEN) for each in faults)
+        what, where = ("fault", "in the wiring") if wired else ("mistake", f"in {GIVEN.strip()}")
+        raise WiringError(f"{len(faults)} {what}{'s' * (len(faults) > 1)} {where}", faults)
+    return found
 
 
 class _Resolver:
