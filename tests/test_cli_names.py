@@ -55,7 +55,7 @@ def test_get_and_set_know_a_run_whose_folder_is_elsewhere(umo: Any, tank: Path, 
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["get", "press", "moter"], "the station has no 'moter' (did you mean 'motor'?)"),
+        (["get", "press", "moter"], "no object 'moter' (did you mean 'motor'?)"),
         (["set", "press", "encoder", "1"], "encoder is a sensor; only actuators can be set"),
         (["set", "press", "valve", "OFFF"], "valve has no state 'OFFF' (did you mean 'OFF'?): OFF, ON"),
         (["set", "press", "motor", "1e999"], "motor: '1e999' is too large for a number in V"),
