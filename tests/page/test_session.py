@@ -67,6 +67,18 @@ def test_of_two_stations_with_one_name_the_one_of_the_folder_is_shown_first() ->
             assert client.get("description")["place"] == first.place
 
 
+def test_a_page_that_comes_back_is_not_shown_another_station_of_that_name(client: Client) -> None:
+    with running(place=Path("/b/press")):
+        client.get("description")
+        client.send(type="watch", name="press", place="/a/press")
+        with running("oven"):
+            eventually(lambda: len(client.get("stations")["stations"]) == 2)
+            client.send(type="measure", id=1, paths=["encoder"], start=0, stop=1)
+            assert client.get("error")["text"] == "no station is chosen"
+        client.send(type="watch", name="press", place="/b/press")
+        assert client.get("description")["place"] == "/b/press"
+
+
 def test_of_two_runs_in_one_folder_the_one_of_the_pid_is_shown_first() -> None:
     with running(), running():
         looking = Feed()
@@ -262,6 +274,7 @@ MEANINGLESS: list[dict[str, object]] = [
     {"type": "dance", "id": 1},
     {"type": "watch", "name": 3},
     {"type": "watch", "name": None},
+    {"type": "watch", "name": "press", "place": 3},
 ]
 
 

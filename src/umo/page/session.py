@@ -1,8 +1,8 @@
 """One open page: its websocket, what it has subscribed to, and what it asks for.
 
-From the page, JSON: `watch` (name of a run; "": none), `live` (id, paths, span, width, trigger), `stop` (id), `window`
-(id, paths, start, stop, width), `measure` (id, paths, start, stop), `command` (id, do, path, value, arguments, over,
-who), `touch` (number of the state that it answers, held).
+From the page, JSON: `watch` (name of a run; "": none; place: its folder, null: any), `live` (id, paths, span, width,
+trigger), `stop` (id), `window` (id, paths, start, stop, width), `measure` (id, paths, start, stop), `command` (id, do,
+path, value, arguments, over, who), `touch` (number of the state that it answers, held).
 To the page, JSON: `server`, `stations`, `description`, `state`, `measured`, `answer`, `error`; binary: points
 (`umo.page.live.packed`).
 """
@@ -59,6 +59,8 @@ class Session:
         self._first = first
         self._name: str | None = None
         """Name of the run to show; empty: none; None: not chosen yet."""
+        self._place: str | None = None
+        """Folder of its station; None: any."""
         self._watched: Watched | None = None
         self._live: dict[Any, Live] = {}
         self._state = 0
@@ -125,6 +127,8 @@ class Session:
         if self._name is None and (first := self._choice(runs)) is not None:
             self._name = first.name
         watched = self._feed.watched.get(self._name or "")
+        if watched is not None and self._place not in (None, watched.place):
+            watched = None
         if watched is not self._watched:
             self._watched, self._state = watched, 0
             self._live.clear()
@@ -177,7 +181,7 @@ class Session:
     async def _carry_out(self, message: dict[str, Any]) -> None:
         kind, watched = message.get("type"), self._watched
         if kind == "watch":
-            await self._watch(message.get("name"))
+            await self._watch(message.get("name"), message.get("place"))
         elif kind == "command":
             await (await self._hand_on(watched)).carry_out(message)
         elif kind == "touch":
@@ -227,11 +231,11 @@ class Session:
     def _address(self) -> str:
         return self._socket.client.host if self._socket.client else "unknown"
 
-    async def _watch(self, name: Any) -> None:
-        if not isinstance(name, str):
-            raise BadRequest("a name is a text")
+    async def _watch(self, name: Any, place: Any) -> None:
+        if not isinstance(name, str) or not isinstance(place, str | None):
+            raise BadRequest("name and place are texts")
         await self._drop_hand()
-        self._name, self._watched, self._state = name, None, 0
+        self._name, self._place, self._watched, self._state = name, place, None, 0
         self._live.clear()
 
     def _subscribe(self, live: Live, key: int) -> None:

@@ -61,6 +61,21 @@ test("a page that shows a station takes nothing of another one, which the server
   assert.equal(feed.state, null);
 });
 
+test("a page that comes back tells the folder of its station, and shows no other one of that name", () => {
+  const feed = new Feed();
+  const sent = [];
+  feed._send = (message) => sent.push(message);
+  feed.connected = true;
+  feed._text({ type: "stations", stations: [{ name: "press", place: "/a" }, { name: "oven", place: "/c" }] });
+  feed._text({ ...DESCRIPTION, place: "/a" });
+  feed._choose();
+  feed._text({ type: "stations", stations: [{ name: "press", place: "/b" }] });
+  assert.equal(feed.station, null);
+  feed.watch("press");
+  feed.watch("oven");  // not known any longer
+  assert.deepEqual(sent.map(({ name, place }) => [name, place]), [["press", "/a"], ["press", "/b"], ["oven", null]]);
+});
+
 test("another run begins with nothing known of the one before", () => {
   const feed = new Feed();
   feed._text(DESCRIPTION);

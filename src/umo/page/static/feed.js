@@ -37,6 +37,8 @@ export class Feed {
     this.stations = [];
     /** @type {string | null} Name of the run to show; "": the list of stations; null: what the server chooses. */
     this.wanted = null;
+    /** @type {string | null} Its folder: another server may know another station by that name; null: not known. */
+    this._place = null;
     /** @type {Page.Description | null} */
     this.description = null;
     /** @type {Page.State | null} */
@@ -80,7 +82,7 @@ export class Feed {
     socket.binaryType = "arraybuffer";
     this._socket = socket;
     socket.onopen = () => {
-      if (this.wanted !== null) this._send({ type: "watch", name: this.wanted });
+      if (this.wanted !== null) this._choose();
     };
     socket.onmessage = ({ data }) => (typeof data === "string" ? this._text(JSON.parse(data)) : this._binary(data));
     socket.onclose = ({ code }) => this._closed(code);
@@ -117,7 +119,7 @@ export class Feed {
   /** @param {{stations: Page.Line[]}} message */
   _on_stations({ stations }) {
     this.stations = stations;
-    if (this.description && !stations.some(({ name }) => name === this.station)) this._forget();  // e.g. ended while the server was away
+    if (this.description && !stations.some(({ name, place }) => name === this.station && place === this._place)) this._forget();  // e.g. ended while the server was away
     this._emit("stations");
   }
 
@@ -126,6 +128,7 @@ export class Feed {
     if (this.wanted !== null && message.name !== this.wanted) return;  // sent before the server knew what this page shows
     this.description = message;
     this.wanted = message.name;
+    this._place = message.place;
     this._heard = performance.now();
     this.entries = [...message.objects, ...message.signals];
     this._index = new Map(this.entries.map((entry, index) => [entry.path, index]));
@@ -179,9 +182,12 @@ export class Feed {
   /** Show another run; "": the list of stations. @param {string} name */
   watch(name) {
     this.wanted = name;
+    this._place = this.stations.find((line) => line.name === name)?.place ?? null;
     this._forget();
-    if (this.connected) this._send({ type: "watch", name });
+    if (this.connected) this._choose();
   }
+
+  _choose() { this._send({ type: "watch", name: this.wanted, place: this._place }); }
 
   _forget() {
     this.description = this.state = null;
