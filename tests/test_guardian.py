@@ -644,7 +644,7 @@ def test_only_what_was_not_reached_is_reported(tmp_path: Path, fault: str, left:
 
 def lasting(fault: str) -> float:
     """s for the attempts: one with a call that does not return takes 0.4 s, and more on a busy computer."""
-    return 3.0 if "hang" in fault else 0.5
+    return 1.5 if "hang" in fault else 0.5
 
 
 class Rack(umo.Compound):

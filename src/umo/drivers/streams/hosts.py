@@ -43,15 +43,15 @@ class TcpDial:
         """Tries each address of the host, with an equal share of the time that is left. Raises Gone or TimedOut, as the
         last of them failed; DriverError for a name that is not found."""
         self._found = self._found or self._look_up(deadline)
-        failed = OSError("no address")
+        why, timed_out = "no address", False  # not the error itself: it would keep its frames, and they it
         for tried, place in enumerate(self._found):
             try:
                 connection = _connected(place, (deadline - monotonic()) / (len(self._found) - tried))
             except OSError as error:
-                failed = error
+                why, timed_out = plain(error), isinstance(error, TimeoutError)
             else:
                 return Stream(connection, "the device closed the connection")
-        raise TimedOut if isinstance(failed, TimeoutError) else Gone(plain(failed))
+        raise TimedOut if timed_out else Gone(why)
 
     def _look_up(self, deadline: float) -> Found:
         try:
