@@ -161,7 +161,8 @@ Z_UM = 4.64357
 """One count of the z encoder."""
 
 
-@pytest.mark.parametrize("period", first(1, [60, 462, 1260]))
+@pytest.mark.full
+@pytest.mark.parametrize("period", [60, 462, 1260])
 def test_killed_at_random_the_guardian_stops_the_station_and_z_stays(tmp_path: Path, period: int) -> None:
     """The box has no watchdog of its own here."""
     with box(tmp_path, "--watchdog", "0", "--seed", str(period)) as served:
