@@ -371,3 +371,11 @@ def test_numbers_of_numpy_are_drawn() -> None:
     body = Body("arm", [Sphere(radius=np.float32(0.1))], position=np.array([0, 0, 1]))  # type: ignore[arg-type]
     described = Twin([body], floor=np.float64(0.5)).describe(Layout((), (), {}))
     assert json.loads(json.dumps(described))["bodies"][0]["position"] == [0.0, 0.0, 1.0]
+
+
+def test_the_twin_of_a_station_is_that_of_the_machine_with_its_options() -> None:
+    station = find("furnace")
+    machine = station.machine(zones=3)
+    twin = declared_by(station, machine)
+    assert twin is not None
+    assert twin.describe(machine)["bodies"]

@@ -28,7 +28,7 @@ def check_station(station: Station, wiring: str | None, every: bool = False, arg
     machine = machine_of(station, arguments)
     station.module("application")  # a wiring may be right and the application not import
     interlocks_of(machine)
-    if (twin := declared_by(station)) is not None:
+    if (twin := declared_by(station, machine)) is not None:
         twin.describe(machine)
     files = list(station.wirings.values()) if every and station.wirings else [station.wiring(wiring)]
     statuses = [_check_wiring(machine, file) for file in files]

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from umo.frames.layout import Layout
+from umo.objects import Compound
 from umo.process.station import Station, StationError, find
 from umo.system.packages import MARK
 from umo.text import did_you_mean
@@ -24,7 +25,7 @@ def twin_of(layout: Layout) -> dict[str, Any] | None:
         return None
     station = find(Path(layout.about["place"]))
     options = arguments_for(station.make, "machine", layout.about.get("options", {}))
-    declared = declared_by(station, options)
+    declared = declared_by(station, station.machine(**options))
     return None if declared is None else declared.describe(layout)
 
 
@@ -34,15 +35,16 @@ def declares_twin(layout: Layout) -> bool:
     return (place / MARK).is_file() and (place / "twin.py").is_file()
 
 
-def declared_by(station: Station, options: dict[str, Any] | None = None) -> Twin | None:
-    """The result of `twin(machine)` in twin.py of a station, with a machine of these options; None without the file."""
+def declared_by(station: Station, machine: Compound | None = None) -> Twin | None:
+    """The result of `twin(machine)` in twin.py of a station, for this machine or one without options; None without the
+    file."""
     module = station.module("twin")
     if module is None:
         return None
     file, make = station.path / "twin.py", getattr(module, "twin", None)
     if not callable(make):
         raise StationError(f"{file} has no twin(){did_you_mean('twin', vars(module))}")
-    machine = station.machine(**(options or {}))
+    machine = station.machine() if machine is None else machine
     with told_as(StationError, f"twin() of {file} failed"):
         twin = make(machine)
     if not isinstance(twin, Twin):
