@@ -70,12 +70,13 @@ def acknowledge(name: str, path: str, over: bool) -> None:
     try:
         reader = attach(name)
     except FramesError:
-        stopped = [each for each in standing() if name in (each.device, each.station)]
+        records = standing()
+        stopped = [each for each in records if name in (each.device, each.station)]
         if path or meant_by(name, readers()):  # several runs of this name go on
             raise
         if not stopped:
-            names = [each.station for each in standing()]
-            raise FramesError(f"{name!r} neither runs nor stands stopped{did_you_mean(name, names)}") from None
+            near = did_you_mean(name, [each.station for each in records])
+            raise FramesError(f"{name!r} neither runs nor stands stopped{near}") from None
         for ended in stopped:
             Custody([ended.device], ended.station, ended.wiring, acknowledge=True).finish()
             out.print(f"acknowledged: {ended.brief}", soft_wrap=True)

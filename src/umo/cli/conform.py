@@ -31,6 +31,7 @@ from umo.testing.conformance import Certificate, Input, Output, PtyTap, Subject,
 from umo.testing.conformance.process import State, state
 from umo.text import did_you_mean, in_brackets, reported, some
 from umo.wiring import Wire, Wired, resolve
+from umo.wiring.faults.wrapper import bare
 from umo.wiring.options import maker_of
 
 from .console import err, out
@@ -89,7 +90,8 @@ def _proved(station: Station, file: Path | None, machine: Compound, choice: Choi
     custody = Custody(devices, station.name, "conform", acknowledge=choice.acknowledge)
     with _kept(custody) as stopped:
         _consent(subject, wires, devices, choice.yes)
-        with _line(subject, maker_of(file, name), name) as tapped:
+        place = getattr(bare(wired.drivers[name]), "place", None)
+        with _line(subject, maker_of(file, name), place) as tapped:
             _check_opens(tapped, name)
             certificate = _driven(tapped, choice.minutes, before)
         stopped += certificate.unreached
@@ -188,8 +190,8 @@ def _maker(make: Callable[..., Driver[Any]], **changes: Any) -> Callable[[], Dri
 
 def _output(wire: Wire) -> Output:
     least, greatest = wire.raw_bounds
-    default = wire.raw(wire.item._default_value())  # type: ignore[attr-defined]  # every actuator has one
-    return Output(wire.channel.text, default, least, greatest)
+    assert wire.default is not None  # of an actuator
+    return Output(wire.channel.text, wire.default, least, greatest)
 
 
 def _loop(wires: Sequence[Wire], text: str) -> tuple[Wire, Wire]:
@@ -283,12 +285,12 @@ def _kept(custody: Custody) -> Iterator[list[str]]:
 
 
 @contextmanager
-def _line(subject: Subject, make: partial[Driver[Any]], name: str) -> Iterator[Subject]:
+def _line(subject: Subject, make: partial[Driver[Any]], place: object) -> Iterator[Subject]:
     """With a tap before the device, if the driver's address can be changed."""
     parameters = signature(make.func).parameters
     options = {name: parameters[name].default for name in ("host", "port", "serial") if name in parameters}
     options |= {name: value for name, value in make.keywords.items() if name in options}
-    tap = _tap(options, getattr(_made(subject, name), "place", None))
+    tap = _tap(options, place)
     with tap or nullcontext():
         if isinstance(tap, PtyTap):
             subject = replace(subject, make=_maker(make, serial=tap.serial), line=tap)

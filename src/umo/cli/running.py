@@ -14,7 +14,7 @@ from rich.text import Text
 from umo.cycle.events import CommandState
 from umo.errors import FramesError, PathError
 from umo.frames import Reader
-from umo.frames.last_event import is_end
+from umo.frames.last_event import end_of
 from umo.objects.families import ANY
 from umo.remote import search
 from umo.system.hold import is_held
@@ -64,13 +64,10 @@ def _lines(unread: Callable[[str], object]) -> Iterator[dict[str, Any]]:
 
 def how_ended(reader: Reader) -> Text:
     """That a run has ended, and how as far as it could still tell; red where it failed."""
-    ends = [each.event for each in reader.events() if is_end(each.event)]
-    if not ends:
-        return Text(
-            f"{reader.about['station']} has ended without telling how; `umo ps` names what stands stopped", "red"
-        )
-    text, failed = printable(ends[-1].text), ends[-1].state is CommandState.FAILED
-    return Text(f"{reader.about['station']} has ended: {text}", "red" if failed else "")
+    name, end = reader.about["station"], end_of(reader)
+    if end is None:
+        return Text(f"{name} has ended without telling how; `umo ps` names what stands stopped", "red")
+    return Text(f"{name} has ended: {printable(end.text)}", "red" if end.state is CommandState.FAILED else "")
 
 
 def attach_first(words: list[str]) -> tuple[Reader, list[str]]:

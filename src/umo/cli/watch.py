@@ -18,6 +18,7 @@ from rich.text import Text
 from umo.cycle.commands import IN_HAND
 from umo.frames import Reader, Stage
 from umo.frames.frames_table import facts_of_frames
+from umo.frames.history import samples
 from umo.objects import Quality
 from umo.objects.families import in_words
 from umo.remote.search import reading
@@ -110,9 +111,7 @@ class Picture:
         if len(frames):
             self._frame = frames[-1]
             self._times.append(frames[["wake", "execution"]].copy())
-            known = frames.copy()
-            known["values"][frames["quality"] >= Quality.BAD] = np.nan
-            self.traces.add(frames["time"], self._values(known))
+            self.traces.add(frames["time"], samples(frames)[:, self._rows])
         return ended
 
     def _values(self, frames: Any) -> Any:

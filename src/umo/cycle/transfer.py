@@ -16,7 +16,7 @@ import numpy as np
 
 from umo.cycle.block import Block
 from umo.cycle.journal import Journal, Kind
-from umo.drivers.contract import UNREAD, Channel, Direction, Driver
+from umo.drivers.contract import UNREAD, Channel, Driver
 from umo.errors import ChannelsFailed, DriverError, Failure, forget_frames
 from umo.objects.scaling import IntArray
 from umo.text import in_brackets, reported, some
@@ -43,10 +43,6 @@ def _nothing(*_: object) -> None:
 
 def _refuse_write(*_: object) -> NoReturn:
     raise DriverError("the machine has been reset; nothing is written any more")
-
-
-def _default(wire: Wire) -> int | None:
-    return wire.raw(wire.item._default_value()) if wire.item.direction is Direction.OUTPUT else None  # type: ignore[attr-defined]
 
 
 class _Refused(Sequence[Wire]):
@@ -86,7 +82,7 @@ class Transfer:
         """Called before each call that is not part of a period: a sign of life."""
         self.tick: Callable[[Channel], int]
         """The read of the timer."""
-        self.defaults = [_default(wire) for wire in wires]
+        self.defaults = [wire.default for wire in wires]
         """The raw integer of each actuator's default, None for a sensor: worked out once, as a reset must not depend on
         a linearization of the user's."""
         self._blocks: list[Block] = []

@@ -63,12 +63,8 @@ class History:
             times, rows = times[count:], rows[count:]
 
     def add_frames(self, frames: Frames, columns: Sequence[int] | None = None) -> None:
-        """The objects and then the signals of some frames, or these columns of them. What is of bad quality has no
-        value."""
-        values, quality = frames["values"], frames["quality"]
-        if quality.size and quality.max() >= Quality.BAD:
-            values = np.where(quality >= Quality.BAD, np.nan, values)
-        rows = np.hstack([values, frames["signals"]])
+        """The `samples` of some frames, or these columns of them."""
+        rows = samples(frames)
         self.add(frames["time"], rows if columns is None else rows[:, columns])
 
     @property
@@ -97,6 +93,15 @@ class History:
         if not parts:
             return KeptSamples(np.zeros(0), np.zeros((len(chosen), 0)))
         return KeptSamples(*(np.concatenate(each, axis=-1) for each in zip(*parts, strict=True)))
+
+
+def samples(frames: Frames) -> FloatArray:
+    """A row for each frame: the values of the objects, then of the signals. NaN: the value was BAD, or there is
+    none."""
+    values, quality = frames["values"], frames["quality"]
+    if quality.size and quality.max() >= Quality.BAD:
+        values = np.where(quality >= Quality.BAD, np.nan, values)
+    return np.hstack([values, frames["signals"]])
 
 
 def _between(blocks: Sequence[KeptSamples], start: float, stop: float) -> Iterator[KeptSamples]:

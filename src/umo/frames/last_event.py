@@ -10,6 +10,7 @@ from umo.cycle.events import CommandState, Event
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.stopping import signal_name
 from umo.errors import UmoError
+from umo.frames.reader import Reader
 from umo.text import in_brackets, located, place_of, text_of
 from umo.user_code import attempt
 
@@ -24,6 +25,11 @@ PLAIN = (str, int, float, bool, type(None))
 
 def is_end(event: Event) -> bool:
     return event.asked == END and not event.command
+
+
+def end_of(reader: Reader) -> Event | None:
+    """The last event of a run that has ended; None: it could not tell any more."""
+    return next((each.event for each in reversed(reader.events()) if is_end(each.event)), None)
 
 
 def tell_end(connection: connect[Any], error: BaseException | None) -> None:

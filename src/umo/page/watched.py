@@ -15,7 +15,7 @@ from umo.cycle.events import Event
 from umo.frames import Reader, Stage
 from umo.frames.frames_table import progress_of
 from umo.frames.history import History
-from umo.frames.last_event import is_end
+from umo.frames.last_event import end_of
 from umo.objects import Quality
 from umo.page.box_words import BoxInWords, newest_box
 from umo.page.ending import UNKNOWN, Ending, ending_of
@@ -95,8 +95,7 @@ class Watched:
         frames = self.reader.read()
         if self.ended and not self.over:
             self.over, self._ended = True, time.monotonic()
-            ends = [each.event for each in self.reader.events() if is_end(each.event)]
-            self._last_event = ends[-1] if ends else None
+            self._last_event = end_of(self.reader)
         if not len(frames):
             return
         self._seen = time.monotonic()

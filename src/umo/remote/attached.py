@@ -23,7 +23,7 @@ from umo.errors import FramesError, TaskFailed, UmoError
 from umo.frames import Reader
 from umo.frames.cells import Cells
 from umo.frames.frames_table import progress_of
-from umo.objects import Quality
+from umo.frames.history import samples
 from umo.remote.answers import Answers
 from umo.remote.held_lease import HeldLease
 from umo.remote.live_view import LiveView, live_scope, live_table
@@ -97,12 +97,8 @@ class RemoteStation(RemotePart):
         reader = self.reader
         period = reader.about["period"] or 0.01
         rows = reader.last(max(1, round(seconds / period)))
-        found = {"time": np.array(rows["time"])}
-        for name, paths in (("values", reader.paths), ("signals", reader.signals)):
-            found |= {path: np.array(rows[name][:, number]) for number, path in enumerate(paths)}
-        for number, path in enumerate(reader.paths):
-            found[path][rows["quality"][:, number] >= Quality.BAD] = np.nan
-        return found
+        columns = zip([*reader.paths, *reader.signals], samples(rows).T, strict=True)
+        return {"time": np.array(rows["time"])} | {path: column.copy() for path, column in columns}
 
     # In a notebook -------------------------------------------------------------------------------------
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from umo.drivers.contract import Channel, Driver, PhysicalScale
+from umo.drivers.contract import Channel, Direction, Driver, PhysicalScale
 from umo.errors import DeclarationError, RangeError
 from umo.objects import Compound
 from umo.objects.atomic import Atomic, Binary, Calibration, Digital
@@ -82,6 +82,13 @@ class Wire:
         """The raw integer nearest to an actuator's value, of those within its range."""
         least, greatest = self.raw_bounds
         return min(max(self.nearest(value), least), greatest)
+
+    @property
+    def default(self) -> int | None:
+        """The raw integer of an actuator's default; None for a sensor."""
+        if self.item.direction is not Direction.OUTPUT:
+            return None
+        return self.raw(self.item._default_value())  # type: ignore[attr-defined]
 
     def nearest(self, value: float) -> int:
         """The raw integer nearest to a value, also outside the range."""
