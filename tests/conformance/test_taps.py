@@ -77,10 +77,12 @@ def tapped(request: pytest.FixtureRequest) -> Iterator[tuple[Tap, Line]]:
             line = Line(lambda: socket.create_connection((tap.host, tap.port), PATIENT).detach())  # type: ignore[attr-defined]
         else:
             device, path = os.openpty()
-            stack.callback(os.close, path)
-            stack.callback(os.close, device)
             tty.setraw(path)
-            threading.Thread(target=echo, args=(device,), daemon=True).start()
+            echoing = threading.Thread(target=echo, args=(device,), daemon=True)
+            echoing.start()
+            stack.callback(os.close, device)  # last: its number may be used again, and the thread would echo there
+            stack.callback(echoing.join)
+            stack.callback(os.close, path)
             tap = stack.enter_context(PtyTap(os.ttyname(path)))
             line = Line(lambda: os.open(tap.serial, os.O_RDWR | os.O_NOCTTY))  # type: ignore[attr-defined]
         yield tap, line
