@@ -134,16 +134,22 @@ def test_a_control_process_that_works_for_long_gives_way_until_its_next_sign_of_
 
 @needs_fifo
 def test_a_control_process_that_is_kept_from_running_may_run_on_every_core_and_is_told_by_whom(spinning) -> None:
-    core, told = max(os.sched_getaffinity(0)), list[str]()
-    waiting = spinning(core, 10, "wait")
-    other = spinning(core, 11, "spin").pid
-    share = Share(waiting.pid, core, told.append)
-    assert waiting.stdin is not None
-    waiting.stdin.write(b"go on" * 1000)
-    waiting.stdin.flush()
-    look_until(share, lambda: bool(told))
-    assert f"(pid {other}) had it; from now on it runs on every core" in told[0]
-    assert share.by_whom.endswith(f"(pid {other}) had core {core}")
+    core = max(os.sched_getaffinity(0))
+    for _ in range(5):  # other tests run at a real-time priority, too, and may have been the ones
+        told = list[str]()
+        waiting = spinning(core, 10, "wait")
+        other = spinning(core, 11, "spin")
+        share = Share(waiting.pid, core, told.append)
+        assert waiting.stdin is not None
+        waiting.stdin.write(b"go on" * 1000)
+        waiting.stdin.flush()
+        look_until(share, lambda told=told: bool(told))
+        if f"(pid {other.pid}) had it" in told[0]:
+            break
+        waiting.kill()
+        other.kill()
+    assert f"(pid {other.pid}) had it; from now on it runs on every core" in told[0]
+    assert share.by_whom.endswith(f"(pid {other.pid}) had core {core}")
     assert share.kept_waiting > 0.04
     assert len(os.sched_getaffinity(waiting.pid)) > 1
 
