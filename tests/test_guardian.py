@@ -222,7 +222,7 @@ def test_a_driver_that_hangs_in_the_guardian_itself_is_interrupted(
 
 
 def test_a_guardian_that_is_stopped_is_noticed_and_the_machine_stops_by_itself(tmp_path: Path, cells: Cells) -> None:
-    run = Run(process_box.wiring(tmp_path / "box", process={"hang_timeout": "200 ms"}), "forever").until_running()
+    run = Run(process_box.wiring(tmp_path / "box", process={"hang_timeout": "1 s"}), "forever").until_running()
     os.kill(run.guardian, signal.SIGSTOP)
     outcome = run.outcome()
     assert outcome.failure is not None
