@@ -190,8 +190,9 @@ def _maker(make: Callable[..., Driver[Any]], **changes: Any) -> Callable[[], Dri
 
 def _output(wire: Wire) -> Output:
     least, greatest = wire.raw_bounds
-    assert wire.default is not None  # of an actuator
-    return Output(wire.channel.text, wire.default, least, greatest)
+    default = wire.default
+    assert default is not None  # of an actuator
+    return Output(wire.channel.text, default, least, greatest)
 
 
 def _loop(wires: Sequence[Wire], text: str) -> tuple[Wire, Wire]:

@@ -114,10 +114,6 @@ class Picture:
             self.traces.add(frames["time"], samples(frames)[:, self._rows])
         return ended
 
-    def _values(self, frames: Any) -> Any:
-        """Values of the rows: one row for each frame."""
-        return np.hstack([frames["values"], frames["signals"]])[:, self._rows]
-
     def whole(self) -> Group | Text:
         """Everything that was asked for, each object in a line."""
         lines = View(self._names, fold=False).lines
@@ -177,7 +173,7 @@ class Picture:
 
     def _table(self, lines: list[Line], cursor: Line | None, width: int) -> Table:
         """Its columns are those that fit: the last ones go first."""
-        values = self._values(self._frame[np.newaxis])[0]
+        values = np.hstack([self._frame["values"], self._frame["signals"]])[self._rows]
         rows = [self._row(line, values) for line in lines]
         name = max(len(line.name) for line in self.view.lines + lines)
         left = width - max(name, len(HEADINGS[0])) - GAP
