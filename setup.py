@@ -1,6 +1,6 @@
-"""The two extensions in C, which are left out where they cannot be built (docs/decisions/0019-an-extension-in-c.md).
+"""The extension in C, which is left out where it cannot be built (docs/decisions/0019-an-extension-in-c.md).
 
-All else is in pyproject.toml.
+It uses Python's stable interface: one wheel serves all versions from 3.11 on. All else is in pyproject.toml.
 """
 
 import sys
@@ -9,9 +9,11 @@ from setuptools import Extension, setup
 
 SEPARATE = [] if sys.platform == "win32" else ["-ffp-contract=off"]
 """a * b + c is two operations, as in Python."""
-setup(
-    ext_modules=[
-        Extension("umo.cycle._scan", ["src/umo/cycle/scan.c"], extra_compile_args=SEPARATE, optional=True),
-        Extension("umo.frames._body", ["src/umo/frames/body.c"], optional=True),
-    ]
+COLUMNS = Extension(
+    "umo.cycle._columns",
+    ["src/umo/cycle/columns.c"],
+    extra_compile_args=SEPARATE,
+    py_limited_api=True,
+    optional=True,
 )
+setup(ext_modules=[COLUMNS], options={"bdist_wheel": {"py_limited_api": "cp311"}})

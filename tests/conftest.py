@@ -17,7 +17,7 @@ from umo.cli.app import app
 from umo.system import packages
 
 pytest.register_assert_rewrite("helpers")
-from helpers.image_forms import CHOSEN_FIRST, choose  # noqa: E402
+from helpers.conversions import CHOSEN_FIRST, choose  # noqa: E402
 from helpers.tiers import first  # noqa: E402
 
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # hundreds of processes import umo: it is compiled once
@@ -75,9 +75,9 @@ def nothing_to_collect() -> None:
 
 
 @pytest.fixture(params=first(1, CHOSEN_FIRST))
-def each_form(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The test runs with each form of the process image: with that of this computer in make test, where
-    test_image_forms.py finds the others equal to it; with all of them in make test-all."""
+def each_way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The test runs with each way of converting: with that of this computer in make test, where test_conversion.py
+    finds the other one equal to it; with both in make test-all."""
     choose(monkeypatch, request.param)
 
 

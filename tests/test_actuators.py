@@ -27,7 +27,7 @@ from umo import (
 )
 from umo.testing import Scripted
 
-pytestmark = pytest.mark.usefixtures("each_form")
+pytestmark = pytest.mark.usefixtures("each_way")
 
 
 class Outputs(Compound):

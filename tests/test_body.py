@@ -7,23 +7,22 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from helpers.image_forms import BUILT, FORMS, choose
-from helpers.machines import bench, sensor, wired
-from umo import Compound, DigitalSensor, connect, published
-from umo.cycle import forms
-from umo.cycle.forms import ArrayImage, CompiledImage, ListImage
-from umo.frames import body
+from helpers.conversions import BUILT, choose
+from helpers.machines import sensor
+from umo import Compound, DigitalSensor, connect
+from umo.cycle.image import Image
 from umo.frames.body import BODY, writer
 from umo.frames.layout import SELDOM, Layout
-from umo.testing import Scripted
 
 WHOLE = st.integers(-(2**63), 2**63 - 1)
 REAL = st.floats()
 """Infinity and NaN too."""
+BYTE = st.integers(0, 255)
 
 
 class Row(Compound):
@@ -31,16 +30,14 @@ class Row(Compound):
 
 
 @pytest.fixture(scope="module")
-def images() -> Iterator[dict[tuple[type[Any], int], Any]]:
-    """Images of connected machines of 0 to 5 objects, in each form."""
-    made = {}
-    with ExitStack() as stack, pytest.MonkeyPatch.context() as patch:
-        for form in (ListImage, ArrayImage, CompiledImage)[: 3 if forms.extension is not None else 2]:
-            choose(patch, form)
-            for count in range(6):
-                connection = connect(Row(sensors=[sensor() for _ in range(count)]))
-                stack.enter_context(connection)
-                made[form, count] = connection.image
+def images() -> Iterator[list[Image]]:
+    """Images of connected machines of 0 to 5 objects."""
+    made = []
+    with ExitStack() as stack:
+        for count in range(6):
+            connection = connect(Row(sensors=[sensor() for _ in range(count)]))
+            stack.enter_context(connection)
+            made.append(connection.image)
         yield made
 
 
@@ -48,30 +45,34 @@ def layout_of(count: int, phases: int, signals: int) -> Layout:
     return Layout(({},) * count, ("",) * phases, {}, ({},) * signals)
 
 
-@pytest.mark.parametrize("form", FORMS[1:])
+@BUILT
 @given(
-    objects=st.lists(st.tuples(REAL, WHOLE, st.integers(0, 255)), max_size=5),
+    objects=st.lists(st.tuples(REAL, WHOLE, BYTE, BYTE), max_size=5),
     fixed=st.tuples(WHOLE, REAL, WHOLE, WHOLE, WHOLE, WHOLE),
     seldom=st.binary(min_size=SELDOM.size, max_size=SELDOM.size),
     phases=st.lists(WHOLE, max_size=4),
     signals=st.lists(REAL, max_size=4),
-    data=st.data(),
 )
-def test_every_writer_writes_the_same_bytes(images, form, objects, fixed, seldom, phases, signals, data):
-    count = len(objects)
-    commands = data.draw(st.binary(min_size=count, max_size=count))
-    layout = layout_of(count, len(phases), len(signals))
+def test_both_writers_write_the_same_bytes(images, objects, fixed, seldom, phases, signals):
+    image = images[len(objects)]
+    for slot, (value, raw, quality, restriction) in enumerate(objects):
+        image.values[slot], image.raws[slot] = value, raw
+        image.quality[slot], image.restrictions[slot] = quality, restriction
+    layout = layout_of(len(objects), len(phases), len(signals))
     written = []
-    for each in (ListImage, form):
-        image = images[each, count]
-        for slot, (value, raw, quality) in enumerate(objects):
-            image.values[slot], image.raws[slot], image.quality[slot] = value, raw, quality
-        with mmap.mmap(-1, layout.dtype.itemsize * 3) as file:
+    for way in ("numpy", "compiled"):
+        with mmap.mmap(-1, layout.dtype.itemsize * 3) as file, pytest.MonkeyPatch.context() as patch:
+            choose(patch, way)
             write = writer(image, layout, file)
-            write(layout.dtype.itemsize + BODY, *fixed, seldom, phases, signals, commands)
+            write(layout.dtype.itemsize + BODY, *fixed, seldom, phases, signals)
             written.append(file[:])
             del write
     assert written[0] == written[1]
+    frame = np.frombuffer(written[0], layout.dtype)[1]
+    assert frame["values"].tobytes() == image.values.tobytes()
+    assert frame["raws"].tolist() == image.raws.tolist()
+    assert frame["quality"].tolist() == image.quality.tolist()
+    assert frame["restrictions"].tolist() == image.restrictions.tolist()
 
 
 GOOD: dict[str, Any] = {
@@ -85,7 +86,6 @@ GOOD: dict[str, Any] = {
     "seldom": bytes(SELDOM.size),
     "phases": [1, 2],
     "signals": [0.25],
-    "commands": b"\0\0\0",
 }
 
 
@@ -96,12 +96,12 @@ GOOD: dict[str, Any] = {
         {"at": -1}, {"at": BODY + (1 << 20)}, {"at": BODY + 64}, {"at": None}, {"at": 2**70}, {"number": 2**63},
         {"number": 1.0}, {"time": "0.5"}, {"time": 1}, {"missed": None}, {"seldom": b""}, {"seldom": "text"},
         {"phases": [1]}, {"phases": [1, 2, 3]}, {"phases": (1, 2)}, {"phases": [1, None]}, {"signals": []},
-        {"signals": [1]}, {"signals": None}, {"commands": b"\0\0"}, {"commands": bytearray(3)},
+        {"signals": [1]}, {"signals": None},
     ],
 )  # fmt: skip
 def test_the_writer_in_c_refuses_what_does_not_fit_and_writes_nothing_outside_the_body(images, wrong):
     layout = layout_of(3, 2, 1)
-    image = images[CompiledImage, 3]
+    image = images[3]
     with mmap.mmap(-1, layout.dtype.itemsize) as file:
         write = writer(image, layout, file)
         write(*GOOD.values())
@@ -115,22 +115,10 @@ def test_the_writer_in_c_refuses_what_does_not_fit_and_writes_nothing_outside_th
 
 
 @BUILT
-def test_the_writer_in_c_is_used_where_the_image_has_the_compiled_form(monkeypatch):
-    kinds = []
-    for form in (CompiledImage, ListImage):
-        choose(monkeypatch, form)
-        m = bench()
-        connection = connect(m, wired(m, Scripted()))
-        with connection, published(connection, "bench") as ring:
-            kinds.append(type(ring._write).__name__)
-    assert kinds == ["builtin_function_or_method", "method"]
-
-
-@BUILT
 def test_without_the_extension_the_writer_is_in_python(images, monkeypatch):
-    monkeypatch.setattr(body, "extension", None)
+    choose(monkeypatch, "numpy")
     layout = layout_of(3, 2, 1)
-    image = images[CompiledImage, 3]
+    image = images[3]
     with mmap.mmap(-1, layout.dtype.itemsize) as file:
         write = writer(image, layout, file)
         assert type(write).__name__ == "method"

@@ -89,7 +89,7 @@ def wiring(box: Scripted | None = None, missed: list[int] | None = None) -> dict
 # Commands that expire -----------------------------------------------------------------------------------
 
 
-@pytest.mark.usefixtures("each_form")
+@pytest.mark.usefixtures("each_way")
 @pytest.mark.parametrize("synchronous", [True, False])
 def test_what_is_not_written_any_more_goes_to_its_default_once(synchronous: bool) -> None:
     m = press(heater=actuator(expires="5 ms", synchronous=synchronous))
@@ -167,7 +167,7 @@ def test_without_a_timer_a_command_expires_by_the_wall_clock() -> None:
 # Rates --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.usefixtures("each_form")
+@pytest.mark.usefixtures("each_way")
 def test_what_is_sent_moves_no_faster_than_the_rate() -> None:
     m = press(ram=actuator(slew_rate=1000.0, resolution=0.001))
     with connect(m, wiring()):
@@ -203,7 +203,7 @@ def test_the_target_is_reached_when_distance_and_rate_say() -> None:
 # Interlocks ---------------------------------------------------------------------------------------------
 
 
-@pytest.mark.usefixtures("each_form")
+@pytest.mark.usefixtures("each_way")
 def test_an_inhibited_write_is_refused_without_an_exception_and_changes_nothing() -> None:
     m = press()
     with connect(m, wiring()):
@@ -219,7 +219,7 @@ def test_an_inhibited_write_is_refused_without_an_exception_and_changes_nothing(
         assert (m.ram.read(), m.heater.read()) == (0.0, 3.0)
 
 
-@pytest.mark.usefixtures("each_form")
+@pytest.mark.usefixtures("each_way")
 @pytest.mark.parametrize("synchronous", [True, False])
 def test_the_default_itself_may_be_written_while_inhibited(synchronous: bool) -> None:
     m = press(ram=actuator(default=2.0, synchronous=synchronous), lamp=relay(default=OnOff.ON))
@@ -230,7 +230,7 @@ def test_the_default_itself_may_be_written_while_inhibited(synchronous: bool) ->
         assert (m.ram.read(), m.lamp.read()) == (2.0, OnOff.ON)
 
 
-@pytest.mark.usefixtures("each_form")
+@pytest.mark.usefixtures("each_way")
 @pytest.mark.parametrize("synchronous", [True, False])
 def test_when_the_condition_has_gone_a_new_write_takes_effect_and_no_old_one(synchronous: bool) -> None:
     box, m = Scripted(), press(ram=actuator(synchronous=synchronous))
@@ -336,7 +336,7 @@ def test_frames_tell_a_condition_that_cannot_be_evaluated_from_one_that_is_true(
             box.set("door", reading)
             with suppress(DriverError):
                 begin(m)
-            assert commands.reasons[commands.states[image.slot_of[id(m.ram)]] - 1] == text
+            assert commands.reasons[image.restrictions[image.slot_of[id(m.ram)]] - 1] == text
 
 
 @pytest.mark.parametrize("answer", [None, 0, 0.0, "", OnOff.OFF])
@@ -469,7 +469,7 @@ def test_an_interlock_declared_to_stop_raises_from_a_write_of_anything_but_the_d
 # Many at once -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.usefixtures("each_form")
+@pytest.mark.usefixtures("each_way")
 def test_a_vector_of_which_all_are_inhibited_takes_nothing() -> None:
     m = own(lambda m: [Interlock(is_open(m), [m.ram, m.heater], "open")])
     with connect(m, wiring(Scripted({"door": 1}))):
@@ -477,7 +477,7 @@ def test_a_vector_of_which_all_are_inhibited_takes_nothing() -> None:
         assert (m.ram.pending, m.heater.pending) == (0.0, 0.0)
 
 
-@pytest.mark.usefixtures("each_form")
+@pytest.mark.usefixtures("each_way")
 def test_a_vector_with_a_member_whose_interlock_stops_changes_none() -> None:
     m = own(stopping, heater=actuator(expires="3 ms", slew_rate=1000.0))
     motors = Vector([m.heater, m.ram])
@@ -509,7 +509,7 @@ def test_a_reset_that_fails_comes_out_and_the_others_are_still_reset() -> None:
         assert (m.ram.read(), box.get("ram")) == (0.0, 0)
 
 
-@pytest.mark.usefixtures("each_form")
+@pytest.mark.usefixtures("each_way")
 @pytest.mark.parametrize(
     ("cause", "events"), [("interlocked", ["ram", "lamp"]), ("expired", ["lamp"]), ("reset", []), ("written", [])]
 )
@@ -546,7 +546,7 @@ def test_a_default_that_an_asynchronous_actuator_did_not_take_is_tried_every_per
         assert [event.path for event in connection.machine.events] == events
 
 
-@pytest.mark.usefixtures("each_form")
+@pytest.mark.usefixtures("each_way")
 @pytest.mark.parametrize("written", [False, True])
 def test_a_default_that_an_actuator_without_a_guard_did_not_take_is_tried_every_period_too(written: bool) -> None:
     valve, m = Scripted(), bench(valve=relay(synchronous=False))
@@ -607,7 +607,7 @@ def sent(box: Scripted, channel: str) -> set[int]:
     return {raw for name, raw in given if name == channel and raw is not None}
 
 
-@pytest.mark.usefixtures("each_form")
+@pytest.mark.usefixtures("each_way")
 @pytest.mark.parametrize("resolution", [4.0, -4.0])
 @pytest.mark.parametrize("changes", [{}, {"synchronous": False}, {"slew_rate": 50_000.0}, {"expires": "5 ms"}])
 def test_nothing_beyond_the_range_is_ever_sent(changes: dict[str, Any], resolution: float) -> None:
@@ -626,7 +626,7 @@ def test_nothing_beyond_the_range_is_ever_sent(changes: dict[str, Any], resoluti
     assert {raw * resolution for raw in sent(box, "heater")} == {8.0, -4.0, 4.0}
 
 
-@pytest.mark.usefixtures("each_form")
+@pytest.mark.usefixtures("each_way")
 def test_a_clamped_value_is_within_the_range_at_the_hardware_too() -> None:
     box = Scripted()
     m = press(heater=actuator(**COARSE | {"limits": "clamp"}), ram=actuator(limits="clamp"))

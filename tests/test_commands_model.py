@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from helpers.image_forms import FORMS, choose
+from helpers.conversions import WAYS, choose
 from helpers.machines import actuator, failed, relay, sensor, switch, timer
 from umo import (
     BinaryActuator,
@@ -31,7 +31,6 @@ from umo import (
     Vector,
     connect,
 )
-from umo.cycle.image import Image
 from umo.testing import Scripted, VirtualTimer, put
 
 PERIOD = Fraction(1, 1024)
@@ -312,11 +311,11 @@ PERIODS = st.lists(
 )
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("way", WAYS)
 @given(steps=PERIODS)
-def test_the_command_stage_does_what_a_model_does(form: type[Image], steps: list[Any]) -> None:
+def test_the_command_stage_does_what_a_model_does(way: str, steps: list[Any]) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        choose(patch, form)
+        choose(patch, way)
         pair = Pair([missed for missed, *_ in steps])
         with pair.connection:
             for missed, door, blind, broken, actions in steps:

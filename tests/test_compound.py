@@ -26,7 +26,7 @@ from umo import (
 from umo.cycle.stop_order import stop_sequence
 from umo.testing import Scripted, periods
 
-pytestmark = pytest.mark.usefixtures("each_form")
+pytestmark = pytest.mark.usefixtures("each_way")
 
 
 class Axis(Compound):

@@ -470,7 +470,7 @@ class Quick(Compound):
         lambda: Quick(motor=actuator(synchronous=False), encoder=sensor(synchronous=False)),
     ],
 )  # fmt: skip
-@pytest.mark.usefixtures("each_form")
+@pytest.mark.usefixtures("each_way")
 def test_machines_without_sensors_actuators_synchronous_objects_or_anything_run(make):
     with connect(make()) as m:
         for _ in range(3):

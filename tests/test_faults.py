@@ -415,7 +415,7 @@ def test_a_block_that_is_filled_short_is_noticed():
     assert {failure.path for failure in caught.value.failures} == {"height", "door"}  # the block ends before them
 
 
-def test_a_driver_of_ones_own_that_fills_a_block_short_is_noticed(each_form):
+def test_a_driver_of_ones_own_that_fills_a_block_short_is_noticed(each_way):
     class Short(Scripted):
         def read_many(self, channels, out):
             super().read_many(channels[:1], out[:1])

@@ -46,7 +46,7 @@ def test_the_period_that_ends_a_run_with_an_exception_is_a_frame_too(failing: st
 # What is published --------------------------------------------------------------------------------------
 
 
-@pytest.mark.usefixtures("each_form")
+@pytest.mark.usefixtures("each_way")
 def test_a_frame_is_the_period_as_the_machine_saw_it() -> None:
     box = Scripted({"encoder": [10, 20, 30, 500], "limit": 1})
     with running(box, missed=[0, 3]) as (m, ring, connection), Reader(ring.path) as reader:
@@ -225,7 +225,7 @@ def test_a_machine_without_asynchronous_traffic_has_small_frames() -> None:
         assert ring.slots == 4096
 
 
-@pytest.mark.usefixtures("each_form")
+@pytest.mark.usefixtures("each_way")
 def test_whoever_looks_while_a_frame_is_being_filled_finds_that_it_is_not_whole() -> None:
     """The sequence number of its slot, looked up before and after its body is written."""
     with running() as (m, ring, connection):

@@ -112,7 +112,7 @@ def row(**changes: Any) -> Row:
     return Row(levels=[DigitalSensor("mm", **scale) for _ in range(4)])
 
 
-@pytest.mark.usefixtures("each_form")
+@pytest.mark.usefixtures("each_way")
 def test_the_values_of_a_vector_are_refused_where_one_by_one_they_would_be() -> None:
     with connect(row()) as m:
         vector = Vector(m.levels[1:])
@@ -133,7 +133,7 @@ def test_the_values_of_a_vector_are_refused_where_one_by_one_they_would_be() -> 
             assert value_of(vector, accept).tolist() == [0.0, 20.0, 20.0]
 
 
-@pytest.mark.usefixtures("each_form")
+@pytest.mark.usefixtures("each_way")
 def test_a_vector_names_the_first_that_is_refused_and_not_the_first_that_is_not_good() -> None:
     machine = Row(
         levels=[
@@ -148,7 +148,7 @@ def test_a_vector_names_the_first_that_is_refused_and_not_the_first_that_is_not_
             value_of(Vector(m.levels), accept=Quality.UNREFERENCED)
 
 
-@pytest.mark.usefixtures("each_form")
+@pytest.mark.usefixtures("each_way")
 def test_held_values_of_a_vector_are_accepted() -> None:
     machine, box = row(on_error="hold", max_age=1e9), Scripted({"levels.1": 7})
     with connect(machine, wired(machine, box)) as m:

@@ -85,12 +85,12 @@ def files(**content: str) -> Callable[[str], str]:
 
 
 def test_advice_is_given_only_for_what_is_not_as_it_should_be(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("umo.latency.verdict.is_compiled", lambda: True)
+    monkeypatch.setattr("umo.latency.verdict.is_built", lambda: True)
     good = files(realtime="1", scaling_governor="performance", sched_rt_runtime_us="-1", cpuinfo="", isolated="3")
     assert [line for line in advice(measured([50.0]), good, cores=4) if "fair_server" not in line] == []
     bad = files(realtime="", scaling_governor="powersave", sched_rt_runtime_us="950000", cpuinfo="flags : hypervisor")
     refused = Refusal("memory is not locked", "ulimit -l is 64 kB", "`me - memlock unlimited`")
-    monkeypatch.setattr("umo.latency.verdict.is_compiled", lambda: False)
+    monkeypatch.setattr("umo.latency.verdict.is_built", lambda: False)
     lines = "\n".join(advice(measured([50.0], refusals=(refused,)), bad, cores=1))
     for word in ("extensions in C", "memlock unlimited", "PREEMPT_RT", "powersave", "virtual machine", "one core"):
         assert word in lines

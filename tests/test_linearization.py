@@ -170,7 +170,7 @@ def test_the_declaration_says_what_it_is() -> None:
     assert DigitalSensor("degree_Celsius", minimum=0, maximum=1, resolution=1, linearization=K).linearization == K
 
 
-pytestmark = pytest.mark.usefixtures("each_form")
+pytestmark = pytest.mark.usefixtures("each_way")
 
 
 @pytest.mark.parametrize("synchronous", [True, False])
@@ -226,7 +226,8 @@ def test_an_actuator_sends_the_inverse_of_its_value() -> None:
             m.update()
             assert (m.motor.read(), m.motor.raw, box.get("motor")) == (value, raw, raw)
             assert Vector([m.motor]).write([value]) is True
-            assert m.motor._image.pending_raws[m.motor._slot] == raw
+            m.update()
+            assert (m.motor.read(), m.motor.raw, box.get("motor")) == (value, raw, raw)
         m.motor.reset()
         assert box.get("motor") == 200
     assert box.get("motor") == 200

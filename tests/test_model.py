@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from helpers.image_forms import FORMS, choose
+from helpers.conversions import WAYS, choose
 from helpers.machines import actuator, relay, sensor, switch, wired
 from umo import (
     BinaryActuator,
@@ -149,13 +149,13 @@ STEPS = st.lists(
 )
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("way", WAYS)
 @given(steps=STEPS)
-def test_the_objects_do_what_the_papers_text_says(form, steps):
+def test_the_objects_do_what_the_papers_text_says(way, steps):
     raws = {path: {1.0: 2, -2.0: -4, OnOff.ON: 1, OnOff.OFF: 0} for path in PATHS}
     paper, machine, box = model(), whole(), Scripted()
     with pytest.MonkeyPatch.context() as patch:
-        choose(patch, form)
+        choose(patch, way)
         connection = connect(machine, wired(machine, box))
         with connection as m:
             for verb, path, *level in steps:

@@ -95,7 +95,7 @@ def test_a_declaration_shows_kinds_and_ranges() -> None:
     assert shown(bench().encoder).rows == {"encoder": {"kind": "digital sensor", "range": "0 to 100 mm"}}
 
 
-def test_a_connected_machine_shows_what_was_read_and_sent_last(each_form: None) -> None:
+def test_a_connected_machine_shows_what_was_read_and_sent_last(each_way: None) -> None:
     m = bench()
     box = Scripted({"encoder": [20, 40]})
     connection = connect(m, wired(m, box, clock=VirtualTimer([0, 3]), entries={"valve": {"inverted": True}}))

@@ -13,7 +13,7 @@ from umo.frames import Reader
 from umo.testing import Scripted
 from umo.wiring import resolve
 
-pytestmark = pytest.mark.usefixtures("each_form")
+pytestmark = pytest.mark.usefixtures("each_way")
 
 
 def later(machine: Compound, box: Scripted) -> dict[str, Any]:

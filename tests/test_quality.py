@@ -36,7 +36,7 @@ UNREF = Quality.UNREFERENCED
 HOLD = {"on_error": "hold", "max_age": "3 ms"}
 
 
-pytestmark = pytest.mark.usefixtures("each_form")
+pytestmark = pytest.mark.usefixtures("each_way")
 
 
 class Motors(Compound):

@@ -13,7 +13,7 @@ from umo import Compound, DigitalActuator, DigitalSensor, Interlock, LookupTable
 from umo.cycle.rehearsal import MOST, Rehearsal, rise_early
 from umo.testing import Scripted
 
-pytestmark = pytest.mark.usefixtures("each_form")
+pytestmark = pytest.mark.usefixtures("each_way")
 
 
 class Own(DigitalActuator):

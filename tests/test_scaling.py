@@ -36,7 +36,7 @@ def test_scalar_and_vector_form_of_to_raw_agree(rows):
 
 
 @given(RAWS, st.sampled_from([1.0, -1.0, 0.5, -0.25, 2.0, 1024.0]), st.integers(-1000, 1000))
-def test_half_a_step_rounds_to_even_in_each_form(raw, resolution, offset):
+def test_half_a_step_rounds_to_even_in_each_way(raw, resolution, offset):
     value = (raw + 0.5) * resolution + offset  # exact in binary
     even = raw if raw % 2 == 0 else raw + 1
     assert to_raw(value, resolution, offset) == even

@@ -23,7 +23,7 @@ from umo import (
 )
 from umo.testing import Scripted, periods, put
 
-pytestmark = pytest.mark.usefixtures("each_form")
+pytestmark = pytest.mark.usefixtures("each_way")
 
 
 class Inputs(Compound):

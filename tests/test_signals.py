@@ -18,7 +18,7 @@ from umo.cycle.trace import Trace
 from umo.frames import Reader
 from umo.testing import Scripted, periods, put
 
-pytestmark = pytest.mark.usefixtures("each_form")
+pytestmark = pytest.mark.usefixtures("each_way")
 
 
 class Axis(Compound):

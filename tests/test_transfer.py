@@ -108,7 +108,7 @@ class Block(Scripted):
 # A whole period -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.usefixtures("each_form")
+@pytest.mark.usefixtures("each_way")
 @pytest.mark.parametrize("kind", [Bus, Block])
 def test_a_sample_keeps_the_channels_that_stand_and_one_error_names_the_failed_ones(kind: type[Any]) -> None:
     box, m = kind(), line()
@@ -129,7 +129,7 @@ def test_a_sample_keeps_the_channels_that_stand_and_one_error_names_the_failed_o
         assert (m.levels[1].read(), m.levels[1].quality) == (20.0, Quality.GOOD)
 
 
-@pytest.mark.usefixtures("each_form")
+@pytest.mark.usefixtures("each_way")
 @pytest.mark.parametrize("kind", [Bus, Block])
 def test_an_update_keeps_the_channels_that_stand_and_one_error_names_the_failed_ones(kind: type[Any]) -> None:
     box, m = kind(), line()
@@ -162,7 +162,7 @@ def test_a_channel_that_failed_is_held_where_that_was_declared_and_the_block_doe
         assert (m.levels[0].read(), m.levels[1].read()) == (10.0, 0.0)
 
 
-@pytest.mark.usefixtures("each_form")
+@pytest.mark.usefixtures("each_way")
 def test_what_stands_beside_a_failed_channel_is_judged_as_ever() -> None:
     box, m = Block(), line()
     with connect(m, wired(m, box)):
@@ -195,7 +195,7 @@ def test_an_error_that_names_no_channel_of_the_transfer_fails_all_of_them(error:
 # Some objects -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.usefixtures("each_form")
+@pytest.mark.usefixtures("each_way")
 @pytest.mark.parametrize("kind", [Bus, Block])
 def test_a_part_or_a_vector_keeps_the_channels_that_stand_too(kind: type[Any]) -> None:
     box, m = kind(), line()
@@ -333,7 +333,7 @@ def cell() -> Cell:
 STEPS = st.lists(st.sampled_from(["sample", "part", "motor", "probe", "relay", "vector", "reset", "fail"]), max_size=10)
 
 
-@pytest.mark.usefixtures("each_form")
+@pytest.mark.usefixtures("each_way")
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=150)
 @given(before=STEPS, after=STEPS, seed=st.integers(0, 9))
 def test_from_a_frame_back_over_its_journal_stands_what_the_whole_machine_sampled(

@@ -159,6 +159,7 @@ def test_a_linearization_that_fails_keeps_no_actuator_from_being_reset(by: str) 
             assert (box.get("motor"), box.get("valve")) == (2, 0)
         elif by == "leaving":
             m.motor.write(4.0)
+            m.update()
     if by == "guardian":
         assert resetter.reset(0.0) == {}
     assert (box.get("motor"), box.get("valve"), box.calls[-1].segment) == (2, 0, "close")

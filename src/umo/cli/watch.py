@@ -215,10 +215,10 @@ class Picture:
     def _taken(self, row: int) -> tuple[str, str]:
         """In a word whether an actuator is inhibited or taken by hand, and why; empty: neither."""
         slot = self._rows[row]
-        why = self._reader.inhibited(self._frame, slot) if slot < len(self._frame["commands"]) else None
+        why = self._reader.inhibited(self._frame, slot) if slot < len(self._frame["restrictions"]) else None
         if why is None:
             return "", ""
-        by_hand = self._frame["commands"][slot] == IN_HAND
+        by_hand = self._frame["restrictions"][slot] == IN_HAND
         return ("by hand", why) if by_hand else ("inhibited", f"inhibited: {why}")
 
     def _inhibited(self) -> list[Text]:

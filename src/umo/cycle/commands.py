@@ -1,9 +1,10 @@
 """The command stage: checks every write to a guarded actuator before it reaches the process image.
 
-    source, range, interlock, expiry, rate, then the image
+    source, range, interlock, expiry, then the image
 
-The object itself checks the range first. A synchronous actuator without a guard, whose raw values match its range
-exactly, writes to the image directly; then the command stage costs no time.
+The object itself checks the range first. The column `restrictions` of the image, which is the command stage's alone,
+says which actuators are to be asked for here; a write to another one goes straight into the image and costs no time.
+The image limits the rate.
 """
 
 from __future__ import annotations
@@ -12,13 +13,16 @@ import logging
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from math import copysign, inf
+from math import inf
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from umo.cycle.events import Event, Events
 from umo.cycle.inhibition import Inhibition, inhibitions_of, latched, unevaluated
 from umo.cycle.journal import Kind
 from umo.cycle.stop_order import stop_sequence
+from umo.drivers.contract import Direction
 from umo.errors import Interlocked
 from umo.objects import Atomic, BinaryActuator, Compound, DigitalActuator
 
@@ -27,8 +31,10 @@ if TYPE_CHECKING:
     from umo.objects.scaling import FloatArray
 
 log = logging.getLogger("umo")
-FREE, IN_HAND = 0, 255
-"""Bytes of `Commands.states`."""
+FREE, ASKED, IN_HAND = 0, 254, 255
+"""Values of the column `restrictions`: a write goes straight into the image; it is admitted here, as the actuator has
+an expiry or is asynchronous; the actuator is in a client's hand. 1 to 253: the number of the reason for which it is
+inhibited."""
 A_TICK = 1e-9
 """Tolerance in s of a sum of periods (rounding)."""
 
@@ -43,8 +49,6 @@ class Source(Enum):
 
     PROGRAM = "program"
     HAND = "hand"
-    DEFAULT = "default"
-    """umo itself: a reset, an expired command, an interlock."""
 
 
 @dataclass
@@ -57,26 +61,16 @@ class Command:
     synchronous: bool
     expires: float
     """Time in s without a write after which the default is sent; infinite: never."""
-    slew_rate: float
-    """Largest rate in units per s; infinite: not limited."""
     inhibitions: list[Inhibition]
     """The interlocks that name this actuator."""
-    target: float
-    """The value last accepted from the source."""
-    source: Source = Source.DEFAULT
     written: float | None = None
-    """Time of that write in s on the cycle's clock; None after it has expired."""
-    step: float = 0.0
-    """The value reached so far under the rate limit."""
-    slewed: float = 0.0
-    """Time of its last step."""
-    resetting: bool = True
+    """Time of the last write that was admitted, in s on the cycle's clock; None after it has expired."""
     hand: str = ""
     """The client that has taken the actuator: the program cannot write it meanwhile."""
 
     @property
     def guarded(self) -> bool:
-        return bool(self.inhibitions) or self.expires < inf or self.slew_rate < inf
+        return bool(self.inhibitions) or self.expires < inf
 
     @property
     def interlocked(self) -> str | None:
@@ -102,19 +96,6 @@ class Command:
                 free = False
         return free
 
-    def take(self, value: float, source: Source, now: float) -> None:
-        self.target, self.source, self.written = value, source, now
-
-    def lapse(self) -> None:
-        """The command has expired: the default is written; the rate limit applies to it."""
-        self.target, self.source, self.written = self.default, Source.DEFAULT, None
-
-    def rest(self, now: float) -> None:
-        """The actuator is at its default: after connecting, and after a reset, which ignores all guards."""
-        self.lapse()
-        self.step = self.default
-        self.resetting, self.slewed = True, now
-
     def has_expired(self, now: float) -> bool:
         return self.written is not None and not self.hand and now - self.written >= self.expires - A_TICK
 
@@ -135,23 +116,22 @@ class Commands:
         """The guarded actuators, as declared."""
         commands = self.by_slot.values()
         self._expiring = [command for command in commands if command.expires < inf]
-        self.slewing = [command for command in commands if command.slew_rate < inf]
         self._inhibiting: list[tuple[Inhibition, str]] = []
         """The interlocks that inhibit actuators, with their reasons, as last evaluated."""
-        self._states: bytes | None = None
-        """The last `states`; None after a change."""
         self._in_hand: set[int] = set()
         """The actuators that a hand has taken."""
+        self._numbers = {reason: number for number, reason in enumerate(self.reasons, 1)}
+        outputs = ((slot, item) for slot, item in enumerate(image.items) if item.direction is Direction.OUTPUT)
+        asked = (slot for slot, item in outputs if not item.synchronous)
+        self._unrestricted = np.zeros(len(image.items), np.uint8)
+        """The column `restrictions` while nothing is inhibited and nobody has anything in hand."""
+        self._unrestricted[[*asked, *(command.slot for command in self._expiring)]] = ASKED
+        self._restrict()
 
     def _command(self, item: BinaryActuator[Any] | DigitalActuator) -> Command:
         slot, default = self._image.slot_of[id(item)], item._default_value()
-        rate = item.slew_rate if isinstance(item, DigitalActuator) else None
         inhibitions = [each for each in self._inhibitions if slot in each.slots]
-        command = Command(
-            slot, item.path, default, item.synchronous, item.expires or inf, rate or inf, inhibitions, target=default
-        )
-        command.rest(self._image.clock.now)
-        return command
+        return Command(slot, item.path, default, item.synchronous, item.expires or inf, inhibitions)
 
     # From the source -----------------------------------------------------------------------------------
 
@@ -161,20 +141,17 @@ class Commands:
         if command is not None:
             if not command.admits(value, source):
                 return False
-            command.take(value, source, self._image.clock.now)
+            command.written = self._image.clock.now
         return True
 
     def take_many(self, slots: Sequence[int], values: FloatArray, source: Source = Source.PROGRAM) -> list[bool]:
-        """The same for many at once, each with its answer; where it raises Interlocked, none was taken. Empty: all were
-        taken, as no actuator of the machine is inhibited and none has an expiry or a rate to be recorded for."""
-        if not (self._inhibiting or self._expiring or self.slewing or self._in_hand):
-            return []
+        """The same for many at once, each with its answer; where it raises Interlocked, none was taken."""
         commands = [self.by_slot.get(slot) for slot in slots]
         numbers = values.tolist()
         free = [each is None or each.admits(value, source) for each, value in zip(commands, numbers, strict=True)]
-        for command, value, admitted in zip(commands, numbers, free, strict=True):
+        for command, admitted in zip(commands, free, strict=True):
             if command is not None and admitted:
-                command.take(value, source, self._image.clock.now)
+                command.written = self._image.clock.now
         return free
 
     # By hand -------------------------------------------------------------------------------------------
@@ -189,28 +166,25 @@ class Commands:
         command = self.by_slot.get(slot)
         if command is None:
             command = self.by_slot[slot] = self._command(self._image.items[slot])  # type: ignore[arg-type]
-            self._image.guard(slot)
         if command.interlocked is not None:
             return False
         command.hand = who
         if slot not in self._in_hand:
             self._in_hand.add(slot)
-            self._states = None
+            self._restrict()
         return True
 
     def leave_hand(self, slot: int) -> None:
         """The program may write the actuator again. Its default is sent, within its rate."""
         command = self.by_slot[slot]
-        command.hand = ""
-        command.lapse()
+        command.hand, command.written = "", None
         self._in_hand.discard(slot)
-        self._states = None
+        self._restrict()
         self._image.set_default(slot)
         if not command.synchronous:
             self._image.try_send(slot)
         if not command.guarded:
             del self.by_slot[slot]
-            self._image.guard(slot)
 
     # ---------------------------------------------------------------------------------------------------
 
@@ -224,7 +198,7 @@ class Commands:
         for command in commands:
             for each in command.inhibitions:
                 each.acknowledge()
-        self._states = None
+        self._restrict()
         return all(command.interlocked is None for command in commands)
 
     def interlocked(self, items: Iterable[Atomic]) -> list[str]:
@@ -232,19 +206,14 @@ class Commands:
         slots = {self._image.slot_of[id(item)] for item in items}
         return [reason for each, reason in self._inhibiting if each.reason is not None and slots & {*each.slots}]
 
-    @property
-    def states(self) -> bytes:
-        """A byte for each slot: `FREE`, `IN_HAND`, or the number, from 1, of the reason for which it is inhibited."""
-        if self._states is None:
-            states = bytearray(len(self._image.items))
-            numbers = {reason: number for number, reason in enumerate(self.reasons, 1)}
-            for each in reversed(self._inhibitions):
-                for slot in each.slots if each.reason is not None else ():
-                    states[slot] = numbers.get(each.brief, len(numbers))
-            for slot in self._in_hand:
-                states[slot] = IN_HAND
-            self._states = bytes(states)
-        return self._states
+    def _restrict(self) -> None:
+        """Set the column `restrictions`."""
+        found = self._unrestricted.copy()
+        for each in reversed(self._inhibitions):
+            if each.reason is not None:
+                found[each.slots] = self._numbers.get(each.brief, len(self._numbers))
+        found[[*self._in_hand]] = IN_HAND
+        self._image.columns.restrictions[:] = found
 
     @property
     def reasons(self) -> list[str]:
@@ -253,7 +222,7 @@ class Commands:
         interlocks = [each.interlock for each in self._inhibitions]
         over = [latched(each) for each in interlocks if each.latched]
         found = list(dict.fromkeys([*(each.reason for each in interlocks), *map(unevaluated, interlocks), *over]))
-        return found if len(found) < IN_HAND else [*found[: IN_HAND - 2], "one of many interlocks"]
+        return found if len(found) < ASKED else [*found[: ASKED - 2], "one of many interlocks"]
 
     def failed(self, slot: int) -> None:
         """The device did not accept what is pending. A default is sent again, until it is accepted or another value is
@@ -266,7 +235,7 @@ class Commands:
     def rest(self, slot: int) -> None:
         """The actuator is being reset."""
         if slot in self.by_slot:
-            self.by_slot[slot].rest(self._image.clock.now)
+            self.by_slot[slot].written = None
 
     # Each period ---------------------------------------------------------------------------------------
 
@@ -288,17 +257,14 @@ class Commands:
         if begun or self._inhibiting:
             inhibiting = [(each, each.reason) for each in self._inhibitions if each.reason is not None]
             if begun or inhibiting != self._inhibiting:
-                self._inhibiting, self._states = inhibiting, None
+                self._inhibiting = inhibiting
+                self._in_hand.difference_update(*(each.slots for each in begun))
+                self._restrict()
         for each in begun:
             for slot in each.slots:
-                self._knock_out(slot)
+                self.by_slot[slot].hand = ""  # it does not start again by itself
                 self._happened(self.by_slot[slot], f"inhibited: {each.reason}", Kind.INTERLOCKED)
         return {slot for each in begun for slot in each.slots}
-
-    def _knock_out(self, slot: int) -> None:
-        """Take an actuator that is inhibited from its client: it does not start again by itself."""
-        self.by_slot[slot].hand = ""
-        self._in_hand.discard(slot)
 
     def _expired(self, due: set[int]) -> set[int]:
         """The asynchronous ones to be reset now; the default of the others is sent with `update`."""
@@ -311,7 +277,7 @@ class Commands:
                     Kind.EXPIRED,
                 )
                 if command.synchronous:
-                    command.lapse()
+                    command.written = None
                     self._image.set_default(command.slot)
                 else:
                     found.add(command.slot)
@@ -321,37 +287,7 @@ class Commands:
         """Before outputs are sent that have waited for the tick: the default in the place of an expired command."""
         self._expired({command.slot for command in self._expiring if not command.synchronous})
 
-    def slew(self, slots: Iterable[int] | None = None) -> None:
-        """Before a transfer: pending becomes what the rate allows in this period, from what the hardware last accepted.
-        One step per period, even if called several times. A reset that failed is retried without the limit."""
-        for command in self.slewing:
-            if slots is None or command.slot in slots:
-                self._slew(command)
-
-    def _slew(self, command: Command) -> None:
-        image, slot, now = self._image, command.slot, self._image.clock.now
-        accepted = image.values[slot]
-        if command.resetting and accepted != command.default:
-            command.step, command.slewed = command.default, now
-        elif now > command.slewed:
-            step = command.slew_rate * (image.clock.dt or now - command.slewed)
-            command.step = _towards(command.target, accepted, step)
-            command.resetting, command.slewed = False, now
-        image.pending[slot] = command.step
-        image.pending_raws[slot] = image.wires[slot].raw(command.step)
-
-    def aim(self) -> None:
-        """After a transfer: pending is again what was written."""
-        for command in self.slewing:
-            self._image.pending[command.slot] = command.target
-
     def _happened(self, command: Command, text: str, kind: Kind) -> None:
         self.events.add(Event(self._image.clock.now, command.path, text))
         self._image.transfer.note(command.slot, kind)
         log.warning("%s %s", command.path, text)
-
-
-def _towards(target: float, start: float, step: float) -> float:
-    """A step nearer to the target; there, when no more than a step is left but for rounding."""
-    left = target - start
-    return target if abs(left) <= step * (1 + 1e-9) else start + copysign(step, left)

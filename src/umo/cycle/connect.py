@@ -13,7 +13,6 @@ from types import TracebackType
 from typing import Any, Generic, NoReturn, TypeVar
 
 from umo.cycle.clock import Clock, WallClock
-from umo.cycle.forms import make_image
 from umo.cycle.image import Image
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.stopping import StopFlag
@@ -137,7 +136,7 @@ class connect(Generic[C]):
             if self.wired.timer_wire is not None:
                 # it runs in a signal handler: what it raised would come up in any call of a driver, also in a reset
                 self.stop.end_wait = partial(attempt, bare(self.wired.timer_wire.driver).stop_waiting)
-            image, outputs = make_image(self.wired, clock), self.wired.process.outputs
+            image, outputs = Image(self.wired, clock), self.wired.process.outputs
             self.machine = ConnectedMachine(self.root, image, self.stop, self.wired.injection, outputs)
         except BaseException:
             self._give_back()

@@ -1,29 +1,30 @@
-"""The process image: flat sequences of raw integers and of values; an object holds its index, its slot.
+"""The process image: the columns of a machine's numbers; an object holds its index, its slot.
 
-Slots stand in blocks, one for each driver and direction, so that a period is one transfer a block. The forms
-(`forms.py`) store the same numbers in lists or in arrays; all decisions are taken here. What moves goes through the
-transfer stage, what is commanded of a guarded actuator through the command stage.
+Slots stand in blocks, one for each driver and direction, so that a period is one transfer a block, converted before or
+after it (`conversion.py`). What moves goes through the transfer stage. Writes go straight into the image, but where the
+column `restrictions`, which is the command stage's own, says that it is to be asked.
 """
 
 from __future__ import annotations
 
 import logging
-from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
-from functools import partial
-from math import nan
+from math import inf, nan
 from typing import Any, cast
 
 import numpy as np
 
 from umo.cycle.block import Block
 from umo.cycle.clock import Clock
-from umo.cycle.commands import Command, Commands, Source
+from umo.cycle.columns import Columns, Scales
+from umo.cycle.commands import Commands, Source
+from umo.cycle.conversion import convert_inputs, convert_outputs, raws_of, step
 from umo.cycle.transfer import FAILURES, Transfer, cause_of_failure
 from umo.drivers.contract import UNREAD, Direction, WaitEnded
 from umo.errors import BadInput, DriverError, Failure
 from umo.objects import Binary, BinaryActuator, BinarySensor, DigitalActuator, DigitalSensor, Quality
 from umo.objects.atomic import Digital
+from umo.objects.linearization import Linearizations
 from umo.objects.scaling import FloatArray, IntArray, to_raw, to_value
 from umo.wiring.resolved import Wire, Wired
 
@@ -36,13 +37,8 @@ Actuator = BinaryActuator[Any] | DigitalActuator
 Sensor = BinarySensor[Any] | DigitalSensor
 
 
-class Image(ABC):
-    """The common part of the forms. Slot order: sampled inputs, updated outputs, then the asynchronous objects."""
-
-    values: Any
-    pending: Any
-    quality: Any
-    times: Any
+class Image:
+    """Slot order: sampled inputs, updated outputs, then the asynchronous objects."""
 
     def __init__(self, wired: Wired, clock: Clock) -> None:
         self.clock = clock
@@ -51,29 +47,31 @@ class Image(ABC):
         self.wire_texts: Sequence[str] = [wired.text_of(wire) for wire in self.wires]
         self.slot_of = {id(item): slot for slot, item in enumerate(self.items)}
         self.timer = -1 if wired.timer is None else self.slot_of[id(wired.timer)]
-        self.transfer = Transfer(self.wires, wired, self.timer)
         self._least_ticks, self._most_ticks = self.wires[self.timer].raw_bounds if wired.timer is not None else (0, 0)
+        count = len(self.wires)
+        self.columns = columns = Columns(count)
+        self.pending: Any = columns.pending.data
+        self.sent: Any = columns.sent.data
+        self.stepped: Any = columns.stepped.data
+        self.times: Any = columns.times.data
+        self.values: Any = columns.values.data
+        self.raws: Any = columns.raws.data
+        self.quality: Any = columns.quality.data
+        self.restrictions: Any = columns.restrictions.data
+        self.scales = scales = Scales(self.wires)
+        self._low, self._high = scales.low.data, scales.high.data
+        self.transfer = Transfer(self.wires, wired, self.timer, columns.raws)
         self.commands: Commands
+        self._to_send = np.zeros(count, np.int64)
+        """Raw integers of some actuators that are being sent by themselves."""
         self._marked: list[Failure] = []
         """Sensors that were marked BAD and not logged yet."""
         self._tell_again: dict[int, float] = {}
-        self._slewing: list[Command]
-        count = len(self.wires)
-        self.raws: Any = self.transfer.raws
-        self.pending_raws_array = np.zeros(count, np.int64)
-        self.pending_raws: Any = self.pending_raws_array.data
-        self.scales = [(*wire.scale, *wire.bounds) for wire in self.wires]
-        self.linearizations = [wire.linearization for wire in self.wires]
         self.invalid_raws = {slot: raws for slot in range(count) if (raws := self._invalid(slot))}
         self.base = [
             Quality.UNREFERENCED if isinstance(item, DigitalSensor) and item.incremental else Quality.GOOD
             for item in self.items
         ]
-        self._exact = [
-            item.direction is Direction.INPUT or wire.exact for item, wire in zip(self.items, self.wires, strict=True)
-        ]
-        self._raw_bounds = None if all(self._exact) else np.array([wire.raw_bounds for wire in self.wires]).T
-        self._make(count)
         self.inputs = self._blocks(Direction.INPUT)
         self.outputs = self._blocks(Direction.OUTPUT)
         self.transfer.bind(self.inputs, self.outputs)
@@ -81,9 +79,9 @@ class Image(ABC):
         """Whether all of `sampled` are GOOD; None: a quality has changed since the last check."""
         self.sampled = slice(0, self.inputs[-1].stop if self.inputs else 0)
         for block in self.inputs:
-            self._prepare_input(block)
+            self._prepare(block)
         for block in self.outputs:
-            self._prepare_output(block)
+            convert_outputs(block, columns, scales)
         for slot, item in enumerate(self.items):
             if item.direction is Direction.OUTPUT:
                 self._set_quality(slot, Quality.GOOD)
@@ -95,52 +93,21 @@ class Image(ABC):
     def connect(self, commands: Commands) -> None:
         """The objects find their values here from now on."""
         self.commands = commands
-        self._slewing = commands.slewing
         for slot, item in enumerate(self.items):
-            item._connect(self, slot, self._is_direct(slot))
-
-    def _is_direct(self, slot: int) -> bool:
-        """Whether the object writes to the image without the command stage."""
-        plain = self._exact[slot] and self.linearizations[slot] is None
-        return self.items[slot].synchronous and slot not in self.commands.by_slot and plain
-
-    def guard(self, slot: int) -> None:
-        """The actuator has a command from now on, or has none any longer."""
-        self.items[slot]._direct = self._is_direct(slot)
+            item._connect(self, slot)
 
     def disconnect(self) -> None:
         for item in self.items:
             item._disconnect()
 
-    # What the forms do differently ---------------------------------------------------------------------
-
-    @abstractmethod
-    def _make(self, count: int) -> None:
-        """Make the sequences `values`, `pending`, `quality` and `times`."""
-
-    @abstractmethod
-    def _prepare_input(self, block: Block) -> None:
-        """Set `convert` of an input block, also when a scale has changed. A raw that the circuit reports as invalid
-        gives a value that is out of bounds."""
-
-    def _prepare_output(self, block: Block) -> None:
-        """Set `commit` of an output block."""
-        block.commit = partial(self._commit, block)
-
-    @abstractmethod
-    def _commit(self, block: Block, now: float) -> None:
-        """As `Block.commit`."""
-
-    @abstractmethod
-    def _stamp(self, block: Block, now: float) -> None: ...
-
-    @abstractmethod
-    def put_pending(self, slots: slice | IntArray, values: FloatArray, raws: IntArray) -> None:
-        """Many written at once; the values were checked."""
-
-    @abstractmethod
-    def get_values(self, slots: slice | IntArray) -> FloatArray:
-        """A new array."""
+    def _prepare(self, block: Block) -> None:
+        """An input block: a raw integer that the circuit reports as invalid gives a value that is out of bounds."""
+        hidden: dict[int, list[int]] = {}
+        for slot, raws in self.invalid_raws.items():
+            for raw in raws if block.start <= slot < block.stop else ():
+                if self._is_inside(slot, self.value_of(slot, raw)):
+                    hidden.setdefault(raw, []).append(slot - block.start)
+        convert_inputs(block, self.columns, self.scales, hidden)
 
     # A whole period ------------------------------------------------------------------------------------
 
@@ -167,11 +134,10 @@ class Image(ABC):
 
     def update(self) -> bool:
         """Send every synchronous actuator, written or not since the last period; one transfer per driver."""
-        if self._slewing:
-            self.commands.slew()
         failures: list[Failure] = []
-        now = self.clock.now
+        now, dt = self.clock.now, self.clock.dt
         for block in self.outputs:
+            block.give(now, dt)
             try:
                 block.transfer(block.channels, block.buffer)
             except FAILURES as error:
@@ -182,8 +148,6 @@ class Image(ABC):
                 for slot in block.unsettled:
                     self._set_quality(slot, Quality.GOOD)
                 block.unsettled.clear()
-        if self._slewing:
-            self.commands.aim()
         if failures:
             raise DriverError("could not be written", failures)
         return True
@@ -200,11 +164,11 @@ class Image(ABC):
 
     def _update_rest(self, block: Block, error: BaseException, failures: list[Failure]) -> None:
         causes = dict(self.transfer.block_failed(block, error, inputs=False))
-        for slot in range(block.start, block.stop):
+        for slot, raw in zip(range(block.start, block.stop), block.view, strict=True):
             if slot in causes:
                 self._fail_output(slot, causes[slot], failures)
             else:
-                self.raws[slot] = self.pending_raws[slot]
+                self.raws[slot] = raw
                 self._accepted(slot)
 
     # Some objects --------------------------------------------------------------------------------------
@@ -246,35 +210,39 @@ class Image(ABC):
         return all(self.quality[slot] == Quality.GOOD for slot in slots)
 
     def update_some(self, slots: Sequence[int]) -> bool:
-        self.commands.slew(slots)
+        where = np.array(slots, np.int64)
+        step(self.columns, self.scales, where, self.clock.now, self.clock.dt)
+        linearizations = Linearizations([self.scales.linearizations[slot] for slot in slots])
+        self._to_send[where] = raws_of(self.columns.sent[where], self.scales, where, linearizations)
         failures: list[Failure] = []
-        for slot, cause in self.transfer.write_some(slots, self.pending_raws_array):
+        for slot, cause in self.transfer.write_some(slots, self._to_send):
             if cause is None:
                 self._accepted(slot)
             else:
                 self._fail_output(slot, cause, failures)
                 self.commands.failed(slot)
-        self.commands.aim()
         if failures:
             raise DriverError("could not be written", failures)
         return True
 
     def command(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
-        """A value within its range was written to an actuator that is guarded, or asynchronous, or whose range ends
-        between two raw integers; or by a hand."""
+        """A value within its range was written to an actuator for which the command stage is to be asked; or by a
+        hand."""
         if not self.commands.take(slot, value, source):
             return False
         self.pending[slot] = value
-        self.pending_raws[slot] = self.wires[slot].raw(value)
         if not self.items[slot].synchronous and (failures := self.try_send(slot)):
             raise DriverError("could not be written", failures)
         return True
 
     def try_send(self, slot: int) -> list[Failure]:
-        """Send the pending value of one actuator to the hardware, now."""
+        """Send the pending value of one asynchronous actuator to the hardware, now."""
         failures: list[Failure] = []
+        value = self.sent[slot] = self.pending[slot]
+        at_default = value == cast(Actuator, self.items[slot])._default_value()
+        raw = self.transfer.defaults[slot] if at_default else self.wires[slot].raw(value)
         try:
-            self.transfer.write(slot, self.pending_raws[slot])
+            self.transfer.write(slot, cast(int, raw))
         except FAILURES as error:
             self._fail_output(slot, cause_of_failure(error), failures)
             self.commands.failed(slot)
@@ -282,21 +250,16 @@ class Image(ABC):
             self._accepted(slot)
         return failures
 
-    def write_many(self, slots: slice | IntArray, each: Sequence[int], values: FloatArray, raws: IntArray) -> bool:
+    def write_many(self, slots: slice | IntArray, each: Sequence[int], values: FloatArray) -> bool:
         """Many written at once; their ranges were checked. `each` lists the same slots. Whether all were taken: an
         actuator that is inhibited stays as it is."""
-        if self._raw_bounds is not None:
-            raws = np.clip(raws, *self._raw_bounds[:, slots])
-        if not self.commands.by_slot:
-            self.put_pending(slots, values, raws)
+        pending = self.columns.pending
+        if not np.count_nonzero(self.columns.restrictions[slots]):
+            pending[slots] = values
             return True
-        taken = self.commands.take_many(each, values)
-        if all(taken):
-            self.put_pending(slots, values, raws)
-            return True
-        free = np.array(taken)
-        self.put_pending(np.array(each)[free], values[free], raws[free])
-        return False
+        taken = np.array(self.commands.take_many(each, values))
+        pending[slots] = np.where(taken, values, pending[slots])
+        return bool(taken.all())
 
     def reset_some(self, slots: Iterable[int]) -> None:
         failures = [failure for _, failure in self.reset_each(slots) if failure is not None]
@@ -321,11 +284,14 @@ class Image(ABC):
     def _at_default(self, slot: int) -> None:
         if self.items[slot].direction is Direction.OUTPUT:
             self.set_default(slot)
+            self.sent[slot], self.stepped[slot] = self.pending[slot], self.clock.now
             self.commands.rest(slot)
 
     def _was_reset(self, slot: int, failure: Failure | None) -> None:
         if failure is not None:
             self._set_quality(slot, Quality.BAD)
+            if self.values[slot] != self.sent[slot]:
+                self.stepped[slot] = inf  # `update` sends the default, without a limit, until it is accepted
             self.commands.failed(slot)
         elif self.items[slot].direction is Direction.OUTPUT:
             self._accepted(slot)
@@ -335,15 +301,15 @@ class Image(ABC):
         item = cast(Digital, self.items[slot])
         if self.quality[slot] == Quality.BAD:
             raise BadInput(item.path, Quality.BAD)
-        resolution, before, low, high = self.scales[slot]
-        raw = to_raw(self.values[slot], resolution, before)  # `raws` may be of a reading that failed
+        resolution = float(self.scales.resolution[slot])
+        raw = self.nearest(slot, self.values[slot])  # `raws` may be of a reading that failed
         zero_offset = value - raw * resolution
         item._calibrate(item.calibration._replace(zero_offset=zero_offset))
-        self.scales[slot] = resolution, zero_offset, low, high
+        self.scales.zero_offset[slot] = zero_offset
         self.values[slot] = to_value(raw, resolution, zero_offset)
         for block in self.inputs:
             if block.start <= slot < block.stop:
-                self._prepare_input(block)
+                self._prepare(block)
 
     def set_referenced(self, slot: int, referenced: bool) -> None:
         self.base[slot] = Quality.GOOD if referenced else Quality.UNREFERENCED
@@ -366,7 +332,7 @@ class Image(ABC):
             if slot not in failed:
                 self.values[slot] = value
                 self._set_quality(slot, self._judge(slot, value))
-        self._stamp(block, now)
+        self.columns.times[block.slots] = now
         for slot, (cause, time) in failed.items():
             self.times[slot] = time
             self._fail_input(slot, cause, failures)
@@ -374,8 +340,7 @@ class Image(ABC):
     def _invalid(self, slot: int) -> tuple[int, ...]:
         """The raw integers that are not readings: those of the wiring, and the mark of a place that was not read where
         it would lie within the range."""
-        _, _, low, high = self.scales[slot]
-        unread = (UNREAD,) if low <= self.value_of(slot, UNREAD) <= high else ()
+        unread = (UNREAD,) if self._is_inside(slot, self.value_of(slot, UNREAD)) else ()
         return (*self.wires[slot].invalid_raws, *unread)
 
     def _refused(self, slot: int) -> str:
@@ -390,8 +355,7 @@ class Image(ABC):
     def _accept(self, slot: int, raw: int, failures: list[Failure]) -> None:
         """One sensor was read."""
         value = self.value_of(slot, raw)
-        _, _, low, high = self.scales[slot]
-        inside = low <= value <= high
+        inside = self._is_inside(slot, value)
         if (slot in self.invalid_raws or not inside) and (cause := self._refused(slot)):
             self._fail_input(slot, cause, failures)
             return
@@ -402,21 +366,32 @@ class Image(ABC):
 
     def value_of(self, slot: int, raw: int) -> float:
         """The value that a raw integer stands for."""
-        resolution, zero_offset, _, _ = self.scales[slot]
-        value = to_value(raw, resolution, zero_offset)
-        linearization = self.linearizations[slot]
+        scales = self.scales
+        value = to_value(raw, scales.resolution.item(slot), scales.zero_offset.item(slot))
+        linearization = scales.linearizations[slot]
         return value if linearization is None else linearization.to_value(value)
 
+    def nearest(self, slot: int, value: float) -> int:
+        """The raw integer nearest to a value, also outside the range."""
+        scales, linearization = self.scales, self.scales.linearizations[slot]
+        quantity = value if linearization is None else linearization.to_input(value)
+        return to_raw(quantity, scales.resolution.item(slot), scales.zero_offset.item(slot))
+
+    def _is_inside(self, slot: int, value: float) -> bool:
+        """Whether a sensor's value is GOOD."""
+        return self._low[slot] <= value <= self._high[slot]
+
     def _judge(self, slot: int, value: float) -> Quality:
-        _, _, low, high = self.scales[slot]
-        if self.base[slot] is not Quality.GOOD or low <= value <= high:
+        if self.base[slot] is not Quality.GOOD or self._is_inside(slot, value):
             return self.base[slot]
         return Quality.OUT_OF_RANGE
 
     def _accepted(self, slot: int) -> None:
-        """One actuator's pending value is at the hardware."""
-        self.values[slot] = self.pending[slot]
+        """What was sent to one actuator is at the hardware."""
+        self.values[slot] = self.sent[slot]
         self.times[slot] = self.clock.now
+        if self.stepped[slot] == inf:
+            self.stepped[slot] = self.clock.now
         if self.quality[slot]:
             self._set_quality(slot, Quality.GOOD)
             self.commands.unsent.discard(slot)
@@ -457,17 +432,13 @@ class Image(ABC):
     def set_default(self, slot: int) -> None:
         """Its default is pending."""
         self.pending[slot] = cast(Actuator, self.items[slot])._default_value()
-        self.pending_raws[slot] = self.transfer.defaults[slot]
 
     def _blocks(self, direction: Direction) -> list[Block]:
         inputs = direction is Direction.INPUT
         slots = [s for s, item in enumerate(self.items) if item.synchronous and item.direction is direction]
         blocks = []
         for driver, group in self.transfer.by_driver(slots):
-            start, stop = group[0], group[-1] + 1
-            buffer = np.zeros(len(group), np.int64) if inputs else self.pending_raws_array[start:stop]
-            buffer.flags.writeable = inputs  # what is pending is not the driver's to change
-            blocks.append(Block(driver, tuple(self.wires[slot].channel for slot in group), start, buffer))
+            blocks.append(Block(driver, tuple(self.wires[slot].channel for slot in group), group[0], inputs))
         return blocks
 
 

@@ -13,8 +13,8 @@ from dataclasses import replace
 from itertools import count
 from typing import Any
 
-from umo.cycle import forms
 from umo.cycle.clock import Clock
+from umo.cycle.image import Image
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
@@ -66,9 +66,8 @@ class Rehearsal:
             nowhere.set(wire.channel.text, _good_raw(wire))
         items = [wire.item for wire in wires]
         copied = Wired({"nowhere": nowhere}, wires, wired.period, items[0])
-        form = forms.form_for(len(wired.wires))
         self._root = _Copy(objects=items)
-        self._machine = ConnectedMachine(self._root, form(copied, Clock(wired.period or 0.0)), StopFlag())
+        self._machine = ConnectedMachine(self._root, Image(copied, Clock(wired.period or 0.0)), StopFlag())
         self._timer: Any = items[0]
         self._sound = True
         synchronous = [item for item in items if item.synchronous]

@@ -61,7 +61,7 @@ class _Refused(Sequence[Wire]):
 class Transfer:
     """The drivers of one machine. A slot is an index into `wires` and `raws`."""
 
-    def __init__(self, wires: Sequence[Wire], wired: Wired, timer: int = -1) -> None:
+    def __init__(self, wires: Sequence[Wire], wired: Wired, timer: int = -1, raws: IntArray | None = None) -> None:
         self.wires = wires
         self.drivers = wired.drivers
         self.timer = timer
@@ -73,8 +73,8 @@ class Transfer:
         if (timer_wire := wired.timer_wire) is not None:  # a paced timer stands in the place of its driver
             driver = timer_wire.driver
             self._names.setdefault(id(driver), self._names.get(id(getattr(driver, "timer", None)), "timer"))
-        self.raws_array = np.zeros(len(wires), np.int64)
-        self.raws: Any = self.raws_array.data  # a memoryview: quicker than numpy's items
+        memory = np.zeros(len(wires), np.int64) if raws is None else raws
+        self.raws: Any = memory.data  # a memoryview: quicker than numpy's items
         """The raw value that each object last had at the hardware."""
         self.journal: Journal | None = None
         """The journal of transfers of single objects; None if it is not used."""
@@ -199,8 +199,8 @@ class Transfer:
                     yield slot, raw
 
     def write_some(self, slots: Sequence[int], raws: IntArray) -> Iterator[tuple[int, str | None]]:
-        """Some actuators, one transfer a driver, from the machine's pending raws: each slot with the cause of its
-        failure, or None."""
+        """Some actuators, one transfer a driver, from the raw integers of the whole machine: each slot with the cause
+        of its failure, or None."""
         for driver, group in self.by_driver(slots):
             failed = self._some(driver.write_many, driver, group, raws[group], True)
             for slot in group:

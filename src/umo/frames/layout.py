@@ -32,7 +32,7 @@ from umo.objects import Atomic, Quality
 from umo.objects.description import described
 
 MAGIC = b"umoframe"
-VERSION = 6
+VERSION = 7
 HEADER = struct.Struct("<8sIIQQQQQQ")
 """Magic, version, flags, offset of the first slot, bytes of a slot, slots, offset of the journal, its entries, bytes of
 the description."""
@@ -109,6 +109,7 @@ FIXED: list[Column] = [
     ("total", "<i8", 1, "0: not known"),
     ("progress", f"S{NOTE}", 1, "UTF-8: what the machine is doing"),
 ]
+RESTRICTIONS = "0 and 254 free, 255 taken by hand, else the number of the reason of its inhibition, from 1"
 SELDOM = struct.Struct(f"<{len(USAGE)}q9q{NOTE}s")
 """The fields from `USAGE` on, which change seldom."""
 
@@ -140,12 +141,7 @@ class Layout:
             ("values", "<f8", count, "each object's own; a binary object's electrical 1 is 1.0"),
             ("raws", "<i8", count, ""),
             ("quality", "<u1", count, ", ".join(f"{int(quality)} {quality}" for quality in Quality)),
-            (
-                "commands",
-                "<u1",
-                count,
-                "0 free, 255 taken by hand, else the number of its reason, from 1",
-            ),
+            ("restrictions", "<u1", count, RESTRICTIONS),
         ]
 
     @property

@@ -14,7 +14,7 @@ from weakref import finalize
 import numpy as np
 import numpy.typing as npt
 
-from umo.cycle.commands import FREE, IN_HAND, reason_of_hand
+from umo.cycle.commands import ASKED, FREE, IN_HAND, reason_of_hand
 from umo.cycle.events import CommandState, Event
 from umo.cycle.hand_commands import Mode
 from umo.cycle.stage import Stage
@@ -273,8 +273,8 @@ class Reader:
 
     def inhibited(self, frame: Any, number: int) -> str | None:
         """Why only the default of an object could be sent in a frame, or who had it by hand; None: it was free."""
-        state = int(frame["commands"][number])
-        if state == FREE:
+        state = int(frame["restrictions"][number])
+        if state in (FREE, ASKED):
             return None
         if state == IN_HAND:
             return reason_of_hand(self.holder)

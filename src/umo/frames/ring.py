@@ -80,7 +80,6 @@ class Ring:
     ) -> None:
         self.image = image = machine.image
         self._machine = machine
-        self._commands = machine.commands
         self._events = machine.events
         self._told = 0
         """Events that were published."""
@@ -178,7 +177,7 @@ class Ring:
         seldom = self._seldom_part(frame, execution + wake)
         self._write(
             at + BODY, frame.number, frame.time, frame.missed, frame.began, wake, execution,
-            seldom, phases.ns, frame.signal_values, self._commands.states,
+            seldom, phases.ns, frame.signal_values,
         )  # fmt: skip
         phases.clear()
         self.journal.clear()

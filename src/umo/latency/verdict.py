@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from umo.frames.body import is_compiled
+from umo.cycle.compiled import is_built
 from umo.latency.measure import Measured
 
 YES, CARE, NO = "yes", "with care", "no"
@@ -87,7 +87,7 @@ def advice(found: Measured, read: Callable[[str], str] = _read, cores: int | Non
         lines.append(
             f"kernel {platform.release()} is not a real-time kernel: install one with PREEMPT_RT (linux-image-rt)"
         )
-    if not is_compiled():
+    if not is_built():
         lines.append(
             "umo's extensions in C are not built, so its periods take longer: apt-get install gcc python3-dev, "
             "then install umo again (pip install --force-reinstall --no-deps --no-cache-dir)"

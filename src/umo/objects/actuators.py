@@ -60,17 +60,11 @@ class BinaryActuator(Binary[S]):
         True: accepted. False: not accepted, see `inhibited`. Raises StateError for a state of another type and changes
         nothing. Asynchronous: also DriverError.
         """
-        if not self._direct:
-            return self._image.command(self._slot, float(self._level(value)))
+        level = 1.0 if value is self._one else 0.0 if value is self._zero else float(self._level(value))
         image, slot = self._image, self._slot
-        if value is self._one:
-            image.pending[slot] = 1.0
-            image.pending_raws[slot] = 0 if self._inverted else 1
-        elif value is self._zero:
-            image.pending[slot] = 0.0
-            image.pending_raws[slot] = 1 if self._inverted else 0
-        else:
-            self._level(value)  # raises
+        if image.restrictions[slot]:
+            return image.command(slot, level)
+        image.pending[slot] = level
         return True
 
     def update(self) -> bool:
@@ -175,11 +169,10 @@ class DigitalActuator(Digital):
             value = self._number(value)
         if not self._minimum <= value <= self._maximum:
             return self._write_beyond(value)
-        if not self._direct:
-            return self._image.command(self._slot, value)
         image, slot = self._image, self._slot
+        if image.restrictions[slot]:
+            return image.command(slot, value)
         image.pending[slot] = value
-        image.pending_raws[slot] = round((value - self._zero_offset) / self._resolution)  # scaling.to_raw
         return True
 
     def update(self) -> bool:

@@ -26,7 +26,7 @@ S = TypeVar("S", bound=TwoState)
 class Atomic(Node):
     """An object with one value: an actuator or sensor together with its electronics and circuit (section 4.4)."""
 
-    __slots__ = ("_direct", "_image", "_slot", "_synchronous")
+    __slots__ = ("_image", "_slot", "_synchronous")
 
     direction: ClassVar[Direction]
     """OUTPUT: an actuator, with `write` and `update`. INPUT: a sensor, with `sample`."""
@@ -37,7 +37,6 @@ class Atomic(Node):
         self._name = ""
         self._synchronous = synchronous
         self._slot = -1
-        self._direct = False
         self._disconnect()
 
     @property
@@ -75,11 +74,9 @@ class Atomic(Node):
         """Range and units as a short text, for tables."""
         raise NotImplementedError
 
-    def _connect(self, image: Image, slot: int, direct: bool) -> None:
-        """`direct`: a write goes straight into the image and leaves with the next `update`, nothing stands between."""
+    def _connect(self, image: Image, slot: int) -> None:
         self._image = image
         self._slot = slot
-        self._direct = direct
 
     def _disconnect(self) -> None:
         self._image = cast("Image", Unconnected(self))

@@ -129,14 +129,14 @@ Group = tuple[Any, IntArray | None]
 """Something with `many`, and the places in an array that are its; None: all."""
 
 
-def groups_of(each: Sequence[Cubics | Segments | None]) -> list[Group]:
-    """A calculation on an array of which each element has its own function, or none."""
+def groups_of(each: Sequence[Any]) -> list[Group]:
+    """A calculation on an array of which each element has its own function, something with `many`, or None."""
     cubics = [(place, one) for place, one in enumerate(each) if isinstance(one, Cubics)]
-    segments: dict[Segments, list[int]] = {}
+    others: dict[Any, list[int]] = {}
     for place, one in enumerate(each):
-        if isinstance(one, Segments):
-            segments.setdefault(one, []).append(place)
-    found: list[tuple[Any, list[int]]] = list(segments.items())
+        if one is not None and not isinstance(one, Cubics):
+            others.setdefault(one, []).append(place)
+    found: list[tuple[Any, list[int]]] = list(others.items())
     if cubics:
         places, ones = zip(*cubics, strict=True)
         found.append((ones[0] if len(set(ones)) == 1 else CubicsOfMany(ones), list(places)))

@@ -10,7 +10,7 @@ along its end segments, the others along their end tangents.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import product
@@ -195,8 +195,8 @@ class Linearizations:
     def __init__(self, each: Sequence[Linearization | None]) -> None:
         same = {one: one for one in each if one is not None}  # equal ones are one
         ones = [None if one is None else same[one] for one in each]
-        self._forward = groups_of([None if one is None else one._forward for one in ones])
-        self._inverse = groups_of([None if one is None else one._inverse for one in ones])
+        self._forward = groups_of([None if one is None else _forward_of(one) for one in ones])
+        self._inverse = groups_of([None if one is None else _inverse_of(one) for one in ones])
 
     def __bool__(self) -> bool:
         return bool(self._forward)
@@ -208,6 +208,24 @@ class Linearizations:
     def to_inputs(self, values: FloatArray) -> FloatArray:
         """Values to electrical quantities, in a new array."""
         return _by_groups(self._inverse, values)
+
+
+@dataclass(frozen=True)
+class _OneByOne:
+    """A function of the user's own on an array."""
+
+    one: Callable[[float], float]
+
+    def many(self, xs: FloatArray) -> FloatArray:
+        return np.array([self.one(x) for x in xs.tolist()], np.float64)
+
+
+def _forward_of(each: Linearization) -> Cubics | Segments | _OneByOne:
+    return each._forward if type(each).to_value is Linearization.to_value else _OneByOne(each.to_value)
+
+
+def _inverse_of(each: Linearization) -> Cubics | Segments | _OneByOne:
+    return each._inverse if type(each).to_input is Linearization.to_input else _OneByOne(each.to_input)
 
 
 def _by_groups(groups: Sequence[Group], xs: FloatArray) -> FloatArray:

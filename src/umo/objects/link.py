@@ -9,14 +9,14 @@ from collections.abc import Coroutine, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NoReturn, Protocol
 
 from umo.errors import NotConnected
-from umo.objects.scaling import FloatArray, IntArray
+from umo.objects.scaling import ByteArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from umo.objects.compound import Compound
     from umo.objects.node import Node
 
     class Live(Protocol):
-        """A flat sequence of plain numbers, one for each object: a list or a memoryview."""
+        """A flat sequence of plain numbers, one for each object."""
 
         def __getitem__(self, slot: int, /) -> Any: ...
         def __setitem__(self, slot: int, value: Any, /) -> None: ...
@@ -29,8 +29,19 @@ class Commands(Protocol):
     def acknowledge(self, slots: Sequence[int]) -> bool: ...
 
 
+class Columns(Protocol):
+    """The numbers of the process image as arrays: an object's slot is an index into each of these."""
+
+    values: FloatArray
+    pending: FloatArray
+    quality: ByteArray
+
+
 class Image(Protocol):
     """The process image: an object's slot is an index into each of these."""
+
+    restrictions: Live
+    """Actuators: 0 if a value within the range may be stored in `pending`; otherwise `command` is to be asked."""
 
     values: Live
     """Sensors: the value last kept. Actuators: the value last accepted by the hardware."""
@@ -38,7 +49,6 @@ class Image(Protocol):
     """Actuators: the value written and not yet sent."""
     raws: Live
     """The raw integers that belong to `values`."""
-    pending_raws: Live
     quality: Live
     times: Live
     """Seconds on the cycle's clock."""
@@ -48,8 +58,10 @@ class Image(Protocol):
     """Whether all synchronous sensors are GOOD; None: not known."""
 
     def command(self, slot: int, value: float) -> bool:
-        """A value was written to an actuator that the image itself does not take directly; it is within its range."""
+        """A value within its range was written to an actuator whose `restrictions` is not 0."""
 
+    @property
+    def columns(self) -> Columns: ...
     @property
     def commands(self) -> Commands: ...
     def read_now(self, slot: int) -> Any: ...
@@ -58,8 +70,7 @@ class Image(Protocol):
     def reset_some(self, slots: Sequence[int]) -> None: ...
     def set_reading(self, slot: int, value: float) -> None: ...
     def set_referenced(self, slot: int, referenced: bool) -> None: ...
-    def write_many(self, slots: slice | IntArray, each: Sequence[int], values: FloatArray, raws: IntArray) -> bool: ...
-    def get_values(self, slots: slice | IntArray) -> FloatArray: ...
+    def write_many(self, slots: slice | IntArray, each: Sequence[int], values: FloatArray) -> bool: ...
 
 
 class Task(Protocol):

@@ -21,6 +21,7 @@ NEAR = 1e-6
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+ByteArray = npt.NDArray[np.uint8]
 
 
 def to_value(raw: int, resolution: float, zero_offset: float) -> float:
@@ -45,8 +46,17 @@ def to_values(
     return np.add(out, zero_offset, out=out)
 
 
-def to_raws(values: FloatArray, resolution: FloatArray, zero_offset: FloatArray | None) -> IntArray:
-    """Without a zero offset nothing is subtracted: values - 0.0 would be the same."""
-    scaled = np.divide(values if zero_offset is None else np.subtract(values, zero_offset), resolution)
+def to_raws(
+    values: FloatArray,
+    resolution: FloatArray,
+    zero_offset: FloatArray,
+    least: FloatArray | float = -(2.0**63),
+    greatest: FloatArray | float = 2.0**63 - 1024.0,
+) -> IntArray:
+    """Clipped before they become integers: the bounds are whole numbers that a raw integer can have."""
+    scaled = np.subtract(values, zero_offset)
+    np.divide(scaled, resolution, out=scaled)
     np.rint(scaled, out=scaled)
+    np.maximum(scaled, least, out=scaled)
+    np.minimum(scaled, greatest, out=scaled)
     return scaled.astype(np.int64)

@@ -14,8 +14,7 @@ from umo.drivers.contract import Direction
 from umo.errors import DeclarationError, RangeError, StateError
 from umo.objects.actuators import BinaryActuator, DigitalActuator
 from umo.objects.atomic import Atomic, Binary, Digital
-from umo.objects.linearization import Linearizations
-from umo.objects.scaling import FloatArray, IntArray, to_raws
+from umo.objects.scaling import ByteArray, FloatArray, IntArray
 from umo.objects.sensors import BinarySensor, DigitalSensor
 from umo.objects.states import TwoState
 
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
 
 A = TypeVar("A", bound=Atomic)
 BoolArray = npt.NDArray[np.bool_]
-QualityArray = npt.NDArray[np.uint8]
 
 
 class Vector(Generic[A]):
@@ -64,15 +62,14 @@ class Vector(Generic[A]):
         slots = self._located()
         if not self._objects[0].synchronous and self._objects[0].direction is Direction.INPUT:
             slots.image.sample_some(slots.all_slots)
-        return slots.image.get_values(slots.slots)
+        return np.array(slots.image.columns.values[slots.slots])
 
     @property
-    def quality(self) -> QualityArray:
+    def quality(self) -> ByteArray:
         """The numbers of `Quality` as a new uint8 array of shape (n,); 0 is GOOD. `read` gives every value, whatever
         its quality; `value_of` of `umo.control` refuses what control laws refuse."""
         slots = self._located()
-        qualities: QualityArray = np.array(slots.image.quality, np.uint8)[slots.slots]
-        return qualities
+        return np.array(slots.image.columns.quality[slots.slots])
 
     @property
     def all_good(self) -> bool:
@@ -85,8 +82,7 @@ class Vector(Generic[A]):
     def pending(self) -> FloatArray:
         """Actuators: the values last written, sent by the next `update`; a new array of shape (n,)."""
         slots = self._located()
-        values: FloatArray = np.array(slots.image.pending)[slots.slots]
-        return values
+        return np.array(slots.image.columns.pending[slots.slots])
 
     def write(
         self,
@@ -106,7 +102,7 @@ class Vector(Generic[A]):
         if where is not None:
             return self._write_some(slots, values, self.mask(where))
         numbers, taken = self._levels(values) if slots.limits is None else slots.limits.check(self._objects, values)
-        free = slots.image.write_many(slots.slots, slots.all_slots, numbers, slots.raws(numbers))
+        free = slots.image.write_many(slots.slots, slots.all_slots, numbers)
         if not self._objects[0].synchronous:
             slots.image.update_some(slots.all_slots)
         return taken and free
@@ -124,8 +120,7 @@ class Vector(Generic[A]):
             given = slots.limits.numbers(values)
             numbers, taken = slots.limits.check(self._objects, np.where(where, given, slots.limits.minimum))
         each = [slot for slot, wanted in zip(slots.all_slots, where.tolist(), strict=True) if wanted]
-        raws = slots.raws(numbers)[where]
-        free = slots.image.write_many(np.array(each, np.int64), each, numbers[where], raws)
+        free = slots.image.write_many(np.array(each, np.int64), each, numbers[where])
         if not self._objects[0].synchronous:
             slots.image.update_some(each)
         return taken and free
@@ -181,7 +176,7 @@ class Vector(Generic[A]):
 
 
 class _Slots:
-    """The places of the objects in one image, and their scales as arrays."""
+    """The places of the objects in one image, and their limits as arrays."""
 
     def __init__(self, image: Image, objects: Sequence[Atomic]) -> None:
         self.image = image
@@ -191,28 +186,11 @@ class _Slots:
         self.all_slots = [item._slot for item in objects]
         self.slots = _as_slice(self.all_slots)
         self.limits: _Limits | None = None
-        self.linearizations: Linearizations | None = None
         if isinstance(objects[0], Digital):
-            digitals = cast("Sequence[Digital]", objects)
-            self.resolution = np.array([item.resolution for item in digitals])
-            self.zero_offset = _unless_zero(np.array([item.zero_offset for item in digitals]))
-            self.limits = _Limits(digitals)
-            self.linearizations = Linearizations([item.linearization for item in digitals]) or None
+            self.limits = _Limits(cast("Sequence[Digital]", objects))
         else:
-            inverted = np.array([cast("Binary[Any]", item)._inverted for item in objects])
-            self.resolution = np.where(inverted, -1.0, 1.0)
-            self.zero_offset = np.where(inverted, 1.0, 0.0)
             first = cast("Binary[Any]", objects[0])
             self.alike = all(cast("Binary[Any]", item).one is first.one for item in objects)
-
-    def raws(self, values: FloatArray) -> IntArray:
-        """The raw integers of values within the range."""
-        inputs = self.linearizations.to_inputs(values) if self.linearizations else values
-        return to_raws(inputs, self.resolution, self.zero_offset)
-
-
-def _unless_zero(offsets: FloatArray) -> FloatArray | None:
-    return offsets if offsets.any() else None
 
 
 class _Limits:

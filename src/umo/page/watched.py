@@ -170,11 +170,11 @@ class Watched:
         reader, frame = self.reader, self._frame
         told: dict[str, Any] = {}
         if frame is not None:
-            taken = np.flatnonzero(frame["commands"]).tolist()
-            by_hand = [slot for slot in taken if frame["commands"][slot] == IN_HAND]
-            told["by_hand"] = [reader.paths[slot] for slot in by_hand]
+            restrictions = frame["restrictions"]
+            reasons = {slot: reader.inhibited(frame, slot) for slot in np.flatnonzero(restrictions).tolist()}
+            told["by_hand"] = [reader.paths[slot] for slot in reasons if restrictions[slot] == IN_HAND]
             told["inhibited"] = {
-                reader.paths[slot]: reader.inhibited(frame, slot) for slot in taken if slot not in by_hand
+                reader.paths[slot]: why for slot, why in reasons.items() if why and restrictions[slot] != IN_HAND
             }
         if reader.mode is not None:
             tuned = {path: value if np.isfinite(value) else None for path, value in reader.tunables().items()}

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any, Protocol, cast, runtime_checkable
 
 from umo.errors import DeclarationError
 from umo.objects import Atomic, Binary, BinarySensor, Compound, DigitalSensor, TwoState
-from umo.objects.scaling import to_raw
 from umo.wiring.faults.wrapper import bare
 
 if TYPE_CHECKING:
@@ -30,10 +29,7 @@ def put(sensor: BinarySensor[Any] | DigitalSensor, value: float | TwoState) -> N
     if not isinstance(driver, _Settable):
         raise DeclarationError(f"{sensor.path}: put() cannot set a {type(driver).__name__} channel")
     level = sensor._level(cast(Any, value)) if isinstance(sensor, Binary) else sensor._number(cast(float, value))
-    if (linearization := image.linearizations[sensor._slot]) is not None:
-        level = linearization.to_input(level)
-    resolution, zero_offset, *_ = image.scales[sensor._slot]
-    driver.set(wire.channel.text, to_raw(level, resolution, zero_offset))
+    driver.set(wire.channel.text, image.nearest(sensor._slot, level))
 
 
 def periods(machine: Compound, count: int = 1) -> None:

@@ -1,4 +1,4 @@
-"""The forms of the process image are equal in everything, whatever the drivers do."""
+"""A run is the same in everything, whichever way blocks are converted, and whatever the drivers do."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from helpers.image_forms import BUILT, FORMS, choose
+from helpers.conversions import WAYS, choose
 from helpers.machines import timer
 from umo import (
     BinaryActuator,
@@ -25,9 +25,6 @@ from umo import (
     Vector,
     connect,
 )
-from umo.cycle import forms
-from umo.cycle.forms import ARRAYS_FROM, ArrayImage, CompiledImage, ListImage
-from umo.cycle.image import Image
 from umo.objects import Atomic
 from umo.testing import Scripted, VirtualTimer
 
@@ -48,6 +45,7 @@ class Spec:
     mark: bool = False
     curve: Polynomial | LookupTable | None = None
     invalid_raws: tuple[int, ...] = ()
+    rate: float | None = None
 
     def make(self) -> Atomic:
         hold = {"max_age": "2 ms"} if self.hold else {}
@@ -57,7 +55,9 @@ class Spec:
         scale["linearization"] = self.curve
         if self.kind == "da":
             limits = "clamp" if self.clamp else "raise"
-            return DigitalActuator("V", default=0.0, limits=limits, synchronous=self.synchronous, **scale)
+            rate = self.rate if self.synchronous else None
+            guards: Any = {"synchronous": self.synchronous, "slew_rate": rate}
+            return DigitalActuator("V", default=0.0, limits=limits, **guards, **scale)
         if self.kind == "ds":
             scale |= {"incremental": self.incremental, "invalid_raws": self.invalid_raws}
             return DigitalSensor("V", synchronous=self.synchronous, **scale, **hold)
@@ -82,6 +82,7 @@ SPEC = st.builds(
         [None] * 9 + [Polynomial([0.5, 1.0, 0.02], (-20, 20)), LookupTable([-20, 0, 30], [30, 0, -12])]
     ),
     invalid_raws=st.sampled_from([()] * 9 + [(2,), (-7, 2**40)]),
+    rate=st.sampled_from([None, None, 1000.0, 333.3]),
 )
 NUMBER = st.integers(0, 99)
 RAW = st.integers(-30, 30) | st.sampled_from([0, 1, 2, 2**40, -(2**63), 2**63 - 1])
@@ -100,7 +101,7 @@ class Heap(Compound):
     parts: list[Atomic]
 
 
-def play(specs: list[Spec], steps: list[Any], form: type[Image]) -> list[Any]:
+def play(specs: list[Spec], steps: list[Any], way: str) -> list[Any]:
     """Everything that can be seen of a run, step by step."""
     boxes = [Scripted(), Scripted(), Scripted()]
     machine = Heap(timer=timer(), parts=[spec.make() for spec in specs])
@@ -115,18 +116,17 @@ def play(specs: list[Spec], steps: list[Any], form: type[Image]) -> list[Any]:
     drivers: dict[str, Any] = {"clock": clock} | patient
     trace: list[Any] = []
     with pytest.MonkeyPatch.context() as patch:
-        choose(patch, form)
+        choose(patch, way)
         connection = connect(machine, {"drivers": drivers, "wire": wire})
         with connection as m:
             image = connection.image
-            assert type(image) is form
             for step in steps:
                 try:
                     result = act(m, boxes, step)
                 except UmoError as error:
                     result = type(error), str(error)
                 trace.append((step, result))
-                trace += [[*map(repr, seen)] for seen in (image.values, image.pending, image.raws, image.pending_raws)]
+                trace += [[*map(repr, seen)] for seen in (image.values, image.pending, image.sent, image.raws)]
                 trace += [[int(q) for q in image.quality], [*map(repr, image.times)], image.clock.now]
             for box in boxes:
                 box.broken = None
@@ -172,47 +172,27 @@ def vectors(m: Heap) -> Any:
     return seen
 
 
-@pytest.mark.parametrize("form", FORMS[1:])
+@pytest.mark.parametrize("way", WAYS[1:])
 @settings(max_examples=200)
 @given(specs=st.lists(SPEC, min_size=3, max_size=8), steps=st.lists(STEP, min_size=10, max_size=40))
-def test_the_forms_are_equal_in_everything(form, specs, steps):
-    for one, other in zip(play(specs, steps, ListImage), play(specs, steps, form), strict=True):
+def test_both_ways_are_equal_in_everything(way, specs, steps):
+    for one, other in zip(play(specs, steps, "numpy"), play(specs, steps, way), strict=True):
         assert one == other
 
 
-def form_of(count):
-    class Row(Compound):
-        sensors: list[DigitalSensor]
-
-    connection = connect(Row(sensors=[DigitalSensor("V", minimum=0, maximum=1, resolution=0.1) for _ in range(count)]))
-    with connection:
-        return type(connection.image)
+@pytest.mark.parametrize("way", WAYS)
+def test_a_machine_of_nothing_runs(way):
+    assert play([], [("sample",), ("update",), ("reset",), ("timer",)], way)
 
 
-@BUILT
-def test_with_the_extension_machines_of_every_size_have_the_compiled_form():
-    assert form_of(1) is form_of(ARRAYS_FROM) is CompiledImage
-
-
-def test_without_the_extension_the_form_is_chosen_by_size(monkeypatch):
-    monkeypatch.setattr(forms, "extension", None)
-    assert form_of(ARRAYS_FROM - 1) is ListImage
-    assert form_of(ARRAYS_FROM) is ArrayImage
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_a_machine_of_nothing_runs(form):
-    assert play([], [("sample",), ("update",), ("reset",), ("timer",)], form)
-
-
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize(("kind", "synchronous"), [("da", True), ("ds", True), ("ba", False), ("bs", False)])
-def test_a_machine_of_one_kind_alone_runs(form, kind, synchronous):
+def test_a_machine_of_one_kind_alone_runs(way, kind, synchronous):
     specs = [Spec(kind, i % 3, synchronous, 0.1, 0.0, False, False, False, False) for i in range(5)]
-    assert play(specs, [("sample",), ("update",), ("read one", 2), ("reset",), ("write", 1, 3.0)], form)
+    assert play(specs, [("sample",), ("update",), ("read one", 2), ("reset",), ("write", 1, 3.0)], way)
 
 
-@pytest.mark.usefixtures("each_form")
+@pytest.mark.usefixtures("each_way")
 def test_sixty_objects_on_three_drivers_move_in_one_transfer_a_driver_and_direction():
     specs = [
         Spec(("da", "ds", "ba", "bs")[i % 4], i // 4 % 3, True, 0.1, 0.0, False, False, False, False) for i in range(60)

@@ -1,0 +1,351 @@
+/* umo.cycle._columns: what is done with the columns of the process image in each period: the conversion of its blocks
+ * (conversion.py), and their copy into a frame (frames/body.py).
+ *
+ * The same IEEE operations in the same order as objects/scaling.py: compiled without contraction of a * b + c. Only
+ * functions of Python's stable interface are used, so that one file serves all versions from 3.11 on.
+ */
+#define PY_SSIZE_T_CLEAN
+#define Py_LIMITED_API 0x030B0000
+#include <Python.h>
+#include <float.h>
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+
+#if FLT_EVAL_METHOD != 0 || defined(__FAST_MATH__)
+#error "each operation must be rounded to a double"
+#endif
+
+/* Views of the block's part of each column: 8 bytes an object. */
+enum { MOVED, RESOLUTION, ZERO_OFFSET, LOW, HIGH, RAWS, VALUES, TIMES, INPUT_VIEWS };
+enum { LEAST = LOW, GREATEST, RATE = INPUT_VIEWS, PENDING, SENT, STEPPED, OUTPUT_VIEWS };
+
+typedef struct {
+    PyObject_HEAD
+    Py_buffer views[OUTPUT_VIEWS];
+    Py_ssize_t start, count;
+    int limited; /* whether an output of the block has a rate */
+} Block;
+
+static void let_go(PyObject *self, Py_buffer *views, int count)
+{
+    PyTypeObject *type = Py_TYPE(self);
+    for (int i = 0; i < count; i++)
+        PyBuffer_Release(&views[i]); /* nothing where there is none */
+    ((freefunc)PyType_GetSlot(type, Py_tp_free))(self);
+    Py_DECREF(type);
+}
+
+static void Block_dealloc(Block *self)
+{
+    let_go((PyObject *)self, self->views, OUTPUT_VIEWS);
+}
+
+static int is_written(int view, Py_ssize_t views)
+{
+    if (view == MOVED)
+        return views == OUTPUT_VIEWS;
+    return view == RAWS || view == VALUES || view == TIMES || view == SENT || view == STEPPED;
+}
+
+/* From a tuple of views, all of one length. */
+static Block *make(PyTypeObject *type, PyObject *views, Py_ssize_t count)
+{
+    if (!PyTuple_Check(views) || PyTuple_Size(views) != count) {
+        PyErr_Format(PyExc_ValueError, "the views of a block are a tuple of %zd", count);
+        return NULL;
+    }
+    Block *self = (Block *)PyType_GenericAlloc(type, 0);
+    if (self == NULL)
+        return NULL;
+    for (int i = 0; i < count; i++) {
+        int flags = is_written(i, count) ? PyBUF_WRITABLE : PyBUF_SIMPLE;
+        if (PyObject_GetBuffer(PyTuple_GetItem(views, i), &self->views[i], flags) < 0) {
+            Py_DECREF(self);
+            return NULL;
+        }
+    }
+    Py_ssize_t size = self->views[MOVED].len;
+    self->count = size / (Py_ssize_t)sizeof(int64_t);
+    for (int i = 0; i < count; i++)
+        if (self->views[i].len != size || size % (Py_ssize_t)sizeof(int64_t)) {
+            PyErr_SetString(PyExc_ValueError, "the views of a block differ in length");
+            Py_DECREF(self);
+            return NULL;
+        }
+    return self;
+}
+
+static double *column(Block *self, int view)
+{
+    return self->views[view].buf;
+}
+
+static void stamp(Block *self, double now)
+{
+    double *times = column(self, TIMES);
+    for (Py_ssize_t i = 0; i < self->count; i++)
+        times[i] = now;
+}
+
+static PyObject *Inputs_new(PyTypeObject *type, PyObject *args, PyObject *named)
+{
+    static char *names[] = {"views", "start", NULL};
+    PyObject *views;
+    Py_ssize_t start;
+    if (!PyArg_ParseTupleAndKeywords(args, named, "On", names, &views, &start))
+        return NULL;
+    Block *self = make(type, views, INPUT_VIEWS);
+    if (self != NULL)
+        self->start = start;
+    return (PyObject *)self;
+}
+
+static int append(PyObject *list, Py_ssize_t slot, double value)
+{
+    PyObject *pair = Py_BuildValue("nd", slot, value);
+    int result = pair == NULL ? -1 : PyList_Append(list, pair);
+    Py_XDECREF(pair);
+    return result;
+}
+
+static PyObject *Inputs_convert(Block *self, PyObject *time)
+{
+    double now = PyFloat_AsDouble(time);
+    if (now == -1.0 && PyErr_Occurred())
+        return NULL;
+    PyObject *outside = PyList_New(0);
+    if (outside == NULL)
+        return NULL;
+    const int64_t *moved = self->views[MOVED].buf;
+    const double *resolution = column(self, RESOLUTION), *zero_offset = column(self, ZERO_OFFSET);
+    const double *low = column(self, LOW), *high = column(self, HIGH);
+    double *values = column(self, VALUES);
+    memcpy(self->views[RAWS].buf, moved, (size_t)self->views[MOVED].len);
+    for (Py_ssize_t i = 0; i < self->count; i++) {
+        double value = (double)moved[i] * resolution[i] + zero_offset[i];
+        if (low[i] <= value && value <= high[i])
+            values[i] = value;
+        else if (append(outside, self->start + i, value) < 0) {
+            Py_DECREF(outside);
+            return NULL;
+        }
+    }
+    if (PyList_Size(outside) == 0)
+        stamp(self, now);
+    return outside;
+}
+
+static PyObject *Outputs_new(PyTypeObject *type, PyObject *args, PyObject *named)
+{
+    static char *names[] = {"views", NULL};
+    PyObject *views;
+    if (!PyArg_ParseTupleAndKeywords(args, named, "O", names, &views))
+        return NULL;
+    Block *self = make(type, views, OUTPUT_VIEWS);
+    if (self != NULL)
+        for (Py_ssize_t i = 0; i < self->count; i++)
+            self->limited |= column(self, RATE)[i] < INFINITY;
+    return (PyObject *)self;
+}
+
+/* As conversion.step. */
+static void step(Block *self, double now, double dt)
+{
+    const double *pending = column(self, PENDING), *values = column(self, VALUES), *rate = column(self, RATE);
+    double *sent = column(self, SENT), *stepped = column(self, STEPPED);
+    for (Py_ssize_t i = 0; i < self->count; i++) {
+        if (!(rate[i] < INFINITY)) {
+            sent[i] = pending[i];
+        } else if (now > stepped[i]) {
+            double way = rate[i] * (dt != 0.0 ? dt : now - stepped[i]), left = pending[i] - values[i];
+            sent[i] = fabs(left) <= way * (1 + 1e-9) ? pending[i] : values[i] + copysign(way, left);
+            stepped[i] = now;
+        }
+    }
+}
+
+static PyObject *Outputs_give(Block *self, PyObject *const *args, Py_ssize_t count)
+{
+    if (count != 2) {
+        PyErr_SetString(PyExc_TypeError, "two times are expected");
+        return NULL;
+    }
+    double now = PyFloat_AsDouble(args[0]), dt = PyFloat_AsDouble(args[1]);
+    if ((now == -1.0 || dt == -1.0) && PyErr_Occurred())
+        return NULL;
+    if (self->limited)
+        step(self, now, dt);
+    else
+        memcpy(self->views[SENT].buf, self->views[PENDING].buf, (size_t)self->views[SENT].len);
+    const double *sent = column(self, SENT);
+    const double *resolution = column(self, RESOLUTION), *zero_offset = column(self, ZERO_OFFSET);
+    const double *least = column(self, LEAST), *greatest = column(self, GREATEST);
+    int64_t *moved = self->views[MOVED].buf;
+    for (Py_ssize_t i = 0; i < self->count; i++) {
+        double raw = rint((sent[i] - zero_offset[i]) / resolution[i]);
+        raw = raw > least[i] ? raw : least[i];
+        moved[i] = (int64_t)(raw < greatest[i] ? raw : greatest[i]);
+    }
+    Py_RETURN_NONE;
+}
+
+static PyObject *Outputs_commit(Block *self, PyObject *time)
+{
+    double now = PyFloat_AsDouble(time);
+    if (now == -1.0 && PyErr_Occurred())
+        return NULL;
+    size_t size = (size_t)self->views[MOVED].len;
+    memcpy(self->views[RAWS].buf, self->views[MOVED].buf, size);
+    memcpy(self->views[VALUES].buf, self->views[SENT].buf, size);
+    stamp(self, now);
+    double *stepped = column(self, STEPPED);
+    for (Py_ssize_t i = 0; self->limited && i < self->count; i++)
+        if (stepped[i] == INFINITY)
+            stepped[i] = now;
+    Py_RETURN_NONE;
+}
+
+/* A frame's body: all that follows `sequence` and `checksum`. */
+enum { MAP, SHOWN, BODY_VIEWS };
+enum { AT, NUMBER, TIME, MISSED, BEGAN, WAKE, EXECUTION, SELDOM, PHASES, SIGNALS, ARGUMENTS };
+
+typedef struct {
+    PyObject_HEAD
+    Py_buffer views[BODY_VIEWS];
+    Py_ssize_t size;
+} Body;
+
+static void Body_dealloc(Body *self)
+{
+    let_go((PyObject *)self, self->views, BODY_VIEWS);
+}
+
+static PyObject *Body_new(PyTypeObject *type, PyObject *args, PyObject *named)
+{
+    static char *names[] = {"file", "shown", "size", NULL};
+    PyObject *views[BODY_VIEWS];
+    Py_ssize_t size;
+    if (!PyArg_ParseTupleAndKeywords(args, named, "OOn", names, &views[MAP], &views[SHOWN], &size))
+        return NULL;
+    Body *self = (Body *)PyType_GenericAlloc(type, 0);
+    if (self == NULL)
+        return NULL;
+    self->size = size;
+    for (int i = 0; i < BODY_VIEWS; i++)
+        if (PyObject_GetBuffer(views[i], &self->views[i], i == MAP ? PyBUF_WRITABLE : PyBUF_SIMPLE) < 0) {
+            Py_DECREF(self);
+            return NULL;
+        }
+    return (PyObject *)self;
+}
+
+static char *put(char *to, const void *from, Py_ssize_t size)
+{
+    memcpy(to, from, (size_t)size);
+    return to + size;
+}
+
+/* No code of Python's runs here: a list could become shorter under it. */
+static char *put_whole(char *to, PyObject *number)
+{
+    int64_t whole = 0;
+    if (PyLong_Check(number))
+        whole = PyLong_AsLongLong(number);
+    else
+        PyErr_SetString(PyExc_TypeError, "a number of a frame is not an int");
+    return put(to, &whole, sizeof whole);
+}
+
+static char *put_real(char *to, PyObject *number)
+{
+    double real = 0.0;
+    if (PyFloat_Check(number))
+        real = PyFloat_AsDouble(number);
+    else
+        PyErr_SetString(PyExc_TypeError, "a number of a frame is not a float");
+    return put(to, &real, sizeof real);
+}
+
+/* Whether the arguments are of the types that are taken for granted, and fill the place in the map exactly. */
+static int fits(Body *self, PyObject *const *args, Py_ssize_t at)
+{
+    if (!PyBytes_Check(args[SELDOM]) || !PyList_Check(args[PHASES]) || !PyList_Check(args[SIGNALS]))
+        return 0;
+    Py_ssize_t numbers = SELDOM - NUMBER + PyList_Size(args[PHASES]) + PyList_Size(args[SIGNALS]);
+    Py_ssize_t size = 8 * numbers + PyBytes_Size(args[SELDOM]) + self->views[SHOWN].len;
+    return size == self->size && at >= 0 && at <= self->views[MAP].len - size;
+}
+
+static PyObject *Body_write(Body *self, PyObject *const *args, Py_ssize_t count)
+{
+    Py_ssize_t at = count == ARGUMENTS ? PyLong_AsSsize_t(args[AT]) : -1;
+    if (PyErr_Occurred())
+        return NULL;
+    if (count != ARGUMENTS || !fits(self, args, at)) {
+        PyErr_SetString(PyExc_ValueError, "this does not fit the frame");
+        return NULL;
+    }
+    char *to = (char *)self->views[MAP].buf + at;
+    to = put_whole(to, args[NUMBER]);
+    to = put_real(to, args[TIME]);
+    for (int i = MISSED; i <= EXECUTION; i++)
+        to = put_whole(to, args[i]);
+    to = put(to, PyBytes_AsString(args[SELDOM]), PyBytes_Size(args[SELDOM]));
+    Py_ssize_t phases = PyList_Size(args[PHASES]), signals = PyList_Size(args[SIGNALS]);
+    for (Py_ssize_t i = 0; i < phases; i++)
+        to = put_whole(to, PyList_GetItem(args[PHASES], i));
+    for (Py_ssize_t i = 0; i < signals; i++)
+        to = put_real(to, PyList_GetItem(args[SIGNALS], i));
+    put(to, self->views[SHOWN].buf, self->views[SHOWN].len);
+    if (PyErr_Occurred())
+        return NULL;
+    Py_RETURN_NONE;
+}
+
+static PyMethodDef inputs_methods[] = {{"convert", (PyCFunction)Inputs_convert, METH_O, NULL}, {NULL, NULL, 0, NULL}};
+static PyMethodDef outputs_methods[] = {
+    {"give", (PyCFunction)(void (*)(void))Outputs_give, METH_FASTCALL, NULL},
+    {"commit", (PyCFunction)Outputs_commit, METH_O, NULL},
+    {NULL, NULL, 0, NULL},
+};
+static PyMethodDef body_methods[] = {
+    {"write", (PyCFunction)(void (*)(void))Body_write, METH_FASTCALL, NULL},
+    {NULL, NULL, 0, NULL},
+};
+static PyType_Slot inputs[] = {
+    {Py_tp_new, Inputs_new}, {Py_tp_dealloc, Block_dealloc}, {Py_tp_methods, inputs_methods}, {0, NULL},
+};
+static PyType_Slot outputs[] = {
+    {Py_tp_new, Outputs_new}, {Py_tp_dealloc, Block_dealloc}, {Py_tp_methods, outputs_methods}, {0, NULL},
+};
+static PyType_Slot body[] = {
+    {Py_tp_new, Body_new}, {Py_tp_dealloc, Body_dealloc}, {Py_tp_methods, body_methods}, {0, NULL},
+};
+static PyType_Spec specs[] = {
+    {"umo.cycle._columns.Inputs", sizeof(Block), 0, Py_TPFLAGS_DEFAULT, inputs},
+    {"umo.cycle._columns.Outputs", sizeof(Block), 0, Py_TPFLAGS_DEFAULT, outputs},
+    {"umo.cycle._columns.Body", sizeof(Body), 0, Py_TPFLAGS_DEFAULT, body},
+};
+
+static int fill(PyObject *module)
+{
+    for (size_t i = 0; i < sizeof specs / sizeof *specs; i++) {
+        PyObject *type = PyType_FromSpec(&specs[i]);
+        if (type == NULL)
+            return -1;
+        int failed = PyModule_AddType(module, (PyTypeObject *)type);
+        Py_DECREF(type);
+        if (failed)
+            return -1;
+    }
+    return 0;
+}
+
+static PyModuleDef_Slot slots[] = {{Py_mod_exec, fill}, {0, NULL}};
+static struct PyModuleDef columns = {PyModuleDef_HEAD_INIT, .m_name = "umo.cycle._columns", .m_slots = slots};
+
+PyMODINIT_FUNC PyInit__columns(void)
+{
+    return PyModuleDef_Init(&columns);
+}

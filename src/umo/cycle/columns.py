@@ -1,0 +1,72 @@
+"""The numbers of a process image: columns in one contiguous piece of memory, and the scales of its objects.
+
+Every column has a row for each object; an object's row is its slot. Arrays for blocks and Vectors; the image has a
+memoryview of each for single objects, as Python reads these in a third of the time of numpy's items.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf, nan, nextafter
+
+import numpy as np
+
+from umo.drivers.contract import Direction
+from umo.objects import DigitalActuator
+from umo.objects.linearization import Linearization
+from umo.wiring.resolved import Wire
+
+OFTEN_8, ONCE_1 = 6, 2
+"""Columns of 8 bytes a row and of 1 byte a row."""
+
+
+class Columns:
+    """What changes while the machine runs. What a frame shows stands together at the end: `shown`."""
+
+    def __init__(self, count: int) -> None:
+        memory = np.zeros(count * (8 * OFTEN_8 + ONCE_1), np.uint8)
+        wide = memory[: 8 * OFTEN_8 * count].view(np.float64).reshape(OFTEN_8, count)
+        self.pending, self.sent, self.stepped, self.times, self.values = wide[:5]
+        self.raws = wide[5].view(np.int64)
+        self.quality, self.restrictions = memory[8 * OFTEN_8 * count :].reshape(ONCE_1, count)
+        self.times.fill(nan)
+        self.shown = memory[32 * count :].data
+        """The bytes of `values`, `raws`, `quality` and `restrictions`, in this order."""
+
+
+class Scales:
+    """What converts each object: value = raw * resolution + zero_offset. It changes only by homing."""
+
+    def __init__(self, wires: Sequence[Wire]) -> None:
+        count = len(wires)
+        self.resolution, self.zero_offset = np.array([wire.scale for wire in wires], float).reshape(count, 2).T.copy()
+        self.low, self.high = np.array([wire.bounds for wire in wires], float).reshape(count, 2).T.copy()
+        """Bounds within which a sensor's value is GOOD."""
+        self.least, self.greatest = np.array([_raw_bounds(wire) for wire in wires], float).reshape(count, 2).T.copy()
+        """The least and the greatest raw integer of an actuator."""
+        self.exact = np.array([_is_exact(wire) for wire in wires], bool)
+        """Whether the raw integer nearest to any value of an actuator's range lies within these two, and is not so
+        great that floats near it are whole numbers."""
+        self.rate = np.array([_rate(wire) for wire in wires], float)
+        """The largest rate of an actuator in units per s; infinite: it is not limited."""
+        self.linearizations: list[Linearization | None] = [wire.linearization for wire in wires]
+
+
+def _raw_bounds(wire: Wire) -> tuple[float, float]:
+    """As floats within the bounds; for a sensor those of any raw integer."""
+    if wire.item.direction is Direction.INPUT:
+        return -(2.0**63), 2.0**63 - 1024.0
+    least, greatest = wire.raw_bounds
+    low, high = float(least), float(greatest)
+    return low if low >= least else nextafter(low, inf), high if high <= greatest else nextafter(high, -inf)
+
+
+def _is_exact(wire: Wire) -> bool:
+    if wire.item.direction is Direction.INPUT:
+        return True
+    return wire.exact and max(map(abs, wire.raw_bounds)) < 2**51
+
+
+def _rate(wire: Wire) -> float:
+    rate = wire.item.slew_rate if isinstance(wire.item, DigitalActuator) else None
+    return inf if rate is None else rate

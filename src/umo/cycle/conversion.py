@@ -1,0 +1,187 @@
+"""The conversion of a block at the edge of the process image.
+
+Inputs: raw integers to values, after their transfer. Outputs: pending values to raw integers, before their transfer.
+
+By the extension in C where it is built and nothing of the block needs more than a scale; otherwise by numpy. Tests
+prove the two equal to the bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import inf, nan
+
+import numpy as np
+from numpy import add, divide, greater_equal, multiply, negative, subtract
+
+from umo.cycle import compiled
+from umo.cycle.block import Block
+from umo.cycle.columns import Columns, Scales
+from umo.errors import RangeError
+from umo.objects.linearization import Linearizations
+from umo.objects.scaling import FloatArray, IntArray, to_raws
+
+ROUNDING = 1.5 * 2.0**52
+"""A number below 2**51 that is added to it is rounded to a whole number, half to even, which is then the difference of
+the two floats' bits: a fifth of the time of numpy's rint and its conversion to integers."""
+
+
+def convert_inputs(block: Block, columns: Columns, scales: Scales, hidden: Mapping[int, Sequence[int]]) -> None:
+    """Set `convert` of an input block, also after a change of its scales. `hidden` gives, by raw integer, the places in
+    the block where it is an invalid reading although it lies within the range."""
+    slots = block.slots
+    linearizations = Linearizations(scales.linearizations[slots])
+    if compiled.extension is None or linearizations or hidden:
+        block.convert = Inputs(block, columns, scales, linearizations, hidden).convert
+    else:
+        of_scales = scales.resolution, scales.zero_offset, scales.low, scales.high
+        of_image = columns.raws, columns.values, columns.times
+        block.convert = compiled.extension.Inputs(_views(block, *of_scales, *of_image), block.start).convert
+
+
+def convert_outputs(block: Block, columns: Columns, scales: Scales) -> None:
+    """Set `give` and `commit` of an output block."""
+    slots = block.slots
+    linearizations = Linearizations(scales.linearizations[slots])
+    if compiled.extension is None or linearizations:
+        outputs = Outputs(block, columns, scales, linearizations)
+        block.give, block.commit = outputs.give, outputs.commit
+    else:
+        of_scales = scales.resolution, scales.zero_offset, scales.least, scales.greatest
+        of_image = columns.raws, columns.values, columns.times
+        of_outputs = scales.rate, columns.pending, columns.sent, columns.stepped
+        native = compiled.extension.Outputs(_views(block, *of_scales, *of_image, *of_outputs))
+        block.give, block.commit = native.give, native.commit
+
+
+def _views(block: Block, *columns: FloatArray | IntArray) -> tuple[memoryview, ...]:
+    return block.raws.data, *(column[block.slots].data for column in columns)
+
+
+class Inputs:
+    """One block of inputs, by numpy. (Arguments by position: a call takes half the time of one with names.)"""
+
+    def __init__(
+        self,
+        block: Block,
+        columns: Columns,
+        scales: Scales,
+        linearizations: Linearizations,
+        hidden: Mapping[int, Sequence[int]],
+    ) -> None:
+        slots = block.slots
+        self._block, self._linearizations = block, linearizations
+        self._raws, self._values = columns.raws[slots].data, columns.values[slots]
+        self._values_view, self._times = self._values.data, columns.times[slots]
+        resolution, zero_offset = scales.resolution[slots], scales.zero_offset[slots]
+        self._resolution = np.concatenate([resolution, -resolution])
+        self._zero_offset = np.concatenate([zero_offset, -zero_offset])
+        self._bounds = np.concatenate([scales.low[slots], -scales.high[slots]])
+        self._hidden = [(raw, np.array(places)) for raw, places in hidden.items()]
+        self._twice = np.zeros((2, block.count), np.int64)
+        self._once_view, self._again_view = self._twice[0].data, self._twice[1].data
+        self._numbers = self._twice.reshape(-1)
+        self._both = np.zeros(2 * block.count)
+        """The values that were found, then the negative of each: both bounds are one comparison."""
+        self._found, self._negative = self._both.reshape(2, block.count)
+        self._found_view = self._found.data
+        self._inside = np.zeros(2 * block.count, np.bool_)
+        self._all_inside = bytes([True]) * 2 * block.count
+        self._shifted = zero_offset.any() or not (resolution > 0).all()  # raw 0 is 0.0, not -0.0
+        self._plain = not (linearizations or hidden)
+
+    def convert(self, now: float) -> list[tuple[int, float]]:
+        """As `Block.convert`."""
+        block, both = self._block, self._both
+        self._raws[:] = self._once_view[:] = self._again_view[:] = block.view
+        multiply(self._numbers, self._resolution, both)
+        if self._shifted:
+            add(both, self._zero_offset, both)
+        if not self._plain:
+            self._bend()
+        if greater_equal(both, self._bounds, self._inside).tobytes() == self._all_inside:  # quicker than all()
+            self._values_view[:] = self._found_view
+            self._times.fill(now)
+            return []
+        inside = self._inside.reshape(2, block.count).all(axis=0)
+        np.copyto(self._values, self._found, where=inside)
+        return [(block.start + int(i), float(self._found[i])) for i in np.flatnonzero(~inside)]
+
+    def _bend(self) -> None:
+        """Electrical quantities become values, NaN for raw integers that are invalid."""
+        found = self._found
+        found[:] = self._linearizations.to_values(found)
+        for raw, places in self._hidden:
+            found[places[self._block.buffer[places] == raw]] = nan
+        negative(found, self._negative)
+
+
+class Outputs:
+    """One block of outputs, by numpy."""
+
+    def __init__(self, block: Block, columns: Columns, scales: Scales, linearizations: Linearizations) -> None:
+        slots = block.slots
+        self._block, self._columns, self._scales = block, columns, scales
+        self._linearizations = linearizations
+        self._pending, self._sent = columns.pending[slots].data, columns.sent[slots]
+        self._sent_view, self._values = self._sent.data, columns.values[slots].data
+        self._raws, self._times = columns.raws[slots].data, columns.times[slots]
+        self._stepped = columns.stepped[slots]
+        self._resolution, self._zero_offset = scales.resolution[slots], scales.zero_offset[slots]
+        self._found = np.zeros(block.count)
+        self._bits = self._found.view(np.int64)
+        self._rounding = np.full(block.count, ROUNDING)  # arrays: a number would have to become one at each call
+        self._bits_of_rounding = self._rounding.view(np.int64)
+        self._limited = bool(np.isfinite(scales.rate[slots]).any())
+        self._plain = not linearizations and bool(scales.exact[slots].all())
+        self._shifted = bool(self._zero_offset.any())
+
+    def give(self, now: float, dt: float) -> None:
+        """As `Block.give`."""
+        if self._limited:
+            step(self._columns, self._scales, self._block.slots, now, dt)
+        else:
+            self._sent_view[:] = self._pending
+        if not self._plain:
+            self._block.raws[:] = raws_of(self._sent, self._scales, self._block.slots, self._linearizations)
+            return
+        found, scaled = self._found, self._sent
+        if self._shifted:
+            scaled = subtract(scaled, self._zero_offset, found)
+        divide(scaled, self._resolution, found)
+        add(found, self._rounding, found)
+        subtract(self._bits, self._bits_of_rounding, self._block.raws)
+
+    def commit(self, now: float) -> None:
+        """As `Block.commit`."""
+        self._values[:] = self._sent_view
+        self._raws[:] = self._block.view
+        self._times.fill(now)
+        if self._limited:
+            self._stepped[self._stepped == inf] = now
+
+
+def step(columns: Columns, scales: Scales, slots: slice | IntArray, now: float, dt: float) -> None:
+    """Set `sent`: `pending`, as near to it as the rate allows from the value last accepted. One step at each time; none
+    while a reset is still to be accepted, whose `stepped` is infinite."""
+    pending, sent, stepped = columns.pending[slots], columns.sent[slots], columns.stepped[slots]
+    values, rate = columns.values[slots], scales.rate[slots]
+    due = now > stepped
+    limited = np.isfinite(rate)
+    way = np.where(limited & due, rate, 0.0) * np.where(due, dt or now - stepped, 0.0)
+    left = pending - values
+    near = np.abs(left) <= way * (1 + 1e-9)
+    ramp = np.where(near, pending, values + np.copysign(way, left))
+    columns.sent[slots] = np.where(limited, np.where(due, ramp, sent), pending)
+    columns.stepped[slots] = np.where(due, now, stepped)
+
+
+def raws_of(values: FloatArray, scales: Scales, slots: slice | IntArray, linearizations: Linearizations) -> IntArray:
+    """The raw integers nearest to the values of actuators, of those within their ranges."""
+    quantities = values
+    if linearizations:
+        quantities = linearizations.to_inputs(values)
+        if not np.isfinite(quantities).all():
+            raise RangeError(f"a linearization has no finite inverse at {values[~np.isfinite(quantities)].tolist()}")
+    bounds = scales.least[slots], scales.greatest[slots]
+    return to_raws(quantities, scales.resolution[slots], scales.zero_offset[slots], *bounds)

@@ -1,0 +1,202 @@
+"""The extension in C: it is built where it can be, and does what Python does with the same numbers."""
+
+from __future__ import annotations
+
+import math
+import mmap
+import struct
+import subprocess
+import sys
+import sysconfig
+import tracemalloc
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from shutil import which
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import umo
+from helpers.conversions import BUILT
+from umo.cycle import compiled
+from umo.objects.scaling import to_raws, to_value
+
+SOURCE = Path(umo.__file__).parent / "cycle" / "columns.c"
+COMPILER = (sysconfig.get_config_var("CC") or "").split()
+HEADERS = Path(sysconfig.get_paths()["include"])
+
+
+@pytest.mark.skipif(
+    not COMPILER or which(COMPILER[0]) is None or not (HEADERS / "Python.h").exists(),
+    reason="no C compiler, or no headers of Python",
+)
+def test_where_a_compiler_is_it_is_built_without_a_warning(tmp_path: Path) -> None:
+    strict = ["-fPIC", f"-I{HEADERS}", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror"]
+    files = ["-c", str(SOURCE), "-o", str(tmp_path / "out.o")]
+    done = subprocess.run([*COMPILER, *strict, *files], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert compiled.is_built()
+
+
+def arrays(*lengths: int) -> list[Any]:
+    return [np.zeros(length) for length in lengths]
+
+
+# The image ----------------------------------------------------------------------------------------------
+
+RAW = st.integers(-(2**63), 2**63 - 1) | st.integers(-99, 99) | st.sampled_from([2**53 + 1, -(2**53) - 1])
+SCALE = st.tuples(
+    st.floats(allow_nan=False) | st.sampled_from([1.0, -1.0, 0.1, -0.3, 1e-18, 5e-324]),
+    st.floats(allow_nan=False) | st.sampled_from([0.0, -0.0, 1.5, -7.3]),
+)
+BOUND = st.sampled_from([0.0, 10.0, 1e19, math.inf])
+LENGTH = {"inputs": 8, "outputs": 12}
+
+
+@BUILT
+@given(st.lists(st.tuples(RAW, SCALE, BOUND, BOUND), max_size=6))
+def test_an_input_block_is_converted_as_each_number_by_itself(objects: list[Any]) -> None:
+    count = len(objects)
+    moved = np.array([raw for raw, *_ in objects], np.int64)
+    scales = np.array([(*scale, -low, high) for _, scale, low, high in objects]).reshape(-1, 4).T.copy()
+    raws, values, times = np.zeros(count, np.int64), np.full(count, 3.0), np.full(count, 4.0)
+    outside = compiled.extension.Inputs((moved, *scales, raws, values, times), 7).convert(5.0)
+    expected, refused = [3.0] * count, []
+    for place, (raw, scale, low, high) in enumerate(objects):
+        value = to_value(raw, *scale)
+        if -low <= value <= high:
+            expected[place] = value
+        else:
+            refused.append((7 + place, value))
+    assert values.tobytes() == np.array(expected).tobytes()
+    assert raws.tolist() == moved.tolist()
+    assert [(slot, bits(value)) for slot, value in outside] == [(slot, bits(value)) for slot, value in refused]
+    assert times.tolist() == [4.0 if refused else 5.0] * count
+
+
+def bits(value: float) -> bytes:
+    return b"nan" if math.isnan(value) else struct.pack("d", value)
+
+
+@BUILT
+def test_a_product_is_rounded_before_the_sum() -> None:
+    """0.1 * 3 - 0.3 is 5.6e-17; in one operation, without rounding in between, 2.8e-17."""
+    scales = (np.array([number]) for number in (0.1, -0.3, -1.0, 1.0))
+    raws, values, times = arrays(1, 1, 1)
+    assert compiled.extension.Inputs((np.array([3]), *scales, raws, values, times), 0).convert(0.0) == []
+    assert values[0] == 0.1 * 3 - 0.3
+
+
+@BUILT
+@given(st.lists(st.tuples(st.floats(), SCALE, BOUND, BOUND), max_size=6))
+def test_an_output_block_gives_the_nearest_raw_integers_within_their_bounds(objects: list[Any]) -> None:
+    """Whatever is pending: NaN and infinities, which the objects refuse, too."""
+    count, limit = len(objects), 2.0**63 - 1024.0
+    pending = np.array([value for value, *_ in objects], float)
+    scales = np.array([(r or 1.0, z, -low, high) for _, (r, z), low, high in objects], float).reshape(-1, 4).T.copy()
+    resolution, zero_offset = scales[:2]
+    least, greatest = np.maximum(scales[2], -limit), np.minimum(scales[3], limit)
+    moved, raws = np.zeros((2, count), np.int64)
+    rate, (sent, stepped, values, times) = np.full(count, math.inf), arrays(*[count] * 4)
+    views = moved, resolution, zero_offset, least, greatest, raws, values, times, rate, pending, sent, stepped
+    block = compiled.extension.Outputs(views)
+    block.give(1.0, 0.001)
+    with np.errstate(all="ignore"):
+        scaled = (pending - zero_offset) / resolution
+        inside = scaled == scaled
+        expected = to_raws(pending[inside], *(each[inside] for each in (resolution, zero_offset, least, greatest)))
+    assert moved[inside].tolist() == expected.tolist()
+    assert moved[~inside].tolist() == least[~inside].astype(np.int64).tolist()
+    block.commit(1.5)
+    assert (raws.tolist(), values.tobytes(), times.tolist()) == (moved.tolist(), pending.tobytes(), [1.5] * count)
+
+
+@BUILT
+@pytest.mark.parametrize("wrong", [0, 3, 7])
+def test_a_block_takes_only_views_that_fit_together(wrong: int) -> None:
+    views = arrays(*[2] * LENGTH["inputs"])
+    views[wrong] = np.zeros(3)
+    with pytest.raises(ValueError, match="differ in length"):
+        compiled.extension.Inputs(tuple(views), 0)
+    with pytest.raises(ValueError, match="differ in length"):
+        compiled.extension.Outputs((*views, *arrays(2, 2, 2, 2)))
+    with pytest.raises(ValueError, match="differ in length"):
+        compiled.extension.Outputs(tuple(bytearray(7) for _ in range(LENGTH["outputs"])))
+
+
+@BUILT
+def test_a_block_takes_a_tuple_of_as_many_views_as_it_has() -> None:
+    with pytest.raises(ValueError, match="a tuple of 8"):
+        compiled.extension.Inputs(tuple(arrays(2, 2)), 0)
+    with pytest.raises(ValueError, match="a tuple of 12"):
+        compiled.extension.Outputs(arrays(*[2] * LENGTH["outputs"]))
+
+
+@BUILT
+@pytest.mark.parametrize("place", [0, 5, 6, 7, 10, 11])
+def test_a_block_is_not_made_of_views_that_cannot_be_written_to(place: int) -> None:
+    views = arrays(*[2] * LENGTH["outputs"])
+    views[place].flags.writeable = False
+    with pytest.raises(ValueError, match="read-only"):
+        compiled.extension.Outputs(tuple(views))
+
+
+@BUILT
+def test_a_time_that_is_not_a_number_is_refused() -> None:
+    for call in (
+        compiled.extension.Inputs(tuple(arrays(*[2] * LENGTH["inputs"])), 0).convert,
+        compiled.extension.Outputs(tuple(arrays(*[2] * LENGTH["outputs"]))).commit,
+        partial(compiled.extension.Outputs(tuple(arrays(*[2] * LENGTH["outputs"]))).give, 0.0),
+    ):
+        with pytest.raises(TypeError):
+            call("now")
+
+
+# Frames -------------------------------------------------------------------------------------------------
+
+
+@BUILT
+def test_a_body_is_not_written_to_memory_that_is_read_only() -> None:
+    with mmap.mmap(-1, 4096, access=mmap.ACCESS_READ) as file, pytest.raises(BufferError):
+        compiled.extension.Body(file, *arrays(1), 100)
+
+
+# Memory -------------------------------------------------------------------------------------------------
+
+
+@BUILT
+def test_views_are_let_go_of() -> None:
+    views = arrays(*[2] * LENGTH["outputs"])
+    before = [sys.getrefcount(view) for view in views]
+    for _ in range(100):
+        compiled.extension.Outputs(tuple(views)).commit(1.0)
+        compiled.extension.Body(*views[:2], 16)
+        with pytest.raises(ValueError, match="differ"):
+            compiled.extension.Inputs((*views[:7], np.zeros(3)), 0)
+    assert [sys.getrefcount(view) for view in views] == before
+
+
+@BUILT
+def test_values_out_of_bounds_leave_nothing_behind() -> None:
+    scales = (np.full(3, number) for number in (1.0, 0.0, 5.0, 6.0))
+    views = np.arange(3) + 100, *scales, *arrays(3, 3, 3)
+    convert = compiled.extension.Inputs(views, 1000).convert
+    assert kept(lambda: convert(1.5)) < 2000
+
+
+def kept(call: Callable[[], object]) -> int:
+    """Bytes more after 1,000 calls."""
+    call()
+    tracemalloc.start()
+    try:
+        before, _ = tracemalloc.get_traced_memory()
+        for _ in range(1000):
+            call()
+        after, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    return after - before
