@@ -1,10 +1,10 @@
-# make demo | test | test-page | test-all | lint | bench | docs | kernel | test-kernel; each but kernel makes .venv first.
+# make demo | test | test-page | test-all | lint | bench | docs | wheel | kernel | test-kernel; each but kernel makes .venv first.
 # PYTHON=python3.12 make test picks another Python.
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/installed
 
-.PHONY: demo test test-page test-all lint bench docs kernel test-kernel clean
+.PHONY: demo test test-page test-all lint bench docs wheel kernel test-kernel clean
 
 demo: $(STAMP)
 	$(BIN)/umo run ztheta
@@ -50,6 +50,11 @@ docs: $(STAMP)
 	$(BIN)/python -m pytest tests/test_docs.py
 	$(BIN)/python tools/count.py
 	$(BIN)/pdoc umo umo.control umo.drivers umo.testing -o site
+
+# One wheel for every Python from 3.11 on, in dist/. The audit fails if its binary uses more than the stable interface.
+wheel: $(STAMP)
+	$(BIN)/python -m build --wheel --outdir dist
+	$(BIN)/python -m abi3audit --strict dist/*.whl
 
 $(STAMP): pyproject.toml setup.py constraints.txt $(wildcard src/umo/*/*.c)
 	$(PYTHON) -m venv .venv

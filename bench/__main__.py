@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from bench import against, endurance, figures, forms, live, native, open_page, report, scan, zones
+from bench import against, endurance, figures, live, native, open_page, report, scan, zones
 from bench.drivers import kernel
 from bench.drivers import table as drivers
 from bench.drivers.case import IN_KERNEL
@@ -24,7 +24,7 @@ from bench.kills import campaign, show
 
 ROUNDS, QUICK_ROUNDS = 400, 60
 DRIVER_ROUNDS, QUICK_DRIVER_ROUNDS = 30, 10
-FIGURES_TAKE, ROUND_TAKES, FORMS_ROUND_TAKES = 35.0, 0.09, 0.05
+FIGURES_TAKE, ROUND_TAKES = 35.0, 0.09
 """s, about, on two shared cores."""
 
 
@@ -37,10 +37,6 @@ def main() -> int:
     if options.against:
         return against.run(console, options.against, options.only, options.pairs)
     rounds = QUICK_ROUNDS if options.quick else ROUNDS
-    if options.forms:
-        console.print(f"about {report.duration(rounds / 2 * FORMS_ROUND_TAKES)}")
-        console.print(forms.grid(forms.measure(rounds // 2)))
-        return 0
     if options.drivers:
         return _drivers(console, QUICK_DRIVER_ROUNDS if options.quick else DRIVER_ROUNDS, options.json)
     if options.live:
@@ -72,7 +68,6 @@ def _options() -> argparse.Namespace:
         "--kills", action="store_true", help="kills and faults by the hundred against a box on libmodbus"
     )
     alone.add_argument("--drivers", action="store_true", help="the drivers alone, beside their libraries by hand")
-    alone.add_argument("--forms", action="store_true", help="compare the forms of the process image, no more")
     alone.add_argument(
         "--against", type=Path, metavar="DIR", help="this tree against another checkout with its .venv, in pairs"
     )

@@ -14,9 +14,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from functools import partial
+from importlib import import_module
 from statistics import median
+from unittest.mock import patch
 
 import numpy as np
 
@@ -38,6 +40,10 @@ def rows(stack: ExitStack) -> dict[str, Callable[[], float]]:
         for case in scan.make(count, stack):
             if case.row == "a":
                 found[f"{count:,} objects: {case.work}, us"] = partial(_block, case)
+    with _without_extension():
+        for case in scan.make(13, stack):
+            if case.row == "a":
+                found[f"13 objects without the extension: {case.work}, us"] = partial(_block, case)
     for kind in zones.KINDS:
         on_vectors, _ = zones.make(zones.ZONES, kind, stack)
         found[f"1,000 zones under PI, {kind}, us"] = partial(_block, scan.Case(kind, 1000, "a", on_vectors.period))
@@ -52,6 +58,15 @@ def rows(stack: ExitStack) -> dict[str, Callable[[], float]]:
         "z-theta in real time: waking up + execution, p50, us": _real_time,
     }
     return found
+
+
+def _without_extension() -> AbstractContextManager[object]:
+    """What is connected meanwhile does without the extension in C, of this tree or of one before the one image."""
+    try:
+        where = import_module("umo.cycle.compiled")
+    except ImportError:
+        where = import_module("umo.cycle.forms")
+    return patch.object(where, "extension", None)
 
 
 def _block(case: scan.Case) -> float:

@@ -141,7 +141,7 @@ def _write(connection: connect[Any], ring: Ring) -> None:
             number += 1
             frame.number, frame.time = number, float(number)
             image.values[:] = array("d", [float(number)] * count)
-            image.transfer.raws_array.fill(number)
+            image.columns.raws.fill(number)
             ring(frame)
     finally:
         os._exit(1)

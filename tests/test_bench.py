@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from bench import against, forms, native, report, scan, zones
+from bench import against, native, report, scan, zones
 from bench.driver import Fill, Loop
 from bench.drivers import kernel
 from bench.drivers import table as drivers
@@ -77,12 +77,6 @@ def test_a_short_run_fills_every_cell_of_the_table():
             figure = table[work, 13, row]
             assert 0 < figure.minimum <= figure.median
     assert report.main_grid(table).row_count == 5
-
-
-def test_every_form_of_the_image_is_measured():
-    found = forms.measure(1, sizes=(13,))
-    assert {form for _, _, form in found} == set(forms.FORMS)
-    assert forms.grid(found).row_count == 1
 
 
 @pytest.mark.parametrize("kind", zones.KINDS)

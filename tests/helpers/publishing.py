@@ -48,7 +48,7 @@ with running() as (m, ring, connection):
         number += 1
         frame.number, frame.time = number, float(number)
         image.values[:] = array("d", [float(number)] * len(image.items))
-        image.transfer.raws_array.fill(number)
+        image.columns.raws.fill(number)
         ring.journal.add(0, 0, number, -number)
         ring(frame)
     sys.stdin.read()

@@ -14,14 +14,16 @@ from umo.objects.scaling import IntArray
 class Block:
     """Neighbouring slots that one driver moves in one transfer."""
 
-    def __init__(self, driver: Driver[Any], channels: tuple[Channel, ...], start: int, inputs: bool) -> None:
+    def __init__(
+        self, driver: Driver[Any], channels: tuple[Channel, ...], start: int, raws: IntArray, inputs: bool
+    ) -> None:
         self.driver = driver
         self.channels = channels
         self.start = start
         self.stop = start + len(channels)
         self.slots = slice(start, self.stop)
         self.count = len(channels)
-        self.raws = np.zeros(self.count, np.int64)
+        self.raws = raws
         self.buffer = self.raws.view()
         """What the driver is given: of inputs to fill, of outputs to read."""
         self.buffer.flags.writeable = inputs

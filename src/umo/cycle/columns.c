@@ -24,6 +24,7 @@ typedef struct {
     PyObject_HEAD
     Py_buffer views[OUTPUT_VIEWS];
     Py_ssize_t start, count;
+    double *found; /* of an input block: room for a number of each object */
     int limited; /* whether an output of the block has a rate */
 } Block;
 
@@ -38,6 +39,7 @@ static void let_go(PyObject *self, Py_buffer *views, int count)
 
 static void Block_dealloc(Block *self)
 {
+    PyMem_Free(self->found);
     let_go((PyObject *)self, self->views, OUTPUT_VIEWS);
 }
 
@@ -96,8 +98,14 @@ static PyObject *Inputs_new(PyTypeObject *type, PyObject *args, PyObject *named)
     if (!PyArg_ParseTupleAndKeywords(args, named, "On", names, &views, &start))
         return NULL;
     Block *self = make(type, views, INPUT_VIEWS);
-    if (self != NULL)
-        self->start = start;
+    if (self == NULL)
+        return NULL;
+    self->start = start;
+    self->found = PyMem_Malloc((size_t)self->views[MOVED].len);
+    if (self->found == NULL) {
+        Py_DECREF(self);
+        return PyErr_NoMemory();
+    }
     return (PyObject *)self;
 }
 
@@ -120,19 +128,26 @@ static PyObject *Inputs_convert(Block *self, PyObject *time)
     const int64_t *moved = self->views[MOVED].buf;
     const double *resolution = column(self, RESOLUTION), *zero_offset = column(self, ZERO_OFFSET);
     const double *low = column(self, LOW), *high = column(self, HIGH);
-    double *values = column(self, VALUES);
-    memcpy(self->views[RAWS].buf, moved, (size_t)self->views[MOVED].len);
+    double *values = column(self, VALUES), *found = self->found;
+    size_t size = (size_t)self->views[MOVED].len;
+    int inside = 1;
     for (Py_ssize_t i = 0; i < self->count; i++) {
-        double value = (double)moved[i] * resolution[i] + zero_offset[i];
-        if (low[i] <= value && value <= high[i])
-            values[i] = value;
-        else if (append(outside, self->start + i, value) < 0) {
+        found[i] = (double)moved[i] * resolution[i] + zero_offset[i];
+        inside &= (low[i] <= found[i]) & (found[i] <= high[i]);
+    }
+    memcpy(self->views[RAWS].buf, moved, size);
+    if (inside) {
+        memcpy(values, found, size);
+        stamp(self, now);
+        return outside;
+    }
+    for (Py_ssize_t i = 0; i < self->count; i++)
+        if (low[i] <= found[i] && found[i] <= high[i])
+            values[i] = found[i];
+        else if (append(outside, self->start + i, found[i]) < 0) {
             Py_DECREF(outside);
             return NULL;
         }
-    }
-    if (PyList_Size(outside) == 0)
-        stamp(self, now);
     return outside;
 }
 
@@ -149,20 +164,18 @@ static PyObject *Outputs_new(PyTypeObject *type, PyObject *args, PyObject *named
     return (PyObject *)self;
 }
 
-/* As conversion.step. */
-static void step(Block *self, double now, double dt)
+/* As conversion.step, of one output. */
+static double step(Block *self, Py_ssize_t i, double now, double dt)
 {
-    const double *pending = column(self, PENDING), *values = column(self, VALUES), *rate = column(self, RATE);
-    double *sent = column(self, SENT), *stepped = column(self, STEPPED);
-    for (Py_ssize_t i = 0; i < self->count; i++) {
-        if (!(rate[i] < INFINITY)) {
-            sent[i] = pending[i];
-        } else if (now > stepped[i]) {
-            double way = rate[i] * (dt != 0.0 ? dt : now - stepped[i]), left = pending[i] - values[i];
-            sent[i] = fabs(left) <= way * (1 + 1e-9) ? pending[i] : values[i] + copysign(way, left);
-            stepped[i] = now;
-        }
-    }
+    double pending = column(self, PENDING)[i], rate = column(self, RATE)[i], *stepped = &column(self, STEPPED)[i];
+    if (!(rate < INFINITY))
+        return pending;
+    if (!(now > *stepped))
+        return column(self, SENT)[i];
+    double value = column(self, VALUES)[i], left = pending - value;
+    double way = rate * (dt != 0.0 ? dt : now - *stepped);
+    *stepped = now;
+    return fabs(left) <= way * (1 + 1e-9) ? pending : value + copysign(way, left);
 }
 
 static PyObject *Outputs_give(Block *self, PyObject *const *args, Py_ssize_t count)
@@ -174,16 +187,19 @@ static PyObject *Outputs_give(Block *self, PyObject *const *args, Py_ssize_t cou
     double now = PyFloat_AsDouble(args[0]), dt = PyFloat_AsDouble(args[1]);
     if ((now == -1.0 || dt == -1.0) && PyErr_Occurred())
         return NULL;
-    if (self->limited)
-        step(self, now, dt);
-    else
-        memcpy(self->views[SENT].buf, self->views[PENDING].buf, (size_t)self->views[SENT].len);
-    const double *sent = column(self, SENT);
+    const double *pending = column(self, PENDING);
+    double *sent = column(self, SENT);
+    if (!self->limited && memcmp(sent, pending, (size_t)self->views[SENT].len) == 0)
+        Py_RETURN_NONE; /* what was given last is still to be sent */
     const double *resolution = column(self, RESOLUTION), *zero_offset = column(self, ZERO_OFFSET);
     const double *least = column(self, LEAST), *greatest = column(self, GREATEST);
     int64_t *moved = self->views[MOVED].buf;
     for (Py_ssize_t i = 0; i < self->count; i++) {
-        double raw = rint((sent[i] - zero_offset[i]) / resolution[i]);
+        double next = self->limited ? step(self, i, now, dt) : pending[i];
+        if (memcmp(&next, &sent[i], sizeof next) == 0)
+            continue;
+        sent[i] = next;
+        double raw = rint((next - zero_offset[i]) / resolution[i]);
         raw = raw > least[i] ? raw : least[i];
         moved[i] = (int64_t)(raw < greatest[i] ? raw : greatest[i]);
     }

@@ -1,7 +1,7 @@
 """The numbers of a process image: columns in one contiguous piece of memory, and the scales of its objects.
 
-Every column has a row for each object; an object's row is its slot. Arrays for blocks and Vectors; the image has a
-memoryview of each for single objects, as Python reads these in a third of the time of numpy's items.
+Every column has a row for each object; an object's row is its slot. Columns are arrays, for blocks and Vectors; the
+image has a memoryview of each for single objects: Python reads these in a third of the time of numpy's items.
 """
 
 from __future__ import annotations
@@ -16,22 +16,29 @@ from umo.objects import DigitalActuator
 from umo.objects.linearization import Linearization
 from umo.wiring.resolved import Wire
 
-OFTEN_8, ONCE_1 = 6, 2
+WIDE, NARROW = 7, 2
 """Columns of 8 bytes a row and of 1 byte a row."""
 
 
 class Columns:
-    """What changes while the machine runs. What a frame shows stands together at the end: `shown`."""
+    """What changes while the machine runs.
+
+    Sensors: `raws`, `values`, `quality`, `times` of the last reading. Actuators: `pending`, the value written; `sent`
+    and `sent_raws`, which belong together: what was given to the driver last; `raws`, `values`, `times`: what it has
+    accepted last; `stepped`, for those with a rate: the time of the last step, infinite while a reset is still to be
+    accepted; `restrictions`, the command stage's own: whether it is to be asked before a write.
+    """
 
     def __init__(self, count: int) -> None:
-        memory = np.zeros(count * (8 * OFTEN_8 + ONCE_1), np.uint8)
-        wide = memory[: 8 * OFTEN_8 * count].view(np.float64).reshape(OFTEN_8, count)
-        self.pending, self.sent, self.stepped, self.times, self.values = wide[:5]
-        self.raws = wide[5].view(np.int64)
-        self.quality, self.restrictions = memory[8 * OFTEN_8 * count :].reshape(ONCE_1, count)
+        memory = np.zeros(count * (8 * WIDE + NARROW), np.uint8)
+        wide = memory[: 8 * WIDE * count].view(np.float64).reshape(WIDE, count)
+        self.pending, self.sent, self.stepped, self.times = wide[:4]
+        self.sent_raws, self.raws = wide[4].view(np.int64), wide[6].view(np.int64)
+        self.values = wide[5]
+        self.quality, self.restrictions = memory[8 * WIDE * count :].reshape(NARROW, count)
         self.times.fill(nan)
-        self.shown = memory[32 * count :].data
-        """The bytes of `values`, `raws`, `quality` and `restrictions`, in this order."""
+        self.shown = memory[40 * count :].data
+        """The bytes of `values`, `raws`, `quality` and `restrictions`, in this order: what a frame shows."""
 
 
 class Scales:

@@ -52,6 +52,7 @@ class Image:
         self.columns = columns = Columns(count)
         self.pending: Any = columns.pending.data
         self.sent: Any = columns.sent.data
+        self.sent_raws: Any = columns.sent_raws.data
         self.stepped: Any = columns.stepped.data
         self.times: Any = columns.times.data
         self.values: Any = columns.values.data
@@ -62,8 +63,6 @@ class Image:
         self._low, self._high = scales.low.data, scales.high.data
         self.transfer = Transfer(self.wires, wired, self.timer, columns.raws)
         self.commands: Commands
-        self._to_send = np.zeros(count, np.int64)
-        """Raw integers of some actuators that are being sent by themselves."""
         self._marked: list[Failure] = []
         """Sensors that were marked BAD and not logged yet."""
         self._tell_again: dict[int, float] = {}
@@ -86,6 +85,7 @@ class Image:
             if item.direction is Direction.OUTPUT:
                 self._set_quality(slot, Quality.GOOD)
                 self.set_default(slot)
+                self._give_default(slot)
             else:
                 self.values[slot] = nan  # nothing was read yet
                 self._set_quality(slot, Quality.BAD)
@@ -213,9 +213,10 @@ class Image:
         where = np.array(slots, np.int64)
         step(self.columns, self.scales, where, self.clock.now, self.clock.dt)
         linearizations = Linearizations([self.scales.linearizations[slot] for slot in slots])
-        self._to_send[where] = raws_of(self.columns.sent[where], self.scales, where, linearizations)
+        columns = self.columns
+        columns.sent_raws[where] = raws_of(columns.sent[where], self.scales, where, linearizations)
         failures: list[Failure] = []
-        for slot, cause in self.transfer.write_some(slots, self._to_send):
+        for slot, cause in self.transfer.write_some(slots, columns.sent_raws):
             if cause is None:
                 self._accepted(slot)
             else:
@@ -238,11 +239,13 @@ class Image:
     def try_send(self, slot: int) -> list[Failure]:
         """Send the pending value of one asynchronous actuator to the hardware, now."""
         failures: list[Failure] = []
-        value = self.sent[slot] = self.pending[slot]
-        at_default = value == cast(Actuator, self.items[slot])._default_value()
-        raw = self.transfer.defaults[slot] if at_default else self.wires[slot].raw(value)
+        value = self.pending[slot]
+        if value == cast(Actuator, self.items[slot])._default_value():
+            self._give_default(slot)
+        else:
+            self.sent[slot], self.sent_raws[slot] = value, self.wires[slot].raw(value)
         try:
-            self.transfer.write(slot, cast(int, raw))
+            self.transfer.write(slot, self.sent_raws[slot])
         except FAILURES as error:
             self._fail_output(slot, cause_of_failure(error), failures)
             self.commands.failed(slot)
@@ -284,7 +287,7 @@ class Image:
     def _at_default(self, slot: int) -> None:
         if self.items[slot].direction is Direction.OUTPUT:
             self.set_default(slot)
-            self.sent[slot], self.stepped[slot] = self.pending[slot], self.clock.now
+            self._give_default(slot)
             self.commands.rest(slot)
 
     def _was_reset(self, slot: int, failure: Failure | None) -> None:
@@ -429,6 +432,11 @@ class Image:
                 if block.start <= slot < block.stop:
                     block.unsettled.add(slot)
 
+    def _give_default(self, slot: int) -> None:
+        """Its default is what is sent next."""
+        self.sent[slot], self.sent_raws[slot] = self.pending[slot], self.transfer.defaults[slot]
+        self.stepped[slot] = self.clock.now
+
     def set_default(self, slot: int) -> None:
         """Its default is pending."""
         self.pending[slot] = cast(Actuator, self.items[slot])._default_value()
@@ -438,7 +446,9 @@ class Image:
         slots = [s for s, item in enumerate(self.items) if item.synchronous and item.direction is direction]
         blocks = []
         for driver, group in self.transfer.by_driver(slots):
-            blocks.append(Block(driver, tuple(self.wires[slot].channel for slot in group), group[0], inputs))
+            start, stop = group[0], group[-1] + 1
+            raws = np.zeros(len(group), np.int64) if inputs else self.columns.sent_raws[start:stop]
+            blocks.append(Block(driver, tuple(self.wires[slot].channel for slot in group), start, raws, inputs))
         return blocks
 
 
