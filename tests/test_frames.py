@@ -126,7 +126,7 @@ def told(reader: Reader, frame: Any) -> list[tuple[str, Kind, int, int]]:
     """A frame's journal: path, kind, raw, before."""
     entries = reader.journal(frame)
     assert entries is not None
-    return [(reader.paths[slot], Kind(kind), raw, before) for slot, kind, raw, before in entries.tolist()]
+    return [(reader.paths[slot], Kind(kind), raw, before) for slot, kind, _, raw, before in entries.tolist()]
 
 
 def test_asynchronous_traffic_is_kept_in_order_with_what_was_before() -> None:
@@ -144,7 +144,7 @@ def test_asynchronous_traffic_is_kept_in_order_with_what_was_before() -> None:
         assert told(reader, reader.latest()) == [
             ("valve", Kind.WRITE, 1, 0),
             ("motor", Kind.RESET, 0, 0),
-            ("valve", Kind.FAILED_WRITE, 1, 1),
+            ("valve", Kind.FAILED_WRITE, 0, 1),  # what was to be written, and what was there
         ]
         periods(m)
         assert told(reader, reader.latest()) == [("valve", Kind.RESET, 0, 1)]  # its default, sent again
@@ -335,7 +335,7 @@ def test_no_torn_frame_at_full_speed() -> None:
             assert (frames["raws"] == number[:, None]).all()
             for frame in frames[-10:]:
                 entries = reader.journal(frame)
-                assert entries is None or entries.tolist() == [(0, 0, frame["number"], -frame["number"])]
+                assert entries is None or entries.tolist() == [(0, 0, 0, frame["number"], -frame["number"])]
                 kept += entries is not None
             read += len(frames)
         assert kept > 0

@@ -32,7 +32,7 @@ from umo import (
     connect,
     published,
 )
-from umo.cycle.journal import Kind
+from umo.cycle.journal import ErrorKind, Kind
 from umo.drivers.contract import IntArray
 from umo.frames import Reader
 from umo.testing import Scripted, VirtualTimer, periods
@@ -371,14 +371,16 @@ def test_from_a_frame_back_over_its_journal_stands_what_the_whole_machine_sample
             slot = connection.image.slot_of[id(each)]
             sampled[slot] = stood[slot]
         do(after)
+        ended = ring.journal.count
         with suppress(DriverError):
             m.update()
         (frame,) = reader.last(1)
         entries = reader.journal(frame)
         assert entries is not None
-        assert (frame["sampled"], frame["updated"]) == (count, len(entries))
+        assert (frame["sampled"], frame["updated"]) == (count, ended)
+        assert set(entries["kind"][ended:].tolist()) <= {Kind.FAILED_WRITE}  # of the update's own
         raws = frame["raws"].tolist()
-        for slot, _, _, stood in reversed(entries[count:].tolist()):
+        for slot, *_, stood in reversed(entries[count:].tolist()):
             raws[slot] = stood
         outputs = {slot for block in connection.image.outputs for slot in range(block.start, block.stop)}
         unsent = [slot for slot in range(len(raws)) if slot not in outputs]  # those moved again with the update
@@ -397,5 +399,39 @@ def test_a_second_sample_of_the_whole_machine_in_one_period_is_in_the_journal() 
         entries = reader.journal(frame)
         assert entries is not None
         slot = connection.image.slot_of[id(m.sensors[0])]
-        assert (slot, Kind.READ, 3, 2) in [tuple(entry) for entry in entries.tolist()]
+        assert (slot, Kind.READ, ErrorKind.NONE, 3, 2) in [tuple(entry) for entry in entries.tolist()]
         assert frame["sampled"] == 0
+
+
+def test_the_channels_of_a_block_that_failed_are_in_the_journal_with_what_was_commanded_and_the_kind_of_error() -> None:
+    machine, box = cell(), Scripted()
+    connection = connect(machine, wired(machine, box))
+    with connection as m, published(connection, "cell") as ring, Reader(ring.path) as reader:
+        slot_of = {path: slot for slot, path in enumerate(reader.paths)}
+        for error, kind in (
+            (ChannelsFailed({"motors.1": "overload"}), ErrorKind.CHANNELS),
+            (TimeoutError("no answer"), ErrorKind.TIMEOUT),
+            (OSError("cut"), ErrorKind.OTHER),
+        ):
+            m.timer.read()
+            m.sample()
+            m.motors[1].write(2.0)
+            box.broken = error
+            with suppress(DriverError):
+                m.update()
+            box.broken = None
+            entries = reader.journal(reader.latest())
+            assert entries is not None
+            paths = ["motors.1"] if kind is ErrorKind.CHANNELS else [f"motors.{number}" for number in range(3)]
+            raws = {"motors.0": 0, "motors.1": 4, "motors.2": 0}
+            assert entries.tolist() == [(slot_of[path], Kind.FAILED_WRITE, kind, raws[path], 0) for path in paths]
+        m.timer.read()
+        box.broken = OSError("cut")
+        with suppress(DriverError):
+            m.sample()
+        box.broken = None
+        m.update()
+        entries = reader.journal(reader.latest())
+        assert entries is not None
+        found = [(slot_of[f"sensors.{number}"], Kind.FAILED_READ, ErrorKind.OTHER, 0, 0) for number in range(3)]
+        assert entries.tolist() == found

@@ -2,7 +2,7 @@
 
 The transfers of the whole machine are not in it: a frame's raw integers say what they moved, and the journal how
 many of its entries came before them. An entry keeps the raw integer that its object had before, so that from a
-frame's raws a reader can go back over the entries to what the transfers moved.
+frame's raws a reader can go back over the entries to what the transfers moved. What failed has an entry in any case.
 """
 
 from __future__ import annotations
@@ -10,8 +10,10 @@ from __future__ import annotations
 import struct
 from enum import IntEnum
 
-ENTRY = struct.Struct("<IIqq")
-"""Slot, kind, raw, before: 24 bytes."""
+from umo.errors import ChannelsFailed
+
+ENTRY = struct.Struct("<IHHqq")
+"""Slot, kind, error, raw, before: 24 bytes."""
 CAPACITY = 4096
 """Entries of one period that are kept."""
 NEVER = -1
@@ -32,6 +34,24 @@ class Kind(IntEnum):
     INITIALIZE = 8
 
 
+class ErrorKind(IntEnum):
+    """What a call of a driver failed by; the numbers stand in frames."""
+
+    NONE = 0
+    """It did not fail."""
+    OTHER = 1
+    TIMEOUT = 2
+    """The device did not answer in time."""
+    CHANNELS = 3
+    """The driver has named this channel (`ChannelsFailed`)."""
+
+    @classmethod
+    def of(cls, error: BaseException) -> ErrorKind:
+        if isinstance(error, ChannelsFailed):
+            return cls.CHANNELS
+        return cls.TIMEOUT if isinstance(error, TimeoutError) else cls.OTHER
+
+
 class Journal:
     """The first `capacity` entries of a period; the rest are counted.
 
@@ -50,12 +70,13 @@ class Journal:
         self.updated = NEVER
         """Number of entries before the update of the whole machine; NEVER before it took place."""
 
-    def add(self, slot: int, kind: Kind, raw: int, before: int) -> None:
-        """An object has this raw integer now, and had another one before (the same where nothing moved)."""
+    def add(self, slot: int, kind: Kind, raw: int, before: int, error: ErrorKind = ErrorKind.NONE) -> None:
+        """An object has this raw integer now, and had another one before (the same where nothing moved). What failed:
+        `raw` is what was to be written, the last one of a sensor."""
         if self.count == self.capacity:
             self.lost += 1
             return
-        ENTRY.pack_into(self.buffer, self.count * ENTRY.size, slot, kind, raw, before)
+        ENTRY.pack_into(self.buffer, self.count * ENTRY.size, slot, kind, error, raw, before)
         self.count += 1
 
     def clear(self) -> None:

@@ -15,7 +15,7 @@ from typing import Any, Literal, NoReturn, TypeVar
 import numpy as np
 
 from umo.cycle.block import Block
-from umo.cycle.journal import Journal, Kind
+from umo.cycle.journal import ErrorKind, Journal, Kind
 from umo.drivers.contract import UNREAD, Channel, Driver
 from umo.errors import ChannelsFailed, DriverError, Failure, forget_frames
 from umo.objects.scaling import IntArray
@@ -153,7 +153,7 @@ class Transfer:
 
     def block_failed(self, block: Block, error: BaseException, inputs: bool) -> list[tuple[int, str]]:
         """The slots of a block that failed, each with its cause; the others stand."""
-        return self._failed(block.driver, range(block.start, block.stop), error, not inputs)
+        return self._failed(block.driver, range(block.start, block.stop), error, None if inputs else block.view)
 
     # Some objects --------------------------------------------------------------------------------------
 
@@ -167,7 +167,7 @@ class Transfer:
             raw = index(wire.driver.read(wire.channel))
         except FAILURES as error:
             self._mark(wire.driver, error, False)
-            self.note(slot, Kind.FAILED_READ)
+            self._note_failure(slot, Kind.FAILED_READ, error, None)
             raise
         self._moved(slot, raw, Kind.READ)
         return raw
@@ -181,7 +181,7 @@ class Transfer:
             wire.driver.write(wire.channel, raw)
         except FAILURES as error:
             self._mark(wire.driver, error, True)
-            self.note(slot, Kind.FAILED_WRITE)
+            self._note_failure(slot, Kind.FAILED_WRITE, error, raw)
             raise
         self._moved(slot, raw, Kind.WRITE)
 
@@ -192,7 +192,6 @@ class Transfer:
             failed = self._some(driver.read_many, driver, group, out, False)
             for slot, raw in zip(group, out.tolist(), strict=True):
                 if slot in failed:
-                    self.note(slot, Kind.FAILED_READ)
                     yield slot, failed[slot]
                 else:
                     self._moved(slot, raw, Kind.READ)
@@ -204,9 +203,7 @@ class Transfer:
         for driver, group in self.by_driver(slots):
             failed = self._some(driver.write_many, driver, group, raws[group], True)
             for slot in group:
-                if slot in failed:
-                    self.note(slot, Kind.FAILED_WRITE)
-                else:
+                if slot not in failed:
                     self._moved(slot, int(raws[slot]), Kind.WRITE)
                 yield slot, failed.get(slot)
 
@@ -216,7 +213,7 @@ class Transfer:
                 _refuse_write()
             call(tuple(self.wires[slot].channel for slot in group), raws)
         except FAILURES as error:
-            return dict(self._failed(driver, group, error, write))
+            return dict(self._failed(driver, group, error, raws.tolist() if write else None))
         self._late.pop(id(driver), None)
         return {}
 
@@ -260,7 +257,7 @@ class Transfer:
             getattr(wire.driver, segment)(wire.channel, *default)
         except BaseException as error:  # whatever a driver raises, the others are still to be brought to their defaults
             self._mark(wire.driver, error, True, monotonic() - began)
-            self.note(slot, Kind.FAILED_RESET)
+            self._note_failure(slot, Kind.FAILED_RESET, error, default[0] if default else None)
             return self.failure(slot, cause_of_failure(error))
         self._late.pop(id(wire.driver), None)
         if segment in _DONE:
@@ -277,13 +274,20 @@ class Transfer:
             self.unsure = True
 
     def _failed(
-        self, driver: Driver[Any], slots: Sequence[int], error: BaseException, write: bool
+        self, driver: Driver[Any], slots: Sequence[int], error: BaseException, written: Sequence[int] | None
     ) -> list[tuple[int, str]]:
-        """The slots of a block that failed, with the cause: all of them, or those that the driver names."""
-        self._mark(driver, error, write)
+        """The slots of a block that failed, with the cause: all of them, or those that the driver names. `written` are
+        the raw integers that were to be written; None: it was read."""
+        self._mark(driver, error, written is not None)
         causes, whole = error.causes if isinstance(error, ChannelsFailed) else {}, cause_of_failure(error)
         named = [(slot, causes[text]) for slot in slots if (text := self.wires[slot].channel.text) in causes]
-        return named or [(slot, whole) for slot in slots]
+        failed = named or [(slot, whole) for slot in slots]
+        if self.journal is not None:
+            raws = {} if written is None else dict(zip(slots, written, strict=True))
+            for slot, _ in failed:
+                kind = Kind.FAILED_READ if written is None else Kind.FAILED_WRITE
+                self._note_failure(slot, kind, error, raws.get(slot))
+        return failed
 
     def failure(self, slot: int, cause: str) -> Failure:
         """One object failed."""
@@ -303,6 +307,12 @@ class Transfer:
         if self.journal is not None and slot != self.timer:
             raw = self.raws[slot]
             self.journal.add(slot, kind, raw, raw)
+
+    def _note_failure(self, slot: int, kind: Kind, error: BaseException, raw: int | None) -> None:
+        """Into the journal, if one is kept; `raw` is what was to be written."""
+        if self.journal is not None and slot != self.timer:
+            before = self.raws[slot]
+            self.journal.add(slot, kind, before if raw is None else raw, before, ErrorKind.of(error))
 
     def by_driver(self, slots: Iterable[int]) -> list[tuple[Driver[Any], list[int]]]:
         groups: dict[int, tuple[Driver[Any], list[int]]] = {}

@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from umo.cycle.events import TEXT
-from umo.cycle.journal import Kind
+from umo.cycle.journal import ErrorKind, Kind
 from umo.cycle.signals import Signal
 from umo.errors import FramesError
 from umo.objects import Atomic, Quality
@@ -54,7 +54,7 @@ NAME = 64
 EVENTS = 512
 """The last events that are kept."""
 
-ENTRY = np.dtype([("slot", "<u4"), ("kind", "<u4"), ("raw", "<i8"), ("before", "<i8")])
+ENTRY = np.dtype([("slot", "<u4"), ("kind", "<u2"), ("error", "<u2"), ("raw", "<i8"), ("before", "<i8")])
 """An entry of the journal (`umo.cycle.journal`)."""
 
 EVENT_ROW = np.dtype(
@@ -99,6 +99,9 @@ FIXED: list[Column] = [
     ("execution", "<i8", 1, "ns from the timer's return to the end of update"),
     *USAGE,
     ("counted", "<i8", 1, "number of the frame, from 0, for which these were read"),
+    ("utc", "<i8", 1, "ns to be added to `began` for UTC since 1970; read once a second"),
+    ("utc_error", "<i8", 1, "ns, the greatest; -1 not known: the clock is not synchronised"),
+    ("taken", "<i8", 1, "commands of clients taken since connecting"),
     ("journal", "<i8", 1, "number of its first entry in the journal"),
     ("entries", "<i8", 1, "in the journal"),
     ("entries_lost", "<i8", 1, "that found no room in the journal"),
@@ -110,7 +113,7 @@ FIXED: list[Column] = [
     ("progress", f"S{NOTE}", 1, "UTF-8: what the machine is doing"),
 ]
 RESTRICTIONS = "0 and 254 free, 255 taken by hand, else the number of the reason of its inhibition, from 1"
-SELDOM = struct.Struct(f"<{len(USAGE)}q9q{NOTE}s")
+SELDOM = struct.Struct(f"<{len(USAGE)}q12q{NOTE}s")
 """The fields from `USAGE` on, which change seldom."""
 
 
@@ -224,7 +227,8 @@ _WITH_PATHS = ("objects", "signals", "actions", "tunables")
 
 def _describe_journal() -> dict[str, Any]:
     """An entry's fields as those of a frame; what its numbers mean."""
-    return _describe_row(ENTRY) | {"kinds": {int(kind): kind.name for kind in Kind}}
+    names = {"kinds": Kind, "errors": ErrorKind}
+    return _describe_row(ENTRY) | {key: {int(each): each.name for each in kinds} for key, kinds in names.items()}
 
 
 def _describe_row(row: np.dtype[Any]) -> dict[str, Any]:

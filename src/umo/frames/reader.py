@@ -54,7 +54,8 @@ from umo.text import did_you_mean
 Frames = npt.NDArray[Any]
 """Copies of frames, oldest first: a structured array with the fields of `Layout.columns`."""
 Entries = npt.NDArray[Any]
-"""Copies of entries of the journal, in order: slot, kind (`umo.cycle.journal.Kind`), raw, and the raw before it."""
+"""Copies of entries of the journal, in order: slot, kind and error (`Kind`, `ErrorKind` of `umo.cycle.journal`), raw,
+and the raw before it."""
 
 
 TRIES = 100

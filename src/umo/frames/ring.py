@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 import struct
+import time
 import zlib
 from collections.abc import Sequence
 from pathlib import Path
@@ -43,6 +44,7 @@ from umo.frames.layout import (
 from umo.frames.memory import Ends, fill
 from umo.objects import Tunable
 from umo.system.usage import Usage
+from umo.system.utc import utc
 
 MOST_BYTES = 4 << 20
 MOST_SLOTS = 4096
@@ -53,6 +55,8 @@ ENTRY_BYTES = ENTRY.itemsize
 MOST = (1 << 63) - 1
 COUNTED_EVERY = 32
 """Periods after which the counters of the system are read in any case; reading them takes as long as all else."""
+UTC_EVERY = 1_000_000_000
+"""ns after which UTC is compared with the monotonic clock again."""
 COLLECTIONS = [name for name, *_ in USAGE].index("collections")
 LATE = 0.5
 """Share of the period that waking up and execution take, above which they are read."""
@@ -112,6 +116,7 @@ class Ring:
             self._refresh(number)
         self.usage = Usage()
         self._counts = *self.usage.read(), 0
+        self._utc, self._utc_read, self._told_taken = utc(), time.monotonic_ns(), 0
         self._write = writer(image, layout, self._map)
         image.transfer.journal = self.journal = Journal()
 
@@ -192,20 +197,23 @@ class Ring:
             or self.usage.collections != self._counts[COLLECTIONS]
             or not self.index % COUNTED_EVERY
         )
-        stands = not (counted or journal.count or journal.sampled or journal.updated)
+        taken = 0 if self._machine.hands is None else self._machine.hands.inbox.taken
+        stands = not (counted or taken != self._told_taken or journal.count or journal.sampled or journal.updated)
         if stands and self._seldom_stands and progress is self._told_progress:
             return self._seldom_packed
         if counted:
             self._counts = *self.usage.read(), self.index
+            if frame.began - self._utc_read >= UTC_EVERY:
+                self._utc, self._utc_read = utc(), frame.began
         first, checksum = self._entries, self._keep(journal) if journal.count else 0
         text = _cut(progress.text, NOTE)
         self._seldom_packed = SELDOM.pack(
-            *self._counts,
+            *self._counts, *self._utc, taken,
             first, journal.count, journal.lost, journal.sampled, journal.updated, checksum,
             min(progress.done, MOST), min(progress.total, MOST), text,
         )  # fmt: skip
         self._seldom_stands = not (journal.count or journal.sampled or journal.updated)
-        self._told_progress = progress
+        self._told_progress, self._told_taken = progress, taken
         return self._seldom_packed
 
     def _keep(self, journal: Journal) -> int:
