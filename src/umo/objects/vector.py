@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from umo.objects.link import Image
 
 A = TypeVar("A", bound=Atomic)
+FLOAT64 = np.dtype(np.float64)
 BoolArray = npt.NDArray[np.bool_]
 
 
@@ -161,8 +162,9 @@ class Vector(Generic[A]):
         return np.array(levels), True
 
     def _given_levels(self, levels: Any) -> FloatArray:
-        numbers: FloatArray = levels.astype(np.float64)
-        if numbers.shape != (len(self),) or np.count_nonzero((numbers == 0.0) | (numbers == 1.0)) != len(self):
+        numbers: FloatArray = levels.astype(np.float64, copy=False)
+        alike = np.equal(numbers, numbers.astype(np.bool_))  # 0.0 and 1.0 only
+        if numbers.shape != (len(self),) or alike.tobytes() != self._located().all_true:
             raise StateError(f"levels must be an array of {len(self)} zeros and ones, as `read` returns them")
         return numbers
 
@@ -185,6 +187,7 @@ class _Slots:
             raise DeclarationError("a Vector holds objects of one machine")
         self.all_slots = [item._slot for item in objects]
         self.slots = _as_slice(self.all_slots)
+        self.all_true = bytes([True]) * len(objects)
         self.limits: _Limits | None = None
         if isinstance(objects[0], Digital):
             self.limits = _Limits(cast("Sequence[Digital]", objects))
@@ -200,10 +203,13 @@ class _Limits:
         rates = [item.slew_rate if isinstance(item, DigitalActuator) else None for item in objects]
         self.slew_rate = None if not any(rates) else np.array([rate or inf for rate in rates])
         """Rates of actuators; None if none of them is limited."""
+        self.all_true = bytes([True]) * len(objects)
         self.clamps = np.array([isinstance(item, DigitalActuator) and item.limits == "clamp" for item in objects])
 
     def numbers(self, values: Any) -> FloatArray:
         """One number for each object; RangeError for anything else."""
+        if values.__class__ is np.ndarray and values.dtype is FLOAT64 and values.shape == self.minimum.shape:
+            return cast(FloatArray, values)
         count = len(self.minimum)
         try:
             given = np.asarray(values)
@@ -216,9 +222,10 @@ class _Limits:
     def check(self, objects: Sequence[Atomic], values: Any) -> tuple[FloatArray, bool]:
         """The values to take and whether they are those given."""
         numbers = self.numbers(values)
-        inside = (numbers >= self.minimum) & (numbers <= self.maximum)  # False for NaN
-        if np.count_nonzero(inside) == len(objects):  # a fifth of the time of all()
+        above, below = np.greater_equal(numbers, self.minimum), np.less_equal(numbers, self.maximum)  # False for NaN
+        if above.tobytes() == self.all_true and below.tobytes() == self.all_true:  # a tenth of the time of all()
             return numbers, True
+        inside = above & below
         refused = ~np.isfinite(numbers) | ~(inside | self.clamps)
         if refused.any():
             index = int(np.argmax(refused))
