@@ -97,7 +97,8 @@ def test_many_different_functions_are_one_calculation() -> None:
     assert bool(many) is True
     pairs = list(zip(xs.tolist(), each, strict=True))
     assert many.to_values(xs).tolist() == [x if one is None else one.to_value(x) for x, one in pairs]
-    assert many.to_inputs(xs).tolist() == [x if one is None else one.to_input(x) for x, one in pairs]
+    everywhere = np.ones(len(xs), bool)
+    assert many.to_inputs(xs, everywhere).tolist() == [x if one is None else one.to_input(x) for x, one in pairs]
     assert xs.tolist() == np.linspace(-9.0, 9.0, len(each)).tolist()
     assert bool(Linearizations([None, None])) is False
 

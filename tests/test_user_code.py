@@ -3,7 +3,7 @@
 import math
 import signal
 from collections.abc import Iterator
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from typing import Any, Self
 
 import pytest
@@ -15,6 +15,7 @@ from umo import (
     Frame,
     Interlock,
     OnOff,
+    Quality,
     Range,
     RangeError,
     TaskFailed,
@@ -149,7 +150,7 @@ def test_a_linearization_that_fails_keeps_no_actuator_from_being_reset(by: str) 
     machine = bench(motor=actuator(default=1.0, linearization=curve))
     wires = wired(machine, box)
     resetter = Resetter(machine, resolve(machine, wires))
-    with nullcontext() if by != "leaving" else pytest.raises(ZeroDivisionError), connect(machine, wires) as m:
+    with nullcontext() if by != "leaving" else pytest.raises(DriverError), connect(machine, wires) as m:
         m.motor.write(5.0)
         m.valve.write(OnOff.ON)
         m.update()
@@ -163,6 +164,34 @@ def test_a_linearization_that_fails_keeps_no_actuator_from_being_reset(by: str) 
     if by == "guardian":
         assert resetter.reset(0.0) == {}
     assert (box.get("motor"), box.get("valve"), box.calls[-1].segment) == (2, 0, "close")
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_linearization_that_fails_is_told_of_its_actuators_and_the_others_are_sent(whole: bool) -> None:
+    curve, boxes = Compensated(), {"motor": Scripted(), "valve": Scripted()}
+    machine = bench(motor=actuator(default=1.0, linearization=curve, expires="3 ms"))
+    wires: dict[str, Any] = wired(machine, boxes["motor"])
+    wires["drivers"]["other"] = boxes["valve"]
+    wires["wire"]["valve"] = {"driver": "other"}
+    with connect(machine, wires) as m:
+        m.motor.write(5.0)
+        periods(m)
+        curve.broken = True
+        periods(m)  # it is not asked again for what is sent already
+        m.motor.write(4.0)
+        m.valve.write(OnOff.ON)
+        with pytest.raises(DriverError, match="its linearization failed") as caught:
+            periods(m) if whole else m.motor.update()
+        assert [failure.path for failure in caught.value.failures] == ["motor"]
+        assert m.motor.quality is Quality.BAD
+        assert (boxes["motor"].get("motor"), m.motor.read()) == (10, 5.0)
+        assert boxes["valve"].get("valve") == whole
+        with suppress(DriverError):
+            periods(m, 1)
+        with suppress(DriverError):
+            periods(m, 1)
+        periods(m, 2)  # expired: the default
+        assert (boxes["motor"].get("motor"), m.motor.read(), m.motor.quality) == (2, 1.0, Quality.GOOD)
 
 
 @pytest.mark.parametrize("error", RAISED)

@@ -13,8 +13,7 @@ import numpy as np
 
 from umo.errors import BadInput
 from umo.objects import BinarySensor, DigitalSensor, Quality, TwoState, Vector
-from umo.objects.scaling import FloatArray
-from umo.objects.vector import BoolArray
+from umo.objects.scaling import BoolArray, FloatArray
 
 S = TypeVar("S", bound=TwoState)
 

@@ -10,8 +10,7 @@ import numpy as np
 
 from umo.control.checks import check_numbers
 from umo.errors import RangeError
-from umo.objects.scaling import FloatArray
-from umo.objects.vector import BoolArray
+from umo.objects.scaling import BoolArray, FloatArray
 
 TIMES = ("derivative_time", "filter_time")
 

@@ -13,8 +13,7 @@ from umo.control.inputs import Accept, value_of
 from umo.control.pid import PID, VectorPID
 from umo.errors import DeclarationError
 from umo.objects import DigitalActuator, DigitalSensor, Vector
-from umo.objects.scaling import FloatArray
-from umo.objects.vector import BoolArray
+from umo.objects.scaling import BoolArray, FloatArray
 
 
 @dataclass

@@ -184,8 +184,9 @@ static PyObject *Outputs_give(Block *self, PyObject *const *args, Py_ssize_t cou
         PyErr_SetString(PyExc_TypeError, "two times are expected");
         return NULL;
     }
-    double now = PyFloat_AsDouble(args[0]), dt = PyFloat_AsDouble(args[1]);
-    if ((now == -1.0 || dt == -1.0) && PyErr_Occurred())
+    double now = PyFloat_AsDouble(args[0]);
+    double dt = now == -1.0 && PyErr_Occurred() ? now : PyFloat_AsDouble(args[1]);
+    if (dt == -1.0 && PyErr_Occurred())
         return NULL;
     const double *pending = column(self, PENDING);
     double *sent = column(self, SENT);

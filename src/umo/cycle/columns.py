@@ -12,7 +12,7 @@ from math import inf, nan, nextafter
 import numpy as np
 
 from umo.drivers.contract import Direction
-from umo.objects import DigitalActuator
+from umo.objects import BinaryActuator, DigitalActuator
 from umo.objects.linearization import Linearization
 from umo.wiring.resolved import Wire
 
@@ -56,6 +56,10 @@ class Scales:
         great that floats near it are whole numbers."""
         self.rate = np.array([_rate(wire) for wire in wires], float)
         """The largest rate of an actuator in units per s; infinite: it is not limited."""
+        self.defaults = np.array([_default(wire) for wire in wires], float)
+        """The default of an actuator."""
+        self.default_raws = np.array([0 if (raw := wire.default) is None else raw for wire in wires], np.int64)
+        """Its raw integer: worked out once, as no reset may depend on a linearization of the user's."""
         self.linearizations: list[Linearization | None] = [wire.linearization for wire in wires]
 
 
@@ -77,3 +81,7 @@ def _is_exact(wire: Wire) -> bool:
 def _rate(wire: Wire) -> float:
     rate = wire.item.slew_rate if isinstance(wire.item, DigitalActuator) else None
     return inf if rate is None else rate
+
+
+def _default(wire: Wire) -> float:
+    return wire.item._default_value() if isinstance(wire.item, BinaryActuator | DigitalActuator) else nan

@@ -138,13 +138,10 @@ class Outputs:
 
     def give(self, now: float, dt: float) -> None:
         """As `Block.give`."""
-        if self._limited:
-            step(self._columns, self._scales, self._block.slots, now, dt)
-        else:
-            self._sent_view[:] = self._pending
-        if not self._plain:
-            self._block.raws[:] = raws_of(self._sent, self._scales, self._block.slots, self._linearizations)
+        if self._limited or not self._plain:
+            send(self._columns, self._scales, self._block.slots, self._linearizations, now, dt)
             return
+        self._sent_view[:] = self._pending
         found, scaled = self._found, self._sent
         if self._shifted:
             scaled = subtract(scaled, self._zero_offset, found)
@@ -161,27 +158,42 @@ class Outputs:
             self._stepped[self._stepped == inf] = now
 
 
-def step(columns: Columns, scales: Scales, slots: slice | IntArray, now: float, dt: float) -> None:
-    """Set `sent`: `pending`, as near to it as the rate allows from the value last accepted. One step at each time; none
-    while a reset is still to be accepted, whose `stepped` is infinite."""
-    pending, sent, stepped = columns.pending[slots], columns.sent[slots], columns.stepped[slots]
-    values, rate = columns.values[slots], scales.rate[slots]
-    due = now > stepped
-    limited = np.isfinite(rate)
-    way = np.where(limited & due, rate, 0.0) * np.where(due, dt or now - stepped, 0.0)
+def send(
+    columns: Columns,
+    scales: Scales,
+    slots: slice | IntArray,
+    linearizations: Linearizations,
+    now: float,
+    dt: float,
+) -> None:
+    """Set `sent` and `sent_raws`, together: whatever a linearization raises, both are as they were. It is not asked for
+    what was sent last or for a default."""
+    sent, stepped = _next(columns, scales, slots, now, dt)
+    raws, at_default = columns.sent_raws[slots].copy(), sent == scales.defaults[slots]
+    changed = sent.view(np.int64) != np.array(columns.sent[slots]).view(np.int64)
+    new = changed & ~at_default
+    if new.any():
+        quantities = linearizations.to_inputs(sent, new) if linearizations else sent
+        if not np.isfinite(quantities[new]).all():
+            raise RangeError(f"a linearization has no finite inverse at one of {sent[new].tolist()}")
+        bounds = scales.least[slots][new], scales.greatest[slots][new]
+        raws[new] = to_raws(quantities[new], scales.resolution[slots][new], scales.zero_offset[slots][new], *bounds)
+    raws[changed & at_default] = scales.default_raws[slots][changed & at_default]
+    columns.sent[slots], columns.sent_raws[slots], columns.stepped[slots] = sent, raws, stepped
+
+
+def _next(
+    columns: Columns, scales: Scales, slots: slice | IntArray, now: float, dt: float
+) -> tuple[FloatArray, FloatArray]:
+    """What is to be sent: `pending`, as near to it as the rate allows from the value last accepted; and `stepped`. One
+    step at each time; none while a reset is still to be accepted, whose `stepped` is infinite."""
+    pending, sent, stepped = columns.pending[slots].copy(), columns.sent[slots], columns.stepped[slots]
+    limited = np.isfinite(scales.rate[slots])
+    if not limited.any():
+        return pending, stepped.copy()
+    values, due = columns.values[slots], now > stepped
+    way = np.where(limited & due, scales.rate[slots], 0.0) * np.where(due, dt or now - stepped, 0.0)
     left = pending - values
     near = np.abs(left) <= way * (1 + 1e-9)
     ramp = np.where(near, pending, values + np.copysign(way, left))
-    columns.sent[slots] = np.where(limited, np.where(due, ramp, sent), pending)
-    columns.stepped[slots] = np.where(due, now, stepped)
-
-
-def raws_of(values: FloatArray, scales: Scales, slots: slice | IntArray, linearizations: Linearizations) -> IntArray:
-    """The raw integers nearest to the values of actuators, of those within their ranges."""
-    quantities = values
-    if linearizations:
-        quantities = linearizations.to_inputs(values)
-        if not np.isfinite(quantities).all():
-            raise RangeError(f"a linearization has no finite inverse at {values[~np.isfinite(quantities)].tolist()}")
-    bounds = scales.least[slots], scales.greatest[slots]
-    return to_raws(quantities, scales.resolution[slots], scales.zero_offset[slots], *bounds)
+    return np.where(limited, np.where(due, ramp, sent), pending), np.where(due, now, stepped)

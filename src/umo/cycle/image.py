@@ -18,7 +18,7 @@ from umo.cycle.block import Block
 from umo.cycle.clock import Clock
 from umo.cycle.columns import Columns, Scales
 from umo.cycle.commands import Commands, Source
-from umo.cycle.conversion import convert_inputs, convert_outputs, raws_of, step
+from umo.cycle.conversion import convert_inputs, convert_outputs, send
 from umo.cycle.transfer import FAILURES, Transfer, cause_of_failure
 from umo.drivers.contract import UNREAD, Direction, WaitEnded
 from umo.errors import BadInput, DriverError, Failure
@@ -86,6 +86,7 @@ class Image:
                 self._set_quality(slot, Quality.GOOD)
                 self.set_default(slot)
                 self._give_default(slot)
+                self.values[slot] = self.sent[slot]  # a rate begins there
             else:
                 self.values[slot] = nan  # nothing was read yet
                 self._set_quality(slot, Quality.BAD)
@@ -137,7 +138,11 @@ class Image:
         failures: list[Failure] = []
         now, dt = self.clock.now, self.clock.dt
         for block in self.outputs:
-            block.give(now, dt)
+            try:
+                block.give(now, dt)
+            except Exception as error:  # of a linearization of the user's
+                self._unconverted(range(block.start, block.stop), error, failures)
+                continue
             try:
                 block.transfer(block.channels, block.buffer)
             except FAILURES as error:
@@ -210,13 +215,14 @@ class Image:
         return all(self.quality[slot] == Quality.GOOD for slot in slots)
 
     def update_some(self, slots: Sequence[int]) -> bool:
-        where = np.array(slots, np.int64)
-        step(self.columns, self.scales, where, self.clock.now, self.clock.dt)
-        linearizations = Linearizations([self.scales.linearizations[slot] for slot in slots])
-        columns = self.columns
-        columns.sent_raws[where] = raws_of(columns.sent[where], self.scales, where, linearizations)
         failures: list[Failure] = []
-        for slot, cause in self.transfer.write_some(slots, columns.sent_raws):
+        linearizations = Linearizations([self.scales.linearizations[slot] for slot in slots])
+        try:
+            send(self.columns, self.scales, np.array(slots, np.int64), linearizations, self.clock.now, self.clock.dt)
+        except Exception as error:  # of a linearization of the user's
+            self._unconverted(slots, error, failures)
+            raise DriverError("could not be written", failures) from None
+        for slot, cause in self.transfer.write_some(slots, self.columns.sent_raws):
             if cause is None:
                 self._accepted(slot)
             else:
@@ -239,11 +245,14 @@ class Image:
     def try_send(self, slot: int) -> list[Failure]:
         """Send the pending value of one asynchronous actuator to the hardware, now."""
         failures: list[Failure] = []
-        value = self.pending[slot]
-        if value == cast(Actuator, self.items[slot])._default_value():
-            self._give_default(slot)
-        else:
-            self.sent[slot], self.sent_raws[slot] = value, self.wires[slot].raw(value)
+        value, raw = self.pending[slot], self.transfer.defaults[slot]
+        if value != cast(Actuator, self.items[slot])._default_value():
+            try:
+                raw = self.wires[slot].raw(value)
+            except Exception as error:  # of a linearization of the user's
+                self._unconverted([slot], error, failures)
+                return failures
+        self.sent[slot], self.sent_raws[slot] = value, raw
         try:
             self.transfer.write(slot, self.sent_raws[slot])
         except FAILURES as error:
@@ -419,6 +428,12 @@ class Image:
         if self._marked:
             log.warning("%s", DriverError("marked BAD", self._marked))
             self._marked = []
+
+    def _unconverted(self, slots: Iterable[int], error: Exception, failures: list[Failure]) -> None:
+        """Actuators that are not sent, as what is pending has no raw integers."""
+        cause = f"its linearization failed: {cause_of_failure(error)}"
+        for slot in slots:
+            self._fail_output(slot, cause, failures)
 
     def _fail_output(self, slot: int, cause: str, failures: list[Failure]) -> None:
         self._set_quality(slot, Quality.BAD)

@@ -197,14 +197,17 @@ class Ring:
             or self.usage.collections != self._counts[COLLECTIONS]
             or not self.index % COUNTED_EVERY
         )
+        old = frame.began - self._utc_read >= UTC_EVERY
         taken = 0 if self._machine.hands is None else self._machine.hands.inbox.taken
-        stands = not (counted or taken != self._told_taken or journal.count or journal.sampled or journal.updated)
+        stands = not (
+            counted or old or taken != self._told_taken or journal.count or journal.sampled or journal.updated
+        )
         if stands and self._seldom_stands and progress is self._told_progress:
             return self._seldom_packed
         if counted:
             self._counts = *self.usage.read(), self.index
-            if frame.began - self._utc_read >= UTC_EVERY:
-                self._utc, self._utc_read = utc(), frame.began
+        if old:
+            self._utc, self._utc_read = utc(), frame.began
         first, checksum = self._entries, self._keep(journal) if journal.count else 0
         text = _cut(progress.text, NOTE)
         self._seldom_packed = SELDOM.pack(

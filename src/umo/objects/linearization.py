@@ -21,7 +21,7 @@ import numpy as np
 
 from umo.errors import DeclarationError
 from umo.objects.interpolation import Cubics, Group, Segments, groups_of
-from umo.objects.scaling import FloatArray
+from umo.objects.scaling import BoolArray, FloatArray
 from umo.objects.units import same_unit
 from umo.text import did_you_mean
 
@@ -205,9 +205,16 @@ class Linearizations:
         """Electrical quantities to values, in a new array."""
         return _by_groups(self._forward, xs)
 
-    def to_inputs(self, values: FloatArray) -> FloatArray:
-        """Values to electrical quantities, in a new array."""
-        return _by_groups(self._inverse, values)
+    def to_inputs(self, values: FloatArray, where: BoolArray) -> FloatArray:
+        """Values to electrical quantities, in a new array, at the places where it is True; the others are kept."""
+        found = values.copy()
+        for function, places in self._inverse:
+            of_group = np.arange(len(values)) if places is None else places
+            if isinstance(function, _OneByOne):  # the user's own: it is not asked for the others
+                of_group = of_group[where[of_group]]
+            found[of_group] = function.many(values[of_group])
+        found[~where] = values[~where]
+        return found
 
 
 @dataclass(frozen=True)

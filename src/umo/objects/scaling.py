@@ -22,6 +22,7 @@ NEAR = 1e-6
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 ByteArray = npt.NDArray[np.uint8]
+BoolArray = npt.NDArray[np.bool_]
 
 
 def to_value(raw: int, resolution: float, zero_offset: float) -> float:

@@ -8,13 +8,12 @@ from math import inf
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
 import numpy as np
-import numpy.typing as npt
 
 from umo.drivers.contract import Direction
 from umo.errors import DeclarationError, RangeError, StateError
 from umo.objects.actuators import BinaryActuator, DigitalActuator
 from umo.objects.atomic import Atomic, Binary, Digital
-from umo.objects.scaling import ByteArray, FloatArray, IntArray
+from umo.objects.scaling import BoolArray, ByteArray, FloatArray, IntArray
 from umo.objects.sensors import BinarySensor, DigitalSensor
 from umo.objects.states import TwoState
 
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
 
 A = TypeVar("A", bound=Atomic)
 FLOAT64 = np.dtype(np.float64)
-BoolArray = npt.NDArray[np.bool_]
 
 
 class Vector(Generic[A]):
