@@ -24,7 +24,7 @@ class Columns:
     """What changes while the machine runs.
 
     Sensors: `raws`, `values`, `quality`, `times` of the last reading. Actuators: `pending`, the value written; `sent`
-    and `sent_raws`, which belong together: what was given to the driver last; `raws`, `values`, `times`: what it has
+    and `sent_raws`, a pair: what the driver was given last, or is given next; `raws`, `values`, `times`: what it has
     accepted last; `stepped`, for those with a rate: the time of the last step, infinite while a reset is still to be
     accepted; `restrictions`, the command stage's own: whether it is to be asked before a write.
     """

@@ -199,10 +199,9 @@ class Ring:
         )
         old = frame.began - self._utc_read >= UTC_EVERY
         taken = 0 if self._machine.hands is None else self._machine.hands.inbox.taken
-        stands = not (
-            counted or old or taken != self._told_taken or journal.count or journal.sampled or journal.updated
-        )
-        if stands and self._seldom_stands and progress is self._told_progress:
+        told = taken == self._told_taken and progress is self._told_progress
+        stands = told and not (counted or old or journal.count or journal.sampled or journal.updated)
+        if stands and self._seldom_stands:
             return self._seldom_packed
         if counted:
             self._counts = *self.usage.read(), self.index
