@@ -28,7 +28,6 @@ from umo.cycle.phases import Phases
 from umo.frames import Layout, Reader, Ring, Stage
 from umo.frames.layout import ENTRY, arrange, describe_objects
 from umo.frames.memory import Ends, fill
-from umo.frames.ring import ENTRIES
 from umo.latency import blackbox, causes
 from umo.latency.blackbox import boxes, folder, save
 from umo.process import watcher
@@ -86,15 +85,16 @@ def test_a_box_of_a_ring_that_has_ended_holds_its_oldest_frame() -> None:
 def test_a_box_holds_what_the_journal_still_had(tmp_path: Path) -> None:
     each = 1000
     with running() as (_, ring, connection):
-        for number in range(12):
+        kept = ring.journal_entries // each
+        for number in range(kept + 4):
             write(ring, connection.machine.frame, number, each)
         with box_of(ring, tmp_path / "x.box") as box:
             frames = box.read()
             there = [box.journal(frame) is not None for frame in frames]
-            assert there == [False] * (12 - ENTRIES // each) + [True] * (ENTRIES // each)
+            assert there == [False] * 4 + [True] * kept
             entries = box.journal(frames[-1])
             assert entries is not None
-            assert entries["before"].tolist() == [-11] * each
+            assert entries["before"].tolist() == [-(kept + 3)] * each
 
 
 def test_a_box_of_a_ring_with_checksums_is_checked_too(tmp_path: Path) -> None:

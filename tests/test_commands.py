@@ -662,7 +662,7 @@ def test_what_guards_do_is_in_the_events_the_log_and_the_journal(caplog: pytest.
         m.heater.write(3.0)
         periods(m)
         put(m.door, PassFail.FAIL)
-        journal = connection.image.transfer.journal = Journal()
+        journal = connection.image.transfer.journal = Journal(100)
         begin(m)
         lines = [f"{event.path} {event.text}" for event in connection.machine.events]
         assert lines == [

@@ -17,13 +17,12 @@ import pytest
 from helpers.machines import bench, relay, wired
 from helpers.publishing import running, write, writer
 from umo import DigitalSensor, DriverError, FramesError, OnOff, connect, published
-from umo.cycle.journal import CAPACITY, Journal, Kind
+from umo.cycle.journal import Journal, Kind
 from umo.cycle.phases import Phases
 from umo.frames import Reader, Ring, Stage, rings
 from umo.frames.folder import folder
 from umo.frames.layout import Layout, describe_objects
 from umo.frames.memory import Ends
-from umo.frames.ring import ENTRIES
 from umo.testing import Scripted, VirtualTimer, periods
 
 
@@ -191,14 +190,15 @@ def test_a_frame_says_where_in_its_journal_the_transfers_of_the_whole_machine_st
 
 def test_what_found_no_room_in_the_journal_is_counted() -> None:
     with running() as (_, ring, connection), Reader(ring.path) as reader:
-        for number in range(CAPACITY + 5):
+        capacity = ring.journal.capacity
+        for number in range(capacity + 5):
             ring.journal.add(0, Kind.WRITE, number, number - 1)
         ring(connection.machine.frame)
         frame = reader.latest()
-        assert (frame["entries"], frame["entries_lost"]) == (CAPACITY, 5)
+        assert (frame["entries"], frame["entries_lost"]) == (capacity, 5)
         entries = reader.journal(frame)
         assert entries is not None
-        assert entries["raw"].tolist() == list(range(CAPACITY))
+        assert entries["raw"].tolist() == list(range(capacity))
         ring(connection.machine.frame)
         assert reader.latest()["entries_lost"] == 0
 
@@ -207,12 +207,12 @@ def test_the_journal_of_a_frame_is_whole_or_gone() -> None:
     """Through some laps of the journal, with entries over its end."""
     each = 1000
     with running() as (_, ring, connection), Reader(ring.path) as reader:
-        for number in range(3 * ENTRIES // each):
+        for number in range(3 * ring.journal_entries // each):
             write(ring, connection.machine.frame, number, each)
         frames = reader.read()
         journals = [reader.journal(frame) for frame in frames]
         there = [entries is not None for entries in journals]
-        assert there == [False] * (len(frames) - ENTRIES // each) + [True] * (ENTRIES // each)
+        assert there == [False] * (len(frames) - ring.journal_entries // each) + [True] * (ring.journal_entries // each)
         for frame, entries in zip(frames, journals, strict=True):
             if entries is not None:
                 assert entries["raw"].tolist() == [frame["number"]] * each

@@ -435,3 +435,39 @@ def test_the_channels_of_a_block_that_failed_are_in_the_journal_with_what_was_co
         assert entries is not None
         found = [(slot_of[f"sensors.{number}"], Kind.FAILED_READ, ErrorKind.OTHER, 0, 0) for number in range(3)]
         assert entries.tolist() == found
+
+
+def test_a_block_moved_again_that_fails_as_a_whole_has_moved_nothing_in_the_journal() -> None:
+    """`ChannelsFailed` that names no channel of the block means that all of them failed."""
+    machine, box = cell(), Scripted()
+    connection = connect(machine, wired(machine, box))
+    with connection as m, published(connection, "cell") as ring, Reader(ring.path) as reader:
+        m.timer.read()
+        m.update()
+        box.broken = ChannelsFailed({"nobody's": "x"})
+        with suppress(DriverError):
+            m.update()
+        box.broken = None
+        m.timer.read()
+        entries = reader.journal(reader.latest())
+        assert entries is not None
+        assert {(each["kind"], each["error"]) for each in entries} == {(Kind.FAILED_WRITE, ErrorKind.OTHER)}
+        assert len(entries) == 3
+
+
+def test_the_journals_of_objects_that_fail_for_long_are_kept_as_long_as_their_frames() -> None:
+    machine, box = cell(), Scripted()
+    connection = connect(machine, wired(machine, box))
+    with connection as m, published(connection, "cell") as ring, Reader(ring.path) as reader:
+        m.timer.read()
+        box.broken = OSError("cut")
+        for _ in range(3000):  # times six objects
+            for transfer in (m.sample, m.update):
+                with suppress(DriverError):
+                    transfer()
+            ring(connection.machine.frame)
+        box.broken = None
+        oldest = reader.read()[1]
+        entries = reader.journal(oldest)
+        assert entries is not None
+        assert len(entries) == len(machine.sensors) + len(machine.motors)

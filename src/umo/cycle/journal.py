@@ -10,12 +10,10 @@ from __future__ import annotations
 import struct
 from enum import IntEnum
 
-from umo.errors import ChannelsFailed
-
 ENTRY = struct.Struct("<IHHqq")
 """Slot, kind, error, raw, before: 24 bytes."""
 CAPACITY = 4096
-"""Entries of one period that are kept."""
+"""Entries of one period that are kept, beside one for each object: all may fail in a period."""
 NEVER = -1
 """The transfer of the whole machine did not take place in this period."""
 
@@ -32,6 +30,8 @@ class Kind(IntEnum):
     EXPIRED = 6
     INTERLOCKED = 7
     INITIALIZE = 8
+    ARRIVED = 9
+    """A worker process has brought a reading of its driver."""
 
 
 class ErrorKind(IntEnum):
@@ -47,8 +47,7 @@ class ErrorKind(IntEnum):
 
     @classmethod
     def of(cls, error: BaseException) -> ErrorKind:
-        if isinstance(error, ChannelsFailed):
-            return cls.CHANNELS
+        """That of a call that failed as a whole."""
         return cls.TIMEOUT if isinstance(error, TimeoutError) else cls.OTHER
 
 
@@ -58,7 +57,7 @@ class Journal:
     The timer's own reads are not kept: `missed` says the same.
     """
 
-    def __init__(self, capacity: int = CAPACITY) -> None:
+    def __init__(self, capacity: int) -> None:
         self.capacity = capacity
         self.buffer = bytearray(capacity * ENTRY.size)
         self.count = 0

@@ -82,6 +82,7 @@ class Phases:
                 transfer(channels, raws)
             except ChannelsFailed as error:
                 failed = error.causes
+                again = again and any(channel.text in failed for channel in block.channels)  # else all have failed
                 raise
             except BaseException:
                 again = False

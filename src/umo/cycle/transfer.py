@@ -167,7 +167,7 @@ class Transfer:
             raw = index(wire.driver.read(wire.channel))
         except FAILURES as error:
             self._mark(wire.driver, error, False)
-            self._note_failure(slot, Kind.FAILED_READ, error, None)
+            self._note_failure(slot, Kind.FAILED_READ, ErrorKind.of(error), None)
             raise
         self._moved(slot, raw, Kind.READ)
         return raw
@@ -181,7 +181,7 @@ class Transfer:
             wire.driver.write(wire.channel, raw)
         except FAILURES as error:
             self._mark(wire.driver, error, True)
-            self._note_failure(slot, Kind.FAILED_WRITE, error, raw)
+            self._note_failure(slot, Kind.FAILED_WRITE, ErrorKind.of(error), raw)
             raise
         self._moved(slot, raw, Kind.WRITE)
 
@@ -257,7 +257,7 @@ class Transfer:
             getattr(wire.driver, segment)(wire.channel, *default)
         except BaseException as error:  # whatever a driver raises, the others are still to be brought to their defaults
             self._mark(wire.driver, error, True, monotonic() - began)
-            self._note_failure(slot, Kind.FAILED_RESET, error, default[0] if default else None)
+            self._note_failure(slot, Kind.FAILED_RESET, ErrorKind.of(error), default[0] if default else None)
             return self.failure(slot, cause_of_failure(error))
         self._late.pop(id(wire.driver), None)
         if segment in _DONE:
@@ -284,9 +284,10 @@ class Transfer:
         failed = named or [(slot, whole) for slot in slots]
         if self.journal is not None:
             raws = {} if written is None else dict(zip(slots, written, strict=True))
+            kind = Kind.FAILED_READ if written is None else Kind.FAILED_WRITE
+            cause = ErrorKind.CHANNELS if named else ErrorKind.of(error)
             for slot, _ in failed:
-                kind = Kind.FAILED_READ if written is None else Kind.FAILED_WRITE
-                self._note_failure(slot, kind, error, raws.get(slot))
+                self._note_failure(slot, kind, cause, raws.get(slot))
         return failed
 
     def failure(self, slot: int, cause: str) -> Failure:
@@ -308,11 +309,11 @@ class Transfer:
             raw = self.raws[slot]
             self.journal.add(slot, kind, raw, raw)
 
-    def _note_failure(self, slot: int, kind: Kind, error: BaseException, raw: int | None) -> None:
+    def _note_failure(self, slot: int, kind: Kind, error: ErrorKind, raw: int | None) -> None:
         """Into the journal, if one is kept; `raw` is what was to be written."""
         if self.journal is not None and slot != self.timer:
             before = self.raws[slot]
-            self.journal.add(slot, kind, before if raw is None else raw, before, ErrorKind.of(error))
+            self.journal.add(slot, kind, before if raw is None else raw, before, error)
 
     def by_driver(self, slots: Iterable[int]) -> list[tuple[Driver[Any], list[int]]]:
         groups: dict[int, tuple[Driver[Any], list[int]]] = {}

@@ -113,6 +113,7 @@ FIXED: list[Column] = [
     ("progress", f"S{NOTE}", 1, "UTF-8: what the machine is doing"),
 ]
 RESTRICTIONS = "0 and 254 free, 255 taken by hand, else the number of the reason of its inhibition, from 1"
+STATES = "numbers of the states that the description names"
 SELDOM = struct.Struct(f"<{len(USAGE)}q12q{NOTE}s")
 """The fields from `USAGE` on, which change seldom."""
 
@@ -133,6 +134,12 @@ class Layout:
     """Path, arguments and meaning of each (`umo.objects.action`)."""
     tunables: tuple[dict[str, Any], ...] = ()
     """Path, unit and range of each."""
+    equipment: tuple[dict[str, Any], ...] = ()
+    """Path of each, and the names of its states by their numbers; empty in this version, as are the next two."""
+    axes: tuple[dict[str, Any], ...] = ()
+    """Path of each, and the names of its states by their numbers."""
+    alarms: tuple[dict[str, Any], ...] = ()
+    """Path of each, and the names of its states by their numbers."""
 
     @property
     def columns(self) -> list[Column]:
@@ -145,6 +152,9 @@ class Layout:
             ("raws", "<i8", count, ""),
             ("quality", "<u1", count, ", ".join(f"{int(quality)} {quality}" for quality in Quality)),
             ("restrictions", "<u1", count, RESTRICTIONS),
+            ("equipment", "<u1", len(self.equipment), STATES),
+            ("axes", "<u1", len(self.axes), STATES),
+            ("alarms", "<u1", len(self.alarms), STATES),
         ]
 
     @property
@@ -220,9 +230,20 @@ def arrange(layout: Layout, slots: int, entries: int, flags: int = 0) -> tuple[b
 
 
 _SCALARS = {column[0] for column in FIXED}
-_DESCRIBED = ("about", "objects", "signals", "phases", "interlocks", "actions", "tunables")
+_DESCRIBED = (
+    "about",
+    "objects",
+    "signals",
+    "phases",
+    "interlocks",
+    "actions",
+    "tunables",
+    "equipment",
+    "axes",
+    "alarms",
+)
 """The fields of `Layout`."""
-_WITH_PATHS = ("objects", "signals", "actions", "tunables")
+_WITH_PATHS = ("objects", "signals", "actions", "tunables", "equipment", "axes", "alarms")
 
 
 def _describe_journal() -> dict[str, Any]:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from umo.cycle.frame import Frame
 from umo.cycle.hands import Hands
-from umo.cycle.journal import Journal
+from umo.cycle.journal import CAPACITY, Journal
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.phases import UNKNOWN, Phases
 from umo.cycle.progress import Progress
@@ -49,8 +49,6 @@ from umo.system.utc import utc
 MOST_BYTES = 4 << 20
 MOST_SLOTS = 4096
 FEWEST_SLOTS = 16
-ENTRIES = 8192
-"""Entries of the journal: at least those of two of the longest periods."""
 ENTRY_BYTES = ENTRY.itemsize
 MOST = (1 << 63) - 1
 COUNTED_EVERY = 32
@@ -100,7 +98,10 @@ class Ring:
         self._entries = 0
         self.slot_bytes = layout.dtype.itemsize
         self.slots = max(min(MOST_BYTES // self.slot_bytes, MOST_SLOTS), FEWEST_SLOTS)
-        head, places = arrange(layout, self.slots, ENTRIES, CHECKSUM if checksum else 0)
+        capacity = CAPACITY + len(image.items)
+        self.journal_entries = max(2 * capacity, self.slots * len(image.items))
+        """Capacity of the journal: the entries of every frame that is kept, also where all objects fail for long."""
+        head, places = arrange(layout, self.slots, self.journal_entries, CHECKSUM if checksum else 0)
         self._first, self._journal_at, self._content = places.first, places.journal, layout.content
         self._events_at, self._tunables_at = places.events, places.tunables
         self._seldom_packed, self._seldom_stands, self._told_progress = b"", False, Progress()
@@ -118,7 +119,7 @@ class Ring:
         self._counts = *self.usage.read(), 0
         self._utc, self._utc_read, self._told_taken = utc(), time.monotonic_ns(), 0
         self._write = writer(image, layout, self._map)
-        image.transfer.journal = self.journal = Journal()
+        image.transfer.journal = self.journal = Journal(capacity)
 
     def state(self, state: Stage) -> None:
         self._live[STATE // 8] = state
@@ -221,10 +222,10 @@ class Ring:
     def _keep(self, journal: Journal) -> int:
         """The entries of this period; their checksum, if there is to be one. Readers are told first that these places
         are being written to."""
-        count, at = journal.count, self._entries % ENTRIES
+        count, at = journal.count, self._entries % self.journal_entries
         self._live[JOURNAL // 8] = self._entries = self._entries + count
         entries = memoryview(journal.buffer)[: count * ENTRY_BYTES]
-        here = min(count, ENTRIES - at) * ENTRY_BYTES  # the rest goes to the beginning
+        here = min(count, self.journal_entries - at) * ENTRY_BYTES  # the rest goes to the beginning
         start = self._journal_at + at * ENTRY_BYTES
         self._bytes[start : start + here] = entries[:here]
         self._bytes[self._journal_at : self._journal_at + len(entries) - here] = entries[here:]
