@@ -15,15 +15,15 @@ from umo.errors import (
     DeviceTimeout,
     DriverError,
     Failure,
-    Fault,
     Interlocked,
+    Mistake,
     StopError,
     TaskFailed,
     UmoError,
     WiringError,
+    text_of,
 )
 from umo.objects import Quality
-from umo.text import cause_of
 
 
 class GripError(TaskFailed):
@@ -40,7 +40,7 @@ MADE: list[UmoError] = [
     Interlocked("spindle", "the door is open"),
     ChannelError("dax:0", ["dac:N", "adc:N"]),
     ChannelsFailed({"dac:0": TimeoutError("no answer"), "dac:1": "short circuit"}),
-    WiringError("1 fault in the wiring", [Fault("box.toml", "wire.z", "is not wired")]),
+    WiringError("1 fault in the wiring", [Mistake("box.toml", "wire.z", "is not wired")]),
     DriverError("could not be sent", [FAILURE]),
     DeviceTimeout("no answer within 10 ms", [FAILURE]),
     StopError("not brought to their defaults", [FAILURE]),
@@ -65,6 +65,6 @@ def test_an_error_survives_pickle_and_copy_with_all_that_it_holds(error, again) 
 
 
 def test_the_cause_of_an_exception_without_a_text_is_its_type() -> None:
-    assert cause_of(AssertionError()) == "AssertionError"
-    assert cause_of(OSError()) == "OSError"
-    assert cause_of(ValueError("no\nsecond line")) == "ValueError: no"
+    assert text_of(AssertionError()) == "AssertionError"
+    assert text_of(OSError()) == "OSError"
+    assert text_of(ValueError("no\nsecond line")) == "ValueError: no"

@@ -846,16 +846,14 @@ def test_a_number_without_a_range_is_refused_where_it_is_declared() -> None:
         actions_of(Wrong(lamp=relay()))
 
 
-def test_an_annotation_that_cannot_be_evaluated_is_a_mistake_of_the_declaration() -> None:
+def test_an_argument_whose_annotation_cannot_be_evaluated_is_a_mistake_of_the_declaration() -> None:
     class Wrong(Compound):
         lamp: BinaryActuator[OnOff]
 
         @action
-        def go(self) -> Nowhere: ...  # type: ignore[name-defined]  # noqa: F821
+        def go(self, where: Nowhere) -> None: ...  # type: ignore[name-defined]  # noqa: F821
 
-    with pytest.raises(
-        DeclarationError, match="action go: its annotations cannot be evaluated: NameError: name 'Nowhere'"
-    ):
+    with pytest.raises(DeclarationError, match="action go: argument where must be annotated as float"):
         actions_of(Wrong(lamp=relay()))
 
 

@@ -402,7 +402,7 @@ def test_the_lint_finds_invalid_raws_that_cannot_be_read() -> None:
     machine = bench()
     with pytest.raises(WiringError) as caught, connect(machine, wired(machine, Scripted(), entries=entries, adc=box)):
         pass
-    assert [(fault.key, fault.message) for fault in caught.value.faults] == [
+    assert [(fault.key, fault.message) for fault in caught.value.mistakes] == [
         ('wire."motor".invalid_raws', "is for sensors; this is an actuator"),
         ('wire."encoder".invalid_raws', "32768 cannot be read: channel 'adc' has -32768 to 32767"),
     ]

@@ -16,7 +16,7 @@ from umo import Compound, DigitalActuator, DigitalSensor, DriverError, RangeErro
 from umo.cli.result import Result
 from umo.control import until, wait
 from umo.cycle.trace import Statistics
-from umo.errors import DeclarationError, Failure, Fault, WiringError
+from umo.errors import DeclarationError, Failure, Mistake, WiringError
 from umo.process.outcome import Failed, message_of
 from umo.testing import Scripted, periods
 
@@ -162,7 +162,7 @@ def test_notes_share_the_second_line_and_the_faults_of_a_wiring_keep_their_own()
     error.add_note("three\nfour")
     error.add_note("five")
     assert message_of(error) == "ValueError: one\ntwo; three; four; five"
-    wiring = WiringError("2 faults", [Fault("a.toml", "wire.x", "wrong"), Fault("a.toml", "wire.y", "wrong")])
+    wiring = WiringError("2 faults", [Mistake("a.toml", "wire.x", "wrong"), Mistake("a.toml", "wire.y", "wrong")])
     assert message_of(wiring) == "2 faults\na.toml: wire.x: wrong\na.toml: wire.y: wrong"
     assert message_of(DeclarationError("no timer")) == "no timer"
 

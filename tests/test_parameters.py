@@ -15,8 +15,8 @@ from umo.cli.station_options import options_of, parse
 from umo.errors import OptionError, UmoError
 from umo.process.job import Job, Plan
 from umo.process.station import StationError, find
+from umo.signature import parameters_of
 from umo.system import packages
-from umo.wiring.parameters import parameters_of
 
 OBJECTS = """
 from enum import Enum
@@ -162,7 +162,7 @@ def test_an_application_in_its_own_process_receives_members_of_an_enum(row: Path
 def test_a_value_that_a_type_does_not_have_is_named(row: Path) -> None:
     with pytest.raises(OptionError, match="--mode: input should be 'fast' or 'slow', not 'medium'"):
         Plan(Job(str(row), options={"mode": "medium"}))
-    with pytest.raises(OptionError, match=r"--k: invalid choice: '3' \(choose from 1, 2\)"):
+    with pytest.raises(OptionError, match=r"Invalid value for '--k': '3' is not one of '1', '2'"):
         parse(find(row), None, ["--k", "3"])
 
 

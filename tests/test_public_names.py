@@ -36,5 +36,5 @@ def test_the_hierarchy_drawn_at_the_top_of_errors_is_the_real_one():
         assert bases == [parents[-1], *([beside] if beside else [])]
         parents.append(name)
         left.discard(name)
-    assert {"UmoError", "Cancelled", "Failure", "Fault"} == left
+    assert {"UmoError", "Cancelled", "Failure", "Mistake"} == left
     assert issubclass(umo.Cancelled, BaseException) and not issubclass(umo.Cancelled, Exception)

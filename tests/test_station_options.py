@@ -91,9 +91,9 @@ def test_the_parameters_of_an_application_are_options_by_name_and_type(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--strokes", "many"], "press: argument --strokes: invalid int value: 'many'"),
-        (["--strokes"], "press: argument --strokes: expected one argument"),
-        (["--mode", "medium"], "press: argument --mode: invalid choice: 'medium'"),
+        (["--strokes", "many"], "press: Invalid value for '--strokes': 'many' is not"),
+        (["--strokes"], "press: Option '--strokes' requires an argument"),
+        (["--mode", "medium"], "press: Invalid value for '--mode': 'medium' is not one of"),
         (["--stroke", "3"], "press has no option --stroke (did you mean 'strokes'?); it has: --strokes, --force"),
         (["stray"], "press: unexpected argument 'stray'"),
     ],
@@ -185,7 +185,7 @@ def test_every_command_takes_the_options_of_the_machine(umo: Any, row: Path) -> 
     ("words", "message"),
     [
         (("check", "--gauge", "3"), "row has no option --gauge (did you mean 'gauges'?); it has: --gauges, --top"),
-        (("tree", "--gauges", "x"), "row: argument --gauges: invalid int value: 'x'"),
+        (("tree", "--gauges", "x"), "row: Invalid value for '--gauges': 'x' is not"),
         (("check", "x"), "unexpected argument 'x'"),
         (("get", "gauges.0", "--nonsense"), "row has no option --nonsense"),
         (("check", "--gauges", "0"), "a row needs a gauge"),

@@ -95,7 +95,7 @@ def test_a_mapping_may_hold_what_a_file_cannot() -> None:
     [
         ("nothing", "Recorder.channel returned None, not a Channel"),
         ("leave", "SystemExit: 0 ("),
-        ("mute", "Mute (its text cannot be shown)"),
+        ("mute", "Mute: its text cannot be shown"),
     ],
 )
 def test_a_channel_that_a_driver_cannot_make_is_a_fault(tmp_path: Path, channel: str, expected: str) -> None:

@@ -2,7 +2,7 @@
 
 UmoError
 |-- DeclarationError (TypeError)     the declaration: a wrong child, default, range or unit
-|-- WiringError (ValueError)         the wiring: every fault found, each with its file and key
+|-- WiringError (ValueError)         the wiring: every mistake, with its file and key
 |   `-- ChannelError                 a channel's text, with the forms its driver knows
 |-- RangeError (ValueError)          a value beyond its object's range, NaN or infinite
 |-- StateError (TypeError)           a state of another two-state type
@@ -18,8 +18,8 @@ UmoError
 |-- CommandRefused (RuntimeError)    a command from outside: without the lease, or not in this mode
 |   `-- LeaseHeld                    another hand has the lease
 |-- Busy (RuntimeError)              a motion was started on an axis in motion
-|-- TimeExpired (TimeoutError)       a condition was not true within its timeout
-|-- TaskFailed (RuntimeError)        the machine could not do its work: base of a station's own errors
+|-- TaskFailed                       the machine could not do its work: base of a station's own errors
+|   |-- TimeExpired (TimeoutError)   a condition was not true within its timeout
 |   |-- AxisError                    an axis does not follow its setpoint, or does not arrive
 |   `-- HomingError                  an axis did not find its reference
 |-- FramesError (RuntimeError)       frames cannot be published or read
@@ -40,7 +40,7 @@ from traceback import walk_stack, walk_tb
 from types import TracebackType
 from typing import Any
 
-from umo.text import cause_of, did_you_mean, some
+from umo.text import did_you_mean, in_a_line, in_brackets, place_of, some, str_of
 
 
 class UmoError(Exception):
@@ -63,8 +63,8 @@ class DeclarationError(UmoError, TypeError):
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
-    """One fault of a wiring: file, key and message."""
+class Mistake:
+    """A mistake in a wiring: file, key and message."""
 
     file: str
     key: str
@@ -75,19 +75,15 @@ class Fault:
 
 
 class WiringError(UmoError, ValueError):
-    """The wiring does not fit the machine; `faults` lists all faults."""
+    """The wiring does not fit the machine; `mistakes` lists all of them."""
 
-    def __init__(self, message: str, faults: Sequence[Fault] = ()) -> None:
-        super().__init__("\n".join([message, *map(str, faults)]) if faults else message)
-        self.faults = tuple(faults)
+    def __init__(self, message: str, mistakes: Sequence[Mistake] = ()) -> None:
+        super().__init__("\n".join([message, *map(str, mistakes)]) if mistakes else message)
+        self.mistakes = tuple(mistakes)
 
 
 _PLACEHOLDER = re.compile(r"(?<![^\W_])(?:N|TYPE)(?![^\W_])|[{\[]")
 """The part of a form such as "coil:N" that makes it no text of a channel."""
-
-
-_WAITING = opmap["YIELD_VALUE"]
-"""The instruction at which a generator or coroutine waits."""
 
 
 class ChannelError(WiringError):
@@ -173,7 +169,7 @@ class ChannelsFailed(DriverError):
     """
 
     def __init__(self, causes: Mapping[str, Exception | str]) -> None:
-        self.causes = {text: cause if isinstance(cause, str) else cause_of(cause) for text, cause in causes.items()}
+        self.causes = {text: cause if isinstance(cause, str) else text_of(cause) for text, cause in causes.items()}
         for cause in causes.values():
             if not isinstance(cause, str):
                 forget_frames(cause)  # the frame that collected them is among these
@@ -217,12 +213,12 @@ class Busy(UmoError, RuntimeError):
     """The axis is already in motion."""
 
 
-class TimeExpired(UmoError, TimeoutError):
-    """A condition was not true within its timeout."""
-
-
-class TaskFailed(UmoError, RuntimeError):
+class TaskFailed(UmoError):
     """The machine could not carry out its task. Base class for the errors of a station."""
+
+
+class TimeExpired(TaskFailed, TimeoutError):
+    """A condition was not true within its timeout."""
 
 
 class AxisError(TaskFailed):
@@ -249,6 +245,16 @@ class Cancelled(BaseException):
     """Raised inside a sequence when the machine stops or when a sequence in the same `together` failed."""
 
 
+def text_of(error: BaseException) -> str:
+    """The one text of an exception, in one line. One of umo, of the operating system or of a device explains itself;
+    any other comes from a mistake in code: its type is before its text, the place where it was raised behind it."""
+    text = in_a_line(str_of(error))
+    if text and isinstance(error, UmoError | OSError):
+        return text
+    first = str_of(error).strip().partition("\n")[0]
+    return ": ".join(filter(None, (type(error).__name__, first))) + in_brackets(place_of(error))
+
+
 def forget_frames(error: BaseException) -> None:
     """Drop the frames that an error and what led to it keep; for an error whose text has been taken and that ends here.
 
@@ -267,6 +273,10 @@ def forget_frames(error: BaseException) -> None:
             each.__traceback__ = None
             waiting += [each.__cause__, each.__context__]
             waiting += each.exceptions if isinstance(each, BaseExceptionGroup) else ()
+
+
+_WAITING = opmap["YIELD_VALUE"]
+"""The instruction at which a generator or coroutine waits."""
 
 
 def _clear(trace: TracebackType) -> None:

@@ -1,4 +1,4 @@
-"""Words for messages: the nearest known name, the cause of an exception in one line, when and where it was raised."""
+"""Words for messages: the nearest known name, when and where an exception was raised."""
 
 from __future__ import annotations
 
@@ -35,20 +35,12 @@ class Moment(str):
         return cls(f"at {f'{seconds:.3f}'.rstrip('0').rstrip('.')} s")
 
 
-def cause_of(error: BaseException) -> str:
-    """The text of an exception in one line; its type first, unless it comes from the operating system or a device."""
-    text = text_of(error).partition("\n")[0]
-    if not text:
-        return type(error).__name__
-    return text if isinstance(error, OSError) else f"{type(error).__name__}: {text}"
-
-
-def text_of(error: BaseException) -> str:
+def str_of(error: BaseException) -> str:
     """`str(error)`, whatever its `__str__` does."""
     try:
         return str(error)
     except BaseException:
-        return f"{type(error).__name__} (its text cannot be shown)"
+        return "its text cannot be shown"
 
 
 def add_note(error: BaseException, note: str) -> None:
@@ -57,20 +49,9 @@ def add_note(error: BaseException, note: str) -> None:
         error.add_note(note)
 
 
-def reason_of(error: BaseException) -> str:
-    """The text of an exception of a driver's code; its type and place where that is nothing (`sys.exit(0)`)."""
-    text = text_of(error)
-    return text if text and isinstance(error, Exception) else located(error)
-
-
-def located(error: BaseException) -> str:
-    """The cause, with its place where that is known."""
-    return f"{cause_of(error)}{in_brackets(place_of(error))}"
-
-
-def reported(error: BaseException) -> str:
-    """The cause of a failed call of a driver: what the device says; for a mistake in its code the place too."""
-    return cause_of(error) if isinstance(error, OSError) else located(error)
+def in_a_line(text: str) -> str:
+    """Its lines, with "; " between them."""
+    return "; ".join(line.strip() for line in text.splitlines() if line.strip())
 
 
 def in_brackets(*words: str) -> str:

@@ -15,8 +15,7 @@ from functools import partial
 from math import nan
 from typing import Any, NamedTuple
 
-from umo.errors import Cancelled, TaskFailed, UmoError, forget_frames
-from umo.text import in_brackets, located, place_of, text_of
+from umo.errors import Cancelled, TaskFailed, UmoError, forget_frames, text_of
 
 LONGEST = 2000
 """Characters of an error that are told."""
@@ -28,10 +27,10 @@ class Raised(NamedTuple):
 
     kind: type[BaseException]
     text: str
-    """The text of the error; with its type and place, unless it is one of umo's errors."""
+    """`text_of` the exception."""
 
     def __str__(self) -> str:
-        """The text, with the type in any case."""
+        """The text, with the type in any case: a client raises the same error."""
         return f"{self.kind.__name__}: {self.text}" if issubclass(self.kind, UmoError) else self.text
 
 
@@ -53,8 +52,6 @@ def told(error: BaseException) -> Raised:
     if is_interrupt(error):
         raise error
     text = text_of(error)
-    if not isinstance(error, UmoError):
-        text = ": ".join(filter(None, (type(error).__name__, text))) + in_brackets(place_of(error))
     forget_frames(error)
     return Raised(type(error), text if len(text) <= LONGEST else f"{text[:LONGEST]}...")
 
@@ -68,14 +65,14 @@ def told_as(kind: type[UmoError], what: str) -> Iterator[None]:
     except BaseException as error:
         if isinstance(error, UmoError) or is_interrupt(error):
             raise
-        raise kind(f"{what}: {located(error)}") from error
+        raise kind(f"{what}: {text_of(error)}") from error
 
 
 def refuse_exit(error: BaseException, what: str) -> None:
     """TaskFailed in the place of what is no Exception: it would end the whole run without a word, `sys.exit(0)` even as
     if all were well. A Ctrl-C, and the Cancelled of a sequence, are not refused."""
     if not isinstance(error, Exception | Cancelled) and not is_interrupt(error):
-        raise TaskFailed(f"{what} raised {located(error)}; it must end by returning or with an error") from error
+        raise TaskFailed(f"{what} raised {text_of(error)}; it must end by returning or with an error") from error
 
 
 def is_interrupt(error: BaseException) -> bool:

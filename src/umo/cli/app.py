@@ -11,8 +11,7 @@ from typing import Annotated, Any, TypeVar
 
 import typer
 
-from umo.errors import UmoError
-from umo.text import cause_of, located
+from umo.errors import UmoError, text_of
 
 from .mistakes import MISTAKE, CommandLine, Subcommand
 
@@ -114,7 +113,7 @@ def guarded(work: Callable[[], int | None]) -> None:
     except KeyboardInterrupt:
         status = 128 + signal.SIGINT
     except BaseException as error:  # SystemExit too: whoever ends Python in the middle has not succeeded
-        status = _said(f"{located(error)}", FAILED)
+        status = _said(f"{text_of(error)}", FAILED)
     raise typer.Exit(status)
 
 
@@ -127,7 +126,7 @@ def _said(text: str, status: int) -> int:
 
 def _about_file(error: OSError | UnicodeError) -> str:
     name, why = getattr(error, "filename", None), getattr(error, "strerror", None)
-    return f"{os.fsdecode(name)}: {why}" if isinstance(name, str | bytes) and why else cause_of(error)
+    return f"{os.fsdecode(name)}: {why}" if isinstance(name, str | bytes) and why else text_of(error)
 
 
 def finite(value: float | None) -> float | None:

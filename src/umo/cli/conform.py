@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
-from inspect import signature
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -20,16 +19,17 @@ from umo.cycle.stopping import SIGNALS, signal_name
 from umo.cycle.transfer import PATIENCE
 from umo.drivers import Direction, Driver
 from umo.drivers.streams import Host, Serial
-from umo.errors import DriverError, PathError, StopError
+from umo.errors import DriverError, PathError, StopError, text_of
 from umo.objects import Compound, Digital
 from umo.objects.units import convert
 from umo.process.outcome import FAILED
 from umo.process.station import Station, StationError, find
+from umo.signature import signature_of
 from umo.system.custody import Custody
 from umo.system.packages import station_of
 from umo.testing.conformance import Certificate, Input, Output, PtyTap, Subject, Tap, TcpTap, all_rules, conform
 from umo.testing.conformance.process import State, state
-from umo.text import did_you_mean, in_brackets, reported, some
+from umo.text import did_you_mean, in_brackets, some
 from umo.wiring import Wire, Wired, resolve
 from umo.wiring.faults.wrapper import bare
 from umo.wiring.options import maker_of
@@ -288,8 +288,10 @@ def _kept(custody: Custody) -> Iterator[list[str]]:
 @contextmanager
 def _line(subject: Subject, make: partial[Driver[Any]], place: object) -> Iterator[Subject]:
     """With a tap before the device, if the driver's address can be changed."""
-    parameters = signature(make.func).parameters
-    options = {name: parameters[name].default for name in ("host", "port", "serial") if name in parameters}
+    parameters = signature_of(make.func)
+    options: dict[str, Any] = {
+        name: parameters[name].default for name in ("host", "port", "serial") if name in parameters
+    }
     options |= {name: value for name, value in make.keywords.items() if name in options}
     tap = _tap(options, place)
     with tap or nullcontext():
@@ -319,7 +321,7 @@ def _made(subject: Subject, name: str) -> Driver[Any]:
     try:
         return subject.make()
     except Exception as error:
-        raise DriverError(f"driver {name} cannot be made once more: {reported(error)}") from error
+        raise DriverError(f"driver {name} cannot be made once more: {text_of(error)}") from error
 
 
 def _check_opens(subject: Subject, name: str) -> None:
@@ -335,7 +337,7 @@ def _check_opens(subject: Subject, name: str) -> None:
             driver.initialize(inputs[0], None)
             driver.read(inputs[0])
     except Exception as error:
-        raise DriverError(f"driver {name}{in_brackets(subject.device)}: {reported(error)}") from error
+        raise DriverError(f"driver {name}{in_brackets(subject.device)}: {text_of(error)}") from error
     finally:
         driver.close()
 

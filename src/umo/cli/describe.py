@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,14 +13,17 @@ from rich.text import Text
 from rich.tree import Tree
 
 from umo.drivers import Driver, registry
-from umo.errors import ChannelError, WiringError
+from umo.errors import ChannelError, WiringError, text_of
+from umo.signature import parameters_of, signature_of
 from umo.system.packages import package_of
-from umo.text import options_in, reason_of
+from umo.text import options_in
 
 from .console import out
 from .show import label
 from .station_options import options_of_driver, values_of
 
+_MODULES = re.compile(r"\b[a-z_]\w*\.(?=[\w.])")
+"""The modules before the name of a type."""
 FUNCTIONS = [name for name, value in vars(Driver).items() if inspect.isfunction(value)]
 """Functions of a driver, in the order of the contract."""
 OF_ALL = {
@@ -84,11 +88,7 @@ def _doc(cls: type[Driver]) -> str:
 
 
 def _parameters(cls: type[Driver]) -> dict[str, inspect.Parameter]:
-    try:
-        found = inspect.signature(cls).parameters.values()
-    except (TypeError, ValueError):  # a class without a signature
-        return {}
-    return {each.name: each for each in found if each.kind in (each.POSITIONAL_OR_KEYWORD, each.KEYWORD_ONLY)}
+    return parameters_of(cls)
 
 
 def _of_all(cls: type[Driver]) -> dict[str, tuple[str, str]]:
@@ -103,8 +103,11 @@ def _brief(parameter: inspect.Parameter) -> str:
 def _written(parameter: inspect.Parameter) -> str:
     """`host: str = '127.0.0.1'`, as in the source; `model: Path (required)`."""
     kind = parameter.annotation
-    text = kind if isinstance(kind, str) else inspect.formatannotation(kind)
-    name = parameter.name if kind is parameter.empty else f"{parameter.name}: {text}"
+    name = (
+        parameter.name
+        if kind is parameter.empty
+        else f"{parameter.name}: {_MODULES.sub('', inspect.formatannotation(kind))}"
+    )
     return f"{name} (required)" if parameter.default is parameter.empty else f"{name} = {parameter.default!r}"
 
 
@@ -115,7 +118,7 @@ def _forms(cls: type[Driver], given: dict[str, Any]) -> str:
         driver = _made(cls, given)
     except (Exception, SystemExit) as error:
         if given:
-            raise WiringError(reason_of(error)) from error
+            raise WiringError(text_of(error)) from error
         return ", ".join(cls.forms)
     try:
         driver.channel("?")
@@ -132,4 +135,4 @@ def _made(cls: type[Driver], given: dict[str, Any]) -> Driver:
         return cls()
     from umo.wiring.entry import options_of
 
-    return cls(**options_of(cls.__name__, inspect.signature(cls, eval_str=True).parameters, given))
+    return cls(**options_of(cls.__name__, signature_of(cls), given))

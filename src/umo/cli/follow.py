@@ -12,13 +12,13 @@ from typing import Any
 from umo.cycle.progress import Progress
 from umo.cycle.signals import Signal
 from umo.cycle.stopping import SIGNALS
+from umo.errors import text_of
 from umo.frames import Reader
 from umo.frames.frames_table import progress_of
 from umo.objects import Atomic, Compound
 from umo.process import Started
 from umo.process.job import Job
 from umo.process.outcome import Outcome
-from umo.text import cause_of
 
 from .console import err
 from .running import readers
@@ -96,7 +96,7 @@ def _show(frames: Reader, seen: Seen, observers: list[Callable[[Any], None]]) ->
             for observer in observers:
                 observer(seen)
     except Exception as error:
-        _say(f"the periods of this run are neither shown nor recorded any longer: {cause_of(error)}")
+        _say(f"the periods of this run are neither shown nor recorded any longer: {text_of(error)}")
         seen.whole = False
 
 

@@ -10,10 +10,11 @@ from typing import Any
 from umo.cycle import connect, drive
 from umo.cycle.stopping import TimeLimit, signal_name
 from umo.cycle.trace import Statistics, Trace
+from umo.errors import text_of
 from umo.process.job import Job, Plan
 from umo.process.outcome import NOT_RECORDED, TIME_OVER, Failed, Outcome, plain, plain_reports
 from umo.process.start import LINUX
-from umo.text import cause_of, printable
+from umo.text import printable
 
 from .console import err, out
 from .follow import Seen, follow
@@ -174,5 +175,5 @@ def _plot(title: str, trace: Trace, folder: RunFolder, signals: Interruptions) -
     except OSError as error:
         folder.lost("plot.png", error)
     except Exception as error:  # a name that it cannot show
-        err.print(f"umo: the plot could not be drawn: {cause_of(error)}", soft_wrap=True)
+        err.print(f"umo: the plot could not be drawn: {text_of(error)}", soft_wrap=True)
     return ""

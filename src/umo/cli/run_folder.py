@@ -18,9 +18,8 @@ from typing import Any
 
 from umo.cycle import Frame
 from umo.cycle.trace import Trace, lines
-from umo.errors import UmoError
+from umo.errors import UmoError, text_of
 from umo.process.job import Plan
-from umo.text import cause_of
 from umo.wiring.parameters import as_plain
 
 from .console import err
@@ -60,7 +59,7 @@ class RunFolder:
         except OSError as error:
             if folder is not None:
                 folder.discard()
-            why = "it is not a folder" if RUNS.is_file() else error.strerror or cause_of(error)
+            why = "it is not a folder" if RUNS.is_file() else error.strerror or text_of(error)
             raise NotRecorded(f"{RUNS}/ cannot be written: {why}; --no-record runs without a record") from error
         return folder
 
@@ -93,7 +92,7 @@ class RunFolder:
     def lost(self, name: str, error: OSError) -> None:
         """Say that a file could not be written: the record is not complete."""
         self.complete = False
-        err.print(f"umo: {self.path / name} could not be written: {cause_of(error)}", style="red", soft_wrap=True)
+        err.print(f"umo: {self.path / name} could not be written: {text_of(error)}", style="red", soft_wrap=True)
 
 
 class TraceFile:
@@ -117,7 +116,7 @@ class TraceFile:
             self._failed = True
             _remove(self._path)  # it may end in the middle of a row
             err.print(
-                f"umo: {self._path} cannot be written: {cause_of(error)}; the run goes on, and its trace is written at "
+                f"umo: {self._path} cannot be written: {text_of(error)}; the run goes on, and its trace is written at "
                 "its end, if it can be",
                 style="red",
                 soft_wrap=True,

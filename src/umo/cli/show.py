@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rich.text import Text
 
-from umo.errors import Fault, OptionError
+from umo.errors import Mistake, OptionError
 from umo.objects import Compound, actions_of, tunables_of
 from umo.objects.interlock import interlocks_of
 from umo.process.station import Station
@@ -64,7 +64,7 @@ def _count(number: int, what: str) -> str:
     return f"{number} {what}{'s' * (number != 1)}"
 
 
-def reported(faults: list[Fault]) -> int:
+def reported(faults: list[Mistake]) -> int:
     """Print every fault; how many there are."""
     for fault in faults:
         err.print(str(fault), soft_wrap=True)

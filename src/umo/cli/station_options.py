@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import argparse
 import inspect
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
+import click
+from click.core import ParameterSource
 from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
@@ -19,22 +19,13 @@ from umo.drivers import Driver, registry
 from umo.errors import OptionError
 from umo.objects import Compound
 from umo.process.station import Station
+from umo.signature import choices_of, is_plain, item_of, parameters_of, without_none
 from umo.text import did_you_mean, options_in
 from umo.wiring import driver_options
-from umo.wiring.parameters import (
-    arguments_for,
-    choices_of,
-    flag,
-    is_plain,
-    item_of,
-    parameters_of,
-    typed,
-    without_none,
-)
+from umo.wiring.parameters import arguments_for, flag
 
 TYPES = {int: "INTEGER", float: "NUMBER", str: "TEXT", Path: "PATH"}
-NEGATIVE = re.compile(r"-(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$", re.I)
-"""A value, not an option."""
+NUMBERS: dict[Any, click.ParamType[Any]] = {int: click.INT, float: click.FLOAT}
 
 
 @dataclass(frozen=True)
@@ -63,20 +54,13 @@ class Option:
         item = item_of(self.kind)
         return "|".join(map(str, choices)) if (choices := choices_of(item)) else TYPES.get(item, "TEXT")
 
-    def add_to(self, parser: argparse.ArgumentParser) -> None:
+    @property
+    def parameter(self) -> click.Option:
         item = item_of(self.kind)
-        how: dict[str, Any] = {"dest": self.name, "default": argparse.SUPPRESS}
         if item is bool:
-            parser.add_argument(self.flag, action=argparse.BooleanOptionalAction, **how)
-            return
-        if item is not self.kind:
-            how["action"] = "append"
-        if choices := choices_of(item):
-            by_text = {str(choice): choice for choice in choices}
-            how |= {"choices": choices, "type": lambda text: by_text.get(text, text)}
-        elif item in (int, float):
-            how["type"] = item
-        parser.add_argument(self.flag, **how)
+            return click.Option([self.name, f"{self.flag}/{flag('no_' + self.name)}"], default=None)
+        kind = click.Choice(choices) if (choices := choices_of(item)) else NUMBERS.get(item, click.STRING)
+        return click.Option([self.name, self.flag], type=kind, multiple=item is not self.kind)
 
 
 def options_of(station: Station, wiring: str | None, *, application: bool = True) -> list[Option]:
@@ -86,7 +70,6 @@ def options_of(station: Station, wiring: str | None, *, application: bool = True
     if application and station.main is not None:
         found = {option.name: option for option in _of_function(station.main, "application", skip=1)} | found
     for name, (driver, parameter) in driver_options(station.wiring(wiring)).items():
-        parameter = typed(parameter, {})
         if name not in found and is_plain(parameter.annotation):
             found[name] = _option(parameter, driver, registry.find(driver))
     return list(found.values())
@@ -112,12 +95,7 @@ def parse(
 
 def options_of_driver(cls: type[Driver], name: str) -> list[Option]:
     """Options of a driver that a text can give."""
-    try:
-        parameters = inspect.signature(cls, eval_str=True).parameters.values()
-    except (TypeError, ValueError, NameError):  # a class without a signature
-        return []
-    found = [typed(each, {}) for each in parameters]
-    return [_option(each, name, cls) for each in found if is_plain(each.annotation)]
+    return [_option(each, name, cls) for each in parameters_of(cls).values() if is_plain(each.annotation)]
 
 
 def values_of(name: str, options: Sequence[Option], arguments: Sequence[str]) -> dict[str, Any]:
@@ -148,12 +126,15 @@ def machine_and_words(station: Station, arguments: Sequence[str]) -> tuple[Compo
 
 
 def _parse(name: str, options: Sequence[Option], arguments: Sequence[str]) -> tuple[dict[str, Any], list[str]]:
-    parser = _Parser(prog=name, add_help=False, allow_abbrev=False)
-    parser._negative_number_matcher = NEGATIVE
-    for option in options:
-        option.add_to(parser)
-    given, others = parser.parse_known_args(list(arguments))
-    return vars(given), others
+    settings = {"ignore_unknown_options": True, "allow_extra_args": True}
+    command = click.Command(name, settings, params=[option.parameter for option in options], add_help_option=False)
+    try:
+        context = command.make_context(name, list(arguments))
+    except click.ClickException as error:
+        raise OptionError(f"{name}: {error.format_message()}") from None
+    source, found = context.get_parameter_source, context.params.items()
+    given = {key: value for key, value in found if source(key) is ParameterSource.COMMANDLINE}
+    return {key: [*value] if isinstance(value, tuple) else value for key, value in given.items()}, context.args
 
 
 def _unknown(taker: str, options: Sequence[Option], argument: str) -> str:
@@ -176,11 +157,6 @@ def help_panel(station: Station, wiring: str | None, *, application: bool = True
         about = "  ".join(filter(None, (option.about.rstrip("."), shown)))
         table.add_row(*map(Text, (option.flag, option.metavar, option.taker, about)))
     return Panel(table, title=f"Options of {station.name}", title_align="left", border_style="dim")
-
-
-class _Parser(argparse.ArgumentParser):
-    def error(self, message: str) -> NoReturn:
-        raise OptionError(f"{self.prog}: {message}")
 
 
 def _of_function(function: Any, taker: str, skip: int = 0) -> list[Option]:

@@ -17,10 +17,10 @@ from umo.cycle.image import Image
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.stopping import StopFlag
 from umo.cycle.transfer import PATIENCE, settling, wait_for
-from umo.errors import DeclarationError, DriverError, Failure, StopError
+from umo.errors import DeclarationError, DriverError, Failure, StopError, text_of
 from umo.objects import Compound
 from umo.system.custody import Custody
-from umo.text import Moment, add_note, cause_of
+from umo.text import Moment, add_note
 from umo.user_code import attempt
 from umo.wiring import Wired, resolve, share
 from umo.wiring.faults.wrapper import bare
@@ -238,7 +238,7 @@ class connect(Generic[C]):
             if raised is None:
                 raised = error
             elif error is not None:
-                add_note(raised, f"also, while {what}: {cause_of(error)}" if what else str(error))
+                add_note(raised, f"also, while {what}: {text_of(error)}" if what else str(error))
         if raised is not None and raised is not cause:
             raise raised
 
@@ -259,7 +259,7 @@ class connect(Generic[C]):
         if self._custody is self.custody:  # its keeper looks after what was not reached
             return
         if unreached:
-            what = "the connection was closed" if cause is None else cause_of(cause)
+            what = "the connection was closed" if cause is None else text_of(cause)
             self._custody.stopped(what, [failure.path for failure in unreached])
         elif self.started:
             self._custody.finish()

@@ -20,9 +20,9 @@ from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
 from umo.drivers.simulated import Simulated
 from umo.drivers.timerfd import WhileWaiting
+from umo.errors import text_of
 from umo.objects import Atomic, Compound
 from umo.objects.atomic import Calibration
-from umo.text import located
 from umo.wiring.faults.wrapper import bare
 from umo.wiring.resolved import Wire, Wired
 
@@ -94,7 +94,7 @@ class Rehearsal:
 
 
 def _give_up(error: Exception) -> None:
-    log.warning("periods are not rehearsed: %s", located(error))
+    log.warning("periods are not rehearsed: %s", text_of(error))
 
 
 def _good_raw(wire: Wire) -> int:

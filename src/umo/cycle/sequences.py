@@ -15,8 +15,8 @@ from types import CoroutineType, coroutine
 from typing import Any, Protocol
 
 from umo.duration import seconds as in_seconds
-from umo.errors import Cancelled, TaskFailed, TimeExpired
-from umo.text import add_note, cause_of, in_brackets, located, place_among, shown_path, text_of
+from umo.errors import Cancelled, TaskFailed, TimeExpired, text_of
+from umo.text import add_note, in_brackets, place_among, shown_path, str_of
 from umo.user_code import refuse_exit
 
 
@@ -203,7 +203,7 @@ class Task:
             self.cancel()
             raise
         if self.error is not None:
-            raise TaskFailed(f"{self._name} failed: {located(self.error)}") from self.error
+            raise TaskFailed(f"{self._name} failed: {text_of(self.error)}") from self.error
         if self._cancelled:
             raise TaskFailed(f"{self._name} was cancelled")
         return self.result
@@ -240,7 +240,7 @@ class Task:
         except BaseException as error:
             self.done = True
             refuse_exit(error, self._name)
-            if isinstance(error, RuntimeError) and text_of(error) == "no running event loop":  # asyncio.sleep, for one
+            if isinstance(error, RuntimeError) and str_of(error) == "no running event loop":  # asyncio.sleep, for one
                 mistake = TypeError(f"asyncio cannot be used in a sequence; {ONLY_OURS}")
                 raise mistake.with_traceback(error.__traceback__) from error
             raise
@@ -304,7 +304,7 @@ def _cancel_all(tasks: list[Task]) -> list[BaseException]:
 
 def _with_notes(error: BaseException, others: list[BaseException]) -> BaseException:
     for other in others:
-        add_note(error, f"also, while another sequence was cancelled: {cause_of(other)}")
+        add_note(error, f"also, while another sequence was cancelled: {text_of(other)}")
     return error
 
 

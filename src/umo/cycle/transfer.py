@@ -17,9 +17,9 @@ import numpy as np
 from umo.cycle.block import Block
 from umo.cycle.journal import ErrorKind, Journal, Kind
 from umo.drivers.contract import UNREAD, Channel, Driver
-from umo.errors import ChannelsFailed, DriverError, Failure, forget_frames
+from umo.errors import ChannelsFailed, DriverError, Failure, forget_frames, text_of
 from umo.objects.scaling import IntArray
-from umo.text import in_brackets, reported, some
+from umo.text import in_brackets, some
 from umo.wiring.resolved import Wire, Wired
 
 SETTLE = 0.25
@@ -115,7 +115,7 @@ class Transfer:
         except DriverError as error:
             raise DriverError(f"driver {self._name(name)}: {error}", error.failures) from error
         except FAILURES as error:
-            raise DriverError(f"driver {self._name(name)} could not be {what}: {reported(error)}") from error
+            raise DriverError(f"driver {self._name(name)} could not be {what}: {text_of(error)}") from error
 
     def _name(self, name: str) -> str:
         return self._names[id(self.drivers[name])]
@@ -123,7 +123,7 @@ class Transfer:
     def failed_whole(self, name: str, what: str, error: BaseException) -> Failure:
         """A call for a whole driver has failed."""
         cause = error.__cause__ or error  # the driver is named already
-        return Failure(f"driver {name}", "-", f"{what}: {reported(cause)}", self._name(name))
+        return Failure(f"driver {name}", "-", f"{what}: {text_of(cause)}", self._name(name))
 
     # Blocks: a whole period ----------------------------------------------------------------------------
 
@@ -326,7 +326,7 @@ class Transfer:
 def cause_of_failure(error: BaseException) -> str:
     """The cause of a failed call, for an error that ends here: it is left without its frames, since a channel may stay
     broken for a day."""
-    cause = reported(error)
+    cause = text_of(error)
     forget_frames(error)
     return cause
 

@@ -13,8 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from typing_extensions import TypeVar
 
-from umo.errors import ChannelsFailed, DriverError
-from umo.text import cause_of
+from umo.errors import ChannelsFailed, DriverError, text_of
 
 IntArray = npt.NDArray[np.int64]
 INT64 = np.iinfo(np.int64)
@@ -157,7 +156,7 @@ class Driver(ABC, Generic[C]):
             except TimeoutError:  # the device does not answer: the others would only wait as long
                 raise
             except OSError as error:
-                failed[channel.text] = cause_of(error)
+                failed[channel.text] = text_of(error)
         if failed:
             raise ChannelsFailed(failed)
 
@@ -171,7 +170,7 @@ class Driver(ABC, Generic[C]):
             except TimeoutError:
                 raise
             except OSError as error:
-                failed[channel.text] = cause_of(error)
+                failed[channel.text] = text_of(error)
         if failed:
             raise ChannelsFailed(failed)
 

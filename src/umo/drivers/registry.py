@@ -1,4 +1,4 @@
-"""Finding a driver's class by name: entry points of the group `umo.drivers`, or `module:Class`.
+"""Mistake a driver's class by name: entry points of the group `umo.drivers`, or `module:Class`.
 
 A driver is imported only if a wiring names it. A driver that is missing is not replaced by another one.
 """
@@ -10,8 +10,8 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 from umo.drivers.contract import Driver
-from umo.errors import WiringError
-from umo.text import did_you_mean, reason_of
+from umo.errors import WiringError, text_of
+from umo.text import did_you_mean
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -47,7 +47,7 @@ def find(name: str) -> type[Driver]:
     try:
         found = getattr(importlib.import_module(module), attribute)
     except (Exception, SystemExit) as error:  # a module may raise anything
-        raise WiringError(f"driver {name!r} cannot be imported: {reason_of(error)}") from error
+        raise WiringError(f"driver {name!r} cannot be imported: {text_of(error)}") from error
     if not (isinstance(found, type) and issubclass(found, Driver)):
         raise WiringError(f"{name!r} is not a umo driver")
     return found

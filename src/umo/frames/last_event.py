@@ -9,9 +9,9 @@ from umo.cycle import connect
 from umo.cycle.events import CommandState, Event
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.stopping import signal_name
-from umo.errors import UmoError
+from umo.errors import text_of
 from umo.frames.reader import Reader
-from umo.text import in_brackets, located, place_of, text_of
+from umo.text import in_brackets, place_of
 from umo.user_code import attempt
 
 END = "end"
@@ -64,4 +64,4 @@ def _text(error: BaseException) -> str:
     written, plain = type(error).__str__, all(type(arg) in PLAIN for arg in error.args)
     if not plain or not (isinstance(written, WrapperDescriptorType) or written.__module__.startswith("umo.")):
         return type(error).__name__ + in_brackets(place_of(error))
-    return text_of(error) if isinstance(error, UmoError) else located(error)
+    return text_of(error)

@@ -13,6 +13,7 @@ from typing import Any, Literal, TypeVar, cast, get_args, get_origin, overload
 from umo.errors import DeclarationError, RangeError, StateError
 from umo.objects.compound import Compound
 from umo.objects.range import Range
+from umo.signature import signature_of
 from umo.text import did_you_mean
 from umo.user_code import told_as
 
@@ -173,13 +174,12 @@ def _declared(kind: type[Compound], name: str) -> tuple[Mapping[str, inspect.Par
     """The parameters of an action without `self`, and what its docstring says first."""
     method = getattr(object.__new__(kind), name)
     about = (inspect.getdoc(method) or "").partition("\n\n")[0].replace("\n", " ")
-    return inspect.signature(method, eval_str=True).parameters, about
+    return signature_of(method), about
 
 
 def _action(node: Compound, name: str, mark: _Mark) -> Action:
     path = f"{node.path}.{name}".lstrip(".")
-    with told_as(DeclarationError, f"action {path}: its annotations cannot be evaluated"):
-        parameters, about = _declared(type(node), name)  # type: ignore[arg-type]
+    parameters, about = _declared(type(node), name)  # type: ignore[arg-type]
     arguments = tuple(_argument(node, path, each, mark.ranges) for each in parameters.values())
     names = [each.name for each in arguments]
     for given in mark.ranges:

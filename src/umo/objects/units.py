@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from umo.errors import DeclarationError, RangeError
-from umo.text import cause_of
+from umo.errors import DeclarationError, RangeError, text_of
 
 if TYPE_CHECKING:
     from pint import UnitRegistry
@@ -98,7 +97,7 @@ def convert(value: float, source: str, target: str) -> float:
     except Exception as error:
         if isinstance(error, TypeError) and type(error).__name__ == "DimensionalityError":  # pint shows base units
             raise DeclarationError(f"{source!r} cannot be converted to {target!r}") from None
-        raise DeclarationError(f"{source!r} cannot be expressed in {target!r} ({cause_of(error)})") from None
+        raise DeclarationError(f"{source!r} cannot be expressed in {target!r} ({text_of(error)})") from None
     if math.isfinite(value) and not math.isfinite(converted):
         raise RangeError(f"{value:g} {source} cannot be expressed in {target}")
     return float(f"{converted:.{DIGITS}g}")

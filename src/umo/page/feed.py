@@ -8,10 +8,10 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-from umo.errors import FramesError
+from umo.errors import FramesError, text_of
 from umo.frames import rings
 from umo.page.watched import Watched
-from umo.text import cause_of, printable
+from umo.text import printable
 
 RATE = 30.0
 """Looks at the rings a second while a page is open."""
@@ -134,7 +134,7 @@ class Feed:
     def _refuse(self, path: Path, error: Exception) -> None:
         """Leave a ring alone for a while, and say so the first time."""
         if path.name not in self._refused and path.exists():
-            print(f"umo: {printable(path.name)} is not shown: {printable(cause_of(error))}", file=sys.stderr)
+            print(f"umo: {printable(path.name)} is not shown: {printable(text_of(error))}", file=sys.stderr)
         self._refused[path.name] = time.monotonic() + AGAIN
 
     async def _look_around(self) -> None:

@@ -8,8 +8,7 @@ from typing import Any
 
 from umo.cycle.transfer import Transfer
 from umo.drivers.contract import Direction
-from umo.errors import DriverError, Failure
-from umo.text import cause_of
+from umo.errors import DriverError, Failure, text_of
 from umo.wiring import Wired
 
 MOST_PERIODS = 20
@@ -110,7 +109,7 @@ class Simulation:
             try:
                 transfer.close(name)
             except Exception as error:
-                failures.append(Failure(f"driver {name}", "-", cause_of(error)))
+                failures.append(Failure(f"driver {name}", "-", text_of(error)))
         self._opened, self._initialized = [], []
         return failures
 

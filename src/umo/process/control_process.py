@@ -21,7 +21,7 @@ from umo.cycle.rehearsal import rise_early
 from umo.cycle.stage import Stage
 from umo.cycle.stop_order import stop_sequence
 from umo.cycle.stopping import SIGNALS, TimeLimit, request_stop
-from umo.errors import FramesError, StopError
+from umo.errors import FramesError, StopError, text_of
 from umo.frames import Ring, published
 from umo.frames.cells import Cells
 from umo.frames.frame_server import FrameServer
@@ -39,7 +39,7 @@ from umo.system import realtime
 from umo.system.custody import Custody
 from umo.system.processes import adjust_oom_score, name_process
 from umo.system.streams import say_without_waiting
-from umo.text import Moment, in_brackets, text_of
+from umo.text import Moment, in_brackets
 
 RESUMING = 0.1
 """s in which a guardian gives a sign of life when a suspended computer goes on: five looks."""

@@ -17,6 +17,7 @@ from dataclasses import replace
 
 from umo.cycle.stage import Stage
 from umo.cycle.stopping import SIGNALS
+from umo.errors import text_of
 from umo.latency.blackbox import ON_DEMAND
 from umo.process.conclusion import Conclusion
 from umo.process.control_process import Control, drive_and_report
@@ -37,7 +38,7 @@ from umo.system.custody import Custody
 from umo.system.processes import adjust_oom_score, carry_out, flush, name_process
 from umo.system.record import INSPECT
 from umo.system.streams import keep_open, log_on_lines
-from umo.text import cause_of, some
+from umo.text import some
 
 SPARED = -500
 """Change of the guardian's score for the kernel's choice when memory runs out, where that is permitted."""
@@ -164,7 +165,7 @@ class Guardian:
         try:
             outcome = self._keep(self._control)
         except BaseException as error:  # whatever it is, the machine comes first
-            outcome = self._end.step_in(self._control, f"the {self._end.title} failed: {cause_of(error)}", self._say)
+            outcome = self._end.step_in(self._control, f"the {self._end.title} failed: {text_of(error)}", self._say)
         with suppress(Exception):
             self._life.settle(outcome.encode())
         self._end.tell(outcome)
@@ -226,7 +227,7 @@ class Guardian:
         try:
             step()
         except Exception as error:
-            self._say(f"the {self._end.title} failed in a step and goes on: {cause_of(error)}")
+            self._say(f"the {self._end.title} failed in a step and goes on: {text_of(error)}")
             return False
         return True
 

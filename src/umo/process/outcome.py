@@ -23,7 +23,7 @@ from umo.errors import (
     WiringError,
 )
 from umo.process.station import StationError
-from umo.text import Moment, in_brackets, place_of, text_of
+from umo.text import Moment, in_a_line, in_brackets, place_of, str_of
 from umo.user_code import as_json
 
 USER_ERRORS = (
@@ -159,8 +159,8 @@ def status_of(failure: BaseException) -> int:
 def message_of(failure: BaseException) -> str:
     """What, when and where, in one line; in a second one what else failed. The faults of a wiring have a line each."""
     if isinstance(failure, StopError) and failure.__cause__ is not None:
-        return "\n".join([message_of(failure.__cause__).partition("\n")[0], _in_a_line(text_of(failure))])
-    text = text_of(failure)
+        return "\n".join([message_of(failure.__cause__).partition("\n")[0], in_a_line(str_of(failure))])
+    text = str_of(failure)
     if not isinstance(failure, UmoError):
         text = f"{type(failure).__name__}: {text}" if text else type(failure).__name__
     first, _, more = text.partition("\n")
@@ -168,7 +168,7 @@ def message_of(failure: BaseException) -> str:
     if isinstance(failure, WiringError) and more:
         return f"{first}\n{more}"
     others = [more, *(note for note in _notes(failure) if not isinstance(note, Moment))]
-    return "\n".join(filter(None, [first, "; ".join(filter(None, map(_in_a_line, others)))]))
+    return "\n".join(filter(None, [first, "; ".join(filter(None, map(in_a_line, others)))]))
 
 
 def _notes(failure: BaseException) -> list[str]:
@@ -178,7 +178,3 @@ def _notes(failure: BaseException) -> list[str]:
 def _moment(failure: BaseException) -> str:
     """The time at which it ended the run; empty before the first period."""
     return next((note for note in _notes(failure) if isinstance(note, Moment)), "")
-
-
-def _in_a_line(text: str) -> str:
-    return "; ".join(line.strip() for line in text.splitlines() if line.strip())

@@ -20,12 +20,12 @@ from typing import Literal
 from umo.cycle.stop_order import stop_sequence
 from umo.cycle.stopping import SIGNALS, signal_name
 from umo.cycle.transfer import PATIENCE, Transfer, settling, wait_for
-from umo.errors import DeviceTimeout
+from umo.errors import DeviceTimeout, text_of
 from umo.objects import Compound
 from umo.process.board import Board, Reached
 from umo.system import realtime
 from umo.system.processes import carry_out, name_process
-from umo.text import cause_of, some
+from umo.text import some
 from umo.wiring import Wired
 
 GRACE = 1.0
@@ -234,7 +234,7 @@ class Resetter:
         try:
             self._bring_to_defaults(numbers, look)
         except BaseException as error:
-            self._blame(cause_of(error))
+            self._blame(text_of(error))
         finally:
             signal.setitimer(signal.ITIMER_REAL, 0)
             signal.signal(signal.SIGALRM, before)
@@ -318,7 +318,7 @@ class Resetter:
                 transfer.open(name)
             except BaseException as error:
                 for number in mine:
-                    self._board.note(number, Reached.NO, cause_of(error))
+                    self._board.note(number, Reached.NO, text_of(error))
                 with suppress(BaseException):
                     transfer.close(name)
                 continue

@@ -13,11 +13,11 @@ from collections.abc import Callable
 from contextlib import suppress
 from time import monotonic, sleep
 
+from umo.errors import text_of
 from umo.process.life import Life, Who
 from umo.process.messages import MessageSocket
 from umo.process.reset import BURIAL, IGNORED
 from umo.system.processes import ProcessHandle, carry_out, name_process
-from umo.text import cause_of
 
 LOOK = 0.1
 """s between two looks at the guardian's signs of life; its death is seen at once."""
@@ -58,7 +58,7 @@ class Standby:
         except OSError as error:
             self._due = monotonic() + PAUSE
             self._say(
-                f"no standby guardian: {cause_of(error)}; if the guardian is killed too, nothing resets the machine"
+                f"no standby guardian: {text_of(error)}; if the guardian is killed too, nothing resets the machine"
             )
             return
         if self._pid == 0:

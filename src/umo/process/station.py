@@ -1,4 +1,4 @@
-"""Finding a station: a directory, or a package that ships with umo."""
+"""Mistake a station: a directory, or a package that ships with umo."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from umo.errors import DeclarationError, UmoError
+from umo.errors import DeclarationError, UmoError, text_of
 from umo.objects import Compound
 from umo.system.packages import MARK, SHIPPED, package_of
-from umo.text import did_you_mean, located
+from umo.text import did_you_mean
 from umo.user_code import is_interrupt, told_as
 
 
@@ -42,7 +42,7 @@ class Station:
             if isinstance(error, UmoError) or is_interrupt(error):
                 raise
             hint = self._hint(error)
-            raise StationError(f"{file} cannot be imported: {located(error)}{hint}") from error
+            raise StationError(f"{file} cannot be imported: {text_of(error)}{hint}") from error
 
     def load(self, name: str) -> Any:
         """One of its modules, the same that the station itself imports: so its tests get its own classes

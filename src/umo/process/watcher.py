@@ -10,7 +10,7 @@ import os
 from contextlib import suppress
 from time import monotonic, sleep, time
 
-from umo.errors import FramesError
+from umo.errors import FramesError, text_of
 from umo.frames import Reader
 from umo.frames.cells import Cells
 from umo.frames.folder import new_path
@@ -18,7 +18,7 @@ from umo.frames.frame_server import FrameServer
 from umo.frames.memory import Ends
 from umo.latency import blackbox
 from umo.system import realtime
-from umo.text import Moment, text_of
+from umo.text import Moment
 
 AT_MOST_EVERY = 10.0
 """s from one black box of a missed period to the next."""

@@ -9,9 +9,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from umo.errors import FramesError, UmoError
+from umo.errors import FramesError, UmoError, text_of
 from umo.frames import Reader, rings
-from umo.text import cause_of, did_you_mean
+from umo.text import did_you_mean
 
 
 def frames_at(path: Path) -> Reader:
@@ -41,7 +41,7 @@ def reading(path: Path) -> Iterator[None]:
         raise
     except Exception as error:  # of json, struct, numpy, mmap: whatever a damaged file leads to
         raise FramesError(
-            f"{path} cannot be read: it is damaged or was written by another version of umo ({cause_of(error)})"
+            f"{path} cannot be read: it is damaged or was written by another version of umo ({text_of(error)})"
         ) from error
 
 

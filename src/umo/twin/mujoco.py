@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from umo.errors import DeclarationError
-from umo.text import cause_of, did_you_mean
+from umo.errors import DeclarationError, text_of
+from umo.text import did_you_mean
 from umo.twin.drives import Drive, Hinge, Joint, Slide
 from umo.twin.shapes import Capsule, Cuboid, Cylinder, Ellipsoid, Mesh, Shape, Sphere
 from umo.twin.twin import Body, Viewpoint
@@ -47,7 +47,7 @@ def _loaded(mj: Any, given: Any) -> Any:
             raise DeclarationError(f"no MuJoCo model {os.fspath(given)!r}: no such file")
         return mj.MjModel.from_xml_path(os.fspath(given))
     except (ValueError, TypeError) as error:
-        raise DeclarationError(f"the MuJoCo model cannot be read: {cause_of(error)}") from None
+        raise DeclarationError(f"the MuJoCo model cannot be read: {text_of(error)}") from None
 
 
 def _joint(mj: Any, model: Any, name: str, given: str | Drive) -> tuple[int, Joint]:

@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 
 from umo.drivers import Driver, registry
 from umo.errors import OptionError, WiringError
+from umo.signature import parameters_of, signature_of
 from umo.text import did_you_mean
-from umo.wiring.parameters import arguments_for, flag, parameters_of
+from umo.wiring.parameters import arguments_for, flag
 from umo.wiring.source import read
 
 RESERVED = ("type", "timeout", "watchdog")
@@ -71,17 +72,17 @@ def driver_options(wiring: WiringText | None) -> dict[str, tuple[str, inspect.Pa
 def _driver_options(wiring: WiringText) -> tuple[dict[str, tuple[str, inspect.Parameter]], bool]:
     """And whether they are those of all drivers: the wiring was read, and each driver found."""
     source = read(wiring)
-    complete = not source.faults
+    complete = not source.mistakes
     types = {name: table.get("type", name) for name, table in source.drivers.items()}
     names = {types.get(entry.driver, entry.driver): None for entry in source.entries.values()}
     taken: dict[str, tuple[str, inspect.Parameter]] = {}
     for name in dict.fromkeys([*types.values(), *names]):
         try:
-            parameters = inspect.signature(registry.find(name), eval_str=True).parameters
+            parameters = signature_of(registry.find(name))
         except WiringError:
             complete = False
             continue
-        except (TypeError, ValueError, NameError):  # a driver that is made already; a class without a signature
+        except TypeError:  # a driver that is made already
             continue
         new = {key: (str(name), parameter) for key, parameter in parameters.items() if key not in taken}
         taken |= {key: found for key, found in new.items() if key not in OF_WIRINGS}
@@ -96,4 +97,4 @@ def maker_of(wiring: WiringText | None, name: str) -> partial[Driver[Any]]:
     table = {"type": name} | source.drivers.get(name, {})
     cls = registry.find(table["type"])
     given = {key: value for key, value in table.items() if key not in RESERVED}
-    return partial(cls, **arguments_of(cls, inspect.signature(cls, eval_str=True).parameters, given, source.file))
+    return partial(cls, **arguments_of(cls, signature_of(cls), given, source.file))

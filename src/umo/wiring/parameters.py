@@ -1,29 +1,15 @@
-"""The parameters of a user's function as options: their types, and the arguments made of plain data."""
+"""The arguments of a user's function, made of plain data."""
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from enum import Enum
-from functools import partial
 from pathlib import Path
-from types import NoneType, SimpleNamespace, UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any
 
 from umo.errors import OptionError
+from umo.signature import is_converted, parameters_of
 from umo.wiring.faults.words import InjectedFault
-
-JSON = (int, float, str, bool, inspect.Parameter.empty)
-"""Types whose values need no conversion from JSON; `empty`: a parameter of which nothing is known, given as text."""
-
-
-def parameters_of(function: Callable[..., Any], skip: int = 0) -> dict[str, inspect.Parameter]:
-    """The parameters that can be given by name, without the first `skip`, each annotated with its type."""
-    found = list(inspect.signature(function).parameters.values())[skip:]
-    names = _namespace(function)
-    return {
-        each.name: typed(each, names) for each in found if each.kind in (each.POSITIONAL_OR_KEYWORD, each.KEYWORD_ONLY)
-    }
 
 
 def arguments_for(function: Callable[..., Any], taker: str, given: Mapping[str, Any], skip: int = 0) -> dict[str, Any]:
@@ -42,7 +28,7 @@ def arguments_for(function: Callable[..., Any], taker: str, given: Mapping[str, 
     from umo.wiring.entry import faults_of, options_of
 
     checked = {
-        name: each if _is_converted(each.annotation) else each.replace(annotation=Any) for name, each in taken.items()
+        name: each if is_converted(each.annotation) else each.replace(annotation=Any) for name, each in taken.items()
     }
     try:
         return options_of(taker, checked, {name: given[name] for name in taken})
@@ -51,53 +37,9 @@ def arguments_for(function: Callable[..., Any], taker: str, given: Mapping[str, 
         raise OptionError(f"{flag(name)}: {message}") from None
 
 
-def typed(parameter: inspect.Parameter, names: Mapping[str, Any]) -> inspect.Parameter:
-    """Annotated with the type of its values: the annotation, evaluated with these names. If that is not possible (a
-    type that is imported for type checkers only) or there is none, the type of the default."""
-    kind: Any = parameter.annotation
-    if kind is not parameter.empty:
-        kind = _evaluated(kind, names)
-    default = None if parameter.default is parameter.empty else parameter.default
-    if default is not None and kind in (Any, parameter.empty):
-        kind = Path if isinstance(default, Path) else type(default)
-    return parameter.replace(annotation=kind)
-
-
 def flag(name: str) -> str:
     """The option of a parameter on the command line."""
     return f"--{name.replace('_', '-')}"
-
-
-def without_none(kind: Any) -> Any:
-    """`int | None` is int; of other unions the first."""
-    if get_origin(kind) in (Union, UnionType):
-        return next((each for each in get_args(kind) if each is not NoneType), str)
-    return kind
-
-
-def item_of(kind: Any) -> Any:
-    """The type of one value of a sequence; the type itself of anything else."""
-    kind = without_none(kind)
-    origin = get_origin(kind)
-    if isinstance(origin, type) and issubclass(origin, Sequence) and get_args(kind):
-        return get_args(kind)[0]
-    return kind
-
-
-def choices_of(kind: Any) -> list[Any]:
-    """The values of a Literal or an Enum; empty for any other type."""
-    if get_origin(kind) is Literal:
-        return list(get_args(kind))
-    if isinstance(kind, type) and issubclass(kind, Enum):
-        return [each.value for each in kind]
-    return []
-
-
-def is_plain(kind: Any) -> bool:
-    """Whether a text can give values of this type."""
-    item = item_of(kind)
-    choices = choices_of(item)
-    return item in (*JSON, Path) or (bool(choices) and all(isinstance(choice, int | float | str) for choice in choices))
 
 
 def as_plain(value: Any) -> Any:
@@ -108,28 +50,3 @@ def as_plain(value: Any) -> Any:
     if isinstance(value, Path | InjectedFault):
         return str(value)
     raise TypeError(f"Object of type {type(value).__name__} is not JSON serializable")
-
-
-def _is_converted(kind: Any) -> bool:
-    """Whether values of this type are made of JSON: an Enum, a Path, a tuple; or are some values only: a Literal."""
-    return is_plain(kind) and without_none(kind) not in JSON
-
-
-def _evaluated(annotation: Any, names: Mapping[str, Any]) -> Any:
-    """The type; Any if it cannot be evaluated."""
-    try:
-        return get_type_hints(SimpleNamespace(__annotations__={"it": annotation}), dict(names))["it"]
-    except Exception:  # an annotation may be anything
-        return Any
-
-
-def _namespace(function: Any) -> Mapping[str, Any]:
-    """The global names of the module that defines a function, a class, a partial or a callable object."""
-    while isinstance(function, partial):
-        function = function.func
-    if isinstance(function, type):
-        function = function.__init__  # type: ignore[misc]
-    elif not inspect.isroutine(function):
-        function = type(function).__call__
-    names: Mapping[str, Any] = getattr(inspect.unwrap(function), "__globals__", {})
-    return names

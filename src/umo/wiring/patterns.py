@@ -14,7 +14,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from umo.errors import Fault, PathError
+from umo.errors import Mistake, PathError
 from umo.objects.families import ANY, generalised
 from umo.text import did_you_mean
 from umo.wiring.source import WiringSource
@@ -65,7 +65,7 @@ def expand(source: WiringSource, paths: Iterable[str]) -> dict[str, str]:
         found = [path for path in paths if matches(pattern, path)]
         if not found:
             near = source.near(pattern, dict.fromkeys(map(generalised, paths)))
-            source.fault(f'wire."{pattern}"', f"no object of the machine matches{near}")
+            source.mistake(f'wire."{pattern}"', f"no object of the machine matches{near}")
         for number, path in enumerate(found):
             if path in origin:
                 twice.setdefault((pattern, origin[path]), []).append(path)
@@ -73,7 +73,7 @@ def expand(source: WiringSource, paths: Iterable[str]) -> dict[str, str]:
                 origin[path] = pattern
                 source.entries[path] = _numbered(entry, number)
     for (pattern, other), found in twice.items():
-        source.fault(f'wire."{pattern}"', _counted(f"{found[0]} is wired by {other!r} as well", len(found) - 1))
+        source.mistake(f'wire."{pattern}"', _counted(f"{found[0]} is wired by {other!r} as well", len(found) - 1))
     return origin
 
 
@@ -89,35 +89,35 @@ def expand_parameters(source: WiringSource, known: Mapping[str, Any]) -> dict[st
         names = [name for name in known if matches(pattern, name)]
         if not names:
             near = source.near(pattern, dict.fromkeys(map(generalised, known)))
-            source.fault(f"parameters.{pattern!r}", f"no such parameter{near}")
+            source.mistake(f"parameters.{pattern!r}", f"no such parameter{near}")
         for name in names:
             if name in origin and name not in singles:
                 twice.setdefault((pattern, origin[name]), []).append(name)
             origin[name], found[name] = pattern, value
     for (pattern, other), names in twice.items():
-        source.fault(f"parameters.{pattern!r}", _counted(f"{names[0]} is set by {other!r} as well", len(names) - 1))
+        source.mistake(f"parameters.{pattern!r}", _counted(f"{names[0]} is set by {other!r} as well", len(names) - 1))
     return found | singles
 
 
-def collapsed(faults: Iterable[Fault], origin: Mapping[str, str]) -> list[Fault]:
+def collapsed(faults: Iterable[Mistake], origin: Mapping[str, str]) -> list[Mistake]:
     """Faults of entries that a pattern has made, under the key of the pattern: one for all that say the same."""
-    grouped: dict[tuple[str, str], list[Fault]] = {}
+    grouped: dict[tuple[str, str], list[Mistake]] = {}
     for fault in faults:
         path, rest = _path_of(fault.key)
         if path in origin:
-            fault = Fault(fault.file, f'wire."{origin[path]}"{rest}', f"{path}: {fault.message}")
+            fault = Mistake(fault.file, f'wire."{origin[path]}"{rest}', f"{path}: {fault.message}")
         alike = re.sub(r"\d+", "0", fault.message) if path in origin else f"{fault.message} {len(grouped)}"
         grouped.setdefault((fault.key, alike), []).append(fault)
     firsts = [(group[0], len(group) - 1) for group in grouped.values()]
-    return [Fault(first.file, first.key, _counted(first.message, more)) for first, more in firsts]
+    return [Mistake(first.file, first.key, _counted(first.message, more)) for first, more in firsts]
 
 
 def _check_numbering(source: WiringSource, path: str, entry: Entry, single: bool) -> None:
     given = [name for name in NUMBERING if getattr(entry, name) is not None]
     if given and single:
-        source.fault(f'wire."{path}".{given[0]}', f"is for patterns such as {generalised(path)!r}")
+        source.mistake(f'wire."{path}".{given[0]}', f"is for patterns such as {generalised(path)!r}")
     elif given and NUMBER not in (entry.channel or ""):
-        source.fault(f'wire."{path}".{given[0]}', f"numbers the channel, which has no {NUMBER}")
+        source.mistake(f'wire."{path}".{given[0]}', f"numbers the channel, which has no {NUMBER}")
 
 
 def _numbered(entry: Entry, number: int) -> Entry:

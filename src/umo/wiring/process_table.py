@@ -20,7 +20,7 @@ def process_of(source: WiringSource, wired: Wired) -> Process:
     """The settings of the control process; what makes no sense is a fault."""
     table, names = source.process, [field.name for field in dataclasses.fields(Process)]
     for name in table.keys() - set(names):
-        source.fault(f"process.{name}", f"unknown key{source.near(name, names)}; known: {', '.join(names)}")
+        source.mistake(f"process.{name}", f"unknown key{source.near(name, names)}; known: {', '.join(names)}")
     cpu = table.get("cpu")
     return Process(
         _hang_timeout(source, table.get("hang_timeout"), wired),
@@ -38,9 +38,9 @@ def _hang_timeout(source: WiringSource, given: Any, wired: Wired) -> float:
     if hang is None:
         return max(LEAST_PERIODS * period, Process().hang_timeout, 1.2 * waits)
     if hang < 2 * period:
-        source.fault("process.hang_timeout", f"{hang * 1e3:g} ms is less than two periods")
+        source.mistake("process.hang_timeout", f"{hang * 1e3:g} ms is less than two periods")
     elif hang <= waits and wired.realtime:
-        source.fault(
+        source.mistake(
             "process.hang_timeout",
             f"{hang * 1e3:g} ms must be above {waits * 1e3:g} ms, the sum of the timeouts of one period",
         )
@@ -54,22 +54,22 @@ def _early(source: WiringSource, given: Any, wired: Wired) -> float | None:
     try:
         early = seconds(given)
     except DeclarationError:
-        source.fault("process.early", f'{given!r} is neither "{AUTO}", nor a duration such as "120 us", nor 0')
+        source.mistake("process.early", f'{given!r} is neither "{AUTO}", nor a duration such as "120 us", nor 0')
         return None
     if early and wired.period is None:
-        source.fault("process.early", "the machine has no timer")
+        source.mistake("process.early", "the machine has no timer")
     elif early > (wired.period or 0.0) / 2:
         period = f"{(wired.period or 0.0) * 1e6:g} us"
-        source.fault("process.early", f"{early * 1e6:g} us is more than half of the period, {period}")
+        source.mistake("process.early", f"{early * 1e6:g} us is more than half of the period, {period}")
     return early
 
 
 def _outputs(source: WiringSource, given: Any, wired: Wired) -> str:
     if given not in (AT_ONCE, AT_NEXT_TICK):
-        source.fault("process.outputs", f'{given!r} is neither "{AT_ONCE}" nor "{AT_NEXT_TICK}"')
+        source.mistake("process.outputs", f'{given!r} is neither "{AT_ONCE}" nor "{AT_NEXT_TICK}"')
         return AT_ONCE
     if given == AT_NEXT_TICK and wired.timer is None:
-        source.fault("process.outputs", f'"{AT_NEXT_TICK}": the machine has no timer')
+        source.mistake("process.outputs", f'"{AT_NEXT_TICK}": the machine has no timer')
     return str(given)
 
 

@@ -19,15 +19,15 @@ from typing import TYPE_CHECKING, Any
 from umo.drivers import registry
 from umo.drivers.contract import INT64, LONGEST_TIMEOUT, Channel, Direction, Driver
 from umo.duration import seconds
-from umo.errors import DeclarationError, Fault, RangeError, WiringError
+from umo.errors import DeclarationError, Mistake, RangeError, WiringError, text_of
 from umo.objects import Atomic, BinaryActuator, Compound, Digital, DigitalActuator, DigitalSensor, Node
 from umo.objects.atomic import Calibration
 from umo.objects.linearization import fitted, from_table
 from umo.objects.scaling import to_raw
 from umo.objects.settings import as_declared
 from umo.objects.units import check_unit
+from umo.signature import signature_of
 from umo.system.packages import station_of
-from umo.text import cause_of, reason_of
 from umo.wiring.faults.binding import inject
 from umo.wiring.faults.words import InjectedFault
 from umo.wiring.faults.wrapper import Injection
@@ -44,7 +44,7 @@ DEFAULT_PERIOD = "1 ms"
 GIVEN = "--fault "
 
 
-def check(root: Compound, wiring: Path | str | Mapping[str, Any] | None = None) -> list[Fault]:
+def check(root: Compound, wiring: Path | str | Mapping[str, Any] | None = None) -> list[Mistake]:
     """Every fault of the wiring; empty if it fits the machine. Nothing is opened."""
     return list(_Resolver(root, wiring, {}).run()[1])
 
@@ -77,9 +77,9 @@ class _Resolver:
         """The devices of each driver that has any."""
         self.taken: dict[tuple[type, str, Hashable], str] = {}
 
-    def run(self) -> tuple[Wired, list[Fault]]:
-        if not self.source.entries and self.source.faults and self.source.faults[0].key == "":
-            return Wired({}, []), self.source.faults  # there was nothing to read
+    def run(self) -> tuple[Wired, list[Mistake]]:
+        if not self.source.entries and self.source.mistakes and self.source.mistakes[0].key == "":
+            return Wired({}, []), self.source.mistakes  # there was nothing to read
         origin = expand(self.source, self.items)
         timer = self.items.get("timer")
         period = self._period(timer)
@@ -92,7 +92,7 @@ class _Resolver:
         injection = self._inject(wires, drivers, timer)
         paced = bool(self.realtime) and self._pace(wires, timer)
         for path in sorted(self.source.entries.keys() - self.items.keys()):
-            self.source.fault(f'wire."{path}"', f"the machine has no such object{self.source.near(path, self.items)}")
+            self.source.mistake(f'wire."{path}"', f"the machine has no such object{self.source.near(path, self.items)}")
         self._check_periods(period)
         self._check_parameters()
         known = _parameters(self.root) if self.source.parameters else {}
@@ -102,7 +102,7 @@ class _Resolver:
         self._check_time(wired)
         self._check_plants()
         wired = dataclasses.replace(wired, process=process_of(self.source, wired), paced=paced, injection=injection)
-        return wired, collapsed(self.source.faults, origin)
+        return wired, collapsed(self.source.mistakes, origin)
 
     # Drivers -------------------------------------------------------------------------------------------
 
@@ -119,16 +119,16 @@ class _Resolver:
             driver.timeout = timeout or min(10 * (period or 0.1), LONGEST_TIMEOUT)
             watchdog = self.source.duration(f"drivers.{name}.watchdog", table.get("watchdog"))
             if watchdog is not None and type(driver).watchdog is Driver.watchdog:
-                self.source.fault(f"drivers.{name}.watchdog", f"{table['type']} has no watchdog of its own")
+                self.source.mistake(f"drivers.{name}.watchdog", f"{table['type']} has no watchdog of its own")
             elif watchdog is not None and watchdog <= (period or 0.0):
                 text = f"{watchdog * 1e3:g} ms is not longer than the period, {driver.period * 1e3:g} ms"
-                self.source.fault(f"drivers.{name}.watchdog", text)
+                self.source.mistake(f"drivers.{name}.watchdog", text)
             elif watchdog is not None:
                 watchdogs[name] = watchdog
                 try:
                     driver.check_watchdog(watchdog)
                 except Exception as error:  # of the driver's code
-                    self.source.fault(f"drivers.{name}.watchdog", reason_of(error))
+                    self.source.mistake(f"drivers.{name}.watchdog", text_of(error))
         return watchdogs
 
     def _make_driver(self, name: str, table: dict[str, Any]) -> Driver | None:
@@ -140,7 +140,7 @@ class _Resolver:
         given = {key: value for key, value in table.items() if key not in RESERVED}
         if isinstance(table["type"], Driver):
             for key in given:
-                self.source.fault(
+                self.source.mistake(
                     f"drivers.{name}.{key}", "is an option for a driver's type; this driver is already constructed"
                 )
             return table["type"]
@@ -148,22 +148,22 @@ class _Resolver:
             cls = registry.find(table["type"])
         except WiringError as error:
             if declared:
-                self.source.fault(f"drivers.{name}.type", f"{error}{self._own_module(table['type'])}")
+                self.source.mistake(f"drivers.{name}.type", f"{error}{self._own_module(table['type'])}")
             else:
                 names = [*self.source.drivers, *registry.known()]
                 message = f"no driver {name!r}{self.source.near(name, names)}; known: {', '.join(names)}"
                 for path in [p for p, entry in self.source.entries.items() if entry.driver == name]:
-                    self.source.fault(f'wire."{path}".driver', message)
+                    self.source.mistake(f'wire."{path}".driver', message)
             return None
         signature: Mapping[str, inspect.Parameter] = {}
         try:
-            signature = inspect.signature(cls, eval_str=True).parameters
+            signature = signature_of(cls)
             return cls(**arguments_of(cls, signature, given, self.source.file, self.options))
         except ValidationError as error:
             for key, message in faults_of(error, [*signature, *RESERVED], signature):
-                self.source.fault(f"drivers.{name}.{key}", message)
+                self.source.mistake(f"drivers.{name}.{key}", message)
         except (Exception, SystemExit) as error:  # of the driver's constructor
-            self.source.fault(f"drivers.{name}", reason_of(error))
+            self.source.mistake(f"drivers.{name}", text_of(error))
         return None
 
     def _own_module(self, kind: str) -> str:
@@ -179,7 +179,7 @@ class _Resolver:
             try:
                 devices = tuple(map(str, driver.devices()))
             except (Exception, SystemExit) as error:
-                self.source.fault(f"drivers.{name}", f"cannot name its devices: {cause_of(error)}")
+                self.source.mistake(f"drivers.{name}", f"cannot name its devices: {text_of(error)}")
                 continue
             if devices:
                 found[name] = devices
@@ -195,7 +195,7 @@ class _Resolver:
                 hint = 'for hardware that does not exist yet use { driver = "simulated" }'
                 if path == "timer" and self.hardware:
                     hint = 'for real time use { driver = "timerfd", period = "50 ms" }'
-                self.source.fault(key, f"is not wired; {hint}")
+                self.source.mistake(key, f"is not wired; {hint}")
             return None
         driver = self.drivers[entry.driver]
         if driver is None:
@@ -203,20 +203,20 @@ class _Resolver:
         try:
             channel = driver.channel(path if entry.channel is None else entry.channel)
         except (Exception, SystemExit) as error:  # most are ChannelErrors
-            self.source.fault(f"{key}.channel", reason_of(error))
+            self.source.mistake(f"{key}.channel", text_of(error))
             return None
         if not isinstance(channel, Channel):
             what = f"{type(driver).__name__}.channel returned {channel!r}, not a Channel"
-            self.source.fault(f"{key}.channel", what)
+            self.source.mistake(f"{key}.channel", what)
             return None
         self._check_direction(key, item, channel)
         if not isinstance(item, Digital):
             for name in Calibration._fields:
                 if getattr(entry, name) is not None:
-                    self.source.fault(f"{key}.{name}", "is for digital objects; this one is binary")
+                    self.source.mistake(f"{key}.{name}", "is for digital objects; this one is binary")
             return Wire(item, driver, channel, None, bool(entry.inverted))
         if entry.inverted is not None:
-            self.source.fault(f"{key}.inverted", "is for binary objects; use a negative resolution")
+            self.source.mistake(f"{key}.inverted", "is for binary objects; use a negative resolution")
         calibration = self._calibration(key, item, entry)
         wire = Wire(item, driver, channel, calibration)
         self._check_raws(key, item, wire)
@@ -231,7 +231,7 @@ class _Resolver:
             other = self.taken.setdefault((type(wire.driver), circuit, place), path)
             if other != path:
                 text = f"channel {channel.text!r} of {driver} is already used by {other}"
-                self.source.fault(f'wire."{path}"', text)
+                self.source.mistake(f'wire."{path}"', text)
                 return
 
     def _check_direction(self, key: str, item: Atomic, channel: Channel) -> None:
@@ -239,7 +239,7 @@ class _Resolver:
             actuator = item.direction is Direction.OUTPUT
             kind = "an actuator" if actuator else "a sensor"
             has = "an input" if actuator else "an output"
-            self.source.fault(f"{key}.channel", f"is {kind}, but channel {channel.text!r} is {has}")
+            self.source.mistake(f"{key}.channel", f"is {kind}, but channel {channel.text!r} is {has}")
 
     def _calibration(self, key: str, item: Digital, entry: Entry) -> Calibration:
         """The declared range and scale with the entry's overrides; a range may be narrowed, never widened."""
@@ -252,18 +252,18 @@ class _Resolver:
         if entry.invalid_raws is not None:
             override["invalid_raws"] = tuple(entry.invalid_raws)
         if override.get("resolution") == 0:
-            self.source.fault(f"{key}.resolution", "is 0; it is the change of the value for one bit")
+            self.source.mistake(f"{key}.resolution", "is 0; it is the change of the value for one bit")
             return declared
         calibration = declared._replace(**override)
         for name in ("minimum", "maximum"):
             value = getattr(calibration, name)
             if not declared.minimum <= value <= declared.maximum:
                 text = f"{value:g} widens the declared range {declared.minimum:g} to {declared.maximum:g} {item.units}"
-                self.source.fault(f"{key}.{name}", text)
+                self.source.mistake(f"{key}.{name}", text)
         if calibration.minimum >= calibration.maximum:
-            self.source.fault(key, f"minimum {calibration.minimum:g} is not below maximum {calibration.maximum:g}")
+            self.source.mistake(key, f"minimum {calibration.minimum:g} is not below maximum {calibration.maximum:g}")
         if isinstance(item, DigitalActuator) and not calibration.minimum <= item.default <= calibration.maximum:
-            self.source.fault(key, f"the default {item.default:g} {item.units} is outside the narrowed range")
+            self.source.mistake(key, f"the default {item.default:g} {item.units} is outside the narrowed range")
         return calibration
 
     def _linearization(self, key: str, item: Digital, given: dict[str, Any], calibration: Calibration) -> Any:
@@ -277,7 +277,7 @@ class _Resolver:
         try:
             return fitted(from_table(given), item.units, low, high)
         except DeclarationError as error:
-            self.source.fault(f"{key}.linearization", str(error))
+            self.source.mistake(f"{key}.linearization", str(error))
             return declared
 
     def _check_raws(self, key: str, item: Digital, wire: Wire) -> None:
@@ -285,62 +285,62 @@ class _Resolver:
         try:
             ends = [to_raw(x, *wire.scale) for x in wire.ends]
         except OverflowError:
-            self.source.fault(
+            self.source.mistake(
                 key, f"the resolution {calibration.resolution:g} makes raw values too large for any channel"
             )
             return
         if isinstance(item, DigitalActuator) and operator.gt(*wire.raw_bounds):
-            self.source.fault(key, f"no multiple of the resolution {calibration.resolution:g} lies within the range")
+            self.source.mistake(key, f"no multiple of the resolution {calibration.resolution:g} lies within the range")
         lowest, highest = max(channel.lowest, INT64.min), min(channel.highest, INT64.max)
         if not lowest <= min(ends) <= max(ends) <= highest:
-            self.source.fault(
+            self.source.mistake(
                 key,
                 f"the range needs raw values {min(ends)} to {max(ends)}, channel {channel.text!r} "
                 f"has {channel.bits} bits: {lowest} to {highest}",
             )
         for raw in wire.invalid_raws:
             if isinstance(item, DigitalActuator):
-                self.source.fault(f"{key}.invalid_raws", "is for sensors; this is an actuator")
+                self.source.mistake(f"{key}.invalid_raws", "is for sensors; this is an actuator")
                 return
             if not lowest <= raw <= highest:
                 text = f"{raw} cannot be read: channel {channel.text!r} has {lowest} to {highest}"
-                self.source.fault(f"{key}.invalid_raws", text)
+                self.source.mistake(f"{key}.invalid_raws", text)
 
     def _check_scale(self, key: str, item: Digital, wire: Wire) -> None:
         """Against the scale that the circuit itself gives, if it gives one."""
         try:
             given = wire.driver.physical_scale(wire.channel)
         except Exception as error:  # of the driver's code
-            self.source.fault(f"{key}.channel", f"its scale cannot be read: {reason_of(error)}")
+            self.source.mistake(f"{key}.channel", f"its scale cannot be read: {text_of(error)}")
             return
         if given is None:
             return
         try:
             check_unit(given.units)
         except DeclarationError as error:
-            self.source.fault(f"{key}.channel", f"the unit of channel {wire.channel.text!r}: {error}")
+            self.source.mistake(f"{key}.channel", f"the unit of channel {wire.channel.text!r}: {error}")
             return
         if wire.scale[0] and (text := wire.mismatch(given, item.units)):
-            self.source.fault(key, text)
+            self.source.mistake(key, text)
 
     # Time and parameters -------------------------------------------------------------------------------
 
     def _period(self, timer: Atomic | None) -> float | None:
         for path, entry in self.source.entries.items():
             if path != "timer" and entry.period is not None:
-                self.source.fault(f'wire."{path}".period', "is allowed for the timer only")
+                self.source.mistake(f'wire."{path}".period', "is allowed for the timer only")
         if timer is None:
             return None
         key = 'wire."timer"'
         if not isinstance(timer, DigitalSensor) or timer.synchronous or timer.units != "sampling_period":
-            self.source.fault(key, "timer must be an asynchronous DigitalSensor in sampling_period")
+            self.source.mistake(key, "timer must be an asynchronous DigitalSensor in sampling_period")
         elif timer._max_age is not None or timer._marks:
-            self.source.fault(key, 'timer must have on_error="raise": a held value would stop the clock')
+            self.source.mistake(key, 'timer must have on_error="raise": a held value would stop the clock')
         wired = self.source.entries.get("timer")
         if wired is None:
             return None
         if wired.period is None:
-            self.source.fault(f"{key}.period", 'is missing; give for example "1 ms"')
+            self.source.mistake(f"{key}.period", 'is missing; give for example "1 ms"')
         return self.source.duration(f"{key}.period", wired.period)
 
     def _inject(self, wires: list[Wire], drivers: dict[str, Driver[Any]], timer: Atomic | None) -> Injection | None:
@@ -363,18 +363,18 @@ class _Resolver:
     def _not_injected(self, written: int, number: int, text: str, why: str) -> None:
         """A fault that cannot be injected; the first ones are `written` in the wiring, the others were given."""
         if number < written:
-            self.source.fault("faults", f"fault {text!r}: {why}")
+            self.source.mistake("faults", f"fault {text!r}: {why}")
         else:
-            self.source.faults.append(Fault(f"{GIVEN}{text!r}", "", why))
+            self.source.mistakes.append(Mistake(f"{GIVEN}{text!r}", "", why))
 
     def _pace(self, wires: list[Wire], timer: Atomic | None) -> bool:
         """Bring the timer's wire to real time; False if its driver runs in real time by itself."""
         from umo.drivers.paced import PacedTimer
 
         if self.realtime is not True:
-            self.source.fault("", f"the option realtime is true or false, not {self.realtime!r}")
+            self.source.mistake("", f"the option realtime is true or false, not {self.realtime!r}")
         elif timer is None:
-            self.source.fault("", "real time needs a timer, and the machine has no object `timer`")
+            self.source.mistake("", "real time needs a timer, and the machine has no object `timer`")
         for i, wire in enumerate(wires):
             if wire.item is timer and not wire.driver.realtime:
                 wires[i] = dataclasses.replace(wire, driver=PacedTimer(wire.driver))
@@ -386,14 +386,14 @@ class _Resolver:
             return
         for node in [self.root, *self.root.walk()]:
             if why := _unfit(period, node):
-                self.source.fault('wire."timer".period', f"{period * 1e3:g} ms is {why}")
+                self.source.mistake('wire."timer".period', f"{period * 1e3:g} ms is {why}")
 
     def _check_time(self, wired: Wired) -> None:
         """Virtual time runs as fast as possible: it is refused together with hardware."""
         if wired.timer is not None and wired.period is not None and wired.hardware and not wired.realtime:
             name, devices = next(iter(wired.hardware.items()))
             timer = self.source.entries["timer"].driver
-            self.source.fault(
+            self.source.mistake(
                 'wire."timer".driver',
                 f"{timer} runs in virtual time, but driver {name} controls hardware ({devices[0]}); "
                 'wire the timer to a real clock, { driver = "timerfd", period = ... }, or run with --realtime',
@@ -408,7 +408,7 @@ class _Resolver:
         for name in dict.fromkeys(entry.driver for entry in self.source.entries.values()):
             driver = self.drivers.get(name)
             if driver is not None and driver is not timer and driver.simulates_time:
-                self.source.fault(
+                self.source.mistake(
                     'wire."timer".driver',
                     f"{wired.driver} is the timer, so no time would pass in driver {name}; wire the timer to {name}, "
                     f'{{ driver = "{name}", channel = "tick", period = ... }}, and run with --realtime for real time',
@@ -419,19 +419,19 @@ class _Resolver:
         for key, value in list(self.source.parameters.items()):
             if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
                 hint = f"; put {key} before the first table" if key in SECTIONS else ""
-                self.source.fault(f"parameters.{key!r}", f"must be a finite number, not {value!r}{hint}")
+                self.source.mistake(f"parameters.{key!r}", f"must be a finite number, not {value!r}{hint}")
                 del self.source.parameters[key]
 
     def _parameter(self, known: Known, key: str, value: Any) -> Parameter | None:
         """A number on a compound, or on a control law that hangs on it, by dotted attribute path."""
         if key not in known:
-            self.source.fault(f"parameters.{key!r}", f"no such parameter{self.source.near(key, known)}")
+            self.source.mistake(f"parameters.{key!r}", f"no such parameter{self.source.near(key, known)}")
             return None
         owner, law, name = known[key]
         try:
             number = as_declared(getattr(owner, law) if law else owner, name, value)
         except RangeError as error:
-            self.source.fault(f"parameters.{key!r}", str(error))
+            self.source.mistake(f"parameters.{key!r}", str(error))
             return None
         return Parameter(owner, law, name, number)
 

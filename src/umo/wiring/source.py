@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from umo.drivers.contract import Driver
 from umo.duration import seconds
-from umo.errors import DeclarationError, Fault
+from umo.errors import DeclarationError, Mistake, text_of
 from umo.system.packages import package_of, station_of
-from umo.text import did_you_mean, located
+from umo.text import did_you_mean
 
 if TYPE_CHECKING:
     from umo.wiring.entry import Entry
@@ -38,11 +38,11 @@ class WiringSource:
     """Faults to inject (`umo.testing.faults`)."""
     seed: Any = 0
     """Seed of their random numbers."""
-    faults: list[Fault] = field(default_factory=list)
+    mistakes: list[Mistake] = field(default_factory=list)
     suggested: int = 0
 
-    def fault(self, key: str, message: str) -> None:
-        self.faults.append(Fault(self.file, key, message))
+    def mistake(self, key: str, message: str) -> None:
+        self.mistakes.append(Mistake(self.file, key, message))
 
     def duration(self, key: str, value: Any) -> float | None:
         """In s; None for None, and for what is not a duration above 0, which is a fault."""
@@ -53,17 +53,17 @@ class WiringSource:
                 raise DeclarationError(f'{value!r} is not a duration; write for example "20 ms"')
             duration = seconds(value)
         except DeclarationError as error:
-            self.fault(key, str(error))
+            self.mistake(key, str(error))
             return None
         if duration == 0:
-            self.fault(key, "is 0")
+            self.mistake(key, "is 0")
             return None
         return duration
 
     def whole(self, key: str, value: Any, lowest: int, highest: int) -> int:
         """A whole number within these limits; anything else is a fault."""
         if isinstance(value, bool) or not isinstance(value, int) or not lowest <= value <= highest:
-            self.fault(key, f"must be a whole number from {lowest} to {highest}, not {value!r}")
+            self.mistake(key, f"must be a whole number from {lowest} to {highest}, not {value!r}")
             return lowest
         return value
 
@@ -79,7 +79,7 @@ def read(wiring: Path | str | Mapping[str, Any]) -> WiringSource:
     try:
         _fill(source, _named(wiring) if isinstance(wiring, Mapping) else _load(source, Path(wiring)))
     except RecursionError:
-        source.fault("", "cannot be read: it is nested too deeply")
+        source.mistake("", "cannot be read: it is nested too deeply")
     return source
 
 
@@ -87,16 +87,16 @@ def _load(source: WiringSource, path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        source.fault("", "no such file")
+        source.mistake("", "no such file")
     except (OSError, ValueError) as error:  # TOML and UTF-8 errors are ValueErrors
-        source.fault("", f"cannot be read: {error}")
+        source.mistake("", f"cannot be read: {error}")
     return {}
 
 
 def _fill(source: WiringSource, data: Mapping[str, Any]) -> None:
     for key in data:
         if key not in SECTIONS:
-            source.fault(key, f"unknown section{source.near(key, SECTIONS)}; known: {', '.join(SECTIONS)}")
+            source.mistake(key, f"unknown section{source.near(key, SECTIONS)}; known: {', '.join(SECTIONS)}")
     _read_drivers(source, _table(source, data, "drivers"))
     for path, table in _flat(_table(source, data, "wire")):
         _read_entry(source, path, table)
@@ -106,7 +106,7 @@ def _fill(source: WiringSource, data: Mapping[str, Any]) -> None:
     if isinstance(injected, list | tuple):
         source.injected = list(injected)
     else:
-        source.fault("faults", f'must be a list such as ["z.encoder stuck at 5 s"], not {injected!r}')
+        source.mistake("faults", f'must be a list such as ["z.encoder stuck at 5 s"], not {injected!r}')
 
 
 def _named(table: Mapping[Any, Any]) -> dict[str, Any]:
@@ -118,7 +118,7 @@ def _table(source: WiringSource, data: Mapping[str, Any], section: str) -> Mappi
     table = data.get(section, {})
     if isinstance(table, Mapping):
         return table
-    source.fault(section, f"must be a table, not {table!r}")
+    source.mistake(section, f"must be a table, not {table!r}")
     return {}
 
 
@@ -129,9 +129,9 @@ def _read_drivers(source: WiringSource, tables: Mapping[str, Any]) -> None:
         if isinstance(table, Driver):
             source.drivers[name] = {"type": table}
         elif not isinstance(table, Mapping):
-            source.fault(f"drivers.{name}", f"must be a table, not {table!r}")
+            source.mistake(f"drivers.{name}", f"must be a table, not {table!r}")
         elif not isinstance(table.get("type"), str | Driver):
-            source.fault(f"drivers.{name}.type", "is missing: a driver's name, or module:Class")
+            source.mistake(f"drivers.{name}.type", "is missing: a driver's name, or module:Class")
             source.drivers[name] = {}  # its objects need not be reported as well
         else:
             kind = _absolute(source, name, table["type"])
@@ -144,12 +144,14 @@ def _absolute(source: WiringSource, name: str, kind: str | Driver) -> str | Driv
         return kind
     folder = station_of(Path(source.file))
     if folder is None:
-        source.fault(f"drivers.{name}.type", f"{kind!r} is in a module of a station; {source.file} is not in a station")
+        source.mistake(
+            f"drivers.{name}.type", f"{kind!r} is in a module of a station; {source.file} is not in a station"
+        )
         return None
     try:
         return package_of(folder) + kind
     except (Exception, SystemExit) as error:  # of the station's __init__.py
-        source.fault(f"drivers.{name}.type", f"{folder} cannot be imported: {located(error)}")
+        source.mistake(f"drivers.{name}.type", f"{folder} cannot be imported: {text_of(error)}")
         return None
 
 
@@ -161,17 +163,17 @@ def _read_entry(source: WiringSource, path: str, table: Any) -> None:
     key = f'wire."{path}"'
     if not isinstance(table, Mapping):
         source.refused.add(path)
-        source.fault(key, f'must be a table such as {{ driver = "simulated" }}, not {table!r}')
+        source.mistake(key, f'must be a table such as {{ driver = "simulated" }}, not {table!r}')
         return
     if path in source.entries:
-        source.fault(key, "is wired twice")
+        source.mistake(key, "is wired twice")
         return
     try:
         source.entries[path] = Entry.model_validate(dict(table))
     except ValidationError as error:
         source.refused.add(path)
         for name, message in faults_of(error, list(Entry.model_fields)):
-            source.fault(f"{key}.{name}", message)
+            source.mistake(f"{key}.{name}", message)
 
 
 def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from umo.drivers.contract import Channel, Direction, Driver
-from umo.errors import ChannelError
+from umo.errors import ChannelError, text_of
 from umo.testing.conformance.rules import Cost, RuleBroken, rule
 from umo.testing.conformance.trial import Trial
-from umo.text import reported
 
 UNKNOWN = "no such channel \N{REPLACEMENT CHARACTER}"
 
@@ -45,7 +44,7 @@ def _takes(driver: Driver[Any], text: str) -> bool:
     except ChannelError:
         return False
     except BaseException as error:
-        raise RuleBroken(f"an unknown channel raised {reported(error)}, not ChannelError") from error
+        raise RuleBroken(f"an unknown channel raised {text_of(error)}, not ChannelError") from error
     return True
 
 

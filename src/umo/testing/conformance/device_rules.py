@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 from umo.cycle import connect
-from umo.errors import DriverError
+from umo.errors import DriverError, text_of
 from umo.system.custody import Custody
 from umo.testing.conformance.connected import machine_of
 from umo.testing.conformance.probe import Probe
@@ -14,7 +14,6 @@ from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.subject import Output
 from umo.testing.conformance.timing_rules import in_time
 from umo.testing.conformance.trial import Trial
-from umo.text import reported
 
 MOST = 8
 """Channels that are read alone while the device is away."""
@@ -80,14 +79,14 @@ def vanish(trial: Trial) -> str | None:
         _moves_nothing(trial, probe)
         for call, arguments in trial.transfers(probe, default=False):
             if (error := trial.failure(call, *arguments)) is not None:
-                raise RuleBroken(f"the device is back, but {trial.watch.doing} failed: {reported(error)}")
+                raise RuleBroken(f"the device is back, but {trial.watch.doing} failed: {text_of(error)}")
         _right(trial, probe, "the device was away")
         _opens_after_all(trial, other)
         with loss():
             pass  # nobody has noticed
         for call, arguments in trial.transfers(probe):
             if trial.failure(call, *arguments) is not None and (error := trial.failure(call, *arguments)) is not None:
-                raise RuleBroken(f"the device was away and is back, but {trial.watch.doing} fails: {reported(error)}")
+                raise RuleBroken(f"the device was away and is back, but {trial.watch.doing} fails: {text_of(error)}")
     return trial.looked()
 
 
@@ -126,7 +125,7 @@ def _opens_after_all(trial: Trial, probe: Probe) -> None:
         return
     try:
         if (error := trial.failure(probe.open)) is not None:
-            raise RuleBroken(f"open failed while the device was away, and fails since it is back: {reported(error)}")
+            raise RuleBroken(f"open failed while the device was away, and fails since it is back: {text_of(error)}")
     finally:
         trial.failure(probe.close)
 
@@ -161,19 +160,19 @@ def two_clients(trial: Trial) -> str | None:
         finally:
             error = trial.failure(trial.leave, second)
         if error is not None and refusal is None:
-            raise RuleBroken(f"the second client could not leave: {reported(error)}")
+            raise RuleBroken(f"the second client could not leave: {text_of(error)}")
         _goes_on(trial, first, "a second client came and left")
         _right(trial, first, "a second client came and left")
     remark = trial.looked()
     if refusal is not None:
-        return f"the second is refused: {reported(refusal)}"
+        return f"the second is refused: {text_of(refusal)}"
     return "; ".join(filter(None, (remark, "a second client must not write" if trial.subject.sole_writer else "")))
 
 
 def _goes_on(trial: Trial, first: Probe, since: str) -> None:
     for call, arguments in trial.transfers(first):
         if (error := trial.failure(call, *arguments)) is not None:
-            raise RuleBroken(f"since {since}, {trial.watch.doing} failed: {reported(error)}")
+            raise RuleBroken(f"since {since}, {trial.watch.doing} failed: {text_of(error)}")
 
 
 def _side_by_side(trial: Trial, first: Probe, second: Probe) -> None:

@@ -14,7 +14,7 @@ from time import monotonic
 from typing import Any
 
 from umo.drivers.contract import Driver
-from umo.errors import Failure, StopError
+from umo.errors import Failure, StopError, text_of
 from umo.testing.conformance.budget import Budget, TimePlan
 from umo.testing.conformance.certificate import Certificate, Finding, Judgement
 from umo.testing.conformance.probe import Stopped, TimeUp, call_of
@@ -22,7 +22,6 @@ from umo.testing.conformance.process import State
 from umo.testing.conformance.rules import NotTried, Rule, RuleBroken, chosen_rules
 from umo.testing.conformance.subject import Subject
 from umo.testing.conformance.trial import Trial
-from umo.text import reported
 
 OnProgress = Callable[[str, float], object]
 """Called with the rule and the share of the whole that is done, ten times a second."""
@@ -197,8 +196,8 @@ def _tried(trial: Trial, rule: Rule, causes: dict[str, str]) -> Finding:
     except RuleBroken as broken:
         verdict, why, cause = Judgement.FAILED, str(broken), broken.cause
     except OSError as error:
-        verdict, why = Judgement.FAILED, f"{call_of(error)} failed: {reported(error)}"
-        cause = re.sub(r"-?\d+", "#", f"{call_of(error).partition(' ')[0]} failed: {reported(error)}")
+        verdict, why = Judgement.FAILED, f"{call_of(error)} failed: {text_of(error)}"
+        cause = re.sub(r"-?\d+", "#", f"{call_of(error).partition(' ')[0]} failed: {text_of(error)}")
     finally:
         trial.watch.until = inf
     if verdict is Judgement.FAILED and cause and (first := causes.setdefault(cause, rule.id)) != rule.id:

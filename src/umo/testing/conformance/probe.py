@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from umo.drivers.contract import UNREAD, Channel, Driver, IntArray
-from umo.text import cause_of, located
+from umo.errors import text_of
 
 T = TypeVar("T")
 
@@ -61,8 +61,8 @@ class Watch:
             self.interrupted = True
             raise _noted(WrongKind("KeyboardInterrupt"), what) from None
         except BaseException as error:
-            self.wrong_kinds.append(f"{what} raised {located(error)}")
-            raise _noted(WrongKind(cause_of(error)), what) from None
+            self.wrong_kinds.append(f"{what} raised {text_of(error)}")
+            raise _noted(WrongKind(text_of(error)), what) from None
         finally:
             self.took = monotonic() - began
             self.began = None

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
+from umo.errors import text_of
 from umo.testing.conformance.probe import Probe, call_of
 from umo.testing.conformance.pulses import looks_for_pulses
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.subject import Output
 from umo.testing.conformance.trial import Trial
-from umo.text import reported, some
+from umo.text import some
 
 FEWEST = 2
 """Outputs that are initialised at any rate, each from two levels."""
@@ -186,7 +187,7 @@ def finalise(trial: Trial) -> str | None:
                 try:
                     _use(trial, probe, text)
                 except OSError as error:
-                    raise RuleBroken(f"{text} failed after {gone} was finalised: {reported(error)}") from error
+                    raise RuleBroken(f"{text} failed after {gone} was finalised: {text_of(error)}") from error
     return trial.looked()
 
 
@@ -224,7 +225,7 @@ def reopen(trial: Trial) -> str | None:
             for text in trial.channels:
                 _use(trial, probe, text)
         except OSError as error:
-            raise RuleBroken(f"opened again, {call_of(error)} failed: {reported(error)}") from error
+            raise RuleBroken(f"opened again, {call_of(error)} failed: {text_of(error)}") from error
         finally:
             with trial.own_error_first():
                 trial.leave(probe)

@@ -8,6 +8,7 @@ from math import inf
 from time import monotonic
 from typing import Any
 
+from umo.errors import text_of
 from umo.testing.conformance.budget import Budget, CallTime
 from umo.testing.conformance.certificate import TransferTime
 from umo.testing.conformance.probe import Probe, call_of
@@ -17,7 +18,6 @@ from umo.testing.conformance.sight import Sight
 from umo.testing.conformance.subject import Subject
 from umo.testing.conformance.taps import Tap
 from umo.testing.conformance.traffic import Change, Traffic
-from umo.text import reported
 
 MEASURED = 3
 HASTE_LEAST = 0.2
@@ -98,7 +98,7 @@ class Trial(Sight):
                 doing = self.watch.doing
         except OSError as error:
             missing = self.subject.line.missing if self.subject.line is not None else ""
-            what = f"{call_of(error)} failed: {reported(error)}"
+            what = f"{call_of(error)} failed: {text_of(error)}"
             if missing:
                 return f"the device is not there: {missing} ({what})"
             return what if doing or probe is None else f"the device does not answer: {what}"

@@ -1,0 +1,99 @@
+"""Signatures of the user's functions and classes: their parameters, and which of their types a text can give."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from enum import Enum
+from functools import partial
+from pathlib import Path
+from types import NoneType, SimpleNamespace, UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+JSON = (int, float, str, bool, inspect.Parameter.empty)
+"""Types whose values need no conversion from JSON; `empty`: a parameter of which nothing is known, given as text."""
+
+
+def signature_of(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:
+    """All parameters by name, each annotated with the type of its values: its annotation, evaluated. If that is not
+    possible (a type that is imported for type checkers only) or there is none, the type of the default. None at all for
+    what has no signature."""
+    try:
+        found = inspect.signature(function).parameters
+    except (TypeError, ValueError):
+        return {}
+    names = _namespace(function)
+    return {name: _typed(each, names) for name, each in found.items()}
+
+
+def parameters_of(function: Callable[..., Any], skip: int = 0) -> dict[str, inspect.Parameter]:
+    """Those of them that can be given by name, without the first `skip`."""
+    found = list(signature_of(function).values())[skip:]
+    return {each.name: each for each in found if each.kind in (each.POSITIONAL_OR_KEYWORD, each.KEYWORD_ONLY)}
+
+
+def without_none(kind: Any) -> Any:
+    """`int | None` is int; of other unions the first."""
+    if get_origin(kind) in (Union, UnionType):
+        return next((each for each in get_args(kind) if each is not NoneType), str)
+    return kind
+
+
+def item_of(kind: Any) -> Any:
+    """The type of one value of a sequence; the type itself of anything else."""
+    kind = without_none(kind)
+    origin = get_origin(kind)
+    if isinstance(origin, type) and issubclass(origin, Sequence) and get_args(kind):
+        return get_args(kind)[0]
+    return kind
+
+
+def choices_of(kind: Any) -> list[Any]:
+    """The values of a Literal or an Enum; empty for any other type."""
+    if get_origin(kind) is Literal:
+        return list(get_args(kind))
+    if isinstance(kind, type) and issubclass(kind, Enum):
+        return [each.value for each in kind]
+    return []
+
+
+def is_plain(kind: Any) -> bool:
+    """Whether a text can give values of this type."""
+    item = item_of(kind)
+    choices = choices_of(item)
+    return item in (*JSON, Path) or (bool(choices) and all(isinstance(choice, int | float | str) for choice in choices))
+
+
+def is_converted(kind: Any) -> bool:
+    """Whether values of this type are made of JSON: an Enum, a Path, a tuple; or are some values only: a Literal."""
+    return is_plain(kind) and without_none(kind) not in JSON
+
+
+def _typed(parameter: inspect.Parameter, names: Mapping[str, Any]) -> inspect.Parameter:
+    kind: Any = parameter.annotation
+    if kind is not parameter.empty:
+        kind = _evaluated(kind, names)
+    default = None if parameter.default is parameter.empty else parameter.default
+    if default is not None and kind in (Any, parameter.empty):
+        kind = Path if isinstance(default, Path) else type(default)
+    return parameter.replace(annotation=kind)
+
+
+def _evaluated(annotation: Any, names: Mapping[str, Any]) -> Any:
+    """The type; Any if it cannot be evaluated."""
+    try:
+        return get_type_hints(SimpleNamespace(__annotations__={"it": annotation}), dict(names))["it"]
+    except Exception:  # an annotation may be anything
+        return Any
+
+
+def _namespace(function: Any) -> Mapping[str, Any]:
+    """The global names of the module that defines a function, a class, a partial or a callable object."""
+    while isinstance(function, partial):
+        function = function.func
+    if isinstance(function, type):
+        function = function.__init__  # type: ignore[misc]
+    elif not inspect.isroutine(function):
+        function = type(function).__call__
+    names: Mapping[str, Any] = getattr(inspect.unwrap(function), "__globals__", {})
+    return names
