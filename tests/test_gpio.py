@@ -90,8 +90,8 @@ def test_channels_that_share_a_line_share_a_place() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"bias": "up"}, "bias must be one of as-is, disabled, pull-up, pull-down, not 'up'"),
-        ({"drive": "open"}, "drive must be one of push-pull, open-drain, open-source, not 'open'"),
+        ({"bias": "up"}, "bias must be one of 'as-is', 'disabled', 'pull-up', 'pull-down', not 'up'"),
+        ({"drive": "open"}, "drive must be one of 'push-pull', 'open-drain', 'open-source', not 'open'"),
         ({"active_low": 1}, "active_low must be true or false, not 1"),
         ({"debounce": "5"}, 'debounce must be a time such as "5 ms"'),
         ({"debounce": 5}, "debounce must be a time"),

@@ -134,7 +134,7 @@ def opened(**options):
         ({"bus": -1}, "bus must be a whole number"),
         ({"address": 0x90}, r"address \(7 bits, without the bit for reading\) must be a whole number from 8 to 119"),
         ({"address": True}, "address"),
-        ({"address_bits": 12}, "address_bits must be 0, 8 or 16"),
+        ({"address_bits": 12}, "address_bits must be one of 0, 8, 16"),
         ({"pec": True, "auto_increment": True}, "pec is for registers moved one by one"),
         ({"page_register": 256}, "page_register must be a whole number from 0 to 255"),
         ({"setup": {"0x10:8": "1"}}, r"setup\.0x10:8 must be a whole number from 0 to 255, not '1'"),

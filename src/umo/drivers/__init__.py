@@ -1,5 +1,19 @@
-"""Drivers: one module per interface circuit, behind one contract."""
+"""Drivers: one module per interface circuit, behind one contract. What a driver needs of umo is here; the checks of its
+options are in `umo.drivers.options`."""
 
-from umo.drivers.contract import Channel, Direction, Driver, IntArray
+from umo.drivers.contract import UNREAD, Channel, Direction, Driver, IntArray, PhysicalScale
+from umo.errors import ChannelError, ChannelsFailed, DeviceTimeout, DriverError, WiringError
 
-__all__ = ["Channel", "Direction", "Driver", "IntArray"]
+__all__ = [
+    "UNREAD",
+    "Channel",
+    "ChannelError",
+    "ChannelsFailed",
+    "DeviceTimeout",
+    "Direction",
+    "Driver",
+    "DriverError",
+    "IntArray",
+    "PhysicalScale",
+    "WiringError",
+]

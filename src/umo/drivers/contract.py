@@ -58,6 +58,10 @@ class Channel:
         """DriverError if this cannot be written: the channel is an input, or the raw integer does not fit its bits."""
         if Direction.OUTPUT not in self.direction:
             raise DriverError(f"{self.text} is an input")
+        self.fit(raw)
+
+    def fit(self, raw: int) -> None:
+        """DriverError if the raw integer does not fit its bits."""
         if not self.lowest <= raw <= self.highest:
             raise DriverError(f"{raw} does not fit {self.text}: it takes {self.lowest} to {self.highest}")
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from umo.drivers._device_file import explained
-from umo.drivers._options import within
 from umo.drivers.contract import Channel, Direction, Driver
+from umo.drivers.options import truth, within
 from umo.errors import ChannelError, DriverError, WiringError
 from umo.text import did_you_mean
 
@@ -61,8 +61,7 @@ class Counter(Driver[CounterChannel]):
     ) -> None:
         if not isinstance(device, str) or not device:
             raise WiringError(f"device must be the name or path of a counter, not {device!r}")
-        if not isinstance(signed, bool):
-            raise WiringError(f"signed must be true or false, not {signed!r}")
+        truth("signed", signed)
         within("bits", bits, 1, _WIDEST + signed)
         self.device, self._bits, self._signed, self._function = device, bits, signed, function
         self._wired_enables: set[int] = set()

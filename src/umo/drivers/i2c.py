@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from umo.drivers._device_file import opening
-from umo.drivers._options import within
+from umo.drivers.options import one_of, within
 from umo.drivers.registers.driver import RegisterDriver
 from umo.drivers.registers.map import RegisterChannel
 from umo.errors import DriverError, WiringError
@@ -60,8 +60,7 @@ class I2c(RegisterDriver):
         setup: dict[str, int] | None = None,
         pec: bool = False,
     ) -> None:
-        if address_bits not in (0, 8, 16):
-            raise WiringError(f"address_bits must be 0, 8 or 16, not {address_bits!r}")
+        one_of("address_bits", address_bits, (0, 8, 16))
         if isinstance(bus, str) and not bus.startswith("/"):
             raise WiringError(f'bus must be a number or a path such as "/dev/i2c-1", not {bus!r}')
         if not isinstance(bus, str):

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from typing import Any, Literal
 
 from umo.drivers._device_file import opening
-from umo.drivers._options import within
+from umo.drivers.options import one_of, within
 from umo.drivers.registers.driver import RegisterDriver
 from umo.drivers.registers.map import RegisterChannel
 from umo.errors import DriverError, WiringError
@@ -78,8 +78,7 @@ class Spi(RegisterDriver):
             ("address_bits", address_bits, _ADDRESS_BITS),
             ("bits_per_word", bits_per_word, _WORDS),
         ):
-            if value not in choices:
-                raise WiringError(f"{name} must be one of {', '.join(map(str, choices))}, not {value!r}")
+            one_of(name, value, choices)
         self.path = f"/dev/spidev{within('bus', bus, 0, 65535)}.{within('chip_select', chip_select, 0, 255)}"
         self._settings: dict[str, int] = {"mode": mode, "bits_per_word": bits_per_word}
         self._settings["max_speed_hz"] = within("max_speed_hz", max_speed_hz, 1, 1_000_000_000)

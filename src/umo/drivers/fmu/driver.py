@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from umo.drivers._options import within
 from umo.drivers.contract import Direction, Driver, IntArray, PhysicalScale
 from umo.drivers.fmu.variables import TICK, FmuChannel, channel_of, check_start, described, variables_of
+from umo.drivers.options import within
 from umo.errors import ChannelsFailed, DriverError
 
 if TYPE_CHECKING:
@@ -121,8 +121,7 @@ class Fmu(Driver[FmuChannel]):
         return int(out[0])
 
     def write(self, channel: FmuChannel, raw: int) -> None:
-        if not channel.lowest <= raw <= channel.highest:
-            raise _misfit(channel, raw)
+        channel.fit(raw)
         self.write_many((channel,), np.array([raw], np.int64))
 
     def read_many(self, channels: Sequence[FmuChannel], out: IntArray) -> None:
@@ -249,7 +248,7 @@ class _Group:
         mine = raws[self._places].tolist()
         if min(mine) < self._lowest or max(mine) > self._highest:
             place = next(i for i, raw in enumerate(mine) if not self._lowest <= raw <= self._highest)
-            raise _misfit(self._channels[place], mine[place])
+            self._channels[place].fit(mine[place])
 
     def set(self, raws: IntArray) -> None:
         if self._scales is None:
@@ -266,7 +265,3 @@ def _check_directions(verb: str, channels: Sequence[FmuChannel]) -> None:
             raise DriverError("tick is the timer: it is read by itself" if verb == "Get" else "tick is an input")
         if needed not in channel.direction:
             raise DriverError(f"{channel.text} is an {'output' if verb == 'Get' else 'input'}")
-
-
-def _misfit(channel: FmuChannel, raw: int) -> DriverError:
-    return DriverError(f"{raw} does not fit {channel.text}: it takes {channel.lowest} to {channel.highest}")

@@ -7,6 +7,7 @@ from collections.abc import Hashable
 from dataclasses import dataclass, replace
 
 from umo.drivers.contract import Channel, Direction
+from umo.drivers.options import one_of, truth
 from umo.duration import seconds
 from umo.errors import ChannelError, DeclarationError, WiringError
 
@@ -81,12 +82,9 @@ def parse(text: str, defaults: Settings) -> GpioChannel:
 
 def checked(bias: str, drive: str, active_low: bool, debounce: str) -> Settings:
     """The driver's options; WiringError names the valid choice."""
-    if bias not in BIASES:
-        raise WiringError(f"bias must be one of {', '.join(BIASES)}, not {bias!r}")
-    if drive not in DRIVES:
-        raise WiringError(f"drive must be one of {', '.join(DRIVES)}, not {drive!r}")
-    if not isinstance(active_low, bool):
-        raise WiringError(f"active_low must be true or false, not {active_low!r}")
+    one_of("bias", bias, BIASES)
+    one_of("drive", drive, DRIVES)
+    truth("active_low", active_low)
     if (period := _microseconds(debounce)) is None:
         raise WiringError(f'debounce must be a time such as "5 ms" or "500 us", at most 4294 s, not {debounce!r}')
     return Settings(bias, drive, active_low, period)

@@ -74,8 +74,7 @@ class LineTransfer:
                 pass
         levels: dict[int, Value] = {}
         for channel, bits, raw in zip(self.channels, self._bits, raws, strict=True):
-            if not 0 <= raw <= channel.highest:
-                raise DriverError(f"{raw} does not fit {channel.text}: it takes 0 to {channel.highest}")
+            channel.fit(raw)
             levels.update((bit, _LEVELS[raw >> i & 1]) for i, bit in enumerate(bits))
         return [levels[i] for i in range(len(levels))]
 

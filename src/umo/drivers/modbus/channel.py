@@ -116,8 +116,7 @@ class ModbusChannel(Channel):
 
     def words(self, raw: int) -> list[int]:
         """What its registers hold for a raw integer. DriverError for one beyond its range."""
-        if not self.lowest <= raw <= self.highest:
-            raise DriverError(f"{raw} does not fit {self.text}: it takes {self.lowest} to {self.highest}")
+        self.fit(raw)
         if self.scale:
             raw = int.from_bytes(struct.pack(self._packing, raw * self.scale), "big")
         words = [raw >> shift & 0xFFFF for shift in range(0, 16 * self.cells, 16)]

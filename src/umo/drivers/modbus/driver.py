@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from umo.drivers._options import duration, one_of, within
 from umo.drivers._plans import Plans
 from umo.drivers.contract import Driver, IntArray
 from umo.drivers.modbus.answer import Refused
 from umo.drivers.modbus.channel import HIGHEST_ADDRESS, HOLDING, ModbusChannel, parse
 from umo.drivers.modbus.plan import Request, Requests, plan_reads, plan_writes
 from umo.drivers.modbus.unchanged import Unchanged
+from umo.drivers.options import duration, one_of, within
 from umo.drivers.streams import Host, Serial, place_of
 from umo.drivers.streams.place import Parity
 from umo.errors import ChannelsFailed, DriverError, WiringError

@@ -11,9 +11,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from umo.drivers._options import within
 from umo.drivers._plans import Plans
 from umo.drivers.contract import Direction, Driver, IntArray
+from umo.drivers.options import within
 from umo.drivers.registers.blocks import BlockPart, RegisterBlock, places_of, plan
 from umo.drivers.registers.map import FORMS, LARGEST, ChipRegisters, Register, RegisterChannel
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, WiringError

@@ -10,10 +10,9 @@ from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from umo.drivers._options import within
 from umo.drivers.contract import Channel, Direction
+from umo.drivers.options import checked_table, one_of, truth, within
 from umo.errors import ChannelError, DriverError, WiringError
-from umo.text import did_you_mean
 
 WIDTHS = (8, 16, 24, 32, 40, 48, 56, 64)
 ACCESS = {"r": Direction.INPUT, "w": Direction.OUTPUT, "rw": Direction.BOTH}
@@ -157,12 +156,12 @@ class ChipRegisters:
         what = f"registers.{name}"
         if not _PLAIN_NAME.fullmatch(name):
             raise WiringError(f"{what}: a register's name is made of letters, digits and _")
-        _known_keys(what, table, KEYS)
+        checked_table(what, table, KEYS, "{ address = 0x05, bits = 16 }")
         if "address" not in table:
             raise WiringError(f"{what}.address is missing")
-        bits = _one_of(f"{what}.bits", table.get("bits", 8), WIDTHS)
-        order = _one_of(f"{what}.byte_order", table.get("byte_order", "big"), ("big", "little"))
-        access = _one_of(f"{what}.access", table.get("access", "rw"), tuple(ACCESS))
+        bits = one_of(f"{what}.bits", table.get("bits", 8), WIDTHS)
+        order = one_of(f"{what}.byte_order", table.get("byte_order", "big"), ("big", "little"))
+        access = one_of(f"{what}.access", table.get("access", "rw"), tuple(ACCESS))
         page = table.get("page")
         if page is not None and not self._paged:
             raise WiringError(f"{what}.page needs the driver's option page_register")
@@ -170,7 +169,7 @@ class ChipRegisters:
             within(f"{what}.address", table["address"], 0, self._highest - self._span(bits)),
             bits,
             order,
-            _truth(f"{what}.signed", table.get("signed", False)),
+            truth(f"{what}.signed", table.get("signed", False)),
             within(f"{what}.shift", table.get("shift", 0), 0, bits - 1),
             None if page is None else within(f"{what}.page", page, 0, 255),
             ACCESS[access],
@@ -190,8 +189,8 @@ def _field(what: str, given: Any, width: int) -> tuple[int, int, bool]:
     if not _PLAIN_NAME.fullmatch(what.rpartition(".")[2]):
         raise WiringError(f"{what}: a field's name is made of letters, digits and _")
     if isinstance(given, Mapping):
-        _known_keys(what, given, FIELD_KEYS)
-        signed, given = _truth(f"{what}.signed", given.get("signed", False)), given.get("bits")
+        checked_table(what, given, FIELD_KEYS, '{ bits = "11:9", signed = true }')
+        signed, given = truth(f"{what}.signed", given.get("signed", False)), given.get("bits")
     return (*_bits_of(what, given, width), signed)
 
 
@@ -202,23 +201,3 @@ def _bits_of(what: str, given: Any, width: int) -> tuple[int, int]:
     if not 0 <= low <= high < width:
         raise WiringError(f'{what}: bits are a number, or "HIGH:LOW", from {width - 1} to 0, not {given!r}')
     return low, high - low + 1
-
-
-def _known_keys(what: str, table: Any, known: tuple[str, ...]) -> None:
-    if not isinstance(table, Mapping):
-        raise WiringError(f"{what} must be a table such as {{ address = 0x05, bits = 16 }}, not {table!r}")
-    for key in table:
-        if key not in known:
-            raise WiringError(f"{what}: unknown key {key!r}{did_you_mean(str(key), known)}; known: {', '.join(known)}")
-
-
-def _one_of(what: str, value: Any, choices: tuple[Any, ...]) -> Any:
-    if isinstance(value, bool) or value not in choices:
-        raise WiringError(f"{what} must be {', '.join(map(repr, choices[:-1]))} or {choices[-1]!r}, not {value!r}")
-    return value
-
-
-def _truth(what: str, value: Any) -> bool:
-    if not isinstance(value, bool):
-        raise WiringError(f"{what} must be true or false, not {value!r}")
-    return value

@@ -9,7 +9,7 @@ from functools import partial
 from importlib import import_module
 from typing import Any, Literal, get_args
 
-from umo.drivers._options import one_of, within
+from umo.drivers.options import one_of, within
 from umo.drivers.streams import hosts, line
 from umo.drivers.streams.stream import Stream
 from umo.errors import WiringError

@@ -10,12 +10,11 @@ from typing import Any, TypeVar
 
 from typing_extensions import TypedDict
 
-from umo.drivers._options import within
 from umo.drivers.contract import Channel, Direction, PhysicalScale
+from umo.drivers.options import checked_table, within
 from umo.drivers.text.pattern import NoValue, Pattern, RawOf, UnexpectedAnswer, shown
 from umo.drivers.text.template import Template, numbered
 from umo.errors import ChannelError, DriverError, WiringError
-from umo.text import did_you_mean
 
 _NUMBERED = re.compile(r"\{n\}")
 _MOST_BITS = 64
@@ -56,7 +55,7 @@ class Query:
     @classmethod
     def parse(cls, table: QueryOptions, where: str) -> Query | None:
         """None for an empty table."""
-        known(table, QueryOptions, where)
+        checked_table(where, table, QueryOptions.__annotations__, '{ ask = "POS?", answer = "POS={}" }')
         if table and set(table) != {"ask", "answer"}:
             raise WiringError(f'{where} needs both ask and answer: {{ ask = "*IDN?", answer = "ACME*" }}')
         return cls(table["ask"], Pattern(table["answer"], f"{where}.answer")) if table else None
@@ -188,7 +187,7 @@ class Channels:
 
     def _make(self, name: str, text: str, n: int | None) -> TextChannel:
         where, table = f"channels.{name}", self.tables[name]
-        known(table, ChannelOptions, where)
+        checked_table(where, table, ChannelOptions.__annotations__, '{ ask = "T?", answer = "{}" }')
         if n is not None:
             table = numbered(table, n, where)
         scale = _scale(table["scale"], f"{where}.scale") if "scale" in table else None
@@ -273,13 +272,3 @@ def _scale(value: Any, where: str) -> Decimal:
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < float("inf"):
         raise WiringError(f"{where} must be a number above 0, the step of one raw integer, not {value!r}")
     return Decimal(repr(value))
-
-
-def known(table: Any, options: type, where: str) -> None:
-    """WiringError with the valid keys if the table has another one."""
-    keys = list(options.__annotations__)
-    if not isinstance(table, Mapping):
-        raise WiringError(f"{where} must be a table of {', '.join(keys)}, not {table!r}")
-    for key in table:
-        if key not in keys:
-            raise WiringError(f"{where}.{key}: unknown key{did_you_mean(key, keys)}; known: {', '.join(keys)}")

@@ -7,9 +7,9 @@ from typing import Literal, TypeVar, get_args
 
 import numpy as np
 
-from umo.drivers._options import one_of, within
 from umo.drivers._plans import Plans
 from umo.drivers.contract import Driver, IntArray, PhysicalScale
+from umo.drivers.options import one_of, within
 from umo.drivers.streams import Host, Serial, place_of
 from umo.drivers.streams.place import Flow, Parity
 from umo.drivers.text.channel import ChannelOptions, Channels, Query, QueryOptions, TextChannel
