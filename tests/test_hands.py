@@ -32,7 +32,7 @@ from umo import (
     connect,
 )
 from umo.control import next_period, state_of, wait
-from umo.cycle.commands import ASKED, FREE, IN_HAND
+from umo.cycle.columns import ASKED, FREE, IN_HAND
 from umo.cycle.events import TEXT, CommandState, Event
 from umo.cycle.hand_commands import HandCommand, Mode
 from umo.cycle.hands import HOLD, TAKEN_PER_PERIOD, Hands

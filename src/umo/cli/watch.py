@@ -15,7 +15,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from umo.cycle.commands import IN_HAND
+from umo.cycle.columns import IN_HAND
 from umo.frames import Reader, Stage
 from umo.frames.frames_table import facts_of_frames
 from umo.frames.history import samples

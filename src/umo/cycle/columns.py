@@ -7,6 +7,7 @@ image has a memoryview of each for single objects: Python reads these in a third
 from __future__ import annotations
 
 from collections.abc import Sequence
+from enum import Enum
 from math import inf, nan, nextafter
 
 import numpy as np
@@ -16,8 +17,19 @@ from umo.objects import BinaryActuator, DigitalActuator
 from umo.objects.linearization import Linearization
 from umo.wiring.resolved import Wire
 
+FREE, ASKED, IN_HAND = 0, 254, 255
+"""Values of the column `restrictions`: a write goes straight into the image; the command stage is asked, as the
+actuator has an expiry or is asynchronous; the actuator is in a client's hand. 1 to 253: the number of the reason for
+which it is inhibited."""
 WIDE, NARROW = 7, 2
 """Columns of 8 bytes a row and of 1 byte a row."""
+
+
+class Source(Enum):
+    """The origin of a command."""
+
+    PROGRAM = "program"
+    HAND = "hand"
 
 
 class Columns:

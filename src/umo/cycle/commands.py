@@ -12,29 +12,23 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from enum import Enum
 from math import inf
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from umo.cycle.columns import ASKED, IN_HAND, Source
 from umo.cycle.events import Event, Events
+from umo.cycle.image import Image
 from umo.cycle.inhibition import Inhibition, inhibitions_of, latched, unevaluated
 from umo.cycle.journal import Kind
 from umo.cycle.stop_order import stop_sequence
 from umo.drivers.contract import Direction
 from umo.errors import Interlocked
 from umo.objects import Atomic, BinaryActuator, Compound, DigitalActuator
-
-if TYPE_CHECKING:
-    from umo.cycle.image import Image
-    from umo.objects.scaling import FloatArray
+from umo.objects.scaling import FloatArray
 
 log = logging.getLogger("umo")
-FREE, ASKED, IN_HAND = 0, 254, 255
-"""Values of the column `restrictions`: a write goes straight into the image; it is admitted here, as the actuator has
-an expiry or is asynchronous; the actuator is in a client's hand. 1 to 253: the number of the reason for which it is
-inhibited."""
 A_TICK = 1e-9
 """Tolerance in s of a sum of periods (rounding)."""
 
@@ -42,13 +36,6 @@ A_TICK = 1e-9
 def reason_of_hand(who: str) -> str:
     """Why the program cannot write an actuator that somebody has taken."""
     return f"taken by hand: {who}"
-
-
-class Source(Enum):
-    """The origin of a command."""
-
-    PROGRAM = "program"
-    HAND = "hand"
 
 
 @dataclass
@@ -106,9 +93,6 @@ class Commands:
     def __init__(self, root: Compound, image: Image) -> None:
         self._image = image
         self.events = Events()
-        self.unsent: set[int] = set()
-        """Asynchronous actuators, guarded or not, whose default the device did not accept. The defaults of the others
-        are sent by every `update`."""
         self._order = [image.slot_of[id(item)] for item in stop_sequence(root)]
         self._inhibitions = inhibitions_of(root, image.slot_of, self._order)
         found = (self._command(item) for item in root.atoms() if isinstance(item, BinaryActuator | DigitalActuator))
@@ -224,14 +208,6 @@ class Commands:
         found = list(dict.fromkeys([*(each.reason for each in interlocks), *map(unevaluated, interlocks), *over]))
         return found if len(found) < ASKED else [*found[: ASKED - 2], "one of many interlocks"]
 
-    def failed(self, slot: int) -> None:
-        """The device did not accept what is pending. A default is sent again, until it is accepted or another value is
-        written."""
-        item = self._image.items[slot]
-        if isinstance(item, BinaryActuator | DigitalActuator) and not item.synchronous:
-            at_default = self._image.pending[slot] == item._default_value()
-            (self.unsent.add if at_default else self.unsent.discard)(slot)
-
     def rest(self, slot: int) -> None:
         """The actuator is being reset."""
         if slot in self.by_slot:
@@ -242,9 +218,9 @@ class Commands:
     def evaluate(self) -> None:
         """After `sample`: evaluate interlocks and expiries, and reset the actuators concerned in stop order.
         DriverError if a device did not accept its default; the reset is retried in every period."""
-        if not (self.by_slot or self.unsent):
+        if not (self.by_slot or self._image.unsent):
             return
-        due = self.unsent | self._interlocked()
+        due = self._image.unsent | self._interlocked()
         due |= self._expired(due)
         if due:
             self._image.reset_some([slot for slot in self._order if slot in due])
@@ -269,18 +245,20 @@ class Commands:
     def _expired(self, due: set[int]) -> set[int]:
         """The asynchronous ones to be reset now; the default of the others is sent with `update`."""
         found = set()
+        now = self._image.clock.now
         for command in self._expiring:
-            if command.slot not in due and command.has_expired(self._image.clock.now):
+            slot = command.slot
+            if slot not in due and command.has_expired(now):
+                command.written = None
                 self._happened(
                     command,
                     f"command expired: not written for {command.expires:g} s, default sent",
                     Kind.EXPIRED,
                 )
                 if command.synchronous:
-                    command.written = None
-                    self._image.set_default(command.slot)
+                    self._image.set_default(slot)
                 else:
-                    found.add(command.slot)
+                    found.add(slot)
         return found
 
     def expire(self) -> None:

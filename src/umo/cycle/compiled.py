@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-try:
-    from umo.cycle import _columns
-except ImportError:
-    _columns = None  # type: ignore[assignment]
-extension = _columns
+from contextlib import suppress
+from importlib import import_module
+from typing import Any
+
+extension: Any = None
 """None: it was not built, and numpy does its work."""
+with suppress(ImportError):
+    extension = import_module("umo.cycle._columns")
 
 
 def is_built() -> bool:

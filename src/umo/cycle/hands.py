@@ -16,20 +16,18 @@ import time
 from collections.abc import Callable, Coroutine, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
-from umo.cycle.commands import Source
+from umo.cycle.columns import Source
 from umo.cycle.events import TEXT, CommandState, Event
 from umo.cycle.hand_commands import HandCommand, Inbox, Levels, Mode
 from umo.cycle.lease import Lease
+from umo.cycle.machine import ConnectedMachine
 from umo.cycle.sequences import Sequences, Task
 from umo.errors import CommandRefused, DriverError, PathError, StateError, TaskFailed, UmoError
 from umo.objects import Atomic, Binary, BinaryActuator, Compound, DigitalActuator, Range
 from umo.text import did_you_mean
 from umo.user_code import Raised, as_json, attempt
-
-if TYPE_CHECKING:
-    from umo.cycle.machine import ConnectedMachine
 
 HOLD = 0.5
 """s for which a written actuator and a jog last unless they are kept up; shorter where the actuator expires sooner."""

@@ -10,19 +10,18 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable, Iterator, Sequence
 from math import inf, nan
-from typing import Any, cast
+from typing import Any, Protocol, cast
 
 import numpy as np
 
 from umo.cycle.block import Block
 from umo.cycle.clock import Clock
-from umo.cycle.columns import Columns, Scales
-from umo.cycle.commands import Commands, Source
+from umo.cycle.columns import Columns, Scales, Source
 from umo.cycle.conversion import convert_inputs, convert_outputs, send
 from umo.cycle.transfer import FAILURES, Transfer, cause_of_failure
 from umo.drivers.contract import UNREAD, Direction, WaitEnded
 from umo.errors import BadInput, DriverError, Failure
-from umo.objects import Binary, BinaryActuator, BinarySensor, DigitalActuator, DigitalSensor, Quality
+from umo.objects import Binary, BinaryActuator, BinarySensor, DigitalActuator, DigitalSensor, Quality, link
 from umo.objects.atomic import Digital
 from umo.objects.linearization import Linearizations
 from umo.objects.scaling import FloatArray, IntArray, to_raw, to_value
@@ -35,6 +34,19 @@ NO_TICK = -1.0
 """Result of reading the timer when a stop has ended the wait."""
 Actuator = BinaryActuator[Any] | DigitalActuator
 Sensor = BinarySensor[Any] | DigitalSensor
+
+
+class Gate(link.Commands, Protocol):
+    """The command stage, asked for what the column `restrictions` restricts (`umo.cycle.commands`)."""
+
+    def take(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
+        """Whether a value within the range may be written; Interlocked where an interlock is to stop the program."""
+
+    def take_many(self, slots: Sequence[int], values: FloatArray) -> list[bool]:
+        """The same for many at once, each with its answer; where it raises Interlocked, none was taken."""
+
+    def rest(self, slot: int) -> None:
+        """The actuator is being reset."""
 
 
 class Image:
@@ -62,7 +74,10 @@ class Image:
         self.scales = scales = Scales(self.wires)
         self._low, self._high = scales.low.data, scales.high.data
         self.transfer = Transfer(self.wires, wired, self.timer, columns.raws)
-        self.commands: Commands
+        self.commands: Gate
+        self.unsent: set[int] = set()
+        """Asynchronous actuators whose default the device did not accept. The defaults of the others are sent by every
+        `update`."""
         self._marked: list[Failure] = []
         """Sensors that were marked BAD and not logged yet."""
         self._tell_again: dict[int, float] = {}
@@ -91,7 +106,7 @@ class Image:
                 self.values[slot] = nan  # nothing was read yet
                 self._set_quality(slot, Quality.BAD)
 
-    def connect(self, commands: Commands) -> None:
+    def connect(self, commands: Gate) -> None:
         """The objects find their values here from now on."""
         self.commands = commands
         for slot, item in enumerate(self.items):
@@ -227,7 +242,6 @@ class Image:
                 self._accepted(slot)
             else:
                 self._fail_output(slot, cause, failures)
-                self.commands.failed(slot)
         if failures:
             raise DriverError("could not be written", failures)
         return True
@@ -257,7 +271,6 @@ class Image:
             self.transfer.write(slot, self.sent_raws[slot])
         except FAILURES as error:
             self._fail_output(slot, cause_of_failure(error), failures)
-            self.commands.failed(slot)
         else:
             self._accepted(slot)
         return failures
@@ -304,7 +317,7 @@ class Image:
             self._set_quality(slot, Quality.BAD)
             if self.values[slot] != self.sent[slot]:
                 self.stepped[slot] = inf  # `update` sends the default, without a limit, until it is accepted
-            self.commands.failed(slot)
+            self._keep_unsent(slot)
         elif self.items[slot].direction is Direction.OUTPUT:
             self._accepted(slot)
 
@@ -406,7 +419,7 @@ class Image:
             self.stepped[slot] = self.clock.now
         if self.quality[slot]:
             self._set_quality(slot, Quality.GOOD)
-            self.commands.unsent.discard(slot)
+            self.unsent.discard(slot)
 
     def _fail_input(self, slot: int, cause: str, failures: list[Failure]) -> None:
         item = cast(Sensor, self.items[slot])
@@ -436,8 +449,17 @@ class Image:
             self._fail_output(slot, cause, failures)
 
     def _fail_output(self, slot: int, cause: str, failures: list[Failure]) -> None:
+        self._keep_unsent(slot)
         self._set_quality(slot, Quality.BAD)
         failures.append(self.transfer.failure(slot, cause))
+
+    def _keep_unsent(self, slot: int) -> None:
+        """The device did not accept what is pending. A default is sent again, until it is accepted or another value is
+        written."""
+        item = self.items[slot]
+        if item.direction is Direction.OUTPUT and not item.synchronous:
+            at_default = self.pending[slot] == cast(Actuator, item)._default_value()
+            (self.unsent.add if at_default else self.unsent.discard)(slot)
 
     def _set_quality(self, slot: int, quality: Quality) -> None:
         self.quality[slot] = int(quality)

@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Coroutine
 from functools import cached_property, partial
 from time import monotonic_ns
-from typing import Any, NamedTuple, NoReturn, cast
+from typing import Any, NamedTuple, NoReturn, Protocol, cast
 
 from umo.cycle.clock import Clock, WallClock
 from umo.cycle.commands import Commands
 from umo.cycle.events import Events
 from umo.cycle.facts import facts_of
 from umo.cycle.frame import Frame, Observer, show
-from umo.cycle.hands import Hands
+from umo.cycle.hand_commands import Inbox, Mode
 from umo.cycle.image import Image
+from umo.cycle.lease import Lease
 from umo.cycle.sequences import Sequences, Task
 from umo.cycle.signals import Signal, signals_of
 from umo.cycle.stage import Stage
@@ -28,6 +29,22 @@ from umo.wiring.resolved import AT_NEXT_TICK, AT_ONCE
 
 INJECTED = "injected_faults"
 """The signal of a run with faults: how many are in effect."""
+
+
+class Hands(Protocol):
+    """The commands from outside (`umo.cycle.hands`), as far as the machine needs them."""
+
+    mode: Mode
+    lease: Lease
+    inbox: Inbox
+    at_work: Sequences | None
+    """An action from outside is being carried out at this moment: what it starts belongs here."""
+
+    def look(self) -> None:
+        """Once per period, before the sequences: take what has come in, go on with what runs."""
+
+    def cancel(self) -> None:
+        """The machine stops."""
 
 
 class ConnectedMachine:

@@ -25,7 +25,8 @@ def writer(image: Image, layout: Layout, file: mmap) -> Write:
     """The quickest one. It may hold the file's memory as long as it exists."""
     shown = image.columns.shown
     if compiled.extension is not None:
-        return compiled.extension.Body(file, shown, layout.content - BODY).write
+        write: Write = compiled.extension.Body(file, shown, layout.content - BODY).write
+        return write
     return _Packed(shown, layout, file).write
 
 

@@ -14,7 +14,8 @@ from weakref import finalize
 import numpy as np
 import numpy.typing as npt
 
-from umo.cycle.commands import ASKED, FREE, IN_HAND, reason_of_hand
+from umo.cycle.columns import ASKED, FREE, IN_HAND
+from umo.cycle.commands import reason_of_hand
 from umo.cycle.events import CommandState, Event
 from umo.cycle.hand_commands import Mode
 from umo.cycle.stage import Stage

@@ -10,9 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from umo.cycle.frame import Frame
-from umo.cycle.hands import Hands
 from umo.cycle.journal import CAPACITY, Journal
-from umo.cycle.machine import ConnectedMachine
+from umo.cycle.machine import ConnectedMachine, Hands
 from umo.cycle.phases import UNKNOWN, Phases
 from umo.cycle.progress import Progress
 from umo.cycle.stage import Stage

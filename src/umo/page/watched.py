@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from umo.cycle.commands import IN_HAND
+from umo.cycle.columns import IN_HAND
 from umo.cycle.events import Event
 from umo.frames import Reader, Stage
 from umo.frames.frames_table import progress_of
