@@ -19,7 +19,7 @@ from helpers.machines import bench
 from helpers.tiers import first
 from umo import connect
 from umo.cli import latency
-from umo.cli.app import guarded
+from umo.cli.shared import guarded
 from umo.frames import Reader, published
 from umo.latency import blackbox
 from umo.testing import periods

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .app import HelpPanel, Take, finite, guarded
+from .shared import HelpPanel, Take, finite, guarded
 
 command = HelpPanel("Running stations")
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .app import OF_THE_MACHINE, Acknowledge, HelpPanel, StationName, Take, WiringName, finite, guarded
+from .shared import OF_THE_MACHINE, Acknowledge, HelpPanel, StationName, Take, WiringName, finite, guarded
 
 command = HelpPanel("Machines, wirings, drivers")
 command_of_new = HelpPanel("New stations and drivers")

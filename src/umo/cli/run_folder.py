@@ -20,7 +20,7 @@ from umo.cycle import Frame
 from umo.cycle.trace import Trace, lines
 from umo.errors import UmoError, text_of
 from umo.process.job import Plan
-from umo.wiring.parameters import as_plain
+from umo.wiring.plain import as_plain
 
 from .console import err
 from .result import Result

@@ -13,10 +13,10 @@ from umo.drivers import Direction
 from umo.errors import DeclarationError, PathError
 from umo.objects import Atomic, Compound, Digital, DigitalActuator, Node
 from umo.objects.families import FROM
-from umo.objects.linearization import from_table
 from umo.process.station import Station, StationError
 from umo.text import did_you_mean
 from umo.wiring import check
+from umo.wiring.linearized import from_table
 from umo.wiring.patterns import expand
 from umo.wiring.source import WiringSource, read
 

@@ -31,8 +31,8 @@ INJECTED = "injected_faults"
 """The signal of a run with faults: how many are in effect."""
 
 
-class Hands(Protocol):
-    """The commands from outside (`umo.cycle.hands`), as far as the machine needs them."""
+class Commanding(Protocol):
+    """The clients that command a machine (`umo.cycle.hands`), as far as it needs them."""
 
     mode: Mode
     lease: Lease
@@ -63,7 +63,7 @@ class ConnectedMachine:
         self.clock: Clock = image.clock
         self.stop = stop
         self.sequences = Sequences()
-        self.hands: Hands | None = None
+        self.hands: Commanding | None = None
         """The commands from outside, where there may be any."""
         self.observers: list[Observer] = []
         """Called after every period with its frame."""

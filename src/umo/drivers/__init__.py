@@ -1,5 +1,5 @@
 """Drivers: one module per interface circuit, behind one contract. What a driver needs of umo is here; the checks of its
-options are in `umo.drivers.options`."""
+options are in `umo.drivers.option_checks`."""
 
 from umo.drivers.contract import UNREAD, Channel, Direction, Driver, IntArray, PhysicalScale
 from umo.errors import ChannelError, ChannelsFailed, DeviceTimeout, DriverError, WiringError

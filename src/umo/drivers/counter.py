@@ -12,7 +12,7 @@ from pathlib import Path
 
 from umo.drivers._device_file import explained
 from umo.drivers.contract import Channel, Direction, Driver
-from umo.drivers.options import truth, within
+from umo.drivers.option_checks import truth, within
 from umo.errors import ChannelError, DriverError, WiringError
 from umo.text import did_you_mean
 

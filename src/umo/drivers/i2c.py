@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from umo.drivers._device_file import opening
-from umo.drivers.options import one_of, within
+from umo.drivers.option_checks import one_of, within
 from umo.drivers.registers.driver import RegisterDriver
 from umo.drivers.registers.map import RegisterChannel
 from umo.errors import DriverError, WiringError

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from umo.cycle.frame import Frame
 from umo.cycle.journal import CAPACITY, Journal
-from umo.cycle.machine import ConnectedMachine, Hands
+from umo.cycle.machine import Commanding, ConnectedMachine
 from umo.cycle.phases import UNKNOWN, Phases
 from umo.cycle.progress import Progress
 from umo.cycle.stage import Stage
@@ -164,7 +164,7 @@ class Ring:
             self._words[at >> 3] = number + 1
             self._live[EVENT // 8] = number + 1
 
-    def show(self, hands: Hands) -> None:
+    def show(self, hands: Commanding) -> None:
         """Mode, lease, and what became of the queue."""
         live, lease = self._live, hands.lease
         live[MODE // 8], live[TAKEN // 8], live[DROPPED // 8] = hands.mode, hands.inbox.taken, hands.inbox.dropped

@@ -10,7 +10,7 @@ along its end segments, the others along their end tangents.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import product
@@ -23,7 +23,6 @@ from umo.errors import DeclarationError
 from umo.objects.interpolation import Cubics, Group, Segments, groups_of
 from umo.objects.scaling import BoolArray, FloatArray
 from umo.objects.units import same_unit
-from umo.text import did_you_mean
 
 
 class Linearization(ABC):
@@ -270,28 +269,3 @@ def _numbers(name: str, numbers: Any) -> tuple[float, ...]:
     if len(each) < 2 or any(isinstance(x, bool) or not isinstance(x, int | float) or not isfinite(x) for x in each):
         raise DeclarationError(f"{name} must be a list of at least two finite numbers, not {numbers!r}")
     return tuple(map(float, each))
-
-
-def from_table(given: Any) -> Linearization:
-    """The linearization of a wiring entry: `{ thermocouple = "K" }`, `{ polynomial = [c0, c1, ...] }`, with
-    `domain = [from, to]` where it is needed, or `{ table = [[inputs], [values]] }`. DeclarationError for anything
-    else."""
-    from umo.objects.thermocouple import Thermocouple
-
-    if not isinstance(given, Mapping) or not given:
-        raise DeclarationError(f'must be a table such as {{ thermocouple = "K" }}, not {given!r}')
-    kinds = ("thermocouple", "polynomial", "table")
-    known = (*kinds, "domain") if "polynomial" in given else kinds
-    for key in given:
-        if key not in known:
-            raise DeclarationError(f"unknown key {key!r}{did_you_mean(str(key), known)}; known: {', '.join(known)}")
-    if len([key for key in given if key in kinds]) > 1:
-        raise DeclarationError(f"has more than one of {', '.join(kinds)}")
-    if "thermocouple" in given:
-        return Thermocouple(given["thermocouple"])
-    if "polynomial" in given:
-        return Polynomial(given["polynomial"], given.get("domain", (-inf, inf)))
-    columns = given["table"]
-    if not isinstance(columns, list | tuple) or len(columns) != 2:
-        raise DeclarationError(f"table must be two lists, [[inputs], [values]], not {columns!r}")
-    return LookupTable(*columns)

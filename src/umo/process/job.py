@@ -20,7 +20,7 @@ from umo.objects import Compound, actions_of, tunables_of
 from umo.process.station import find
 from umo.user_code import told_as
 from umo.wiring import Wired, resolve, share
-from umo.wiring.parameters import as_plain
+from umo.wiring.plain import as_plain
 
 MAIN = "__umo_main__"
 """The user's own script, imported again in the new process under this name."""

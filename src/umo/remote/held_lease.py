@@ -7,15 +7,12 @@ import threading
 import time
 from contextlib import suppress
 from types import TracebackType
-from typing import TYPE_CHECKING
 
 from umo.cycle.events import CommandState
 from umo.cycle.lease import LONGEST, SHORTEST
 from umo.errors import FramesError, LeaseHeld, RangeError, UmoError
 from umo.frames.cells import LEASE
-
-if TYPE_CHECKING:
-    from umo.remote.attached import RemoteStation
+from umo.remote.commanded import Commanded
 
 AFTER = 0.05
 """s within which the machine's words follow the end of a lease."""
@@ -31,7 +28,7 @@ class HeldLease:
     a lease may last.
     """
 
-    def __init__(self, station: RemoteStation, who: str, seconds: float, over: bool) -> None:
+    def __init__(self, station: Commanded, who: str, seconds: float, over: bool) -> None:
         if not SHORTEST <= seconds <= LONGEST:
             raise RangeError(f"a lease can last from {SHORTEST:g} to {LONGEST:g} s, not {seconds:g} s")
         self.who = who

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from inspect import Parameter, Signature
 from math import isnan
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from umo.cycle.hands import HOLD
 from umo.errors import BadInput, PathError, RangeError
@@ -15,10 +15,8 @@ from umo.frames.frames_table import html_of_frames
 from umo.objects import Quality
 from umo.objects.html_table import never_raises
 from umo.objects.units import convert
+from umo.remote.commanded import Commanded
 from umo.text import did_you_mean
-
-if TYPE_CHECKING:
-    from umo.remote.attached import RemoteStation
 
 
 class Tree:
@@ -53,10 +51,10 @@ class Tree:
 class RemotePart:
     """A compound of a running station, or something that it has, such as a law."""
 
-    def __init__(self, station: RemoteStation, tree: Tree, path: str) -> None:
+    def __init__(self, station: Commanded, tree: Tree, path: str) -> None:
         self.__dict__.update(_station=station, _tree=tree, _path=path)
 
-    _station: RemoteStation
+    _station: Commanded
     _tree: Tree
     _path: str
 
@@ -111,7 +109,7 @@ class NoMember(PathError, AttributeError):
 class RemoteObject:
     """One object of a running station. What is read is of the last finished period."""
 
-    def __init__(self, station: RemoteStation, entry: dict[str, Any]) -> None:
+    def __init__(self, station: Commanded, entry: dict[str, Any]) -> None:
         self._station = station
         self._entry = entry
         self.path: str = entry["path"]
@@ -184,7 +182,7 @@ class RemoteObject:
 
 
 def call_action(
-    station: RemoteStation,
+    station: Commanded,
     action: dict[str, Any],
     given: dict[str, Any],
     while_running: Callable[[], object] = lambda: None,
@@ -198,13 +196,13 @@ def call_action(
         return station.ask("call", path, arguments=given, while_running=while_running)
 
 
-def release_action(station: RemoteStation, path: str) -> None:
+def release_action(station: Commanded, path: str) -> None:
     """End what is kept up: the machine calls the action's release."""
     station.let_go(path)
     station.ask("let go", path)
 
 
-def _caller(station: RemoteStation, action: dict[str, Any]) -> Callable[..., Any]:
+def _caller(station: Commanded, action: dict[str, Any]) -> Callable[..., Any]:
     """A function that calls an action and waits for its end. If the action is kept up, `release` of the function ends
     it: `station.z.jog.release()`."""
     arguments = action["arguments"]

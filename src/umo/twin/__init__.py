@@ -4,10 +4,11 @@ def twin(machine: Press) -> Twin:
     return Twin([Body("ram", [Cuboid((0.1, 0.1, 0.3))], drives=[Slide("ram.position", axis=(0, 0, -1))])])
 """
 
+from umo.twin.bodies import Body, Viewpoint
 from umo.twin.declared import declares_twin, twin_of
 from umo.twin.drives import Carried, Colour, Drive, Hinge, Joint, Slide, Visible
 from umo.twin.shapes import Capsule, Cuboid, Cylinder, Ellipsoid, Mesh, Shape, Sphere, turned
-from umo.twin.twin import Body, Twin, Viewpoint
+from umo.twin.twin import Twin
 
 __all__ = [
     "Body",

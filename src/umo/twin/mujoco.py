@@ -10,9 +10,9 @@ from typing import Any
 
 from umo.errors import DeclarationError, text_of
 from umo.text import did_you_mean
+from umo.twin.bodies import Body, Viewpoint
 from umo.twin.drives import Drive, Hinge, Joint, Slide
 from umo.twin.shapes import Capsule, Cuboid, Cylinder, Ellipsoid, Mesh, Shape, Sphere
-from umo.twin.twin import Body, Viewpoint
 
 WORLD = "world"
 UNCOLOURED = (0.5, 0.5, 0.5, 1.0)

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from enum import Enum
-from pathlib import Path
 from typing import Any
 
 from umo.errors import OptionError
 from umo.signature import is_converted, parameters_of
-from umo.wiring.faults.words import InjectedFault
 
 
 def arguments_for(function: Callable[..., Any], taker: str, given: Mapping[str, Any], skip: int = 0) -> dict[str, Any]:
@@ -40,13 +37,3 @@ def arguments_for(function: Callable[..., Any], taker: str, given: Mapping[str, 
 def flag(name: str) -> str:
     """The option of a parameter on the command line."""
     return f"--{name.replace('_', '-')}"
-
-
-def as_plain(value: Any) -> Any:
-    """Plain data that stands for an Enum, a Path or a fault among options; whoever takes it gets the object.
-    TypeError for anything else (`json.dumps(default=as_plain)`)."""
-    if isinstance(value, Enum):
-        return value.value
-    if isinstance(value, Path | InjectedFault):
-        return str(value)
-    raise TypeError(f"Object of type {type(value).__name__} is not JSON serializable")

@@ -22,7 +22,7 @@ from umo.duration import seconds
 from umo.errors import DeclarationError, Mistake, RangeError, WiringError, text_of
 from umo.objects import Atomic, BinaryActuator, Compound, Digital, DigitalActuator, DigitalSensor, Node
 from umo.objects.atomic import Calibration
-from umo.objects.linearization import fitted, from_table
+from umo.objects.linearization import fitted
 from umo.objects.scaling import to_raw
 from umo.objects.settings import as_declared
 from umo.objects.units import check_unit
@@ -31,6 +31,7 @@ from umo.system.packages import station_of
 from umo.wiring.faults.binding import inject
 from umo.wiring.faults.words import InjectedFault
 from umo.wiring.faults.wrapper import Injection
+from umo.wiring.linearized import from_table
 from umo.wiring.options import FAULT, FAULT_SEED, OF_WIRINGS, REALTIME, RESERVED
 from umo.wiring.patterns import collapsed, expand, expand_parameters
 from umo.wiring.process_table import process_of

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from umo.drivers.contract import Direction, Driver, IntArray, PhysicalScale
 from umo.drivers.fmu.variables import TICK, FmuChannel, channel_of, check_start, described, variables_of
-from umo.drivers.options import within
+from umo.drivers.option_checks import within
 from umo.errors import ChannelsFailed, DriverError
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from collections.abc import Hashable
 from dataclasses import dataclass, replace
 
 from umo.drivers.contract import Channel, Direction
-from umo.drivers.options import one_of, truth
+from umo.drivers.option_checks import one_of, truth
 from umo.duration import seconds
 from umo.errors import ChannelError, DeclarationError, WiringError
 

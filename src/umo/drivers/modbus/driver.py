@@ -14,9 +14,9 @@ from umo.drivers.modbus.answer import Refused
 from umo.drivers.modbus.channel import HIGHEST_ADDRESS, HOLDING, ModbusChannel, parse
 from umo.drivers.modbus.plan import Request, Requests, plan_reads, plan_writes
 from umo.drivers.modbus.unchanged import Unchanged
-from umo.drivers.options import duration, one_of, within
+from umo.drivers.option_checks import duration, one_of, within
 from umo.drivers.streams import Host, Serial, place_of
-from umo.drivers.streams.place import Parity
+from umo.drivers.streams.line import Parity
 from umo.errors import ChannelsFailed, DriverError, WiringError
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ import numpy as np
 
 from umo.drivers._plans import Plans
 from umo.drivers.contract import Direction, Driver, IntArray
-from umo.drivers.options import within
+from umo.drivers.option_checks import within
 from umo.drivers.registers.blocks import BlockPart, RegisterBlock, places_of, plan
 from umo.drivers.registers.map import FORMS, LARGEST, ChipRegisters, Register, RegisterChannel
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, WiringError

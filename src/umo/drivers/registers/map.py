@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from umo.drivers.contract import Channel, Direction
-from umo.drivers.options import checked_table, one_of, truth, within
+from umo.drivers.option_checks import checked_table, one_of, truth, within
 from umo.errors import ChannelError, DriverError, WiringError
 
 WIDTHS = (8, 16, 24, 32, 40, 48, 56, 64)

@@ -1,4 +1,4 @@
-"""The device file of a serial line, opened through pyserial, locked for this process (flock)."""
+"""A serial line and its settings; its device file, opened through pyserial, locked for this process (flock)."""
 
 from __future__ import annotations
 
@@ -6,20 +6,68 @@ import errno
 import io
 import os
 import termios
+from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from time import monotonic, sleep
-from typing import TYPE_CHECKING, Any
+from typing import Any, Literal, get_args
 
 from umo.drivers._device_file import opening
-from umo.drivers.streams.stream import Stream
+from umo.drivers.option_checks import one_of, within
+from umo.drivers.streams.stream import Dial, Stream
 from umo.errors import DriverError
 
-if TYPE_CHECKING:
-    from umo.drivers.streams.place import Serial
-
+Parity = Literal["none", "even", "odd", "mark", "space"]
+Flow = Literal["none", "rtscts", "xonxoff"]
 _BUSY = 0.02
 """s between two attempts to open a line that another process, perhaps one of umo that is ending, still holds."""
+
+
+@dataclass(frozen=True)
+class Serial:
+    """A serial line."""
+
+    path: str
+    baudrate: int
+    parity: Parity
+    data_bits: int = 8
+    stop_bits: int = 1
+    flow: Flow = "none"
+    dtr: bool = True
+    rs485: bool = False
+
+    def __post_init__(self) -> None:
+        within("baudrate", self.baudrate, 50, 4_000_000)
+        one_of("data_bits", self.data_bits, (5, 6, 7, 8))
+        one_of("parity", self.parity, get_args(Parity))
+        one_of("stop_bits", self.stop_bits, (1, 2))
+        one_of("flow", self.flow, get_args(Flow))
+
+    def devices(self) -> Sequence[str]:
+        """The device file, whatever link leads to it."""
+        return [f"serial {os.path.realpath(self.path)}"]
+
+    def prepared(self) -> bool:
+        """Import pyserial; False if it is missing. For constructors: a guardian has no time for imports in `open`."""
+        try:
+            import_module("serial.rs485")
+        except ModuleNotFoundError:
+            return False
+        return True
+
+    def dial(self) -> Dial:
+        return partial(opened, self)
+
+    @property
+    def character(self) -> float:
+        """s that one character takes: start bit, data bits, parity and stop bits."""
+        return (1 + self.data_bits + (self.parity != "none") + self.stop_bits) / self.baudrate
+
+    def __str__(self) -> str:
+        shape = f"{self.data_bits}{self.parity[0].upper()}{self.stop_bits}"
+        return f"{self.baudrate} baud {shape}{', RS-485' * self.rs485}"
 
 
 def opened(place: Serial, deadline: float) -> Stream:

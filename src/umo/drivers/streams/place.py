@@ -1,23 +1,16 @@
-"""Where a device is: a host, or a serial line with its settings. Needs no library."""
+"""Where a device is: a host, or a serial line. Needs no library."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from importlib import import_module
-from typing import Any, Literal, get_args
+from typing import Any
 
-from umo.drivers.options import one_of, within
-from umo.drivers.streams import hosts, line
-from umo.drivers.streams.stream import Stream
+from umo.drivers.option_checks import within
+from umo.drivers.streams import hosts
+from umo.drivers.streams.line import Serial
+from umo.drivers.streams.stream import Dial
 from umo.errors import WiringError
-
-Parity = Literal["none", "even", "odd", "mark", "space"]
-Flow = Literal["none", "rtscts", "xonxoff"]
-Dial = Callable[[float], Stream]
-"""Opens a stream by a deadline, in s of `monotonic`. Raises Lost or DriverError."""
 
 
 @dataclass(frozen=True)
@@ -42,51 +35,6 @@ class Host:
 
     def dial(self) -> Dial:
         return hosts.TcpDial(self.host, self.port)
-
-
-@dataclass(frozen=True)
-class Serial:
-    """A serial line."""
-
-    path: str
-    baudrate: int
-    parity: Parity
-    data_bits: int = 8
-    stop_bits: int = 1
-    flow: Flow = "none"
-    dtr: bool = True
-    rs485: bool = False
-
-    def __post_init__(self) -> None:
-        within("baudrate", self.baudrate, 50, 4_000_000)
-        one_of("data_bits", self.data_bits, (5, 6, 7, 8))
-        one_of("parity", self.parity, get_args(Parity))
-        one_of("stop_bits", self.stop_bits, (1, 2))
-        one_of("flow", self.flow, get_args(Flow))
-
-    def devices(self) -> Sequence[str]:
-        """The device file, whatever link leads to it."""
-        return [f"serial {os.path.realpath(self.path)}"]
-
-    def prepared(self) -> bool:
-        """Import pyserial; False if it is missing. For constructors: a guardian has no time for imports in `open`."""
-        try:
-            import_module("serial.rs485")
-        except ModuleNotFoundError:
-            return False
-        return True
-
-    def dial(self) -> Dial:
-        return partial(line.opened, self)
-
-    @property
-    def character(self) -> float:
-        """s that one character takes: start bit, data bits, parity and stop bits."""
-        return (1 + self.data_bits + (self.parity != "none") + self.stop_bits) / self.baudrate
-
-    def __str__(self) -> str:
-        shape = f"{self.data_bits}{self.parity[0].upper()}{self.stop_bits}"
-        return f"{self.baudrate} baud {shape}{', RS-485' * self.rs485}"
 
 
 Place = Host | Serial

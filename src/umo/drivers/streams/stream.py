@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import select
+from collections.abc import Callable
 from contextlib import suppress
 from time import monotonic
 from typing import Protocol
@@ -97,3 +98,7 @@ def plain(error: OSError) -> str:
     """The text of the operating system, as a part of a sentence."""
     text = error.strerror or str(error)
     return text[:1].lower() + text[1:]
+
+
+Dial = Callable[[float], Stream]
+"""Opens a stream by a deadline, in s of `monotonic`. Raises Lost or DriverError."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from time import monotonic, sleep
 
 from umo.drivers.streams import Gone, Stream, TimedOut
-from umo.drivers.streams.place import Dial
+from umo.drivers.streams.stream import Dial
 from umo.drivers.text.channel import Query
 from umo.drivers.text.pattern import BLANKS, NoValue, Pattern, UnexpectedAnswer, shown, stripped
 from umo.errors import DeviceTimeout, DriverError

@@ -9,9 +9,9 @@ import numpy as np
 
 from umo.drivers._plans import Plans
 from umo.drivers.contract import Driver, IntArray, PhysicalScale
-from umo.drivers.options import one_of, within
+from umo.drivers.option_checks import one_of, within
 from umo.drivers.streams import Host, Serial, place_of
-from umo.drivers.streams.place import Flow, Parity
+from umo.drivers.streams.line import Flow, Parity
 from umo.drivers.text.channel import ChannelOptions, Channels, Query, QueryOptions, TextChannel
 from umo.drivers.text.conversation import Dialogue, TextLink
 from umo.drivers.text.exchange import Asked, Told, plan_reads, plan_writes

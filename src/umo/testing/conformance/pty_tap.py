@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from umo.drivers.streams.place import Parity
+from umo.drivers.streams.line import Parity
 from umo.testing.conformance.taps import Tap
 from umo.testing.conformance.traffic import Tapped
 

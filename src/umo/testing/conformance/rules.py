@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, TypeVar
+from typing import Any, TypeVar
 
 from umo.text import did_you_mean
-
-if TYPE_CHECKING:
-    from umo.testing.conformance.trial import Trial
 
 
 class RuleBroken(Exception):
@@ -45,12 +42,12 @@ NOTHING = Cost(opens=0, each=0)
 
 @dataclass(frozen=True)
 class Rule:
-    """One rule. `check` returns a remark or None, or raises RuleBroken or NotTried; any OSError that leaves it is the
-    failure of a call that had to succeed."""
+    """One rule. `check`, given a `Trial`, returns a remark or None, or raises RuleBroken or NotTried; any OSError that
+    leaves it is the failure of a call that had to succeed."""
 
     id: str
     text: str
-    check: Callable[[Trial], str | None]
+    check: Callable[[Any], str | None]
     cost: Cost
 
     @property

@@ -1,0 +1,31 @@
+"""A station that is commanded, as its lease and its members see it (`umo.remote.attached`)."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager
+from typing import Any, Protocol
+
+from umo.cycle.hands import HOLD
+from umo.frames import Reader
+
+
+class Commanded(Protocol):
+    """A running station: its frames, and the commands to it."""
+
+    reader: Reader
+    held_lease: Any
+    """The lease that this program holds; None: it holds none."""
+
+    @property
+    def running(self) -> bool: ...
+    def ask(self, do: str, path: str = "", **more: Any) -> Any:
+        """Send a command and wait for its answer."""
+
+    def sign(self, lease: int, *paths: str) -> None:
+        """A sign of life for these paths."""
+
+    def keeping_up(self, path: str, lasts: float = HOLD) -> AbstractContextManager[None]:
+        """What is begun in the block is kept up from then on."""
+
+    def let_go(self, path: str) -> None:
+        """What was kept up at this path is not any longer."""

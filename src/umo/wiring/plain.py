@@ -1,0 +1,19 @@
+"""Options as plain data."""
+
+from __future__ import annotations
+
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+from umo.wiring.faults.words import InjectedFault
+
+
+def as_plain(value: Any) -> Any:
+    """Plain data that stands for an Enum, a Path or a fault among options; whoever takes it gets the object.
+    TypeError for anything else (`json.dumps(default=as_plain)`)."""
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, Path | InjectedFault):
+        return str(value)
+    raise TypeError(f"Object of type {type(value).__name__} is not JSON serializable")
