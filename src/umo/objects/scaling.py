@@ -40,13 +40,6 @@ def raw_bounds(minimum: float, maximum: float, resolution: float, zero_offset: f
     return math.ceil(ends[0] - NEAR), math.floor(ends[1] + NEAR)
 
 
-def to_values(
-    raws: IntArray, resolution: FloatArray, zero_offset: FloatArray, out: FloatArray | None = None
-) -> FloatArray:
-    out = np.multiply(raws, resolution, out=out)
-    return np.add(out, zero_offset, out=out)
-
-
 def to_raws(
     values: FloatArray,
     resolution: FloatArray,
