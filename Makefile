@@ -45,11 +45,12 @@ lint: $(STAMP)
 bench: $(STAMP)
 	$(BIN)/python -m bench
 
-# The code blocks of README and docs/ are run, the tables of docs/machines.md made; the docstrings become site/index.html.
+# The code blocks of README and docs/ are run, the tables of docs/machines.md made; pages and docstrings become a site with
+# search, site/index.html.
 docs: $(STAMP)
 	$(BIN)/python -m pytest tests/test_docs.py
 	$(BIN)/python tools/count.py
-	$(BIN)/pdoc umo umo.control umo.drivers umo.testing -o site
+	$(BIN)/python -m sphinx -q -j auto docs site
 
 # One wheel for every Python from 3.11 on, in dist/. The audit fails if its binary uses more than the stable interface.
 wheel: $(STAMP)

@@ -1,0 +1,43 @@
+"""The documentation as one site with search: `make docs`. The pages are those of docs/; the API is that of the docstrings."""
+
+from __future__ import annotations
+
+from importlib.metadata import version as version_of
+from typing import Any
+
+project = "umo"
+author = "the umo developers"
+version = release = version_of("umo")
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.viewcode"]
+root_doc = "index"
+exclude_patterns = ["README.md"]
+html_theme = "furo"
+html_title = f"umo {version}"
+html_theme_options = {"source_view_link": ""}
+myst_heading_anchors = 4
+myst_linkify_fuzzy_links = False
+suppress_warnings = ["myst.xref_missing", "myst.header"]
+"""Links of a page to files that are no pages, such as tests: they are for readers of the repository."""
+default_role = "code"
+autodoc_default_options = {"members": True, "imported-members": True, "show-inheritance": True}
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+autodoc_preserve_defaults = True
+
+
+def as_restructured_text(
+    app: object, what: str, name: str, thing: object, options: object, lines: list[str]
+) -> None:
+    """Docstrings have their examples indented, without a mark before them."""
+    found: list[str] = []
+    for line in lines:
+        begins = line.startswith("    ") and found and not found[-1].strip()
+        before = next((each for each in reversed(found) if each.strip()), "")
+        if begins and not before.startswith(" ") and not before.endswith("::"):
+            found += ["::", ""]
+        found.append(line)
+    lines[:] = found
+
+
+def setup(app: Any) -> None:
+    app.connect("autodoc-process-docstring", as_restructured_text)
