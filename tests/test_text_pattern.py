@@ -362,7 +362,7 @@ def test_places_are_what_is_set_or_asked() -> None:
     ("table", "why"),
     [
         ({}, 'needs ask = "..." or set'),
-        ({"aks": "x"}, "channels.c.aks: unknown key (did you mean 'ask'?); known: ask, answer"),
+        ({"aks": "x"}, "channels.c: unknown key 'aks' (did you mean 'ask'?); known: ask, answer"),
         ({"answer": "{}", "set": "{}"}, "channels.c.answer needs ask"),
         ({"states": {"0": "x"}, "set": "{}"}, "channels.c.states needs ask"),
         ({"ask": "x", "acknowledge": "OK"}, "acknowledge and confirm need set"),
@@ -380,8 +380,8 @@ def test_places_are_what_is_set_or_asked() -> None:
         ({"set": {"0": "OFF", "4": "ON"}, "bits": 2}, "level 4 does not fit its 2 bits"),
         ({"ask": "x", "states": {"0": "a", "1": "a"}}, "'a' stands for 0 and for 1"),
         ({"set": "x {}", "confirm": {"ask": "E?"}}, "channels.c.confirm needs both ask and answer"),
-        ({"set": "x {}", "confirm": {"aks": "E?"}}, "channels.c.confirm.aks: unknown key"),
-        ("x", "channels.c must be a table of ask, answer"),
+        ({"set": "x {}", "confirm": {"aks": "E?"}}, "channels.c.confirm: unknown key 'aks'"),
+        ("x", "channels.c must be a table such as"),
     ],
 )
 def test_a_faulty_table_is_refused_with_its_key(table: Any, why: str) -> None:
