@@ -288,9 +288,7 @@ def test_an_interlock_that_begins_to_hold_resets_what_it_names_at_once_and_is_re
 
 
 def test_interlocks_that_begin_together_ask_first_and_then_reset_each_actuator_once_in_stop_order() -> None:
-    class Ordered(Press):
-        stop_order = ("lamp", "heater")
-
+    class Ordered(Press, stop_order=("lamp", "heater")):
         def interlocks(self) -> Iterator[Interlock]:
             yield Interlock(is_open(self), [self.ram, self.lamp], "open")
             yield Interlock(lambda: self.lamp.read() is OnOff.ON, [self.ram, self.heater], "the lamp is on")

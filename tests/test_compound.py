@@ -236,7 +236,6 @@ def test_the_keys_of_parts_make_paths_that_name_one_object_each(parts):
         "period",
         "dt",
         "start",
-        "stop_order",
         "children",
         "setup",
         "running",
@@ -256,9 +255,8 @@ def test_names_with_an_underscore_are_umos():
 
 
 def test_a_stop_order_of_unknown_objects_is_an_error_at_declaration():
-    class Stops(Compound):
+    class Stops(Compound, stop_order=("moter",)):
         motor: DigitalActuator
-        stop_order = ("moter",)
 
     with pytest.raises(PathError, match="did you mean 'motor'"):
         Stops(motor=actuator())

@@ -34,15 +34,13 @@ class Joint(Compound):
     brake: BinaryActuator[OnOff]
 
 
-class Arm(Compound):
+class Arm(Compound, stop_order=("z.motor", "theta", "z")):
     timer: DigitalSensor
     lamp: BinaryActuator[OnOff]
     z: Joint
     theta: Joint
     gripper: BinarySensor[PassFail]
     gain: float = 1.0
-
-    stop_order = ("z.motor", "theta", "z")
 
 
 def arm() -> Arm:

@@ -40,15 +40,13 @@ from umo.testing.faults import KINDS, InjectedFault
 from umo.wiring.faults.wrapper import Faulty
 
 
-class Bench(Compound):
+class Bench(Compound, stop_order=("motor", "valve")):
     timer: DigitalSensor
     motor: DigitalActuator
     valve: BinaryActuator[OnOff]
     height: DigitalSensor
     door: BinarySensor[OpenClosed]
     slow: DigitalSensor
-
-    stop_order = ("motor", "valve")
 
 
 def bench(**height: Any) -> Bench:

@@ -42,7 +42,7 @@ from umo.testing import Scripted, VirtualTimer, put
 PERIOD = 0.01
 
 
-class Press(Compound):
+class Press(Compound, tunable={"speed": Range("mm/s", 0.5, 5.0)}):
     """The door inhibits ram and lamp; the program writes the ram and the heater in every period."""
 
     timer: DigitalSensor
@@ -52,7 +52,6 @@ class Press(Compound):
     lamp: BinaryActuator[OnOff]
     heater: DigitalActuator
     speed: float = 2.0
-    tunable = {"speed": Range("mm/s", 0.5, 5.0)}
 
     def setup(self) -> None:
         self.wanted = 1.0

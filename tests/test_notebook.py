@@ -149,15 +149,13 @@ class Zone(Compound):
     temperature: DigitalSensor
 
 
-class Oven(Compound):
+class Oven(Compound, tunable={"speed": Range("m/s", 1.0, 5.0)}):
     """Names and texts that are markup."""
 
     zones: tuple[Zone, ...]
     fans: dict[str, umo.BinaryActuator[umo.OnOff]]
     timer: DigitalSensor
     speed: float = 3.0
-
-    tunable = {"speed": Range("m/s", 1.0, 5.0)}
 
     def interlocks(self) -> list[umo.Interlock]:
         return [umo.Interlock(lambda: True, [self.fans["<b>&"]], "door <open> & hot")]

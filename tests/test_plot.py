@@ -24,11 +24,10 @@ class Zone(Compound):
     fan: BinaryActuator[OnOff]
 
 
-class Tunnel(Compound):
+class Tunnel(Compound, signals={"load": "percent"}):
     zones: tuple[Zone, ...]
     lamp: BinaryActuator[OnOff]
     timer: DigitalSensor
-    signals = {"load": "percent"}
     load: float = float("nan")
 
 

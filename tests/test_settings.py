@@ -36,7 +36,17 @@ NOT_SETTINGS: list[tuple[str, Any]] = [
 ]  # fmt: skip
 
 
-class Oven(Compound):
+class Oven(
+    Compound,
+    tunable={
+        "servo.integral_time": Range("s", 0.0, 10.0),
+        "servo.filter_time": Range("s", -1.0, 10.0),
+        "hysteresis.low": Range("mm", 0.0, 100.0),
+        "retries": Range("", 0.0, inf),
+        "speed": Range("mm/s", 0.0, 10.0),
+        "count": Range("", 0.0, 10.0),
+    },
+):
     timer: DigitalSensor
     temperature: DigitalSensor
     heater: DigitalActuator
@@ -45,14 +55,6 @@ class Oven(Compound):
     retries: int = 3
     speed: float = 5
     limit: float = 50.0
-    tunable = {
-        "servo.integral_time": Range("s", 0.0, 10.0),
-        "servo.filter_time": Range("s", -1.0, 10.0),
-        "hysteresis.low": Range("mm", 0.0, 100.0),
-        "retries": Range("", 0.0, inf),
-        "speed": Range("mm/s", 0.0, 10.0),
-        "count": Range("", 0.0, 10.0),
-    }
 
     def setup(self) -> None:
         self.servo = Servo(self.temperature, self.heater, gain=1.0, integral_time=2.0, filter_time=0.1)

@@ -21,11 +21,9 @@ from umo.testing import Scripted, periods, put
 pytestmark = pytest.mark.usefixtures("each_way")
 
 
-class Axis(Compound):
+class Axis(Compound, signals={"load": "N", "share": ""}):
     motor: DigitalActuator
     encoder: DigitalSensor
-
-    signals = {"load": "N", "share": ""}
 
     def setup(self) -> None:
         self.servo = Servo(self.encoder, self.motor, gain=0.1)
@@ -127,8 +125,8 @@ def test_the_screen_shows_the_signals_below_the_objects() -> None:
 def test_a_signal_that_is_not_there_or_has_no_unit_is_refused_on_connect(
     declared: dict[str, str], message: str
 ) -> None:
-    class Odd(Axis):
-        signals = declared
+    class Odd(Axis, signals=declared):
+        pass
 
     m = Press(timer=timer(), axes=[Odd(motor=actuator(), encoder=sensor())])
     with pytest.raises(DeclarationError, match=message), connect(m, wired(m, Scripted())):

@@ -29,22 +29,18 @@ from umo.testing import Scripted, VirtualTimer, periods, put
 from umo.wiring import resolve
 
 
-class Joint(Compound):
+class Joint(Compound, stop_order=("brake",)):
     motor: DigitalActuator
     brake: BinaryActuator[OnOff]
 
-    stop_order = ("brake",)
 
-
-class Arm(Compound):
+class Arm(Compound, stop_order=("lamp", "turn")):
     lift: Joint
     turn: Joint
     lamp: BinaryActuator[OnOff]
 
-    stop_order = ("lamp", "turn")
 
-
-class Cell(Compound):
+class Cell(Compound, stop_order=("valve", "arms.right.lift.motor", "arms.right")):
     """Declared fans, arms, valve; stopped as `stop_order` says at every level."""
 
     timer: DigitalSensor
@@ -52,8 +48,6 @@ class Cell(Compound):
     fans: list[BinaryActuator[OnOff]]
     arms: dict[str, Arm]
     valve: BinaryActuator[OnOff]
-
-    stop_order = ("valve", "arms.right.lift.motor", "arms.right")
 
     def interlocks(self) -> Iterator[Interlock]:
         yield Interlock(lambda: self.door.read() is PassFail.FAIL, [*self.fans, *self.arms.values()], "open")
@@ -93,11 +87,9 @@ def test_without_a_stop_order_actuators_stop_as_declared() -> None:
 
 
 def test_of_an_object_that_is_named_twice_the_first_place_counts() -> None:
-    class Twice(Compound):
+    class Twice(Compound, stop_order=("joint.motor", "joint", "a", "joint.motor")):
         a: BinaryActuator[OnOff]
         joint: Joint
-
-        stop_order = ("joint.motor", "joint", "a", "joint.motor")
 
     m = Twice(a=relay(), joint=joint())
     assert [item.path for item in stop_sequence(m)] == ["joint.motor", "joint.brake", "a"]

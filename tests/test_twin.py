@@ -44,15 +44,13 @@ from umo.twin.declared import declared_by
 STATIONS = ("ztheta", "conveyor", "furnace")
 
 
-class Press(Compound):
+class Press(Compound, signals={"load": "mm"}):
     ram: DigitalSensor
     table: DigitalSensor
     level: DigitalSensor
     speed: DigitalSensor
     valve: BinaryActuator[OnOff]
     load: float = 0.0
-
-    signals = {"load": "mm"}
 
 
 def press() -> Press:

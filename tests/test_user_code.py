@@ -51,10 +51,9 @@ class Refusing(Exception):
 RAISED = [SystemExit(0), KeyboardInterrupt(), GeneratorExit(), Exit(), ValueError(), Refusing()]
 
 
-class Shown(Bench):
+class Shown(Bench, signals={"moody": "", "steady": ""}):
     """A signal that raises what it is given."""
 
-    signals = {"moody": "", "steady": ""}
     steady = 1.0
     mood: BaseException | None = None
 
@@ -360,8 +359,8 @@ def test_what_a_declaration_raises_is_a_mistake_of_the_declaration(error: BaseEx
     def fail(self: Any) -> Any:
         raise error
 
-    for made in ({"signals": property(fail)}, {"tunable": property(fail)}, {"interlocks": fail}):
-        m = type("Wrong", (Bench,), made)(
+    for made, keywords in (({}, {"signals": fail}), ({}, {"tunable": fail}), ({"interlocks": fail}, {})):
+        m = type("Wrong", (Bench,), made, **keywords)(
             timer=timer(), motor=actuator(), encoder=sensor(), valve=relay(), limit=switch()
         )
         with pytest.raises(DeclarationError, match=type(error).__name__), connect(m):
@@ -376,9 +375,7 @@ def test_a_tuned_number_that_its_owner_fails_to_take_is_as_it_was(error: BaseExc
         def check_settings(self) -> None:
             raise error
 
-    class Tuned(Shown):
-        tunable = {"law.k": Range("", 0.0, 1.0)}
-
+    class Tuned(Shown, tunable={"law.k": Range("", 0.0, 1.0)}):
         def setup(self) -> None:
             self.law = Law()
 
@@ -386,7 +383,8 @@ def test_a_tuned_number_that_its_owner_fails_to_take_is_as_it_was(error: BaseExc
         with pytest.raises(RangeError, match=rf"law\.k: .*{type(error).__name__}"):
             tunables_of(m)["law.k"].set(0.75)
         assert m.law.k == 0.5
-        m.mood, Tuned.tunable = error, {"moody": Range("", 0.0, 1.0)}
+        m.mood = error
+        Tuned._settings = Tuned._settings._replace(tunable={"moody": Range("", 0.0, 1.0)})
         with pytest.raises(DeclarationError, match=f"tunable moody cannot be read: {type(error).__name__}"):
             tunables_of(m)
 

@@ -445,15 +445,13 @@ def test_a_period_that_is_not_the_timers():
     )
 
 
-class Law(Compound):
+class Law(Compound, max_period="2 ms"):
     timer: DigitalSensor
     motor: DigitalActuator
-    max_period = "2 ms"
 
 
-class Fast(Compound):
+class Fast(Compound, max_period=0.0005):
     motor: DigitalActuator
-    max_period = 0.0005
 
 
 class Both(Compound):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from good import Gripper, Manipulator, ServoAxis, axis, gripper
 
-from umo import BinaryActuator, BinarySensor, DigitalActuator, EnableDisable, OnOff, PassFail, UpDown
+from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, EnableDisable, OnOff, PassFail, UpDown
 
 
 def wrong_values(m: Manipulator) -> None:
@@ -47,3 +47,7 @@ def wrong_declarations() -> None:
     DigitalActuator("V", 0.0, 0.0, 1.0, 0.1)  # E: keywords
     DigitalActuator("V", default=0.0, minimum=0.0, maximum=1.0)  # E: no resolution
     BinaryActuator(EnableDisable, default=EnableDisable.DISABLE)  # E: which state is one?
+
+
+class Misspelt(Compound, stop_ordr=("motor",)):  # E: no class keyword
+    motor: DigitalActuator

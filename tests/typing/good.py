@@ -38,13 +38,12 @@ class Gripper(Compound):
     pressure: BinarySensor[PassFail]
 
 
-class Manipulator(Compound):
+class Manipulator(Compound, stop_order=("z.motor",)):
     timer: DigitalSensor
     z: ServoAxis
     gripper: Gripper
     axes: Sequence[ServoAxis]
     grippers: Mapping[str, Gripper]
-    stop_order = ("z.motor",)
 
 
 def axis() -> ServoAxis:

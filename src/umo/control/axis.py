@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from enum import Enum
 from math import copysign, inf, isfinite, isnan, nan
@@ -54,7 +54,17 @@ def _up_to(name: str, power: int = 1) -> Callable[[Axis], Range]:
     return lambda axis: Range(unit(axis), getattr(axis, name) / 1000, getattr(axis, name))
 
 
-class Axis(Compound):
+def profile_limits(axis: Axis) -> dict[str, Range]:
+    """The numbers of the profile that may be tuned."""
+    numbers = {"velocity": 1, "acceleration": 2, "jerk": 3}
+    return {f"profile.{name}": _up_to(name, power)(axis) for name, power in numbers.items()}
+
+
+def _signals(axis: Axis) -> dict[str, str]:
+    return {"setpoint": axis.encoder.units, "error": axis.encoder.units}
+
+
+class Axis(Compound, signals=_signals, tunable=profile_limits):
     """One axis of motion, with its position sensor. Use `ServoAxis` or `StepperAxis`.
 
     Positions are in the units of the encoder, speeds in units per s. The range of `move_to` and `jog` is the declared
@@ -278,15 +288,6 @@ class Axis(Compound):
         self._replan = self._stand
 
     # What the two kinds do in their own way ------------------------------------------------------------
-
-    @property
-    def tunable(self) -> Mapping[str, Range]:  # type: ignore[override]
-        numbers = {"velocity": 1, "acceleration": 2, "jerk": 3}
-        return {f"profile.{name}": _up_to(name, power)(self) for name, power in numbers.items()}
-
-    @property
-    def signals(self) -> Mapping[str, str]:  # type: ignore[override]
-        return {"setpoint": self.encoder.units, "error": self.encoder.units}
 
     @property
     @abstractmethod

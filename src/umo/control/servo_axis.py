@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from math import inf, isfinite
 from types import MappingProxyType
 
-from umo.control.axis import Axis
+from umo.control.axis import Axis, profile_limits
 from umo.control.checks import check_numbers
 from umo.control.inputs import value_of
 from umo.control.servo import Servo
@@ -20,7 +19,20 @@ class AxisServo(Servo):
     signals = MappingProxyType({})
 
 
-class ServoAxis(Axis):
+def _tunable(axis: ServoAxis) -> dict[str, Range]:
+    """The gains of the servo up to ten times those of the declaration, and the numbers of the profile."""
+    units = axis.encoder.units
+    gain = f"{axis.motor.units or 1}/{units if units.isidentifier() else f'({units or 1})'}"
+    found = {"servo.gain": Range(gain, *sorted((0.0, 10 * axis.gain)))}
+    if isfinite(axis.integral_time):
+        found["servo.integral_time"] = Range("s", axis.integral_time / 10, 10 * axis.integral_time)
+    for name in ("derivative_time", "filter_time"):
+        if number := getattr(axis, name):
+            found[f"servo.{name}"] = Range("s", 0.0, 10 * number)
+    return {**found, **profile_limits(axis)}
+
+
+class ServoAxis(Axis, tunable=_tunable):
     """An axis whose motor is commanded by a PID on the encoder.
 
         x = ServoAxis(
@@ -93,19 +105,6 @@ class ServoAxis(Axis):
         if distance * velocity > 0.0:
             self._shift(distance)
             self._replan()
-
-    @property
-    def tunable(self) -> Mapping[str, Range]:  # type: ignore[override]
-        """The gains of the servo up to ten times those of the declaration, and the numbers of the profile."""
-        units = self.encoder.units
-        gain = f"{self.motor.units or 1}/{units if units.isidentifier() else f'({units or 1})'}"
-        found = {"servo.gain": Range(gain, *sorted((0.0, 10 * self.gain)))}
-        if isfinite(self.integral_time):
-            found["servo.integral_time"] = Range("s", self.integral_time / 10, 10 * self.integral_time)
-        for name in ("derivative_time", "filter_time"):
-            if number := getattr(self, name):
-                found[f"servo.{name}"] = Range("s", 0.0, 10 * number)
-        return {**found, **super().tunable}
 
     @property
     def error(self) -> float:

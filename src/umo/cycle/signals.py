@@ -55,8 +55,14 @@ def _public(node: Compound) -> Iterator[tuple[str, Any]]:
             yield name, value
 
 
+def _declared(owner: Any) -> Any:
+    if not isinstance(owner, Compound):
+        return getattr(owner, "signals", None)
+    return given(owner) if callable(given := owner._settings.signals) else given
+
+
 def _of(owner: Any, path: str) -> Iterator[Signal]:
-    declared, error = attempt(getattr, owner, "signals", None)
+    declared, error = attempt(_declared, owner)
     if error is not None:
         raise DeclarationError(f"signals of {path or type(owner).__name__} failed: {error}")
     if not isinstance(declared, Mapping):

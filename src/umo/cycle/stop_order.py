@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from umo.drivers.contract import Direction
 from umo.objects import Atomic, Compound, Node
+from umo.objects.paths import named
 
 
 def stop_sequence(root: Compound) -> list[Atomic]:
@@ -24,7 +25,8 @@ def _in_order(node: Node) -> Iterator[Atomic]:
         yield node
         return
     assert isinstance(node, Compound)
-    for path in node.stop_order:
-        yield from _in_order(node.find(path))
+    for path in node._settings.stop_order:
+        for each in named(node, path):
+            yield from _in_order(each)
     for child in node.children().values():
         yield from _in_order(child)

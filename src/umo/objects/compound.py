@@ -11,6 +11,7 @@ from typing import (
     TYPE_CHECKING,
     Any,
     ClassVar,
+    Never,
     Union,
     cast,
     dataclass_transform,
@@ -21,8 +22,10 @@ from typing import (
 
 from umo.errors import DeclarationError, PathError
 from umo.objects.atomic import Atomic, Binary
+from umo.objects.keywords import ByName, ClassSettings, refuse_in_body
 from umo.objects.link import Unconnected
 from umo.objects.node import Node
+from umo.objects.paths import named
 from umo.objects.range import Range
 from umo.text import did_you_mean
 
@@ -49,20 +52,24 @@ class Compound(Node):
 
     Parts may also stand in lists and dicts. They are frozen at construction, to tuples and read-only mappings: annotate
     them `Sequence[ServoAxis]` and `Mapping[str, ServoAxis]`. A class's own state belongs in `setup`.
+
+    Settings of a class are class keywords. A subclass has those of its base that it does not give itself:
+
+        class Press(Compound, stop_order=("ram.motor", "zones.*.heater", "valves"), max_period="10 ms"):
+
+    stop_order: The order in which the objects are reset to their defaults: paths below this object, patterns, and names
+        of lists and dicts (all that is in them). Default: as declared; what is not named follows in this order. A part
+        uses its own `stop_order`, unless a parent names the part's objects.
+    max_period: The longest sampling period for which `control` is designed, in s or as "2 ms". Default: not limited.
+    signals: Attributes that are shown beside the objects in frames, trace, plot and `umo watch`: units by name, such as
+        `signals={"load": "N"}`, or a function of the object that returns them. The signals of the control laws are
+        shown without being named here.
+    tunable: The numbers that may be changed while the machine runs (`umo tune`, `umo.attach`): attributes, also of
+        laws, each with its unit and range, such as `tunable={"law.gain": Range("V/mm", 0.0, 2.0)}`, or a function of
+        the object that returns them.
     """
 
-    stop_order: ClassVar[tuple[str, ...]] = ()
-    """Paths below this object in the order in which they are reset to their defaults. Default: as declared; paths that
-    are not named follow in this order. A part uses its own `stop_order`, unless a parent names the part's objects."""
-    signals: ClassVar[Mapping[str, str]] = MappingProxyType({})
-    """Attributes that are shown beside the objects in frames, trace, plot and `umo watch`: units by name, such as
-    `signals = {"load": "N"}`. The signals of the control laws are shown without being named here."""
-    tunable: ClassVar[Mapping[str, Range]] = MappingProxyType({})
-    """The numbers that may be changed while the machine runs (`umo tune`, `umo.attach`): attributes, also of
-    laws, each with its unit and range, such as `tunable = {"law.gain": Range("V/mm", 0.0, 2.0)}`."""
-    max_period: ClassVar[str | float | None] = None
-    """The longest sampling period for which `control` is designed, in s or as "2 ms". Default: not limited."""
-
+    _settings: ClassVar[ClassSettings] = ClassSettings()
     _children: Mapping[str, Node] = MappingProxyType({})
     _fixed: frozenset[str] = frozenset()  # the fields that hold parts
     _parametrised: bool = False  # `setup` last saw fields that a wiring had set
@@ -70,12 +77,24 @@ class Compound(Node):
     _sample: Callable[[], bool]
     _update: Callable[[], bool]
 
-    def __init_subclass__(cls) -> None:
+    def __init_subclass__(
+        cls,
+        *,
+        stop_order: Sequence[str] | None = None,
+        max_period: str | float | None = None,
+        signals: ByName[str] | None = None,
+        tunable: ByName[Range] | None = None,
+        **unknown: Never,
+    ) -> None:
         super().__init_subclass__()
+        given = {"stop_order": stop_order, "max_period": max_period, "signals": signals, "tunable": tunable, **unknown}
+        cls._settings = cls._settings.extended(cls, given)
         dataclasses.dataclass(eq=False, repr=False, kw_only=True)(cls)
-        for field in dataclasses.fields(cls):  # type: ignore[arg-type]
-            if hasattr(Compound, field.name) or field.name.startswith("_"):
-                raise DeclarationError(f"{cls.__name__}.{field.name}: the name is reserved; choose another")
+        names = [field.name for field in dataclasses.fields(cls)]  # type: ignore[arg-type]
+        refuse_in_body(cls, names)
+        for name in names:
+            if hasattr(Compound, name) or name.startswith("_"):
+                raise DeclarationError(f"{cls.__name__}.{name}: the name is reserved; choose another")
 
     @final
     def __post_init__(self) -> None:
@@ -95,8 +114,8 @@ class Compound(Node):
         for name, child in children.items():
             child._adopt(self, name)
         self._children, self._fixed = MappingProxyType(children), frozenset(fixed)
-        for path in self.stop_order:
-            self.find(path)
+        for path in self._settings.stop_order:
+            named(self, path)
         self.setup()
 
     def setup(self) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import TYPE_CHECKING, NoReturn, SupportsIndex
 
 from umo.errors import DeclarationError
@@ -17,10 +19,15 @@ class Node:
 
     _name: str
     _parent: Compound | None
+    _children: Mapping[str, Node] = MappingProxyType({})
 
     @property
     def path(self) -> str:
         """The place of the object in the machine, without the root: `z.motor`, `axes.0.motor`; the root's is ''."""
+        return self._path
+
+    @property
+    def _path(self) -> str:
         names = []
         node: Node = self
         while node._parent is not None:

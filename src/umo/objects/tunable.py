@@ -53,7 +53,7 @@ def tunables_of(root: Compound) -> dict[str, Tunable]:
 
 def _of(node: Compound) -> Iterator[Tunable]:
     with told_as(DeclarationError, f"{node.path or type(node).__name__}.tunable failed"):
-        declared = node.tunable
+        declared = given(node) if callable(given := node._settings.tunable) else given
     if not isinstance(declared, Mapping):
         raise DeclarationError(f"{type(node).__name__}.tunable must be a mapping of names to Ranges, not {declared!r}")
     for name, limits in declared.items():

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from umo.errors import Mistake, PathError
 from umo.objects.families import ANY, generalised
+from umo.objects.paths import is_pattern, matches
 from umo.text import did_you_mean
 from umo.wiring.source import WiringSource
 
@@ -25,15 +26,6 @@ if TYPE_CHECKING:
 NUMBER = "{}"
 NUMBERING = ("start", "stride", "offset")
 V = TypeVar("V")
-
-
-def is_pattern(path: str) -> bool:
-    return ANY in path.split(".")
-
-
-def matches(pattern: str, path: str) -> bool:
-    parts, names = pattern.split("."), path.split(".")
-    return len(parts) == len(names) and all(part in (ANY, name) for part, name in zip(parts, names, strict=True))
 
 
 def chosen(known: Sequence[str], wanted: Iterable[str], where: str) -> list[int]:

@@ -439,8 +439,8 @@ class _Resolver:
 
 def _unfit(period: float, node: Node) -> str:
     """The fault of such a period for the object; empty if it fits."""
-    if isinstance(node, Compound) and node.max_period is not None:
-        longest = seconds(node.max_period)
+    if isinstance(node, Compound) and node._settings.max_period is not None:
+        longest = seconds(node._settings.max_period)
         if period > longest * (1 + 1e-9):
             return f"longer than `max_period` of {node.path or type(node).__name__} ({longest * 1e3:g} ms)"
     if isinstance(node, BinaryActuator | DigitalActuator):

@@ -50,7 +50,7 @@ class Part:
     gone: bool = False  # it has passed the diverter
 
 
-class Belt(Compound):
+class Belt(Compound, tunable={"deviation": Range("m/s", 0.01, 0.2), "settling_time": Range("s", 0.1, 5.0)}):
     """A belt on a frequency drive. `speed` is the drive's reading: it does not show that the belt slips."""
 
     run: BinaryActuator[OnOff]
@@ -60,8 +60,6 @@ class Belt(Compound):
     """Largest difference between setpoint and speed, m/s; while the belt is to move, at most half of the setpoint."""
     settling_time: float = 0.5
     """How long it may be larger, s."""
-
-    tunable = {"deviation": Range("m/s", 0.01, 0.2), "settling_time": Range("s", 0.1, 5.0)}
 
     def setup(self) -> None:
         self.position = 0.0  # what the belt has travelled, mm
@@ -95,7 +93,13 @@ class Belt(Compound):
         self.run.write(OnOff.OFF)
 
 
-class Conveyor(Compound):
+class Conveyor(
+    Compound,
+    signals={"length": "mm"},
+    tunable={"window": Range("mm", 1.0, 100.0), "push_time": Range("s", 0.01, 0.2)},
+    stop_order=("belt", "diverter"),
+    max_period="10 ms",
+):
     """A conveyor that sorts parts by length. Parts are shorter than `distance` and do not touch each other.
 
     What two barriers cannot tell apart: a barrier that is covered at the start is stuck, or a part lies there
@@ -119,11 +123,6 @@ class Conveyor(Compound):
     """How far a part may slip on the belt from one barrier to the other, mm."""
     push_time: float = 0.05
     """From the command to the diverter until it reaches a part, s."""
-
-    signals = {"length": "mm"}
-    tunable = {"window": Range("mm", 1.0, 100.0), "push_time": Range("s", 0.01, 0.2)}
-    stop_order = ("belt", "diverter")
-    max_period = "10 ms"
 
     def setup(self) -> None:
         self.length = nan  # of the last part measured

@@ -40,7 +40,17 @@ class Zone(Compound):
         yield Interlock(lambda: value_of(self.temperature) > self.limit, [self.heater], "over-temperature")
 
 
-class Furnace(Compound):
+class Furnace(
+    Compound,
+    signals={"setpoint": "degC", "faulted_zones": ""},
+    tunable={
+        "heating.gain": Range("percent/K", 0.0, 20.0),
+        "heating.integral_time": Range("s", 5.0, 400.0),
+        "tolerance": Range("K", 1.0, 20.0),
+        "following_error": Range("K", 20.0, 200.0),
+    },
+    max_period="1 s",
+):
     zones: Sequence[Zone]
     timer: DigitalSensor
     gain: float = 4.0  # of each zone's PI, percent per K
@@ -50,15 +60,6 @@ class Furnace(Compound):
     margin: float = 25.0  # a zone that is further above its limit cannot be switched off, K
     frozen_after: int = 300  # equal readings in a row: the converter stands still, it has noise when it works
     most_faulted: float = 0.1  # share of the zones that may be faulted; one of several may be in any case
-
-    signals = {"setpoint": "degC", "faulted_zones": ""}
-    tunable = {
-        "heating.gain": Range("percent/K", 0.0, 20.0),
-        "heating.integral_time": Range("s", 5.0, 400.0),
-        "tolerance": Range("K", 1.0, 20.0),
-        "following_error": Range("K", 20.0, 200.0),
-    }
-    max_period = "1 s"
 
     def setup(self) -> None:
         self.heaters = Vector(zone.heater for zone in self.zones)

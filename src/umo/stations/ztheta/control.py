@@ -34,7 +34,7 @@ class Counterweight(Compound):
             raise CounterweightError(f"the counterweight stays at {self.pressure.read():.0f} counts") from None
 
 
-class Gripper(Compound):
+class Gripper(Compound, tunable={"seal_time": Range("s", 0.05, 2.0), "loss_time": Range("s", 0.0, 0.5)}):
     """A suction cup: PASS of the pressure switch proves that it holds a part."""
 
     vacuum: BinaryActuator[OnOff]
@@ -43,8 +43,6 @@ class Gripper(Compound):
     """How long the vacuum may take to build, s."""
     loss_time: float = 0.02
     """How long the switch may fail before a held part counts as lost, s."""
-
-    tunable = {"seal_time": Range("s", 0.05, 2.0), "loss_time": Range("s", 0.0, 0.5)}
 
     def setup(self) -> None:
         self.holding = False
@@ -85,7 +83,21 @@ class Gripper(Compound):
         self.vacuum.write(OnOff.OFF)
 
 
-class Manipulator(Compound):
+class Manipulator(
+    Compound,
+    tunable={
+        "pick_height": Range("um", 55_000.0, 65_000.0),
+        "clearance": Range("um", 1_000.0, 10_000.0),
+        "touch_speed": Range("um/s", 1_000.0, 20_000.0),
+        "turn_height": Range("um", 70_000.0, 120_000.0),
+        "transit_height": Range("um", 100_000.0, 120_000.0),
+        "courier_time": Range("s", 0.0, 10.0),
+        "puff_time": Range("s", 0.01, 0.5),
+        "bleed_time": Range("s", 0.1, 5.0),
+    },
+    stop_order=("z.motor", "theta", "counterweight", "pressure_solenoid", "z", "gripper"),
+    max_period="10 ms",
+):
     """The overhead manipulator. Heights are of the z encoder, um."""
 
     z: ZAxis
@@ -110,19 +122,6 @@ class Manipulator(Compound):
     """How long the pressure blows a part off the cup, s."""
     bleed_time: float = 1.0
     """How long the cup takes to lose its vacuum without being blown, s."""
-
-    tunable = {
-        "pick_height": Range("um", 55_000.0, 65_000.0),
-        "clearance": Range("um", 1_000.0, 10_000.0),
-        "touch_speed": Range("um/s", 1_000.0, 20_000.0),
-        "turn_height": Range("um", 70_000.0, 120_000.0),
-        "transit_height": Range("um", 100_000.0, 120_000.0),
-        "courier_time": Range("s", 0.0, 10.0),
-        "puff_time": Range("s", 0.01, 0.5),
-        "bleed_time": Range("s", 0.1, 5.0),
-    }
-    stop_order = ("z.motor", "theta", "counterweight", "pressure_solenoid", "z", "gripper")
-    max_period = "10 ms"
 
     def setup(self) -> None:
         self.unblown = 0  # parts that were put down without the puff

@@ -12,6 +12,7 @@ from umo.drivers.contract import Direction, Driver
 from umo.duration import seconds
 from umo.errors import DeclarationError
 from umo.objects.atomic import Binary
+from umo.objects.paths import is_pattern, matches
 from umo.objects.scaling import to_raw
 from umo.objects.units import convert
 from umo.text import did_you_mean
@@ -19,7 +20,6 @@ from umo.wiring.faults import effects
 from umo.wiring.faults.effects import Effect, Shift, limited
 from umo.wiring.faults.words import FORM, OF_DRIVERS, InjectedFault
 from umo.wiring.faults.wrapper import Faulty, Injection
-from umo.wiring.patterns import is_pattern, matches
 from umo.wiring.resolved import Wire
 
 _AMOUNT = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)")

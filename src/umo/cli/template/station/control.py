@@ -4,7 +4,7 @@ from umo import BinaryActuator, BinarySensor, Compound, DigitalSensor, OpenClose
 from umo.control import Hysteresis, state_of, until, value_of
 
 
-class Tank(Compound):
+class Tank(Compound, tunable={"band": Range("mm", 1.0, 50.0)}, stop_order=("inlet", "drain"), max_period="200 ms"):
     inlet: BinaryActuator[OpenClosed]
     drain: BinaryActuator[OpenClosed]
     level: DigitalSensor
@@ -12,10 +12,6 @@ class Tank(Compound):
     timer: DigitalSensor
     band: float = 10.0
     """How far the level may stray from its target, mm; `[parameters]` of a wiring or `umo tune` may set it."""
-
-    tunable = {"band": Range("mm", 1.0, 50.0)}
-    stop_order = ("inlet", "drain")
-    max_period = "200 ms"
 
     def setup(self) -> None:
         self.target = 0.0

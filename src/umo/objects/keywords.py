@@ -1,0 +1,92 @@
+"""The settings of a compound's class: class keywords, such as `class Press(Compound, stop_order=("ram", "valve")):`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
+from difflib import get_close_matches
+from types import MappingProxyType
+from typing import Any, NamedTuple, TypeVar
+
+from umo.duration import seconds
+from umo.errors import DeclarationError
+from umo.objects.range import Range
+from umo.text import did_you_mean
+
+D = TypeVar("D")
+ByName = Mapping[str, D] | Callable[[Any], Mapping[str, D]]
+"""By the names of attributes, or a function of the object that returns this."""
+
+
+class ClassSettings(NamedTuple):
+    """What a class was given; documented at `Compound`."""
+
+    stop_order: Sequence[str] = ()
+    max_period: str | float | None = None
+    signals: ByName[str] = MappingProxyType({})
+    tunable: ByName[Range] = MappingProxyType({})
+
+    def extended(self, cls: type, given: Mapping[str, Any]) -> ClassSettings:
+        """With the class keywords that were given, not None. DeclarationError for one that there is not, and for a
+        value that is none of its type."""
+        given = {name: value for name, value in given.items() if value is not None}
+        for name, value in given.items():
+            if name not in KEYWORDS:
+                near = f" (did you mean {FORMER[name]!r}?)" if name in FORMER else did_you_mean(name, KEYWORDS)
+                known = ", ".join(KEYWORDS)
+                raise DeclarationError(f"class {cls.__name__}: no class keyword {name!r}{near}; there are: {known}")
+            if not _is_valid(name, value):
+                raise DeclarationError(f"class {cls.__name__}: {name} is {NEEDS[name]}, not {value!r}")
+        return self._replace(**given)
+
+
+KEYWORDS: Mapping[str, tuple[type, ...]] = {
+    "stop_order": (tuple, list),
+    "max_period": (str, int, float),
+    "signals": (Mapping,),
+    "tunable": (Mapping,),
+}
+"""The class keywords, with the types of their values."""
+OF_NAMES = "a mapping by names of attributes, or a function of the object that returns one"
+NEEDS = {
+    "stop_order": "a tuple of paths and patterns",
+    "max_period": 'a duration such as "2 ms"',
+    "signals": OF_NAMES,
+    "tunable": OF_NAMES,
+}
+FORMER = {"stopping": "stop_order", "longest_period": "max_period"}
+"""Former names of class keywords."""
+SIMILAR = 0.8
+"""Similarity (difflib's ratio) from which a name in a class body is taken for a misspelt keyword."""
+
+
+def refuse_in_body(cls: type, fields: Collection[str]) -> None:
+    """DeclarationError for a setting that the body of the class assigns, where it has no effect, also one that is
+    misspelt or has its former name. Fields (of these names), methods and classes are the class's own."""
+    for name, value in vars(cls).items():
+        if name.startswith("_") or name in fields or isinstance(value, type):
+            continue
+        if hasattr(value, "__get__") and not (isinstance(value, property) and name in {*KEYWORDS, *FORMER}):
+            continue
+        meant = name if name in KEYWORDS else FORMER.get(name) or _similar(name, value)
+        if meant:
+            raise DeclarationError(
+                f"{cls.__name__}.{name}: give `{meant}` as a class keyword: class {cls.__name__}(..., {meant}=...)"
+            )
+
+
+def _is_valid(name: str, value: Any) -> bool:
+    if name == "stop_order":
+        return isinstance(value, tuple | list) and all(isinstance(each, str) for each in value)
+    if name == "max_period":
+        with suppress(DeclarationError):
+            return not isinstance(value, bool) and seconds(value) > 0
+        return False
+    return isinstance(value, Mapping) or callable(value)
+
+
+def _similar(name: str, value: Any) -> str:
+    """The keyword of which this is a misspelling, "" if it is none."""
+    near = get_close_matches(name, [*KEYWORDS, *FORMER], n=1, cutoff=SIMILAR)
+    meant = FORMER.get(near[0], near[0]) if near else ""
+    return meant if meant and isinstance(value, KEYWORDS[meant]) and not isinstance(value, bool) else ""
