@@ -19,6 +19,7 @@ from umo.drivers.contract import Channel, IntArray
 from umo.drivers.simulated import Simulated
 from umo.latency import Samples, native
 from umo.latency.loop import example, slice_of
+from umo.objects import atoms
 from umo.system import realtime
 
 PERIOD = 0.001
@@ -64,7 +65,7 @@ def measure(seconds: float) -> tuple[Samples, Samples | None]:
 
 def wiring(machine: Compound, box: Simulated) -> dict[str, Any]:
     """Everything on `box`, the timer in real time."""
-    wire: dict[str, Any] = {item.path: {"driver": "box"} for item in machine.atoms()}
+    wire: dict[str, Any] = {item.path: {"driver": "box"} for item in atoms(machine)}
     wire["timer"] = {"driver": "timerfd", "period": PERIOD}
     return {"drivers": {"box": box}, "wire": wire}
 

@@ -86,7 +86,7 @@ def _control_median() -> float:
     folder = Path(umo.__file__).parent / "stations" / "ztheta" / "wiring"
     times = []
     with connect(ztheta.machine(), folder / "simulated.toml", seed=3) as m:
-        task = m.start(main(m, parts=1))
+        task = m.cycle.start(main(m, parts=1))
         while not task.done:
             m.timer.read()
             m.sample()

@@ -24,6 +24,7 @@ from umo import (
     Vector,
     connect,
 )
+from umo.objects import atoms
 
 
 class ZAxis(Compound):
@@ -124,7 +125,7 @@ def wiring(plant: Plant, driver: Loop) -> dict[str, Any]:
     """Inputs and outputs on consecutive channels, in declared order; the timer in virtual time."""
     numbers = {Direction.INPUT: iter(range(10**6)), Direction.OUTPUT: iter(range(10**6))}
     wire: dict[str, Any] = {}
-    for item in plant.atoms():
+    for item in atoms(plant):
         if item is not plant.timer:
             name = "in" if item.direction is Direction.INPUT else "out"
             wire[item.path] = {"driver": "card", "channel": f"{name}:{next(numbers[item.direction])}"}
@@ -140,9 +141,9 @@ class Umo:
         self.plant = machine(plan)
         self.connection = connect(self.plant, wiring(self.plant, driver))
         self.connection.__enter__()
-        atoms: list[Any] = [item for item in self.plant.atoms() if item is not self.plant.timer]
-        self.actuators = [item for item in atoms if item.direction is Direction.OUTPUT]
-        self.sensors = [item for item in atoms if item.direction is Direction.INPUT]
+        items: list[Any] = [item for item in atoms(self.plant) if item is not self.plant.timer]
+        self.actuators = [item for item in items if item.direction is Direction.OUTPUT]
+        self.sensors = [item for item in items if item.direction is Direction.INPUT]
         self.volts: list[tuple[DigitalActuator, float]] = []
         self.states: list[tuple[BinaryActuator[Any], Any]] = []
         self.vectors: list[tuple[Vector[Any], Any]] = []

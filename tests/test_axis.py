@@ -43,6 +43,7 @@ from umo.control import (
     wait,
 )
 from umo.drivers import Channel, Direction, Driver
+from umo.objects import atoms
 
 DT = 0.001
 COUNT = 0.01
@@ -181,7 +182,7 @@ def machine(x: Axis, kind: type[Machine] = Machine) -> Machine:
 def wiring(m: Machine, slide: Slide) -> dict[str, Any]:
     on = {"x.motor": "motor", "x.step": "step", "x.direction": "direction", "x.encoder": "counter", "enable": "enable"}
     on |= {"switch": "switch", "door": "door", "timer": "tick"}
-    wire = {path: {"driver": "slide", "channel": on[path]} for path in (atom.path for atom in m.atoms())}
+    wire = {path: {"driver": "slide", "channel": on[path]} for path in (atom.path for atom in atoms(m))}
     wire["timer"]["period"] = "1 ms"
     return {"drivers": {"slide": slide}, "wire": wire}
 
@@ -462,7 +463,7 @@ def test_axes_that_move_together_arrive_together(make: Callable[..., Axis]) -> N
     m = Two(a=make(), b=make(), timer=timer)
     wire: dict[str, Any] = {"timer": {"driver": "a", "channel": "tick", "period": "1 ms"}}
     on = {"motor": "motor", "step": "step", "direction": "direction", "encoder": "counter"}
-    for atom in m.atoms():
+    for atom in atoms(m):
         axis, _, part = atom.path.partition(".")
         if part:
             wire[atom.path] = {"driver": axis, "channel": on[part]}
@@ -473,8 +474,8 @@ def test_axes_that_move_together_arrive_together(make: Callable[..., Axis]) -> N
         await next_period()
         m.a.encoder.referenced(at=10.0)
         m.b.encoder.referenced(at=40.0)
-        m.start(note("a", a, 40.0))
-        m.start(note("b", b, 50.0))
+        m.cycle.start(note("a", a, 40.0))
+        m.cycle.start(note("b", b, 50.0))
         await move_together((m.a, 40.0), (m.b, 50.0))
 
     async def note(name: str, slide: Slide, target: float) -> None:
@@ -664,7 +665,7 @@ def test_a_cancelled_motion_decelerates_to_standstill(make: Callable[..., Axis])
 
     async def work(m: Machine) -> None:
         await at_home(m, slide)
-        motion = m.start(m.x.move_to(90.0, speed=12.0))
+        motion = m.cycle.start(m.x.move_to(90.0, speed=12.0))
         await wait(1.0)
         motion.cancel()
         await wait(0.5)
@@ -787,7 +788,7 @@ def test_a_disabled_axis_ends_its_motion_and_forgets_it(make: Callable[..., Axis
 
     async def work(m: Machine) -> None:
         await at_home(m, slide)
-        motion = m.start(caught(m.x.move_to(80.0)))
+        motion = m.cycle.start(caught(m.x.move_to(80.0)))
         await wait(0.3)
         m.x.disable()
         assert "x was disabled during its motion" in str(await motion)

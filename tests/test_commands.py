@@ -734,7 +734,7 @@ def test_interlocks_that_make_no_sense_are_refused_before_anything_is_touched(de
     m = Odd(timer=timer(), door=switch(), height=sensor(), ram=actuator(), lamp=relay(), heater=actuator())
     with pytest.raises(DeclarationError, match=said):
         connect(m, wiring(box)).__enter__()
-    assert not m.connected
+    assert not m.cycle.connected
     assert not m.ram.connected
     assert box.calls == []
 

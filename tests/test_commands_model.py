@@ -31,6 +31,7 @@ from umo import (
     Vector,
     connect,
 )
+from umo.objects import find
 from umo.testing import Scripted, VirtualTimer, put
 
 PERIOD = Fraction(1, 1024)
@@ -215,7 +216,7 @@ class Pair:
         self.vector = Vector([self.m.drives.slow, self.m.drives.quick])
 
     def find(self, path: str) -> Any:
-        return self.m.find(path)
+        return find(self.m, path)
 
     def begin(self, missed: int, door: bool, blind: bool, broken: set[str]) -> None:
         for path, act in self.model.acts.items():

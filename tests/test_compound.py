@@ -24,6 +24,8 @@ from umo import (
     connect,
 )
 from umo.cycle.stop_order import stop_sequence
+from umo.objects import atoms, children, find, path_of, walk
+from umo.objects.compound import RESERVED
 from umo.testing import Scripted, periods
 
 pytestmark = pytest.mark.usefixtures("each_way")
@@ -73,8 +75,8 @@ PATHS = [
 
 def test_paths_come_from_the_tree_without_the_root_in_declared_order():
     machine = robot()
-    assert machine.path == ""
-    assert [node.path for node in machine.walk()] == PATHS
+    assert path_of(machine) == ""
+    assert [path_of(node) for node in walk(machine)] == PATHS
     assert machine.axes[1].motor.path == "axes.1.motor"
     assert machine.grippers["left"].vacuum.path == "grippers.left.vacuum"
 
@@ -82,22 +84,22 @@ def test_paths_come_from_the_tree_without_the_root_in_declared_order():
 def test_find_gives_the_object_at_a_path_and_also_below_a_part():
     machine = robot()
     for path in PATHS:
-        assert machine.find(path).path == path
-    assert machine.axes[1].find("motor") is machine.axes[1].motor
-    assert machine.find("axes.1.motor") is machine.axes[1].motor
+        assert path_of(find(machine, path)) == path
+    assert find(machine.axes[1], "motor") is machine.axes[1].motor
+    assert find(machine, "axes.1.motor") is machine.axes[1].motor
 
 
 @pytest.mark.parametrize(("path", "near"), [("z.moter", "z.motor"), ("axis.0.motor", "axes.0.motor"), ("", None)])
 def test_a_path_of_no_object_is_an_error_with_the_nearest(path, near):
     with pytest.raises(PathError, match=f"did you mean '{near}'" if near else "no object ''"):
-        robot().find(path)
+        find(robot(), path)
 
 
 def test_atoms_and_children():
     machine = robot()
-    assert [atom.path for atom in machine.z.atoms()] == ["z.motor", "z.encoder"]
-    assert list(machine.children()) == ["z", "axes.0", "axes.1", "grippers.left", "grippers.right", "release"]
-    assert machine.children()["release"] is machine.release
+    assert [atom.path for atom in atoms(machine.z)] == ["z.motor", "z.encoder"]
+    assert list(children(machine)) == ["z", "axes.0", "axes.1", "grippers.left", "grippers.right", "release"]
+    assert children(machine)["release"] is machine.release
 
 
 def test_parts_show_themselves():
@@ -118,7 +120,7 @@ def test_a_class_may_be_derived_and_its_parts_follow_those_of_the_base():
         brake: BinaryActuator[OnOff]
 
     better = Better(motor=actuator(), encoder=sensor(), brake=relay())
-    assert [atom.path for atom in better.atoms()] == ["motor", "encoder", "brake"]
+    assert [atom.path for atom in atoms(better)] == ["motor", "encoder", "brake"]
 
 
 def test_an_optional_part_may_be_left_out():
@@ -126,8 +128,8 @@ def test_an_optional_part_may_be_left_out():
         motor: DigitalActuator
         brake: BinaryActuator[OnOff] | None = None
 
-    assert [a.path for a in Perhaps(motor=actuator()).atoms()] == ["motor"]
-    assert [a.path for a in Perhaps(motor=actuator(), brake=relay()).atoms()] == ["motor", "brake"]
+    assert [a.path for a in atoms(Perhaps(motor=actuator()))] == ["motor"]
+    assert [a.path for a in atoms(Perhaps(motor=actuator(), brake=relay()))] == ["motor", "brake"]
 
 
 # Declaration errors ----------------------------------------------------------------------------------
@@ -223,30 +225,29 @@ def test_the_keys_of_parts_make_paths_that_name_one_object_each(parts):
     assert Loose(parts=parts).parts == parts  # of other things a dict may be as it likes
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "sample",
-        "control",
-        "update",
-        "reset",
-        "find",
-        "walk",
-        "path",
-        "period",
-        "dt",
-        "start",
-        "children",
-        "setup",
-        "running",
-        "connected",
-        "atoms",
-        "now",
-    ],
-)
-def test_the_names_of_the_verbs_are_reserved(name):
-    with pytest.raises(DeclarationError, match=f"{name}: the name is reserved"):
+@pytest.mark.parametrize("name", sorted(RESERVED))
+def test_a_part_with_a_reserved_name_is_refused_with_all_of_them_and_another_name(name):
+    with pytest.raises(DeclarationError) as caught:
         type("Bad", (Compound,), {"__annotations__": {name: DigitalActuator}})
+    assert str(caught.value) == (
+        f"Bad.{name}: the name is reserved; choose another, such as '{name}_button'; reserved are: "
+        "acknowledge, control, cycle, dt, interlocks, now, reset, sample, setup, update"
+    )
+
+
+def test_at_most_twelve_names_of_a_compound_are_reserved():
+    """And all that is not reserved is umo's own, which begins with an underscore."""
+    names = {name for name in dir(Compound) if not name.startswith("_")}
+    assert names | {"cycle"} == RESERVED
+    assert len(RESERVED) <= 12
+
+
+@pytest.mark.parametrize("name", ["now", "dt", "cycle"])
+def test_what_a_class_would_hide_of_the_running_cycle_is_refused(name):
+    with pytest.raises(DeclarationError, match=f"{name}: the name is reserved"):
+        type("Bad", (Compound,), {name: lambda self: None})
+    with pytest.raises(DeclarationError, match=f"{name}: the name is reserved"):
+        setattr(robot(), name, 3)
 
 
 def test_names_with_an_underscore_are_umos():
@@ -278,7 +279,7 @@ def test_parts_are_fixed_at_construction():
     with pytest.raises(TypeError):
         machine.grippers["left"] = gripper()
     with pytest.raises(TypeError):
-        machine.children()["new"] = relay()
+        children(machine)["new"] = relay()
 
 
 def test_the_callers_list_and_dict_are_copied():
@@ -305,7 +306,7 @@ def test_setup_is_called_once_the_parts_are_in_place():
         motor: DigitalActuator
 
         def setup(self):
-            self.seen = self.motor._parent is self, list(self.children())
+            self.seen = self.motor._parent is self, list(children(self))
 
     assert Ready(motor=actuator()).seen == (True, ["motor"])
 
@@ -313,14 +314,18 @@ def test_setup_is_called_once_the_parts_are_in_place():
 # One period ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("use", [lambda m: m.sample(), lambda m: m.update(), lambda m: m.reset(), lambda m: m.period])
+@pytest.mark.parametrize(
+    "use", [lambda m: m.sample(), lambda m: m.update(), lambda m: m.reset(), lambda m: m.cycle.period]
+)
 def test_outside_connect_a_machine_has_no_hardware(use):
     with pytest.raises(NotConnected, match="Robot is not connected"):
         use(robot())
     machine = robot()
     with connect(machine):
-        assert machine.connected and machine.z.connected
-    assert not (machine.connected or machine.running or machine.z.connected or machine.z.motor.connected)
+        assert machine.cycle.connected and machine.z.cycle.connected
+    assert not (
+        machine.cycle.connected or machine.cycle.running or machine.z.cycle.connected or machine.z.motor.connected
+    )
     with pytest.raises(NotConnected):
         use(machine)
 
@@ -345,7 +350,7 @@ def test_reset_recurses_over_the_actuators_in_stop_order_then_the_sensors():
     with connect(machine, wired(machine, box)) as m:
         start = len(box.calls)
         m.reset()
-        sensors = [item.path for item in machine.atoms() if item.direction is Direction.INPUT]
+        sensors = [item.path for item in atoms(machine) if item.direction is Direction.INPUT]
         expected = [*(item.path for item in stop_sequence(machine)), *sensors]
         assert [call.channels[0] for call in box.calls[start:]] == expected
 
@@ -358,19 +363,19 @@ class Noted:
 
 class ControlledRelay(BinaryActuator[OnOff]):
     def control(self) -> None:
-        Noted.log.append(self.path)
+        Noted.log.append(path_of(self))
 
 
 class ControlledAxis(Axis):
     def control(self) -> None:
-        Noted.log.append(self.path)
+        Noted.log.append(path_of(self))
 
 
 class FinerAxis(ControlledAxis):
     def control(self) -> None:
-        Noted.log.append(f"{self.path} before")
+        Noted.log.append(f"{path_of(self)} before")
         super().control()
-        Noted.log.append(f"{self.path} after")
+        Noted.log.append(f"{path_of(self)} after")
 
 
 class Pair(Compound):
@@ -474,7 +479,7 @@ def test_a_list_of_parts_is_a_tuple_whatever_sequence_it_is_annotated(hint: Any)
     Line = type("Line", (Compound,), {"__annotations__": {"axes": hint}})
     m = Line(axes=[axis(), axis()])
     assert isinstance(m.axes, tuple)
-    assert list(m.children()) == ["axes.0", "axes.1"]
+    assert list(children(m)) == ["axes.0", "axes.1"]
     with pytest.raises(DeclarationError, match=r"Line.axes must be a Axis"):
         Line(axes=[axis(), actuator()])
     with pytest.raises(DeclarationError, match=r"Line.axes is annotated .*, not as a Mapping"):

@@ -25,6 +25,7 @@ from umo import (
     connect,
 )
 from umo.control import next_period
+from umo.objects import atoms
 from umo.testing import Scripted, VirtualTimer, periods
 
 
@@ -91,7 +92,7 @@ def test_after_entering_pending_and_commanded_are_the_default_and_sensors_have_t
         assert (m.z.motor.pending, m.z.motor.read(), m.z.motor.raw) == (1.0, 1.0, 2)
         assert (m.z.brake.pending, m.z.brake.read()) == (OnOff.ON, OnOff.ON)
         assert (m.z.encoder.read(), m.gripper.read()) == (20.0, PassFail.FAIL)
-        assert all(item.quality is Quality.GOOD for item in m.atoms() if item is not m.timer)
+        assert all(item.quality is Quality.GOOD for item in atoms(m) if item is not m.timer)
 
 
 def test_without_a_watchdog_in_the_wiring_none_is_armed():
@@ -140,7 +141,7 @@ def test_however_the_block_ends_the_actuators_are_reset_and_the_error_comes_out(
         raise error
     assert caught.value is error
     assert {path: box.get(path) for path in ACTUATORS} == DEFAULTS
-    assert not machine.connected
+    assert not machine.cycle.connected
 
 
 def test_one_failing_reset_never_stops_the_rest_and_all_are_listed_by_path():
@@ -203,8 +204,8 @@ def test_a_sequence_that_fails_while_it_is_cancelled_does_not_keep_the_actuators
     machine, box = arm(), Scripted()
     with pytest.raises(comes_out) as caught, connect(machine, wired(machine, box)) as m:
         m.z.motor.write(9.0)
-        m.start(stubborn())
-        m.start(stubborn())
+        m.cycle.start(stubborn())
+        m.cycle.start(stubborn())
         periods(m, 2)
     assert "stubborn" in [entry.name for entry in caught.traceback] or caught.value.__cause__ is error
     assert {path: box.get(path) for path in ACTUATORS} == DEFAULTS
@@ -220,7 +221,7 @@ def test_an_error_of_the_application_keeps_its_place_when_its_sequences_fail_whi
 
     machine = arm()
     with pytest.raises(KeyError) as caught, connect(machine, wired(machine, Scripted())) as m:
-        m.start(stubborn())
+        m.cycle.start(stubborn())
         periods(m, 2)
         raise KeyError("the first")
     also, moment = caught.value.__notes__
@@ -238,7 +239,7 @@ def test_a_sequence_may_still_write_while_it_is_cancelled_and_the_defaults_come_
 
     machine, box = arm(), Scripted()
     with connect(machine, wired(machine, box)) as m:
-        m.start(parking(m))
+        m.cycle.start(parking(m))
         periods(m, 2)
     assert box.segments("write")[-1].raws == (0,)
     assert box.get("z.brake") == 1
@@ -308,7 +309,7 @@ def test_a_failure_at_any_call_leaves_what_was_initialised_reset_and_finalised(n
         *(("finalize", path) for path in reversed(begun)),
         ("close", ""),
     ]
-    assert not machine.connected
+    assert not machine.cycle.connected
     assert machine.z.motor.maximum == 10.0
     first = len(box.calls) - len(leaving(box))
     unreached = [
@@ -347,7 +348,7 @@ def test_a_first_sample_that_fails_is_a_failed_connection():
     machine, box = arm(), Scripted({"gripper": 5})
     with pytest.raises(DriverError, match="box: read 5, but a binary channel reads 0 or 1; gripper"):
         connect(machine, wired(machine, box)).__enter__()
-    assert not machine.connected
+    assert not machine.cycle.connected
     assert log(box)[-1] == ("close", "")
 
 
@@ -362,7 +363,7 @@ CALIBRATED = {
 
 
 def settings_of(machine: Arm) -> Any:
-    digital = [item.calibration for item in machine.atoms() if isinstance(item, DigitalActuator | DigitalSensor)]
+    digital = [item.calibration for item in atoms(machine) if isinstance(item, DigitalActuator | DigitalSensor)]
     return digital, machine.gripper._inverted, machine.gain
 
 
@@ -397,7 +398,7 @@ def test_a_parameter_that_cannot_be_set_leaves_nothing_half_done():
     wiring = wired(machine, box, entries={"motor": {"maximum": 2.0}}) | {"parameters": {"gain": 9.0}}
     with pytest.raises(ValueError, match="too much"):
         connect(machine, wiring).__enter__()
-    assert (machine.motor.maximum, machine.gain, machine.connected, box.calls) == (10.0, 1.0, False, [])
+    assert (machine.motor.maximum, machine.gain, machine.cycle.connected, box.calls) == (10.0, 1.0, False, [])
 
 
 def test_the_same_machine_reconnects_with_another_wiring():
@@ -420,10 +421,10 @@ def test_one_connect_may_be_entered_again():
     connection = connect(machine, wired(machine, box))
     for _ in range(2):
         with connection as m:
-            assert m.running
+            assert m.cycle.running
             periods(m, 1)
             connection.stop.request()
-            assert not m.running
+            assert not m.cycle.running
 
 
 # Mistakes --------------------------------------------------------------------------------------------

@@ -110,7 +110,7 @@ def test_a_part_is_measured_while_the_speed_changes(seed: int) -> None:
             await until(lambda: not covered(m.entry))
 
     async def application(m: Conveyor) -> Any:
-        m.start(change(m))
+        m.cycle.start(change(m))
         return await main(m, speed=0.45)
 
     run = Run(application, seed=seed)
@@ -127,7 +127,7 @@ def test_the_belt_may_stand_still_with_parts_on_it() -> None:
         m.belt.run_at(0.3)
 
     async def application(m: Conveyor) -> Any:
-        m.start(pause(m))
+        m.cycle.start(pause(m))
         return await main(m)
 
     run = Run(application)
@@ -145,7 +145,7 @@ def test_a_part_that_has_slipped_on_the_belt_is_met_by_the_diverter_all_the_same
         plant.belt[0].front -= 30.0
 
     async def application(m: Conveyor) -> Any:
-        m.start(slip(plant))
+        m.cycle.start(slip(plant))
         return await main(m, parts=1)
 
     plant = Plant(parts=1)
@@ -201,7 +201,7 @@ def test_a_barrier_that_is_covered_at_the_start_is_stuck_or_a_part_lies_there(na
 
 def test_an_entry_barrier_that_gets_stuck_under_a_part_is_told_from_a_jam_by_the_part_itself() -> None:
     async def application(m: Conveyor) -> Any:
-        m.start(stick(m))
+        m.cycle.start(stick(m))
         return await main(m)
 
     async def stick(m: Conveyor) -> None:

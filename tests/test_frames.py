@@ -264,7 +264,7 @@ def test_how_late_the_timer_woke_is_unknown_when_ticks_were_missed() -> None:
 
 def test_what_the_machine_says_of_its_work_goes_along() -> None:
     with running() as (m, ring, _), Reader(ring.path) as reader:
-        m.progress("fräsen " + "x" * 80, done=2, total=3)
+        m.cycle.progress("fräsen " + "x" * 80, done=2, total=3)
         periods(m)
         frame = reader.latest()
         assert frame["progress"].decode().startswith("fräsen xxx")

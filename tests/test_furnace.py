@@ -11,6 +11,7 @@ import pytest
 import umo
 from umo import DeclarationError, DriverError, OnOff, Quality, RangeError, Thermocouple, WiringError
 from umo.cli.station_options import options_of, parse
+from umo.objects import atoms
 from umo.process.job import Job, Plan
 from umo.process.station import find
 from umo.stations.furnace.application import main
@@ -72,7 +73,7 @@ def test_the_tunnel_follows_its_profile_and_soaks() -> None:
 def test_the_setpoint_rises_by_the_ramp() -> None:
     m = machine(3)
     with umo.connect(m, SIMULATED):
-        m.start(m.heat_up(500.0, 2.0))
+        m.cycle.start(m.heat_up(500.0, 2.0))
         seen = []
         for _ in range(20):
             periods(m)
@@ -259,7 +260,7 @@ def test_the_number_of_zones_is_an_option_of_the_machine() -> None:
     assert {"peak", "soak", "ramp"} <= options.keys()
     given = parse(STATION, None, ["--zones", "7", "--peak", "300", "--faults", "stuck-heater:3"])
     plan = Plan(Job("furnace", options=given))
-    assert len(list(plan.machine.atoms())) == 3 * 7 + 1
+    assert len(list(atoms(plan.machine))) == 3 * 7 + 1
     for wrong in (0, 5001):
         with pytest.raises(DeclarationError, match=f"a tunnel has 1 to 5000 zones, not {wrong}"):
             machine(wrong)

@@ -36,7 +36,7 @@ from umo.cycle.columns import ASKED, FREE, IN_HAND
 from umo.cycle.events import TEXT, CommandState, Event
 from umo.cycle.hand_commands import HandCommand, Mode
 from umo.cycle.hands import HOLD, TAKEN_PER_PERIOD, Hands
-from umo.objects import actions_of
+from umo.objects import actions_of, find
 from umo.testing import Scripted, VirtualTimer, put
 
 PERIOD = 0.01
@@ -97,12 +97,12 @@ class Press(Compound, tunable={"speed": Range("mm/s", 0.5, 5.0)}):
     @action
     def begin(self) -> None:
         """Close it in a sequence that nobody awaits."""
-        self.start(self.close(1.0))
+        self.cycle.start(self.close(1.0))
 
     @action
     async def start_another(self) -> None:
         """Close it in a sequence of its own."""
-        await self.start(self.close(1.0))
+        await self.cycle.start(self.close(1.0))
 
 
 BOOT = 1000.0
@@ -265,7 +265,7 @@ def test_in_manual_mode_no_time_passes_for_the_application() -> None:
             ticks.append((await next_period()).ticks)
 
     with Rig(Mode.AUTOMATIC) as rig:
-        rig.m.start(application())
+        rig.m.cycle.start(application())
         rig.do("lease")
         rig.periods(3)
         rig.do("mode", value="manual")
@@ -587,7 +587,7 @@ class Mischief(Press):
     @action(release="let_up")
     def starting(self) -> None:
         """A sequence that it starts, until it is released."""
-        self.start(self.press_on())
+        self.cycle.start(self.press_on())
 
     def let_up(self) -> None:
         self.wanted = 0.0
@@ -608,7 +608,7 @@ def test_whatever_an_action_raises_is_told_and_ends_nothing_else(path: str, erro
         rig.periods(3)
         rig.do("give back")
         rig.periods(3)
-        assert rig.m.taken and rig.m.running
+        assert rig.m.taken and rig.m.cycle.running
         assert any(type(error).__name__ in event.text for event in rig.events)
         states = [event.state for event in rig.events if event.path == path]
         told = {"at_once": CommandState.FAILED, "later": CommandState.FAILED}
@@ -651,7 +651,7 @@ def test_a_release_that_fails_or_starts_something_resets_its_part(deed: str) -> 
         m: Any = rig.m
         m.deed = {
             "raises": lambda: 1 / 0,
-            "starts a sequence": lambda: m.start(m.press_on()) and None,
+            "starts a sequence": lambda: m.cycle.start(m.press_on()) and None,
             "is a sequence": m.press_on,
         }[deed]
         rig.do("lease")
@@ -808,10 +808,10 @@ def test_anybody_may_stop_the_machine() -> None:
             rig.send("tune", "speed", 1.0)
         rig.letters.asked[0] = 7  # garbage
         rig.periods()
-        assert rig.m.running
+        assert rig.m.cycle.running
         rig.letters.stop = signal.SIGINT, "ann, a test"
         rig.periods()
-        assert not rig.m.running
+        assert not rig.m.cycle.running
         assert rig.connection.stop.signal == signal.SIGINT
         assert rig.hands.stopped_by == "ann, a test"
         rig.periods()
@@ -934,7 +934,7 @@ def test_guards_hold_for_any_interleaving_of_program_and_hands(steps: list[tuple
                 assert (state == IN_HAND, state in (FREE, ASKED)) == (bool(hand), actuator_.inhibited is None)
             now = rig.connection.machine.clock.number
             for path in ("heater", "lamp"):  # only hands write them
-                item: Any = rig.m.find(path)
+                item: Any = find(rig.m, path)
                 if item.read() != item.default:
                     lasts = 0.1 if path == "heater" else HOLD
                     assert (now - kept[path]) * PERIOD <= lasts + 2 * PERIOD

@@ -25,6 +25,7 @@ from umo import (
     check,
     connect,
 )
+from umo.objects import children
 from umo.objects.linearization import Linearization, Linearizations
 from umo.testing import Scripted, periods, put
 
@@ -257,7 +258,7 @@ def test_clamping_slew_rate_expiry_and_interlocks_act_on_the_value() -> None:
 
 def vars_of(machine: Bench) -> dict[str, Any]:
     """The parts of a machine, without their parent."""
-    parts = dict(machine.children())
+    parts = dict(children(machine))
     for part in parts.values():
         part._parent = None
     return parts

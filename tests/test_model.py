@@ -21,6 +21,7 @@ from umo import (
     PassFail,
     connect,
 )
+from umo.objects import find
 from umo.testing import Scripted
 
 # The paper's text --------------------------------------------------------------------------------------
@@ -159,7 +160,7 @@ def test_the_objects_do_what_the_papers_text_says(way, steps):
         connection = connect(machine, wired(machine, box))
         with connection as m:
             for verb, path, *level in steps:
-                node = m.find(path) if path else m
+                node = find(m, path) if path else m
                 below = [p for p in PATHS if p == path or p.startswith(f"{path}.") or not path]
                 if verb == "write":
                     value, raw = level[0]
@@ -174,9 +175,9 @@ def test_the_objects_do_what_the_papers_text_says(way, steps):
                     for p in below:
                         getattr(paper[p], verb, lambda: None)()
                 for p in PATHS:
-                    assert m.find(p).read() == paper[p].read(), p
+                    assert find(m, p).read() == paper[p].read(), p
                 for p in ACTUATORS:
-                    assert m.find(p).pending == paper[p].current_value, p
+                    assert find(m, p).pending == paper[p].current_value, p
                     assert box.get(p) == raws[p][paper[p].current_command], p
     for p in ACTUATORS:  # in the same order and number too, up to the reset of leaving
         levels = [

@@ -32,7 +32,7 @@ from umo import (
     connect,
 )
 from umo.control import Axis, Hysteresis, Profile, Servo, VectorPID, move_together, synchronize
-from umo.objects import actions_of
+from umo.objects import actions_of, atoms, walk
 from umo.testing import periods, put
 
 BAD = pytest.mark.parametrize("bad", [nan, inf, -inf])
@@ -74,7 +74,7 @@ def motor() -> DigitalActuator:
 
 
 def pending(m: Compound) -> list[Any]:
-    return [each.pending for each in m.atoms() if isinstance(each, BinaryActuator | DigitalActuator)]
+    return [each.pending for each in atoms(m) if isinstance(each, BinaryActuator | DigitalActuator)]
 
 
 # What there is ------------------------------------------------------------------------------------------
@@ -323,7 +323,7 @@ def test_an_axis_refuses_what_is_not_finite_and_does_not_move(
             if inspect.isawaitable(result):
                 await result
 
-        m.start(work())
+        m.cycle.start(work())
         try:
             periods(m, 3)
         except REFUSED:
@@ -360,7 +360,7 @@ def test_axes_that_move_together_move_all_or_none(bad: float) -> None:
     with connect(Portal(x=axis(AXES[0]), y=axis(AXES[-1]), timer=timer())) as m:
         for each in (m.x, m.y):
             each.encoder.referenced(at=50.0)
-        m.start(move_together((m.x, 60.0), (m.y, bad)))
+        m.cycle.start(move_together((m.x, 60.0), (m.y, bad)))
         with pytest.raises(RangeError):
             periods(m)
         assert not m.x.enabled
@@ -372,7 +372,7 @@ def test_axes_that_move_together_move_all_or_none(bad: float) -> None:
 @pytest.mark.parametrize("name", stations())
 def test_no_action_that_ships_takes_a_number_that_is_not_finite(name: str) -> None:
     with connect(stations()[name]()) as m:
-        for node in m.walk():
+        for node in walk(m):
             if isinstance(node, DigitalSensor) and node.incremental:
                 node.referenced(True)
             if isinstance(node, BinarySensor) and node.path == "emergency_stop":
@@ -392,7 +392,7 @@ def test_no_action_that_ships_takes_a_number_that_is_not_finite(name: str) -> No
                         continue  # the largest
                     with pytest.raises(REFUSED):  # and from the program
                         result = offered.call(**given)
-                        m.start(result)
+                        m.cycle.start(result)
                         periods(m)
                     m._machine.sequences.cancel()  # type: ignore[attr-defined]
                     assert pending(m) == before, (offered.path, given)

@@ -101,7 +101,7 @@ def test_a_connected_machine_shows_what_was_read_and_sent_last(each_way: None) -
     connection = connect(m, wired(m, box, clock=VirtualTimer([0, 3]), entries={"valve": {"inverted": True}}))
     with connection:
         m.motor.write(5.0)
-        m.progress("pressing", done=1, total=3)
+        m.cycle.progress("pressing", done=1, total=3)
         periods(m)
         calls = len(box.calls)
         table = shown(m)
@@ -183,7 +183,7 @@ def test_like_objects_of_lists_share_a_line() -> None:
 
 def test_texts_are_escaped() -> None:
     with running(oven()) as (m, station):
-        m.progress("<script>alert(1)</script>")
+        m.cycle.progress("<script>alert(1)</script>")
         periods(m)
         for html in (m._repr_html_(), station._repr_html_(), Scope(station.reader, ["fans"], 1.0).draw({})):
             assert "<script" not in html

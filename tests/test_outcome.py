@@ -17,6 +17,7 @@ from umo.cli.result import Result
 from umo.control import until, wait
 from umo.cycle.trace import Statistics
 from umo.errors import DeclarationError, Failure, Mistake, WiringError
+from umo.objects import find
 from umo.process.outcome import Failed, message_of
 from umo.testing import Scripted, periods
 
@@ -46,7 +47,7 @@ def after_2_ms(act: Callable[[Bench], object]) -> Any:
         (lambda m: m.motor.write(99.0), "motor: 99 V is outside -10 to 10"),
         (lambda m: m.valve.write("ON"), "valve: 'ON' is not a state of OnOff"),
         (lambda m: {}["no such part"], "KeyError: 'no such part'"),
-        (lambda m: m.find("nothing"), "no object 'nothing' in Bench"),
+        (lambda m: find(m, "nothing"), "no object 'nothing' in Bench"),
         (lambda m: setattr(m, "motor", 3), "motor is a part; parts cannot be replaced"),
     ],
     ids=["nan", "range", "state", "key", "path", "declaration"],

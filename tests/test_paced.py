@@ -14,6 +14,7 @@ from typer.testing import Result
 from helpers.machines import bench
 from umo import Channel, Direction, Driver, DriverError, WiringError, connect
 from umo.drivers.paced import PacedTimer
+from umo.objects import atoms
 from umo.testing import VirtualTimer
 from umo.wiring import Wired, resolve
 
@@ -70,7 +71,7 @@ def ticker(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 
 def wiring(plant: Driver, **timer: Any) -> dict[str, Any]:
-    paths = [item.path for item in bench().atoms()]
+    paths = [item.path for item in atoms(bench())]
     wire: dict[str, Any] = {path: {"driver": "plant"} for path in paths if path != "timer"}
     wire["timer"] = {"driver": "plant", "channel": "tick", "period": "2 ms"} | timer
     return {"drivers": {"plant": plant}, "wire": wire}

@@ -23,8 +23,8 @@ from umo import (
     connect,
 )
 from umo.errors import ChannelError
+from umo.objects.paths import matches
 from umo.wiring import resolve
-from umo.wiring.patterns import matches
 
 
 class Zone(Compound):

@@ -46,7 +46,7 @@ def trace_of(machine: Compound, phases: int = 2) -> Trace:
     with connection as m:
         connection.machine.observers.append(trace)
         for number in range(phases):
-            m.progress(f"part {number}: a text that is rather long for its place $_{{")
+            m.cycle.progress(f"part {number}: a text that is rather long for its place $_{{")
             periods(m, 3)
     return trace
 

@@ -25,12 +25,12 @@ def shown(times: list[float], *, terminal: bool) -> str:
     file, now = io.StringIO(), [0.0]
     connection = connect(machine())
     with connection as m, Shown(Console(file=file, force_terminal=terminal, width=80), lambda: now[0]) as line:
-        m.progress("homing", done=1, total=2)
+        m.cycle.progress("homing", done=1, total=2)
         frame = connection.machine.frame
         for number, time in enumerate(times):
             now[0] = frame.time = time
             if number == 3:
-                m.progress("picking\x1b[2J")
+                m.cycle.progress("picking\x1b[2J")
             line(frame)
     return file.getvalue()
 
@@ -51,9 +51,9 @@ def test_elsewhere_a_line_is_written_for_every_new_text() -> None:
 def test_numbers_that_are_not_given_stay() -> None:
     connection = connect(machine())
     with connection as m:
-        m.progress("homing", total=3)
-        m.progress("picking", done=1)
-        m.progress("placing")
+        m.cycle.progress("homing", total=3)
+        m.cycle.progress("picking", done=1)
+        m.cycle.progress("placing")
         assert connection.machine.frame.progress == ("placing", 1, 3)
         assert connection.machine.frame.progress.share == 1 / 3
 
@@ -61,7 +61,7 @@ def test_numbers_that_are_not_given_stay() -> None:
 @pytest.mark.parametrize(("name", "number"), [("done", -1), ("total", 1.5), ("done", True), ("total", "3")])
 def test_progress_counts_in_whole_numbers(name: str, number: object) -> None:
     with connect(machine()) as m, pytest.raises(RangeError, match=f"progress: {name}="):
-        m.progress("homing", **{name: number})  # type: ignore[arg-type]
+        m.cycle.progress("homing", **{name: number})  # type: ignore[arg-type]
 
 
 def test_counts_of_numpy_are_whole_numbers() -> None:

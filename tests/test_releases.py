@@ -11,7 +11,7 @@ from helpers.machines import stations
 from umo import BinaryActuator, Compound, DigitalActuator, OpenClosed, connect
 from umo.cycle.hand_commands import HandCommand, Mode
 from umo.cycle.hands import Hands
-from umo.objects import actions_of
+from umo.objects import actions_of, atoms, find
 from umo.testing import periods, put
 
 HELD: dict[tuple[str, str], tuple[dict[str, float], str]] = {
@@ -47,7 +47,7 @@ def test_what_is_switched_off_stays_off_whatever_is_released(station: str, path:
             letters.waiting.append(HandCommand(1, "hand", "key", do, path, **more))
             periods(m, 3)
 
-        part = m.find(path.rpartition(".")[0])
+        part = find(m, path.rpartition(".")[0])
         send("lease", seconds=0.4)
         for step in [*steps, "switch off", *steps_that_release(steps)]:
             if not hands.lease.holder:
@@ -77,5 +77,5 @@ def steps_that_release(steps: list[str]) -> list[str]:
 
 def at_defaults(part: Compound) -> list[str]:
     """The actuators below that are not at their defaults."""
-    found = (each for each in part.atoms() if isinstance(each, BinaryActuator | DigitalActuator))
+    found = (each for each in atoms(part) if isinstance(each, BinaryActuator | DigitalActuator))
     return [each.path for each in found if each.read() != each.default]

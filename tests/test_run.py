@@ -49,7 +49,7 @@ def calls_of(run_it):
 
 def written_out(machine, wiring):
     with connect(machine, wiring) as m:
-        while m.running:
+        while m.cycle.running:
             m.timer.read()
             m.sample()
             m.control()
@@ -185,7 +185,7 @@ def test_drive_is_the_loop_on_a_connected_machine():
     with connect(bench()) as m:
         assert drive(m, application) == 12.0
         assert drive(m, application) == 12.0
-        assert m.connected
+        assert m.cycle.connected
 
 
 def test_an_application_that_is_no_sequence_is_a_type_error():
@@ -221,7 +221,7 @@ def test_every_compound_learns_the_period_and_the_ticks_consumed():
         motor: DigitalActuator
 
         def control(self) -> None:
-            seen.append((self.period, self.dt))
+            seen.append((self.cycle.period, self.dt))
 
     class Whole(Compound):
         timer: DigitalSensor

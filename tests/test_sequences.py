@@ -39,7 +39,7 @@ class Cycle:
         self.connection.__exit__(*error)
 
     def start(self, sequence):
-        return self.m.start(sequence)
+        return self.m.cycle.start(sequence)
 
     def steps(self, count):
         periods(self.m, count)
@@ -110,7 +110,7 @@ def test_sequences_act_before_control_so_that_a_setpoint_is_used_in_its_period()
     from helpers.machines import timer
 
     with connect(Servo(timer=timer(), motor=actuator())) as m:
-        m.start(go(m))
+        m.cycle.start(go(m))
         periods(m, 1)
         assert m.motor.read() == 5.0
 
@@ -123,7 +123,7 @@ def test_control_of_a_part_does_not_advance_sequences():
         inner: Inner
 
     with connect(Outer(inner=Inner(motor=actuator()))) as m:
-        task = m.inner.start(asyncgen_free())
+        task = m.inner.cycle.start(asyncgen_free())
         m.inner.control()
         assert not task.done
         m.control()
@@ -143,7 +143,7 @@ def test_a_sequence_that_starts_another_stays_before_it():
             await next_period()
 
     async def parent(m):
-        m.start(child())
+        m.cycle.start(child())
         while True:
             seen.append("parent")
             await next_period()
@@ -161,7 +161,7 @@ def test_a_sequence_started_by_another_begins_with_the_next_period():
         seen.append(m.now)
 
     async def parent(m):
-        m.start(child(m))
+        m.cycle.start(child(m))
         seen.append(m.now)
         await next_period()
 
@@ -223,7 +223,7 @@ def test_a_machine_without_a_timer_cannot_count_seconds():
         motor: DigitalActuator
 
     with connect(Still(motor=actuator())) as m:
-        m.start(wait("1 s"))
+        m.cycle.start(wait("1 s"))
         m.control()
         with pytest.raises(TaskFailed, match="without a timer"):
             m.control()
@@ -469,7 +469,7 @@ def test_a_block_that_expires_cancels_the_started_sequence_that_it_awaits(starte
 
     async def block(m):
         if started == "after":
-            tasks.append(m.start(after(99, "child", log)))
+            tasks.append(m.cycle.start(after(99, "child", log)))
         async with timeout("2 ms"):
             await tasks[0]
 
@@ -497,7 +497,7 @@ def test_a_block_outside_of_a_sequence_is_an_error():
 
 def test_a_sequence_may_wait_for_another_and_gets_its_result():
     async def parent(m):
-        task = m.start(after(3, "child"))
+        task = m.cycle.start(after(3, "child"))
         return await task, await task
 
     with Cycle() as cycle:
@@ -508,7 +508,7 @@ def test_a_sequence_may_wait_for_another_and_gets_its_result():
 
 def test_to_wait_for_a_cancelled_task_is_an_error():
     async def parent(m):
-        task = m.start(after(30, log=[]))
+        task = m.cycle.start(after(30, log=[]))
         await next_period()
         task.cancel()
         await task
@@ -849,7 +849,7 @@ def test_what_a_clean_up_starts_is_dropped_too():
         try:
             await next_period()
         finally:
-            m.start(child())
+            m.cycle.start(child())
 
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -965,7 +965,7 @@ def test_a_sequence_that_starts_itself_is_an_error_that_says_so():
     own: list[Any] = []
 
     async def work(m):
-        m.start(own[0])
+        m.cycle.start(own[0])
         await next_period()
         await next_period()
 

@@ -26,7 +26,7 @@ from umo import (
 )
 from umo.cli.values import number as typed
 from umo.control import PID, Hysteresis, Servo, VectorPID, VectorServo
-from umo.objects import actions_of, tunables_of
+from umo.objects import actions_of, atoms, tunables_of
 from umo.system.packages import SHIPPED
 from umo.testing import periods, put
 
@@ -119,7 +119,7 @@ def test_bounds_of_a_hysteresis_in_the_wrong_order_or_of_another_state_are_refus
 )
 def test_what_a_law_refuses_is_refused_when_it_is_wired_or_tuned(path: str, value: float, said: str) -> None:
     m = oven()
-    wire = {item.path: {"driver": "simulated"} for item in m.atoms()}
+    wire = {item.path: {"driver": "simulated"} for item in atoms(m)}
     wire["timer"]["period"] = "1 ms"
     with (
         pytest.raises(DeclarationError, match=f"the wiring's parameter {path}: .*{said}"),
@@ -135,7 +135,7 @@ def test_what_a_law_refuses_is_refused_when_it_is_wired_or_tuned(path: str, valu
 
 def test_settings_of_a_law_that_depend_on_one_another_are_checked_when_all_are_set() -> None:
     m = oven()
-    wire = {item.path: {"driver": "simulated"} for item in m.atoms()}
+    wire = {item.path: {"driver": "simulated"} for item in atoms(m)}
     wire["timer"]["period"] = "1 ms"
     both = {"hysteresis.low": 60.0, "hysteresis.high": 70.0}
     with connect(m, {"wire": wire, "parameters": both}):

@@ -48,7 +48,7 @@ def test_the_history_holds_the_last_writes_oldest_first_initialise_and_reset_inc
 
 def test_a_machine_works_without_any_wiring_at_one_millisecond_of_virtual_time():
     with connect(bench()) as m:
-        assert m.period == pytest.approx(0.001)
+        assert m.cycle.period == pytest.approx(0.001)
         put(m.encoder, 12.5)
         put(m.limit, PassFail.FAIL)
         m.motor.write(3.0)

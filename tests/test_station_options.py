@@ -12,6 +12,7 @@ from rich.console import Console
 
 from umo.cli.station_options import Option, help_panel, machine_and_words, options_of, parse
 from umo.errors import OptionError
+from umo.objects import atoms
 from umo.process.job import Job, Plan
 from umo.process.station import Station, find
 
@@ -171,7 +172,7 @@ def test_the_parameters_of_the_machine_that_a_text_can_give_are_options(row: Pat
     assert [(each.name, each.taker) for each in options_of(found, None)] == [("gauges", "machine"), ("top", "machine")]
     machine, words = machine_and_words(found, ["gauges.3", "--gauges", "4", "--top=5"])
     assert words == ["gauges.3"]
-    assert [(each.path, each.maximum) for each in machine.atoms()][-1] == ("gauges.3", 5.0)  # type: ignore[attr-defined]
+    assert [(each.path, each.maximum) for each in atoms(machine)][-1] == ("gauges.3", 5.0)  # type: ignore[attr-defined]
 
 
 def test_every_command_takes_the_options_of_the_machine(umo: Any, row: Path) -> None:
@@ -201,11 +202,11 @@ def test_a_wrong_option_of_the_machine_is_a_mistake_of_the_user(
 
 def test_a_job_makes_the_same_machine_in_every_process(row: Path) -> None:
     job = Job.load(Job(str(row), options={"gauges": 7}).dump())
-    assert len(list(Plan(job).machine.atoms())) == 7
+    assert len(list(atoms(Plan(job).machine))) == 7
     with pytest.raises(OptionError, match=r"--gauge: nobody takes this option \(did you mean 'gauges'\?\)"):
         Plan(Job(str(row), options={"gauge": 7}))
 
 
 def test_a_function_that_makes_the_machine_takes_options_too() -> None:
     plan = Plan(Job(machine="umo.stations.furnace.objects:machine", options={"zones": 3}))
-    assert len(list(plan.machine.atoms())) == 10
+    assert len(list(atoms(plan.machine))) == 10

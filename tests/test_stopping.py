@@ -52,7 +52,7 @@ def test_a_signal_ends_the_loop_after_its_period_and_the_actuators_go_to_their_d
     clock = VirtualTimer(on_period=lambda n: cut(number) if n == 3 else None)
     connection = connect(machine, wired(machine, box, clock=clock))
     with connection as m:
-        while m.running and clock.reads < 10:
+        while m.cycle.running and clock.reads < 10:
             m.valve.write(OnOff.ON)
             periods(m, 1)
         assert connection.stop.signal == number
@@ -98,7 +98,7 @@ def test_a_second_signal_does_not_interrupt_the_resetting():
         m.valve.write(OnOff.ON)
         m.motor.write(5.0)
         periods(m, 1)
-        assert not m.running
+        assert not m.cycle.running
     assert [call.channels[0] for call in late.segments("reset")] == ["motor", "valve"]
     assert len(late.segments("finalize")) == 4
     assert (late.get("motor"), late.get("valve")) == (0, 0)
@@ -119,7 +119,7 @@ def test_a_timer_that_fails_to_stop_waiting_fails_no_call_of_a_driver():
         m.valve.write(OnOff.ON)
         periods(m, 1)
         cut(signal.SIGTERM)
-        assert not m.running
+        assert not m.cycle.running
     assert late.get("valve") == 0
 
 
@@ -157,8 +157,8 @@ def test_one_signal_stops_every_machine_of_the_process():
     with connect(one) as a:
         with connect(other) as b:
             cut(signal.SIGINT)
-            assert (a.running, b.running) == (False, False)
-        assert a.running is False
+            assert (a.cycle.running, b.cycle.running) == (False, False)
+        assert a.cycle.running is False
         cut(signal.SIGINT)  # still caught
 
 
@@ -168,7 +168,7 @@ def test_machines_may_be_left_in_any_order_and_the_last_one_gives_the_handlers_b
     m = second.__enter__()
     first.__exit__(None, None, None)
     cut(signal.SIGTERM)
-    assert m.running is False
+    assert m.cycle.running is False
     second.__exit__(None, None, None)
 
 
@@ -180,7 +180,7 @@ def test_a_machine_in_a_thread_neither_takes_the_handlers_nor_keeps_them():
         with connect(bench()) as m:
             entered.set()
             leave.wait(10)
-            running.append(m.running)
+            running.append(m.cycle.running)
 
     thread = threading.Thread(target=work)
     before = [signal.getsignal(number) for number in SIGNALS]
@@ -198,9 +198,9 @@ def test_a_machine_in_a_thread_neither_takes_the_handlers_nor_keeps_them():
 def test_a_stop_can_be_requested_without_a_signal():
     connection = connect(bench())
     with connection as m:
-        assert m.running is True
+        assert m.cycle.running is True
         connection.stop.request()
-        assert m.running is False
+        assert m.cycle.running is False
         assert connection.stop.signal is None
 
 
@@ -307,7 +307,7 @@ def test_a_stop_ends_the_wait_of_a_machine_in_another_thread() -> None:
 
     def loop() -> None:
         with connection as m:
-            while m.running:
+            while m.cycle.running:
                 found.append((m.timer.read(), m.now))
 
     thread = threading.Thread(target=loop)

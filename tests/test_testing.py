@@ -137,7 +137,7 @@ def test_the_virtual_timer_serves_in_a_file(tmp_path: Path):
     )
     connection = connect(Clocked(timer=timer()), path)
     with connection as m:
-        while m.running:
+        while m.cycle.running:
             periods(m)
         assert m.now == pytest.approx(0.004)
 

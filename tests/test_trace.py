@@ -121,7 +121,7 @@ def test_labels_are_kept_when_they_change() -> None:
         connection.machine.observers.append(trace)
         for text in ("", "a", "a", "b", "b"):
             if text:
-                m.progress(text)
+                m.cycle.progress(text)
             periods(m)
     assert [text for _, text in trace.notes] == ["a", "b"]
     assert [time for time, _ in trace.notes] == pytest.approx([0.002, 0.004])

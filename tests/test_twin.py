@@ -18,6 +18,7 @@ from umo import BinaryActuator, Compound, DeclarationError, DigitalSensor, OnOff
 from umo.cycle.signals import signals_of
 from umo.frames import Layout, Reader, published
 from umo.frames.layout import describe_objects, describe_signals
+from umo.objects import atoms
 from umo.process.station import StationError, find
 from umo.twin import (
     Body,
@@ -291,7 +292,7 @@ def test_the_twin_of_a_station_that_ships_fits_its_machine(name: str) -> None:
 
 
 def layout_of(machine: Compound, **about: Any) -> Layout:
-    return Layout(describe_objects(list(machine.atoms())), (), about, describe_signals(signals_of(machine)))
+    return Layout(describe_objects(list(atoms(machine))), (), about, describe_signals(signals_of(machine)))
 
 
 def test_the_twin_is_of_the_machine_that_runs_with_its_options() -> None:

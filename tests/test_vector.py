@@ -27,6 +27,7 @@ from umo import (
     Vector,
     connect,
 )
+from umo.objects import atoms
 from umo.testing import Scripted
 
 pytestmark = pytest.mark.usefixtures("each_way")
@@ -77,7 +78,7 @@ def test_a_vector_does_what_its_objects_would_one_by_one_in_any_order(values, or
                 for item, value in zip(picked, values, strict=True):
                     assert item.write(value) is True
             m.update()
-            runs.append(([a.read() for a in m.atoms() if a in picked], [a.raw for a in picked], box.calls[:]))
+            runs.append(([a.read() for a in atoms(m) if a in picked], [a.raw for a in picked], box.calls[:]))
     assert runs[0] == runs[1]
 
 

@@ -24,6 +24,7 @@ from umo import (
     check,
     connect,
 )
+from umo.objects import atoms
 from umo.testing import Scripted, VirtualTimer
 from umo.wiring import resolve
 
@@ -64,7 +65,7 @@ def faults(machine: Compound, wiring: Any) -> list[tuple[str, str]]:
 
 def simulated(machine: Compound, **entries: Any) -> dict[str, Any]:
     """Everything simulated; `entries` change the lines (`__` for the dot), None leaves one out."""
-    wire: dict[str, Any] = {item.path: {"driver": "simulated"} for item in machine.atoms()}
+    wire: dict[str, Any] = {item.path: {"driver": "simulated"} for item in atoms(machine)}
     if "timer" in wire:
         wire["timer"]["period"] = "1 ms"
     for path, entry in entries.items():

@@ -13,6 +13,7 @@ import pytest
 
 from helpers.machines import bench
 from umo import Channel, Direction, Driver, check
+from umo.objects import atoms
 from umo.wiring import resolve, source
 
 
@@ -52,7 +53,7 @@ class Leaver(Recorder):
 
 def written(tmp_path: Path, text: str) -> Path:
     file = tmp_path / "box.toml"
-    lines = [f'"{item.path}" = {{ driver = "simulated" }}' for item in bench().atoms() if item.path != "timer"]
+    lines = [f'"{item.path}" = {{ driver = "simulated" }}' for item in atoms(bench()) if item.path != "timer"]
     lines.append('timer = { driver = "simulated", period = "1 ms" }')
     file.write_text("[wire]\n" + "\n".join(lines) + "\n" + text)
     return file
@@ -82,7 +83,7 @@ def test_other_values_are_not_converted(tmp_path: Path, wrong: str) -> None:
 
 
 def test_a_mapping_may_hold_what_a_file_cannot() -> None:
-    wire = {item.path: {"driver": "simulated"} for item in bench().atoms()} | {
+    wire = {item.path: {"driver": "simulated"} for item in atoms(bench())} | {
         "timer": {"driver": "simulated", "period": "1 ms"}
     }
     table = {"type": f"{__name__}:Recorder", "folder": Path("here"), "limits": (0.0, 5.0)}

@@ -13,7 +13,7 @@ import umo
 from helpers.tiers import first
 from umo import AxisError, BinaryActuator, Compound, DigitalActuator, HomingError, TaskFailed
 from umo.cycle.progress import Progress
-from umo.objects import Atomic
+from umo.objects import Atomic, atoms, walk
 from umo.stations.ztheta.application import main
 from umo.stations.ztheta.control import Manipulator
 from umo.stations.ztheta.errors import GripError
@@ -156,7 +156,7 @@ def test_homing_succeeds_when_the_counters_are_known_from_a_run_before(monkeypat
 
 def test_the_tree_is_that_of_figure_4() -> None:
     m = machine()
-    compounds = [m, *(node for node in m.walk() if isinstance(node, Compound))]
+    compounds = [m, *(node for node in walk(m) if isinstance(node, Compound))]
     assert [type(node).__name__ for node in compounds] == [
         "Manipulator",
         "ZAxis",
@@ -164,7 +164,7 @@ def test_the_tree_is_that_of_figure_4() -> None:
         "Counterweight",
         "Gripper",
     ]
-    assert {item.path for item in m.atoms()} == {
+    assert {item.path for item in atoms(m)} == {
         "z.motor",
         "z.encoder",
         "z.encoder_zero",
@@ -179,7 +179,7 @@ def test_the_tree_is_that_of_figure_4() -> None:
         "pressure_solenoid",
         "timer",
     }
-    asynchronous: list[Atomic] = [item for item in m.atoms() if not item.synchronous]
+    asynchronous: list[Atomic] = [item for item in atoms(m) if not item.synchronous]
     assert [item.path for item in asynchronous] == ["z.encoder_zero", "timer"]
 
 

@@ -17,7 +17,7 @@ from typing import Any
 import umo
 import umo.control
 from umo import Compound
-from umo.objects import Atomic
+from umo.objects import Atomic, walk
 from umo.process.station import Station, find
 
 SOURCE = Path(umo.__file__).parent
@@ -91,7 +91,7 @@ def _lines_of(code: CodeType) -> Iterator[int]:
 def parts(station: Station) -> list[str]:
     """The kinds of objects, laws and interlocks of a machine, each with its number."""
     machine = station.machine()
-    nodes = [machine, *machine.walk()]
+    nodes = [machine, *walk(machine)]
     kinds = Counter(_base(node) for node in nodes if isinstance(node, Atomic))
     laws = Counter(
         name

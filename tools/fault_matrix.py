@@ -32,7 +32,7 @@ from umo import StopError, UmoError, WiringError
 from umo.cycle import connect, drive
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Channel, Direction
-from umo.objects import Binary
+from umo.objects import Binary, atoms
 from umo.process.outcome import message_of, plain
 from umo.process.station import find
 from umo.testing.faults import KINDS
@@ -446,7 +446,7 @@ def cells(station: str, *paths: str) -> Iterator[Cell]:
     """All cells of a station, or those of some objects."""
     trial = TRIALS[station]
     machine = find(station).machine(**trial.machine)
-    items = {item.path: item for item in machine.atoms()}
+    items = {item.path: item for item in atoms(machine)}
     for path in paths or [*items, DRIVER]:
         item = items.get(path)
         for kind in COLUMNS if item else OF_DRIVERS:

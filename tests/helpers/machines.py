@@ -15,6 +15,7 @@ from umo import (
     OnOff,
     PassFail,
 )
+from umo.objects import atoms
 from umo.process.station import Station, shipped
 from umo.system.packages import SHIPPED
 from umo.testing import Scripted, VirtualTimer
@@ -74,7 +75,7 @@ def wired(
     """Everything on `box`, the timer on `clock` at 1 ms; `entries` change single lines by path."""
     wire: dict[str, dict[str, Any]] = {
         item.path: {"driver": "clock", "period": "1 ms"} if item.path == "timer" else {"driver": "box"}
-        for item in machine.atoms()
+        for item in atoms(machine)
     }
     for path, entry in (entries or {}).items():
         wire[path] = wire.get(path, {}) | entry

@@ -84,7 +84,7 @@ reveal_type(manipulator.gripper.vacuum.pending)  # R: OnOff
 with umo.connect(manipulator, "wiring/simulated.toml") as m:
     reveal_type(m)  # R: Manipulator
     reveal_type(m.z.motor.write(1.0))  # R: bool
-    while m.running:
+    while m.cycle.running:
         missed = m.timer.read()
         assert_type(missed, float)
         assert_type(m.sample(), bool)

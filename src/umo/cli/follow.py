@@ -15,7 +15,7 @@ from umo.cycle.stopping import SIGNALS
 from umo.errors import text_of
 from umo.frames import Reader
 from umo.frames.frames_table import progress_of
-from umo.objects import Atomic, Compound
+from umo.objects import Atomic, Compound, atoms
 from umo.process import Started
 from umo.process.job import Job
 from umo.process.outcome import Outcome
@@ -45,7 +45,7 @@ class Seen:
 
     def order(self, reader: Reader) -> None:
         """Take the objects in the order of this ring."""
-        known = {item.path: item for item in self._machine.atoms()}
+        known = {item.path: item for item in atoms(self._machine)}
         self.items = [known[path] for path in reader.paths]
         self.signals = [
             Signal(each["path"], each["unit"], None, each["path"].rpartition(".")[2]) for each in reader.layout.signals

@@ -13,7 +13,18 @@ from typing import Any
 from umo.cycle import connect
 from umo.errors import BadInput, FramesError, OptionError, PathError, RangeError
 from umo.frames import Reader
-from umo.objects import Atomic, Binary, BinaryActuator, Compound, Digital, DigitalActuator, DigitalSensor, TwoState
+from umo.objects import (
+    Atomic,
+    Binary,
+    BinaryActuator,
+    Compound,
+    Digital,
+    DigitalActuator,
+    DigitalSensor,
+    TwoState,
+    children,
+)
+from umo.objects.paths import find as object_at
 from umo.process.start import LINUX
 from umo.process.station import Station, StationError, find
 from umo.remote.search import is_path, meant_by, several_runs
@@ -70,7 +81,7 @@ def set_value(
     if not isinstance(item, BinaryActuator | DigitalActuator):
         raise PathError(f"{path} is a sensor; only actuators can be set")
     file = station.wiring(wiring)
-    realtime = LINUX and "timer" in machine.children()
+    realtime = LINUX and "timer" in children(machine)
     wired = resolve(machine, file, {"realtime": realtime})
     value = _parse(item, text, wired)
     connection = connect(machine, wired, acknowledge=acknowledge)
@@ -171,9 +182,9 @@ def _remark(item: Any, taken: bool) -> str:
 def _loop(m: Compound, hold: float | None, pause: float, again: Callable[[], object] | None) -> None:
     """The machine's periods without its control, so that watchdogs are fed; a command that expires is kept up. They
     take the time of the wall clock: `pause` is for machines without a timer in real time."""
-    timer = m.children().get("timer")
+    timer = children(m).get("timer")
     end = inf if hold is None else time.monotonic() + hold
-    while m.running and time.monotonic() < end:
+    while m.cycle.running and time.monotonic() < end:
         if isinstance(timer, DigitalSensor):
             timer.read()
         time.sleep(pause)
@@ -184,9 +195,9 @@ def _loop(m: Compound, hold: float | None, pause: float, again: Callable[[], obj
 
 
 def _atomic(machine: Compound, path: str) -> Any:
-    item: Any = machine.find(path)
+    item: Any = object_at(machine, path)
     if not isinstance(item, Atomic):
-        raise PathError(f"{path} is a compound object; name one of its parts: {', '.join(item.children())}")
+        raise PathError(f"{path} is a compound object; name one of its parts: {', '.join(children(item))}")
     return item
 
 

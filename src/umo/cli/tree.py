@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 from rich.tree import Tree
 
 from umo.drivers import Direction
-from umo.errors import DeclarationError, PathError
-from umo.objects import Atomic, Compound, Digital, DigitalActuator, Node
+from umo.errors import DeclarationError
+from umo.objects import Atomic, Compound, Digital, DigitalActuator, Node, atoms, children, path_of
 from umo.objects.families import FROM
+from umo.objects.paths import is_pattern, named
 from umo.process.station import Station, StationError
-from umo.text import did_you_mean
 from umo.wiring import check
 from umo.wiring.linearized import from_table
 from umo.wiring.patterns import expand
@@ -38,28 +38,22 @@ def show_tree(station: Station, wiring: str | None, words: Sequence[str] = (), e
     path = paths[0] if paths else None
     source = WiringSource("") if file is None else read(file)
     name = "everything simulated" if file is None else file.stem
-    expand(source, [item.path for item in machine.atoms()])
-    kind, children = (type(machine).__name__, machine.children()) if path is None else _part(machine, path)
+    expand(source, [item.path for item in atoms(machine)])
+    kind, parts = (type(machine).__name__, children(machine)) if path is None else _part(machine, path)
     tree = Tree(label((path or kind, "bold"), *[(kind, "dim")] * bool(path and kind), (name, "dim")))
-    _Branches(source, fold=not everything).add(tree, children, children)
+    _Branches(source, fold=not everything).add(tree, parts, parts)
     out.print(tree)
     return 2 if reported(check(machine, file)) else 0
 
 
 def _part(machine: Compound, path: str) -> tuple[str, Mapping[str, Node]]:
-    """The kind and the parts at a path; of a list or dict its members; of an atomic object itself."""
-    nodes: list[Node] = [machine, *machine.walk()]
-    for node in nodes[1:]:
-        if node.path == path:
-            if isinstance(node, Compound):
-                return type(node).__name__, node.children()
-            return "", {path.rpartition(".")[2]: node}
-    for node in nodes:
-        children = node.children() if isinstance(node, Compound) else {}
-        members = {name: child for name, child in children.items() if child.path.startswith(f"{path}.")}
-        if members:
-            return "", members
-    raise PathError(f"no object {path!r} in {type(machine).__name__}{did_you_mean(path, [n.path for n in nodes[1:]])}")
+    """The kind and the parts at a path; of a list or dict its members, of a pattern what it names; of an atomic object
+    itself."""
+    found = {path_of(node): node for node in named(machine, path)}
+    node = found.get(path)
+    if isinstance(node, Compound):
+        return type(node).__name__, children(node)
+    return "", {place if is_pattern(path) else each._name: each for place, each in found.items()}
 
 
 class _Branches:
@@ -77,16 +71,16 @@ class _Branches:
             times = f"{len(names)} x " if len(names) > 1 else ""
             if isinstance(begin, Compound) and isinstance(end, Compound):
                 branch = tree.add(label((name, "bold"), (f"{times}{type(begin).__name__}", "dim")))
-                self.add(branch, begin.children(), end.children())
+                self.add(branch, children(begin), children(end))
             elif isinstance(begin, Atomic) and isinstance(end, Atomic):
                 style = "green" if begin.direction is Direction.OUTPUT else "cyan"
                 wires = " .. ".join(dict.fromkeys([self._wire(begin), self._wire(end)]))
                 tree.add(label((name, style), (f"{times}{_declared(begin)}", ""), *[(wires, "yellow")] * bool(wires)))
 
-    def _alike(self, children: Mapping[str, Node]) -> list[list[str]]:
-        """The names of the children, those of like members of a list together."""
+    def _alike(self, parts: Mapping[str, Node]) -> list[list[str]]:
+        """The names of the parts, those of like members of a list together."""
         groups: dict[object, list[str]] = {}
-        for name, child in children.items():
+        for name, child in parts.items():
             of, _, number = name.rpartition(".")
             key = (of, self._meaning(child)) if self._fold and of and number.isdigit() else name
             groups.setdefault(key, []).append(name)
@@ -98,7 +92,7 @@ class _Branches:
     def _meaning(self, node: Node) -> object:
         """All that two like objects have in common: everything but the numbers of their channels."""
         if isinstance(node, Compound):
-            return type(node), tuple((name, self._meaning(child)) for name, child in node.children().items())
+            return type(node), tuple((name, self._meaning(child)) for name, child in children(node).items())
         assert isinstance(node, Atomic)
         return _declared(node), re.sub(r"\d+", "#", self._wire(node))
 

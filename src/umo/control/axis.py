@@ -117,7 +117,7 @@ class Axis(Compound, signals=_signals, tunable=profile_limits):
     async def home(self) -> None:
         """Find the reference. Ends at standstill, with the encoder referenced. HomingError if it is not found."""
         if self.homing is None:
-            raise DeclarationError(f"{self.path} does not declare how it is homed (`homing`)")
+            raise DeclarationError(f"{self._path} does not declare how it is homed (`homing`)")
         with self.claim.of("home"):
             self.encoder.referenced(False)
             self._set_searching(True)
@@ -146,7 +146,7 @@ class Axis(Compound, signals=_signals, tunable=profile_limits):
         """
         self.check_target(position)
         if not speed > 0.0 or not 0.0 <= duration < inf:
-            raise RangeError(f"{self.path}: no motion at a speed of {speed} in {duration} s")
+            raise RangeError(f"{self._path}: no motion at a speed of {speed} in {duration} s")
         with self.claim.of("move_to"):
             value_of(self.encoder, ACCEPTED)
             self._accept = ACCEPTED
@@ -158,7 +158,7 @@ class Axis(Compound, signals=_signals, tunable=profile_limits):
         """Move at this velocity (units per s) until the next call; 0: `halt`. A referenced axis stops at the end of its
         range. Busy during another motion, RangeError for NaN and infinity."""
         if not isfinite(velocity):
-            raise RangeError(f"{self.path}: {velocity} is not a velocity")
+            raise RangeError(f"{self._path}: {velocity} is not a velocity")
         if self.claim.holder not in (None, "jog"):
             raise self.claim.busy("jog")
         if not velocity:
@@ -229,7 +229,7 @@ class Axis(Compound, signals=_signals, tunable=profile_limits):
         if reach is None:
             reach = 3 * (self.encoder.maximum - self.encoder.minimum)
         if isnan(jump) or isnan(reach):
-            raise RangeError(f"{self.path}: no search with jump={jump}, reach={reach}")
+            raise RangeError(f"{self._path}: no search with jump={jump}, reach={reach}")
         self._go(lambda: self._cruise(velocity))
         sign = copysign(1.0, velocity)
         driven = idle = 0.0
@@ -245,7 +245,9 @@ class Axis(Compound, signals=_signals, tunable=profile_limits):
             if abs(reading - last) > jump + missed * abs(self.profile.setpoint.velocity):
                 self._shift(reading - last)
                 return Met.JUMP
-            distance = sign * self.profile.setpoint.velocity * self.period  # below 0 until a motion before has ended
+            distance = (
+                sign * self.profile.setpoint.velocity * self.cycle.period
+            )  # below 0 until a motion before has ended
             driven, idle, last = driven + max(distance, 0.0), idle + distance, reading
             if distance <= 0.0 or sign * (reading - best) > STILL * self.stall:
                 best, idle = reading, 0.0
@@ -320,7 +322,7 @@ class Axis(Compound, signals=_signals, tunable=profile_limits):
     def _correct(self, position: float, corrections: int) -> None:
         """The profile has ended, and the axis has not arrived in `settling_time`: for the first time, or again."""
         away = f"{self.reading:g} {self.encoder.units}"
-        raise AxisError(f"{self.path} did not arrive at {position:g}: it stands at {away}")
+        raise AxisError(f"{self._path} did not arrive at {position:g}: it stands at {away}")
 
     def _disconnect(self) -> None:
         """The next connection begins with an axis that is not enabled."""
@@ -332,7 +334,7 @@ class Axis(Compound, signals=_signals, tunable=profile_limits):
         """RangeError for a position that `move_to` refuses."""
         low, high = self.encoder.minimum, self.encoder.maximum
         if not low <= position <= high:
-            raise RangeError(f"{self.path}: {position:g} {self.encoder.units} is outside {low:g} to {high:g}")
+            raise RangeError(f"{self._path}: {position:g} {self.encoder.units} is outside {low:g} to {high:g}")
 
     # Inside --------------------------------------------------------------------------------------------
 
@@ -343,7 +345,7 @@ class Axis(Compound, signals=_signals, tunable=profile_limits):
 
     def _check_enabled(self) -> None:
         if not self.enabled:
-            raise AxisError(f"{self.path} was disabled during its motion")
+            raise AxisError(f"{self._path} was disabled during its motion")
 
     def _set_searching(self, searching: bool) -> None:
         self.searching, self._accept = searching, HOMING if searching else ACCEPTED

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from umo.errors import DeclarationError
+from umo.objects import Node
 
 
 def check_numbers(
@@ -31,7 +32,7 @@ def check_numbers(
             given = getattr(owner, name)
             is_array = arrays and isinstance(given, np.ndarray) and given.dtype.kind in "fiu"
             if not np.all(valid(given if is_array else _number(given))):
-                where = getattr(owner, "path", "") or type(owner).__name__
+                where = (owner._path if isinstance(owner, Node) else "") or type(owner).__name__
                 raise DeclarationError(f"{where}.{name} must be {need}, not {given!r}")
 
 

@@ -18,7 +18,7 @@ class Claim:
 
     def busy(self, what: str) -> Busy:
         """The error for a motion that cannot be started now."""
-        return Busy(f"{self._owner.path} is busy with {self.holder}; {what} was not started")
+        return Busy(f"{self._owner._path} is busy with {self.holder}; {what} was not started")
 
     @contextmanager
     def of(self, what: str) -> Iterator[None]:

@@ -73,9 +73,10 @@ class IndexPulse:
         if abs(at_stop - self.stop) <= self.tolerance and self.direction * (self.index - here) > 0:
             return
         if abs(here - at_stop) <= STILL * axis.stall:
-            raise HomingError(f"{axis.path} does not move, or its encoder is dead: the count stood still both ways")
+            raise HomingError(f"{axis._path} does not move, or its encoder is dead: the count stood still both ways")
         raise HomingError(
-            f"{axis.path} found no index pulse: the encoder read {at_stop:g} {units} at the stop, then {here:g} {units}"
+            f"{axis._path} found no index pulse: "
+            f"the encoder read {at_stop:g} {units} at the stop, then {here:g} {units}"
         )
 
 
@@ -103,9 +104,9 @@ class HomeSwitch:
     async def find(self, axis: Axis) -> None:
         toward = self.direction * axis.search_speed
         if not self._is_active() and await axis.search(toward, self._is_active) is not Met.CONDITION:
-            raise HomingError(f"{axis.path} found no home switch: {self.switch.path} did not become {self.active}")
+            raise HomingError(f"{axis._path} found no home switch: {self.switch.path} did not become {self.active}")
         if await axis.search(-self.direction * self.creep_speed, lambda: self._is_left(axis)) is not Met.CONDITION:
-            raise HomingError(f"{axis.path} cannot leave its home switch: {self.switch.path} stays {self.active}")
+            raise HomingError(f"{axis._path} cannot leave its home switch: {self.switch.path} stays {self.active}")
         axis.reference(at=self.position)
         await axis.travel(self.position - self.direction * self.clearance, speed=axis.search_speed)
 
@@ -134,9 +135,9 @@ class EndStop:
 
     async def find(self, axis: Axis) -> None:
         if isinf(axis.stall):
-            raise DeclarationError(f"{axis.path}: homing on an end stop requires `stall`")
+            raise DeclarationError(f"{axis._path}: homing on an end stop requires `stall`")
         if await axis.search(self.direction * axis.search_speed) is not Met.STOP:
-            raise HomingError(f"{axis.path} found no end stop")
+            raise HomingError(f"{axis._path} found no end stop")
         axis.reference(at=self.position)
         await axis.travel(self.position - self.direction * self.clearance, speed=axis.search_speed)
 

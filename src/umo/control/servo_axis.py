@@ -89,7 +89,7 @@ class ServoAxis(Axis, tunable=_tunable):
             self._interrupt()
         elif beyond:
             units = self.encoder.units
-            raise AxisError(f"{self.path} does not follow: {servo.error:g} {units} behind its setpoint")
+            raise AxisError(f"{self._path} does not follow: {servo.error:g} {units} behind its setpoint")
 
     @property
     def _moving(self) -> bool:

@@ -55,7 +55,7 @@ class StepperAxis(Axis):
         if self._interrupted and not self._inhibited:
             self._go_on()
         reading = value_of(self.encoder, self._accept)
-        position = self.profile.step(self.period).position
+        position = self.profile.step(self.cycle.period).position
         self.stepping.control((position - self._offset) / self.step_size)
         self._error = self.commanded - reading
         beyond = not abs(self._error) <= self.following_error and not self.searching  # NaN is beyond
@@ -63,7 +63,7 @@ class StepperAxis(Axis):
             self._interrupt()
         elif beyond:
             raise AxisError(
-                f"{self.path} lost steps: the encoder reads {reading:g} {self.encoder.units}, "
+                f"{self._path} lost steps: the encoder reads {reading:g} {self.encoder.units}, "
                 f"{self.commanded:g} were commanded"
             )
 
@@ -88,7 +88,7 @@ class StepperAxis(Axis):
         self._offset += distance
 
     def _speed(self, wanted: float) -> float:
-        return min(wanted, self.profile.velocity, STEPS_PER_PERIOD * self.step_size / self.period)
+        return min(wanted, self.profile.velocity, STEPS_PER_PERIOD * self.step_size / self.cycle.period)
 
     def _arrived(self, position: float) -> bool:
         return super()._arrived(position) and abs(self.commanded - position) <= self.step_size

@@ -25,7 +25,7 @@ from umo.cycle.journal import Kind
 from umo.cycle.stop_order import stop_sequence
 from umo.drivers.contract import Direction
 from umo.errors import Interlocked
-from umo.objects import Atomic, BinaryActuator, Compound, DigitalActuator
+from umo.objects import Atomic, BinaryActuator, Compound, DigitalActuator, atoms
 from umo.objects.scaling import FloatArray
 
 log = logging.getLogger("umo")
@@ -95,7 +95,7 @@ class Commands:
         self.events = Events()
         self._order = [image.slot_of[id(item)] for item in stop_sequence(root)]
         self._inhibitions = inhibitions_of(root, image.slot_of, self._order)
-        found = (self._command(item) for item in root.atoms() if isinstance(item, BinaryActuator | DigitalActuator))
+        found = (self._command(item) for item in atoms(root) if isinstance(item, BinaryActuator | DigitalActuator))
         self.by_slot = {command.slot: command for command in found if command.guarded}
         """The guarded actuators, as declared."""
         commands = self.by_slot.values()

@@ -18,7 +18,7 @@ from umo.cycle.machine import ConnectedMachine
 from umo.cycle.stopping import StopFlag
 from umo.cycle.transfer import PATIENCE, settling, wait_for
 from umo.errors import DeclarationError, DriverError, Failure, StopError, text_of
-from umo.objects import Compound
+from umo.objects import Compound, atoms
 from umo.system.custody import Custody
 from umo.text import Moment, add_note
 from umo.user_code import attempt
@@ -58,7 +58,7 @@ class connect(Generic[C]):
         **options: Any,
     ) -> None:
         if root._parent is not None:
-            raise DeclarationError(f"{root.path} is a part of a machine; connect the whole machine")
+            raise DeclarationError(f"{root._path} is a part of a machine; connect the whole machine")
         self.root = root
         self._wiring = wiring
         self._options = options
@@ -316,7 +316,7 @@ class connect(Generic[C]):
         return failures
 
     def _declared_order(self) -> list[int]:
-        return [self.image.slot_of[id(item)] for item in self.root.atoms()]
+        return [self.image.slot_of[id(item)] for item in atoms(self.root)]
 
     def _stop_sequence(self) -> list[int]:
         """The slots of the initialised actuators."""

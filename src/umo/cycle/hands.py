@@ -25,7 +25,7 @@ from umo.cycle.lease import Lease
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.sequences import Sequences, Task
 from umo.errors import CommandRefused, DriverError, PathError, StateError, TaskFailed, UmoError
-from umo.objects import Atomic, Binary, BinaryActuator, Compound, DigitalActuator, Range
+from umo.objects import Atomic, Binary, BinaryActuator, Compound, DigitalActuator, Range, atoms, find
 from umo.text import did_you_mean
 from umo.user_code import Raised, as_json, attempt
 
@@ -93,7 +93,7 @@ class Hands:
         """The client that has asked for a stop."""
         self._stopping = False
         self.lease = Lease()
-        actuators = (item for item in machine.root.atoms() if isinstance(item, BinaryActuator | DigitalActuator))
+        actuators = (item for item in atoms(machine.root) if isinstance(item, BinaryActuator | DigitalActuator))
         self._actuators: dict[str, BinaryActuator[Any] | DigitalActuator] = {item.path: item for item in actuators}
         self.at_work: Sequences | None = None
         """An action of a hand is being carried out at this moment: what it starts belongs here."""
@@ -307,7 +307,7 @@ class Hands:
         its actuators is still inhibited."""
         self.lease.check(command.key)
         item = self._object(command.path)
-        parts, commands = list(item.atoms()) if isinstance(item, Compound) else [item], self._machine.commands
+        parts, commands = list(atoms(item)) if isinstance(item, Compound) else [item], self._machine.commands
         before = commands.interlocked(parts)
         if not item.acknowledge():
             reasons = "; ".join(commands.interlocked(parts))
@@ -317,7 +317,7 @@ class Hands:
     def _object(self, path: str) -> Atomic | Compound:
         """At this path; "": the machine."""
         root = self._machine.root
-        return cast("Atomic | Compound", root.find(path)) if path else root
+        return cast("Atomic | Compound", find(root, path)) if path else root
 
     # Modes and ends ------------------------------------------------------------------------------------
 

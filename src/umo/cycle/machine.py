@@ -22,7 +22,7 @@ from umo.cycle.stop_order import stop_sequence
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
 from umo.errors import DriverError
-from umo.objects import Action, Compound, Node, Tunable, actions_of, tunables_of
+from umo.objects import Action, Compound, Node, Tunable, actions_of, atoms, tunables_of, walk
 from umo.user_code import read_numbers, refuse_exit
 from umo.wiring.faults.wrapper import Injection
 from umo.wiring.resolved import AT_NEXT_TICK, AT_ONCE
@@ -80,7 +80,7 @@ class ConnectedMachine:
         """A period has begun and its frame was not shown yet."""
         self.clock.on_tick = self._tick
         image.connect(self.commands)
-        self._compounds = [root, *(node for node in root.walk() if isinstance(node, Compound))]
+        self._compounds = [root, *(node for node in walk(root) if isinstance(node, Compound))]
         asynchronous = (item for item in image.items if not item.synchronous)
         commanded = self.commands.by_slot or any(item.direction is Direction.OUTPUT for item in asynchronous)
         self.sample_all = self._guarded_sample if commanded else image.sample
@@ -250,12 +250,12 @@ class ConnectedMachine:
     def _slots_of(self, part: Compound) -> _PartSlots:
         if id(part) not in self._slots:
             slot_of = self.image.slot_of
-            atoms = {slot_of[id(atom)]: atom for atom in part.atoms()}
-            sensors = [slot for slot, atom in atoms.items() if atom.direction is Direction.INPUT]
-            actuators = [slot for slot in self.stop_order if slot in atoms]
+            items = {slot_of[id(item)]: item for item in atoms(part)}
+            sensors = [slot for slot, item in items.items() if item.direction is Direction.INPUT]
+            actuators = [slot for slot in self.stop_order if slot in items]
             self._slots[id(part)] = _PartSlots(
-                [slot for slot in sensors if atoms[slot].synchronous],
-                [slot for slot, atom in atoms.items() if atom.synchronous and atom.direction is Direction.OUTPUT],
+                [slot for slot in sensors if items[slot].synchronous],
+                [slot for slot, item in items.items() if item.synchronous and item.direction is Direction.OUTPUT],
                 [*actuators, *sensors],
             )
         return self._slots[id(part)]
@@ -263,7 +263,7 @@ class ConnectedMachine:
     def _overrides(self, part: Compound) -> list[Callable[[], None]]:
         """The `control` of every class that has its own, in pre-order; collected once, called flat."""
         if id(part) not in self._acts:
-            nodes: list[Node] = [part, *part.walk()]
+            nodes: list[Node] = [part, *walk(part)]
             self._acts[id(part)] = [_bound(node) for node in nodes if type(node).control is not Node.control]
         return self._acts[id(part)]
 

@@ -1,4 +1,4 @@
-"""The progress of a machine's work, as it tells it (`Compound.progress`)."""
+"""The progress of a machine's work, as it tells it (`m.cycle.progress`)."""
 
 from __future__ import annotations
 

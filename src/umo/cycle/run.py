@@ -9,7 +9,7 @@ from typing import Any, Concatenate, TypeVar
 from umo.cycle.connect import connect
 from umo.cycle.frame import Observer
 from umo.errors import DeclarationError
-from umo.objects import Compound, DigitalSensor
+from umo.objects import Compound, DigitalSensor, children
 from umo.wiring import share
 
 C = TypeVar("C", bound=Compound)
@@ -45,11 +45,11 @@ def drive(m: C, application: Application[C] | None = None, **options: Any) -> An
     tick. The `options` are those of the application (those of drivers belong to `connect`); OptionError if it does not
     take one."""
     shares = share(options, application=application, wiring={})
-    timer = m.children().get("timer")
+    timer = children(m).get("timer")
     if not isinstance(timer, DigitalSensor):
         raise DeclarationError(f"{type(m).__name__} has no `timer`: umo.run needs a DigitalSensor with this name")
-    task = None if application is None else m.start(application(m, **shares.application))
-    while m.running and not (task is not None and task.done):
+    task = None if application is None else m.cycle.start(application(m, **shares.application))
+    while m.cycle.running and not (task is not None and task.done):
         if timer.read() < 0:
             break
         m.sample()

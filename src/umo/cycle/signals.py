@@ -7,7 +7,7 @@ from inspect import getattr_static
 from typing import Any, NamedTuple
 
 from umo.errors import DeclarationError
-from umo.objects import Compound
+from umo.objects import Compound, walk
 from umo.objects.units import check_unit
 from umo.user_code import attempt
 
@@ -32,14 +32,14 @@ def signals_of(root: Compound) -> tuple[Signal, ...]:
 
 
 def _all(root: Compound) -> Iterator[Signal]:
-    for node in [root, *root.walk()]:
+    for node in [root, *walk(root)]:
         if isinstance(node, Compound):
-            yield from _of(node, node.path)
+            yield from _of(node, node._path)
             found: set[int] = set()  # a law that is in a list as well is shown once
             for name, law in _public(node):
                 if not isinstance(law, Compound) and id(law) not in found:
                     found.add(id(law))
-                    yield from _of(law, f"{node.path}.{name}".lstrip("."))
+                    yield from _of(law, f"{node._path}.{name}".lstrip("."))
 
 
 def _public(node: Compound) -> Iterator[tuple[str, Any]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from umo.drivers.contract import Direction
-from umo.objects import Atomic, Compound, Node
+from umo.objects import Atomic, Compound, Node, children
 from umo.objects.paths import named
 
 
@@ -28,5 +28,5 @@ def _in_order(node: Node) -> Iterator[Atomic]:
     for path in node._settings.stop_order:
         for each in named(node, path):
             yield from _in_order(each)
-    for child in node.children().values():
+    for child in children(node).values():
         yield from _in_order(child)

@@ -21,7 +21,7 @@ from umo.cycle.rehearsal import rise_early
 from umo.drivers.timerfd import Ticker
 from umo.errors import DriverError
 from umo.latency.native import Slice
-from umo.objects import BinaryActuator, Compound, DigitalActuator, DigitalSensor, OnOff
+from umo.objects import BinaryActuator, Compound, DigitalActuator, DigitalSensor, OnOff, atoms
 from umo.system import realtime
 
 
@@ -114,7 +114,7 @@ def serve(file: str, period: str, priority: str, cpu: str) -> None:
     realtime.die_with_parent(os.getppid(), signal.SIGKILL)
     there, wanted = Connection(int(file)), int(priority)
     machine = example()
-    wire: dict[str, Any] = {item.path: {"driver": "simulated"} for item in machine.atoms()}
+    wire: dict[str, Any] = {item.path: {"driver": "simulated"} for item in atoms(machine)}
     wire["timer"] = {"driver": "timerfd", "period": float(period)}
     connection = connect(machine, {"wire": wire})
     with suppress(EOFError, ConnectionError), connection as m:

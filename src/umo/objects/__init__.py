@@ -7,6 +7,7 @@ from umo.objects.compound import Compound
 from umo.objects.interlock import Interlock
 from umo.objects.linearization import LookupTable, Polynomial
 from umo.objects.node import Node
+from umo.objects.paths import atoms, children, find, path_of, walk
 from umo.objects.quality import Quality
 from umo.objects.range import Range
 from umo.objects.sensors import BinarySensor, DigitalSensor
@@ -61,5 +62,10 @@ __all__ = [
     "ZeroOne",
     "action",
     "actions_of",
+    "atoms",
+    "children",
+    "find",
+    "path_of",
     "tunables_of",
+    "walk",
 ]

@@ -12,6 +12,7 @@ from typing import Any, Literal, TypeVar, cast, get_args, get_origin, overload
 
 from umo.errors import DeclarationError, RangeError, StateError
 from umo.objects.compound import Compound
+from umo.objects.paths import walk
 from umo.objects.range import Range
 from umo.signature import signature_of
 from umo.text import did_you_mean
@@ -154,7 +155,7 @@ class Action:
 
 def actions_of(root: Compound) -> dict[str, Action]:
     """Every action of a machine by its path; DeclarationError for an argument without a type or a range."""
-    return {each.path: each for node in (root, *root.walk()) if isinstance(node, Compound) for each in _of(node)}
+    return {each.path: each for node in (root, *walk(root)) if isinstance(node, Compound) for each in _of(node)}
 
 
 def _of(node: Compound) -> Iterator[Action]:
@@ -178,7 +179,7 @@ def _declared(kind: type[Compound], name: str) -> tuple[Mapping[str, inspect.Par
 
 
 def _action(node: Compound, name: str, mark: _Mark) -> Action:
-    path = f"{node.path}.{name}".lstrip(".")
+    path = f"{node._path}.{name}".lstrip(".")
     parameters, about = _declared(type(node), name)  # type: ignore[arg-type]
     arguments = tuple(_argument(node, path, each, mark.ranges) for each in parameters.values())
     names = [each.name for each in arguments]

@@ -40,6 +40,11 @@ class Atomic(Node):
         self._disconnect()
 
     @property
+    def path(self) -> str:
+        """Its place in the machine: `z.motor`, `axes.0.motor`."""
+        return self._path
+
+    @property
     def synchronous(self) -> bool:
         """True: transferred once per period by `sample` or `update`. False: transferred by each `read` or `write`."""
         return self._synchronous

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-from collections.abc import Callable, Collection, Coroutine, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import cache, partial
 from types import MappingProxyType, UnionType
 from typing import (
@@ -20,18 +20,17 @@ from typing import (
     get_origin,
 )
 
-from umo.errors import DeclarationError, PathError
-from umo.objects.atomic import Atomic, Binary
+from umo.errors import DeclarationError
+from umo.objects.atomic import Binary
 from umo.objects.keywords import ByName, ClassSettings, refuse_in_body
-from umo.objects.link import Unconnected
+from umo.objects.link import Cycle, Unconnected
 from umo.objects.node import Node
 from umo.objects.paths import named
 from umo.objects.range import Range
-from umo.text import did_you_mean
 
 if TYPE_CHECKING:
     from umo.objects.interlock import Interlock
-    from umo.objects.link import Machine, Task
+    from umo.objects.link import Machine
 
 
 CONTAINERS: Mapping[Any, str] = {
@@ -39,6 +38,12 @@ CONTAINERS: Mapping[Any, str] = {
     **dict.fromkeys((dict, Mapping, MappingProxyType), "Mapping"),
 }
 """The annotations for several parts, and what each should be."""
+
+
+SERVICES = frozenset(("now", "dt", "cycle"))
+"""The names of a compound that say something of the running cycle."""
+RESERVED = SERVICES | {"setup", "sample", "control", "update", "reset", "acknowledge", "interlocks"}
+"""The names that no part of a compound can have."""
 
 
 @dataclass_transform(kw_only_default=True, eq_default=False, field_specifiers=(dataclasses.field,))
@@ -73,6 +78,8 @@ class Compound(Node):
     _children: Mapping[str, Node] = MappingProxyType({})
     _fixed: frozenset[str] = frozenset()  # the fields that hold parts
     _parametrised: bool = False  # `setup` last saw fields that a wiring had set
+    cycle: Cycle
+    """The running cycle, seen from this object: `m.cycle.start(...)`, `m.cycle.running`."""
     _machine: Machine
     _sample: Callable[[], bool]
     _update: Callable[[], bool]
@@ -93,8 +100,10 @@ class Compound(Node):
         names = [field.name for field in dataclasses.fields(cls)]  # type: ignore[arg-type]
         refuse_in_body(cls, names)
         for name in names:
-            if hasattr(Compound, name) or name.startswith("_"):
-                raise DeclarationError(f"{cls.__name__}.{name}: the name is reserved; choose another")
+            if name in RESERVED or name.startswith("_"):
+                raise _reserved(cls, name)
+        for name in SERVICES & vars(cls).keys():
+            raise _reserved(cls, name)
 
     @final
     def __post_init__(self) -> None:
@@ -105,6 +114,8 @@ class Compound(Node):
         children: dict[str, Node] = {}
         fixed = set()
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            if not hasattr(self, field.name):
+                continue  # `field(init=False)`: its class sets it later
             frozen, parts = _parts(field.name, getattr(self, field.name))
             _check_type(f"{type(self).__name__}.{field.name}", frozen, hints.get(field.name, Any))
             if parts:
@@ -113,7 +124,7 @@ class Compound(Node):
                 fixed.add(field.name)
         for name, child in children.items():
             child._adopt(self, name)
-        self._children, self._fixed = MappingProxyType(children), frozenset(fixed)
+        self._children, self._fixed = MappingProxyType(children), RESERVED | fixed
         for path in self._settings.stop_order:
             named(self, path)
         self.setup()
@@ -132,35 +143,13 @@ class Compound(Node):
 
     def __setattr__(self, name: str, value: object) -> None:
         if name in self._fixed:
-            raise DeclarationError(f"{self.path or type(self).__name__}.{name} is a part; parts cannot be replaced")
-        if isinstance(value, Node) and name != "_parent" and value._parent is None and self._fixed:
+            if name in RESERVED:
+                raise _reserved(type(self), name)
+            raise DeclarationError(f"{self._path or type(self).__name__}.{name} is a part; parts cannot be replaced")
+        is_loose = isinstance(value, Node) and value._parent is None and name != "_parent"
+        if is_loose and self._fixed and not self._is_below(value):
             raise DeclarationError(f"{type(self).__name__}.{name}: declare an object as an annotated field")
         object.__setattr__(self, name, value)
-
-    # The tree --------------------------------------------------------------------------------------
-
-    def walk(self) -> Iterator[Node]:
-        """Every object below this one, in declared order, a compound before its parts."""
-        for child in self._children.values():
-            yield child
-            if isinstance(child, Compound):
-                yield from child.walk()
-
-    def atoms(self) -> Iterator[Atomic]:
-        """Every atomic object below this one, in declared order."""
-        return (node for node in self.walk() if isinstance(node, Atomic))
-
-    def children(self) -> Mapping[str, Node]:
-        """The parts by name; a part in a list or dict is named `axes.0`."""
-        return self._children
-
-    def find(self, path: str) -> Node:
-        """The object at a path below this one, such as "z.motor"; PathError with the nearest one otherwise."""
-        start = f"{self.path}." if self.path else ""
-        known = {node.path.removeprefix(start): node for node in self.walk()}
-        if path not in known:
-            raise PathError(f"no object {path!r} in {self.path or type(self).__name__}{did_you_mean(path, known)}")
-        return known[path]
 
     def interlocks(self) -> Iterable[Interlock]:
         """The interlocks of this object. Override it to declare interlocks. Called on connect."""
@@ -187,32 +176,6 @@ class Compound(Node):
     def acknowledge(self) -> bool:
         return self._machine.acknowledge(self)
 
-    def start(self, sequence: Coroutine[Any, Any, Any]) -> Task:
-        """Start a sequence. It runs from the next period on, beside the others. `control` raises its errors."""
-        return self._machine.start(sequence)
-
-    def progress(self, text: str, done: int | None = None, total: int | None = None) -> None:
-        """Say what the machine is doing, and how much of its work is done: `m.progress("turning", done=1, total=3)`.
-
-        It is shown by `umo run`, `umo ps`, `umo watch` and the plot, and is in the frames (the first 64 bytes). Numbers
-        that are not given stay. RangeError unless they are whole and 0 or more.
-        """
-        self._machine.progress(text, done, total)
-
-    @property
-    def connected(self) -> bool:
-        return not isinstance(self._machine, Unconnected)
-
-    @property
-    def running(self) -> bool:
-        """False after a request to stop (SIGINT, SIGTERM, SIGHUP), or if not connected."""
-        return self.connected and self._machine.running
-
-    @property
-    def period(self) -> float:
-        """The sampling period in s."""
-        return self._machine.clock.period
-
     @property
     def dt(self) -> float:
         """Time since the previous period in s: ticks consumed by the timer times the period."""
@@ -226,17 +189,33 @@ class Compound(Node):
     def _connect(self, machine: Machine, sample: Callable[[], bool], update: Callable[[], bool]) -> None:
         """`sample` and `update` are what moves this compound: in every period they are called without a look-up."""
         self._machine, self._sample, self._update = machine, sample, update
+        self.__dict__["cycle"] = Cycle(machine)
         # `m.control()` drives the whole part; the class's own override stays reachable for `super()`
         self.__dict__["control"] = partial(machine.control, self)
 
     def _disconnect(self) -> None:
         self._machine = machine = cast("Machine", Unconnected(self))
         self._sample, self._update = lambda: machine.sample(self), lambda: machine.update(self)
+        self.__dict__["cycle"] = Cycle(machine)
         self.__dict__.pop("control", None)
 
+    def _is_below(self, other: object) -> bool:
+        """Whether the other object is this one, its parent, or further up: a part may have its parent as an
+        attribute."""
+        node: Node | None = self
+        while node is not None and node is not other:
+            node = node._parent
+        return node is not None
+
     def __repr__(self) -> str:
-        name = f"{type(self).__name__} {self.path}".rstrip()
+        name = f"{type(self).__name__} {self._path}".rstrip()
         return f"<{name}: {', '.join(self._children) or 'no parts'}>"
+
+
+def _reserved(cls: type, name: str) -> DeclarationError:
+    hint = f"; reserved are: {', '.join(sorted(RESERVED))}" if name in RESERVED else ": umo's own begin with _"
+    button = f"{name.strip('_') or 'part'}_button" if name in RESERVED else name.strip("_") or "part"
+    return DeclarationError(f"{cls.__name__}.{name}: the name is reserved; choose another, such as {button!r}{hint}")
 
 
 @cache

@@ -14,6 +14,7 @@ from umo.objects.compound import Compound
 from umo.objects.description import described
 from umo.objects.families import FROM, families, folded, in_words
 from umo.objects.node import Node
+from umo.objects.paths import atoms
 from umo.objects.quality import Quality
 from umo.objects.vector import Vector
 from umo.user_code import attempt
@@ -89,9 +90,9 @@ def html_of(thing: Node | Vector[Any]) -> str:
     if isinstance(thing, Vector):
         title, items = f"Vector of {len(thing)}", list(thing)
     else:
-        title = f"{type(thing).__name__} {thing.path}".rstrip()
-        items = list(thing.atoms()) if isinstance(thing, Compound) else [thing] if isinstance(thing, Atomic) else []
-    connected = thing.connected if isinstance(thing, Compound) else all(item.connected for item in items)
+        title = f"{type(thing).__name__} {thing._path}".rstrip()
+        items = list(atoms(thing)) if isinstance(thing, Compound) else [thing] if isinstance(thing, Atomic) else []
+    connected = thing.cycle.connected if isinstance(thing, Compound) else all(item.connected for item in items)
     if not connected:
         return html_table(
             title, {"stage": "not connected"}, [TableRow(described(each)) for each in items], values=False

@@ -10,6 +10,7 @@ from umo.errors import DeclarationError
 from umo.objects.actuators import BinaryActuator, DigitalActuator
 from umo.objects.atomic import Atomic
 from umo.objects.compound import Compound
+from umo.objects.paths import atoms, walk
 from umo.user_code import told_as
 
 
@@ -47,7 +48,7 @@ class Interlock:
         found: list[Atomic] = []
         for node in self.forbids:
             if isinstance(node, Compound):
-                found += [item for item in node.atoms() if isinstance(item, BinaryActuator | DigitalActuator)]
+                found += [item for item in atoms(node) if isinstance(item, BinaryActuator | DigitalActuator)]
             elif isinstance(node, BinaryActuator | DigitalActuator):
                 found.append(node)
             else:
@@ -71,8 +72,8 @@ class Interlock:
 def interlocks_of(root: Compound) -> list[Interlock]:
     """Every interlock of a machine, as declared; DeclarationError for anything else, and for one that forbids another
     machine's."""
-    own = set(map(id, root.atoms()))
-    found = [each for node in (root, *root.walk()) if isinstance(node, Compound) for each in _declared_by(node)]
+    own = set(map(id, atoms(root)))
+    found = [each for node in (root, *walk(root)) if isinstance(node, Compound) for each in _declared_by(node)]
     for interlock in found:
         for item in interlock.actuators():
             if id(item) not in own:
@@ -81,7 +82,7 @@ def interlocks_of(root: Compound) -> list[Interlock]:
 
 
 def _declared_by(node: Compound) -> list[Interlock]:
-    with told_as(DeclarationError, f"{node.path or type(node).__name__}.interlocks failed"):
+    with told_as(DeclarationError, f"{node._path or type(node).__name__}.interlocks failed"):
         declared = node.interlocks()
         each = list(declared) if isinstance(declared, Iterable) else [declared]
     for interlock in each:

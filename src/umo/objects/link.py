@@ -112,6 +112,42 @@ class Machine(Protocol):
     def start(self, sequence: Coroutine[Any, Any, Any]) -> Task: ...
 
 
+class Cycle:
+    """The running cycle, seen from a compound: `m.cycle`. Outside `connect` all but `connected` and `running` raise
+    NotConnected."""
+
+    __slots__ = ("_machine",)
+
+    def __init__(self, machine: Machine) -> None:
+        self._machine = machine
+
+    def start(self, sequence: Coroutine[Any, Any, Any]) -> Task:
+        """Start a sequence. It runs from the next period on, beside the others. `control` raises its errors."""
+        return self._machine.start(sequence)
+
+    def progress(self, text: str, done: int | None = None, total: int | None = None) -> None:
+        """Say what the machine is doing, and how much of its work is done: `m.cycle.progress("turning", 1, 3)`.
+
+        It is shown by `umo run`, `umo ps`, `umo watch` and the plot, and is in the frames (the first 64 bytes). Numbers
+        that are not given stay. RangeError unless they are whole and 0 or more.
+        """
+        self._machine.progress(text, done, total)
+
+    @property
+    def connected(self) -> bool:
+        return not isinstance(self._machine, Unconnected)
+
+    @property
+    def running(self) -> bool:
+        """False after a request to stop (SIGINT, SIGTERM, SIGHUP), or if not connected."""
+        return self.connected and self._machine.running
+
+    @property
+    def period(self) -> float:
+        """The sampling period in s."""
+        return self._machine.clock.period
+
+
 class Unconnected:
     """Placeholder for image and machine outside `connect`: every access raises NotConnected."""
 
@@ -125,6 +161,6 @@ class Unconnected:
             raise AttributeError(name)
         owner = self._owner
         raise NotConnected(
-            f"{owner.path or type(owner).__name__} is not connected; "
+            f"{owner._path or type(owner).__name__} is not connected; "
             "use it inside `with connect(machine, wiring) as m:`"
         )

@@ -22,12 +22,8 @@ class Node:
     _children: Mapping[str, Node] = MappingProxyType({})
 
     @property
-    def path(self) -> str:
-        """The place of the object in the machine, without the root: `z.motor`, `axes.0.motor`; the root's is ''."""
-        return self._path
-
-    @property
     def _path(self) -> str:
+        """The place of the object in the machine, without the root: `z.motor`, `axes.0.motor`; the root's is ''."""
         names = []
         node: Node = self
         while node._parent is not None:
@@ -53,7 +49,7 @@ class Node:
 
     def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
         """`copy` and `pickle` raise DeclarationError: an object belongs to one place in one machine."""
-        name = f"{self.path} ({type(self).__name__})" if self.path else type(self).__name__
+        name = f"{self._path} ({type(self).__name__})" if self._path else type(self).__name__
         raise DeclarationError(f"{name} cannot be copied or pickled; call machine() to declare another one")
 
     def _adopt(self, parent: Compound, name: str) -> None:

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 from umo.errors import DeclarationError, RangeError
 from umo.objects.compound import Compound
+from umo.objects.paths import walk
 from umo.objects.range import Range
 from umo.objects.settings import as_declared, check_settings
 from umo.text import did_you_mean
@@ -47,17 +48,17 @@ class Tunable(NamedTuple):
 def tunables_of(root: Compound) -> dict[str, Tunable]:
     """The numbers that compounds declare in `tunable`, by path; DeclarationError for an attribute that is missing or
     not a number."""
-    compounds = [node for node in (root, *root.walk()) if isinstance(node, Compound)]
+    compounds = [node for node in (root, *walk(root)) if isinstance(node, Compound)]
     return {each.path: each for node in compounds for each in _of(node)}
 
 
 def _of(node: Compound) -> Iterator[Tunable]:
-    with told_as(DeclarationError, f"{node.path or type(node).__name__}.tunable failed"):
+    with told_as(DeclarationError, f"{node._path or type(node).__name__}.tunable failed"):
         declared = given(node) if callable(given := node._settings.tunable) else given
     if not isinstance(declared, Mapping):
         raise DeclarationError(f"{type(node).__name__}.tunable must be a mapping of names to Ranges, not {declared!r}")
     for name, limits in declared.items():
-        path = f"{node.path}.{name}".lstrip(".")
+        path = f"{node._path}.{name}".lstrip(".")
         if not isinstance(limits, Range):
             raise DeclarationError(f"tunable {path}: {limits!r} is not a Range")
         owner: Any = node

@@ -144,7 +144,7 @@ class Started:
 
     @property
     def progress(self) -> Progress:
-        """The progress of its work that the machine told last (`Compound.progress`)."""
+        """The progress of its work that the machine told last (`m.cycle.progress`)."""
         self.poll()
         return progress_of(None if self.frames is None else self.frames.latest())
 

@@ -52,7 +52,8 @@ def attach(station: str | int | None = None) -> RemoteStation:
 
 
 class RemoteStation(RemotePart):
-    """A running station. Its objects, compounds, actions and tunable numbers are attributes, as in its declaration."""
+    """A running station. Its objects, compounds, actions and tunable numbers are attributes, as in its declaration;
+    one with the name of a member of this class is reached by its path: `station["stop"]`."""
 
     def __init__(self, reader: Reader) -> None:
         self.__dict__.update(reader=reader, held_lease=None, _cells=None, _sender=None)

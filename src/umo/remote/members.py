@@ -82,6 +82,10 @@ class RemotePart:
         )
 
     def __setattr__(self, name: str, value: Any) -> None:
+        self[name] = value
+
+    def __setitem__(self, name: str | int, value: Any) -> None:
+        """Tune a number: as an attribute, or by path, such as `station["zones.3.gain"] = 2.0`."""
         path = f"{self._path}.{name}".lstrip(".")
         if path not in self._tree.tunables:
             what = "is an object: use its write()" if path in self._tree.objects else "is not a tunable number"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Protocol, cast, runtime_checkable
 
 from umo.errors import DeclarationError
-from umo.objects import Atomic, Binary, BinarySensor, Compound, DigitalSensor, TwoState
+from umo.objects import Atomic, Binary, BinarySensor, Compound, DigitalSensor, TwoState, children
 from umo.wiring.faults.wrapper import bare
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ def put(sensor: BinarySensor[Any] | DigitalSensor, value: float | TwoState) -> N
 
 def periods(machine: Compound, count: int = 1) -> None:
     """Run `count` periods of a connected machine: timer (if there is one), sample, control, update."""
-    timer = machine.children().get("timer")
+    timer = children(machine).get("timer")
     for _ in range(count):
         if isinstance(timer, Atomic):
             timer.read()  # type: ignore[attr-defined]  # every atomic object reads

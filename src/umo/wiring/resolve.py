@@ -20,7 +20,7 @@ from umo.drivers import registry
 from umo.drivers.contract import INT64, LONGEST_TIMEOUT, Channel, Direction, Driver
 from umo.duration import seconds
 from umo.errors import DeclarationError, Mistake, RangeError, WiringError, text_of
-from umo.objects import Atomic, BinaryActuator, Compound, Digital, DigitalActuator, DigitalSensor, Node
+from umo.objects import Atomic, BinaryActuator, Compound, Digital, DigitalActuator, DigitalSensor, Node, atoms, walk
 from umo.objects.atomic import Calibration
 from umo.objects.linearization import fitted
 from umo.objects.scaling import to_raw
@@ -71,7 +71,7 @@ class _Resolver:
         self.options = {name: value for name, value in options.items() if name not in OF_WIRINGS}
         self.realtime = options.get(REALTIME, False)
         self.given = options
-        self.items = {item.path: item for item in root.atoms()}
+        self.items = {item.path: item for item in atoms(root)}
         self.source: WiringSource = read(_all_simulated(self.items) if wiring is None else wiring)
         self.drivers: dict[str, Driver | None] = {}
         self.hardware: dict[str, tuple[str, ...]] = {}
@@ -385,7 +385,7 @@ class _Resolver:
     def _check_periods(self, period: float | None) -> None:
         if period is None:
             return
-        for node in [self.root, *self.root.walk()]:
+        for node in [self.root, *walk(self.root)]:
             if why := _unfit(period, node):
                 self.source.mistake('wire."timer".period', f"{period * 1e3:g} ms is {why}")
 
@@ -442,7 +442,7 @@ def _unfit(period: float, node: Node) -> str:
     if isinstance(node, Compound) and node._settings.max_period is not None:
         longest = seconds(node._settings.max_period)
         if period > longest * (1 + 1e-9):
-            return f"longer than `max_period` of {node.path or type(node).__name__} ({longest * 1e3:g} ms)"
+            return f"longer than `max_period` of {node._path or type(node).__name__} ({longest * 1e3:g} ms)"
     if isinstance(node, BinaryActuator | DigitalActuator):
         expires = node.expires or math.inf  # it must outlast the way from one write to the next
         if period > expires * (1 - 1e-9):
@@ -457,10 +457,10 @@ Known = dict[str, tuple[Compound, str, str]]
 def _parameters(root: Compound) -> Known:
     """The fields of compounds and of their control laws."""
     found: Known = {}
-    for node in [root, *root.walk()]:
+    for node in [root, *walk(root)]:
         if not isinstance(node, Compound):
             continue
-        prefix = f"{node.path}." if node.path else ""
+        prefix = f"{node._path}." if node._path else ""
         found |= {f"{prefix}{name}": (node, "", name) for name in _numbers(node)}
         for name, law in vars(node).items():
             if not name.startswith("_") and dataclasses.is_dataclass(law) and not isinstance(law, Compound):

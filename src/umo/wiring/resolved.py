@@ -159,7 +159,7 @@ class Parameter:
 
     @property
     def path(self) -> str:
-        return ".".join(filter(None, (self.owner.path, self.law, self.name)))
+        return ".".join(filter(None, (self.owner._path, self.law, self.name)))
 
 
 def apply_parameters(

@@ -20,21 +20,21 @@ async def main(
 
     RangeError if the belt moves by more than half of the tolerance in a period: a length is measured no better.
     """
-    step = 1000.0 * speed * m.period
+    step = 1000.0 * speed * m.cycle.period
     if not 0 < step <= tolerance / 2:
         raise RangeError(f"{speed:g} m/s is {step:g} mm in a period: it must be above 0, at most {tolerance / 2:g} mm")
-    m.progress("waiting for the first part", done=0, total=parts)
+    m.cycle.progress("waiting for the first part", done=0, total=parts)
     m.begin(speed)
     measured: list[Part] = []
     for number in range(1, parts + 1):
         part = await m.next_part()
         part.accepted = abs(part.length - nominal) <= tolerance
         measured.append(part)
-        m.progress(f"part {number} of {parts}: {part.length:.1f} mm", done=sum(each.gone for each in measured))
+        m.cycle.progress(f"part {number} of {parts}: {part.length:.1f} mm", done=sum(each.gone for each in measured))
     await until(lambda: all(part.gone for part in measured))
-    m.progress("stopping the belt", done=parts)
+    m.cycle.progress("stopping the belt", done=parts)
     await m.belt.halt()
-    m.progress("done")
+    m.cycle.progress("done")
     accepted = sum(part.accepted for part in measured)
     lengths = [round(part.length, 1) for part in measured]
     return {"accepted": accepted, "rejected": parts - accepted, "lengths_mm": lengths}

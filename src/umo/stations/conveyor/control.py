@@ -144,7 +144,7 @@ class Conveyor(
         self.setup()  # nothing is left of a run before
         self.belt.run_at(speed)
         for sequence in (self._watch_stop(), self._watch_entry(), self._watch_exit()):
-            self.start(sequence)
+            self.cycle.start(sequence)
 
     async def next_part(self) -> Part:
         """The next part that was measured. Accept it before its front is at the exit barrier."""
@@ -176,7 +176,7 @@ class Conveyor(
                 raise self._missing()
             part = self._arrived()
             part.front = self.belt.position - self.distance  # what it slipped on the way does not matter any more
-            self.start(self._sort(part))
+            self.cycle.start(self._sort(part))
             await self._leave(part)
 
     async def _leave(self, part: Part) -> None:

@@ -119,7 +119,7 @@ class Furnace(
     def say(self, phase: str, done: int | None = None) -> None:
         """Report the phase, and which zones are faulted."""
         self.phase = phase
-        self.progress(phase + (f", {_named(self.faulted)} faulted" if self.faulted_zones else ""), done, 2)
+        self.cycle.progress(phase + (f", {_named(self.faulted)} faulted" if self.faulted_zones else ""), done, 2)
 
     @property
     def hottest(self) -> float:

@@ -11,19 +11,19 @@ async def main(m: Manipulator, parts: int = 3, start: float = -45.0, turn: float
         start: angle at which they are picked, deg.
         turn: angle by which they are turned, deg.
     """
-    m.progress("homing", done=0, total=parts)
+    m.cycle.progress("homing", done=0, total=parts)
     await m.home()
     for number in range(1, parts + 1):
         part = f"part {number} of {parts}"
-        m.progress(f"{part}: waiting for the courier")
+        m.cycle.progress(f"{part}: waiting for the courier")
         await m.ready(start)
-        m.progress(f"{part}: picking")
+        m.cycle.progress(f"{part}: picking")
         await m.pick()
-        m.progress(f"{part}: turning")
+        m.cycle.progress(f"{part}: turning")
         await m.theta.move_to(start + turn)
-        m.progress(f"{part}: placing")
+        m.cycle.progress(f"{part}: placing")
         await m.place()
-        m.progress(f"{part}: placed", done=number)
-    m.progress("done")
+        m.cycle.progress(f"{part}: placed", done=number)
+    m.cycle.progress("done")
     await m.z.move_to(m.transit_height)
     return {"placed_without_puff": m.unblown} if m.unblown else None

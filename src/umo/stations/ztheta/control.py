@@ -165,7 +165,7 @@ class Manipulator(
         self.pressure_solenoid.write(OnOff.OFF)
         if not blown:
             self.unblown += 1
-            self.progress("the puff does not reach the cup: waiting until its vacuum is gone")
+            self.cycle.progress("the puff does not reach the cup: waiting until its vacuum is gone")
             await wait(self.bleed_time)
         if self.gripper.sealed:
             raise GripError("the cup keeps its vacuum: the part cannot be put down")

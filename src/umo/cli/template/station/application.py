@@ -11,10 +11,10 @@ async def main(m: Tank, target: float = 300.0) -> None:
     Options:
         target: level, mm.
     """
-    m.progress("filling")
+    m.cycle.progress("filling")
     await m.fill(target)
-    m.progress("keeping the level")
+    m.cycle.progress("keeping the level")
     await wait("20 s")
-    m.progress("draining")
+    m.cycle.progress("draining")
     await m.empty(50.0)
-    m.progress("done")
+    m.cycle.progress("done")
