@@ -90,7 +90,7 @@ def classes() -> Iterator[type]:
 
 AXES = [kind for kind in classes() if issubclass(kind, Axis) and kind is not Axis]
 STRATEGIES = [kind for kind in classes() if is_dataclass(kind) and hasattr(kind, "find") and not issubclass(kind, Axis)]
-LAWS = [kind for kind in classes() if is_dataclass(kind) and not hasattr(kind, "find")]
+LAWS = [kind for kind in classes() if is_dataclass(kind) and not (hasattr(kind, "find") or issubclass(kind, Compound))]
 PARTS: dict[str, Callable[[Any], Any]] = {
     "DigitalSensor": lambda m: m.encoder,
     "DigitalActuator": lambda m: m.motor,

@@ -87,6 +87,6 @@ def _declared_by(node: Compound) -> list[Interlock]:
         each = list(declared) if isinstance(declared, Iterable) else [declared]
     for interlock in each:
         if not isinstance(interlock, Interlock):
-            owner = node.path or type(node).__name__
+            owner = node._path or type(node).__name__
             raise DeclarationError(f"{owner}.interlocks gives {interlock!r}; it must return or yield Interlocks")
     return each
