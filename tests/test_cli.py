@@ -238,14 +238,14 @@ def test_set_says_why_an_actuator_stays_at_its_default(umo, tank: Path) -> None:
     control = tank / "control.py"
     locked = "    def interlocks(self):\n        yield Interlock(lambda: True, [self.inlet], 'the hatch is open')\n\n"
     text = control.read_text().replace("    def setup(self)", f"{locked}    def setup(self)")
-    control.write_text(text.replace("import BinaryActuator", "import Interlock, BinaryActuator"))
+    control.write_text(text.replace("    Number,\n", "    Interlock,\n    Number,\n", 1))
     result = umo("set", "tank", "inlet", "OPEN", "--hold", "0")
     assert "inlet CLOSED raw 0 GOOD (inhibited: the hatch is open)" in said(result)
 
 
 def test_check_says_how_many_actions_and_tunable_numbers_there_are(umo, tank: Path) -> None:
     control = tank / "control.py"
-    control.write_text(re.sub(r" +(@action|tunable).*\n", "", control.read_text()))
+    control.write_text(re.sub(r" +@action.*\n|, tunable=True", "", control.read_text()))
     assert said(umo("check", "tank", "-w", "simulated")).startswith("ok: ")
     assert "5 objects on 1 driver, period 50 ms not looked at: modbus" in said(umo("check", "tank"))
     assert "period 2 ms, 3 actions, 4 tunable numbers" in said(umo("check", "conveyor"))
@@ -288,7 +288,11 @@ def test_check_says_which_wirings_it_looked_at_and_looks_at_all_on_demand(umo, t
         ("@umo.action\n    def dose(self, level: float):\n        pass", "action dose: argument level needs a range"),
         ("@umo.action\n    def dose(self, level):\n        pass", "action dose: argument level must be annotated"),
         ("@umo.action(levl=umo.Range('mm', 0, 1))\n    def dose(self):\n        pass", "has no argument 'levl'"),
-        ("tunable = {'levl': umo.Range('mm', 0, 1)}", "tunable levl: Tank has no attribute 'levl'"),
+        (
+            "levl: Annotated[str, umo.Number(tunable=True)] = 'x'",
+            "levl: 'x' is not a number; only numbers are tuned",
+        ),
+        ("tunable = {'levl': umo.Range('mm', 0, 1)}", "give `numbers` as a class keyword"),
     ],
 )
 def test_check_refuses_actions_and_tunable_numbers_that_make_no_sense(

@@ -8,7 +8,7 @@ import json
 import signal
 import weakref
 from collections.abc import Iterator
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import pytest
 from hypothesis import given, settings
@@ -24,6 +24,7 @@ from umo import (
     DigitalActuator,
     DigitalSensor,
     Interlock,
+    Number,
     OnOff,
     PassFail,
     Range,
@@ -42,7 +43,7 @@ from umo.testing import Scripted, VirtualTimer, put
 PERIOD = 0.01
 
 
-class Press(Compound, tunable={"speed": Range("mm/s", 0.5, 5.0)}):
+class Press(Compound):
     """The door inhibits ram and lamp; the program writes the ram and the heater in every period."""
 
     timer: DigitalSensor
@@ -51,7 +52,7 @@ class Press(Compound, tunable={"speed": Range("mm/s", 0.5, 5.0)}):
     ram: DigitalActuator
     lamp: BinaryActuator[OnOff]
     heater: DigitalActuator
-    speed: float = 2.0
+    speed: Annotated[float, Number("mm/s", 0.5, 5.0, tunable=True)] = 2.0
 
     def setup(self) -> None:
         self.wanted = 1.0

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from html.parser import HTMLParser
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ from helpers.documents import ROOT, blocks
 from helpers.machines import bench, relay, sensor, switch, wired
 from helpers.patient import conveyor
 from helpers.waiting import until
-from umo import Compound, DigitalSensor, FramesError, PathError, Range, RangeError, Vector, connect, published
+from umo import Compound, DigitalSensor, FramesError, Number, PathError, RangeError, Vector, connect, published
 from umo.cycle.hand_commands import Mode
 from umo.cycle.hands import Hands
 from umo.frames import Reader
@@ -149,13 +149,13 @@ class Zone(Compound):
     temperature: DigitalSensor
 
 
-class Oven(Compound, tunable={"speed": Range("m/s", 1.0, 5.0)}):
+class Oven(Compound):
     """Names and texts that are markup."""
 
     zones: tuple[Zone, ...]
     fans: dict[str, umo.BinaryActuator[umo.OnOff]]
     timer: DigitalSensor
-    speed: float = 3.0
+    speed: Annotated[float, Number("m/s", 1.0, 5.0, tunable=True)] = 3.0
 
     def interlocks(self) -> list[umo.Interlock]:
         return [umo.Interlock(lambda: True, [self.fans["<b>&"]], "door <open> & hot")]

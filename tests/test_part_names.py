@@ -6,7 +6,7 @@ import dataclasses
 import keyword
 import unicodedata
 from collections.abc import Iterator
-from typing import Any
+from typing import Annotated, Any
 
 import pytest
 from hypothesis import given
@@ -20,6 +20,7 @@ from umo import (
     DigitalActuator,
     DigitalSensor,
     Interlock,
+    Number,
     OnOff,
     PassFail,
     Range,
@@ -117,10 +118,10 @@ def test_parts_with_the_names_of_a_remote_stations_own_members_are_reached_by_th
 # Parents -------------------------------------------------------------------------------------------------
 
 
-class Reactor(Compound, signals={"wanted": "V"}, tunable={"gain": Range("", 0.0, 1.0)}):
+class Reactor(Compound, numbers={"wanted": Number("V", shown=True)}):
     heater: DigitalActuator
     temperature: DigitalSensor
-    gain: float = 0.5
+    gain: Annotated[float, Number("", 0.0, 1.0, tunable=True)] = 0.5
     neighbour: Reactor | None = None
     cell: Cell = dataclasses.field(init=False)
     """The parent sets it."""

@@ -162,7 +162,7 @@ def test_parameters_take_patterns_which_single_names_outrank() -> None:
     [
         ({"zones.*.gian": 2.0}, "no such parameter (did you mean 'zones.*.gain'?)"),
         ({"zones.*.gain": 2.0, "*.0.gain": 3.0}, "zones.0.gain is set by 'zones.*.gain' as well"),
-        ({"zones.*.gain": "high"}, "must be a finite number"),
+        ({"zones.*.gain": "high"}, "'high' is not a number"),
     ],
 )
 def test_what_is_wrong_with_a_pattern_of_parameters_is_named(parameters: dict[str, Any], message: str) -> None:
@@ -191,7 +191,7 @@ def test_patterns_that_overlap_are_one_fault_for_each_pair() -> None:
 
 
 def test_patterns_of_parameters_are_checked_once() -> None:
-    assert faults(**{"zones.*.gain": "high"}) == [("parameters.'zones.*.gain'", "must be a finite number, not 'high'")]
+    assert faults(**{"zones.*.gain": "high"}) == [("parameters.'zones.*.gain'", "'high' is not a number (and 2 more)")]
     assert faults(**{"zones.*.gain": 1.0, "*.*.gain": 2.0}) == [
         ("parameters.'*.*.gain'", "zones.0.gain is set by 'zones.*.gain' as well (and 2 more)")
     ]

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from umo import Number
 from umo.control import PID, VectorPID
 
 LIMITS = {"low": 0.0, "high": 10.0}
@@ -174,7 +175,7 @@ def test_the_largest_error_is_the_largest_magnitude() -> None:
     assert law.largest_error == 0.0
     law.step(1.0, np.array([0.5, 4.0, 1.0]), 0.1)
     assert law.largest_error == 3.0
-    assert law.signals == {"largest_error": ""}
+    assert law.numbers["largest_error"] == Number(shown=True)
 
 
 def test_a_derivative_that_is_switched_on_again_does_not_see_what_happened_meanwhile() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from helpers.machines import actuator, relay, sensor, timer
-from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, OnOff, connect
+from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Number, OnOff, connect
 from umo.cycle.trace import Trace
 from umo.testing import periods
 
@@ -24,7 +24,7 @@ class Zone(Compound):
     fan: BinaryActuator[OnOff]
 
 
-class Tunnel(Compound, signals={"load": "percent"}):
+class Tunnel(Compound, numbers={"load": Number("percent", shown=True)}):
     zones: tuple[Zone, ...]
     lamp: BinaryActuator[OnOff]
     timer: DigitalSensor

@@ -19,6 +19,7 @@ from umo import (
     DigitalSensor,
     DriverError,
     Interlock,
+    Number,
     PassFail,
     Quality,
     RangeError,
@@ -336,7 +337,7 @@ def test_a_setpoint_of_one_zone_that_is_not_finite_is_refused_unless_the_zone_is
 def test_the_largest_error_of_the_enabled_zones_is_a_signal_in_the_units_of_the_sensors() -> None:
     m = tunnel()
     law = heating(m, gain=0.01)
-    assert law.signals == {"largest_error": "degC"}
+    assert law.numbers["largest_error"] == Number("degC", shown=True)
     with connect(m, wired(m, Scripted())):
         put(m.zones[1].temperature, 1000.0)
         periods(m)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import inf, nan
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pytest
@@ -17,6 +17,7 @@ from umo import (
     DigitalActuator,
     DigitalSensor,
     Interlock,
+    Number,
     OnOff,
     Range,
     RangeError,
@@ -26,7 +27,7 @@ from umo import (
 )
 from umo.cli.values import number as typed
 from umo.control import PID, Hysteresis, Servo, VectorPID, VectorServo
-from umo.objects import actions_of, atoms, tunables_of
+from umo.objects import actions_of, atoms, numbers_of
 from umo.system.packages import SHIPPED
 from umo.testing import periods, put
 
@@ -38,13 +39,11 @@ NOT_SETTINGS: list[tuple[str, Any]] = [
 
 class Oven(
     Compound,
-    tunable={
-        "servo.integral_time": Range("s", 0.0, 10.0),
-        "servo.filter_time": Range("s", -1.0, 10.0),
-        "hysteresis.low": Range("mm", 0.0, 100.0),
-        "retries": Range("", 0.0, inf),
-        "speed": Range("mm/s", 0.0, 10.0),
-        "count": Range("", 0.0, 10.0),
+    numbers={
+        "servo.integral_time": Number("s", 0.0, 10.0, tunable=True),
+        "servo.filter_time": Number("s", -1.0, 10.0, tunable=True),
+        "hysteresis.low": Number("mm", 0.0, 100.0, tunable=True),
+        "count": Number("", 0.0, 10.0, tunable=True),
     },
 ):
     timer: DigitalSensor
@@ -52,8 +51,8 @@ class Oven(
     heater: DigitalActuator
     drive: DigitalActuator
     valve: BinaryActuator[OnOff]
-    retries: int = 3
-    speed: float = 5
+    retries: Annotated[int, Number("", 0.0, inf, tunable=True)] = 3
+    speed: Annotated[float, Number("mm/s", 0.0, 10.0, tunable=True)] = 5
     limit: float = 50.0
 
     def setup(self) -> None:
@@ -126,7 +125,7 @@ def test_what_a_law_refuses_is_refused_when_it_is_wired_or_tuned(path: str, valu
         connect(m, {"wire": wire, "parameters": {path: value}}),
     ):
         pass
-    tunable = tunables_of(m)[path]
+    tunable = numbers_of(m)[path]
     before = tunable.read()
     with pytest.raises(RangeError, match=f"{path}: .*{said}"):
         tunable.set(value)
@@ -145,7 +144,7 @@ def test_settings_of_a_law_that_depend_on_one_another_are_checked_when_all_are_s
 
 def test_a_tunable_integer_stays_one() -> None:
     m = oven()
-    tunables = tunables_of(m)
+    tunables = numbers_of(m)
     for path, value in (("retries", 5), ("retries", 6.0), ("retries", 2**60 + 1), ("count", 3.0)):
         tunables[path].set(value)
         now = getattr(m, path)
@@ -196,13 +195,19 @@ def test_the_limit_of_a_servo_counts_from_the_default_of_its_actuator(limit: flo
             assert m.drive.pending == output
 
 
-@pytest.mark.parametrize("path", ["z.servo.integral_time", "z.integral_time"])
-def test_check_finds_a_wired_setting_that_no_law_can_have(umo: Any, tmp_path: Path, path: str) -> None:
+@pytest.mark.parametrize(
+    ("path", "said"),
+    [
+        ("z.servo.integral_time", "z.servo.integral_time: 0 s is outside 0.01 to 1"),
+        ("z.integral_time", "integral_time must be above 0, not 0.0"),
+    ],
+)
+def test_check_finds_a_wired_setting_that_no_law_can_have(umo: Any, tmp_path: Path, path: str, said: str) -> None:
     simulated = (SHIPPED / "ztheta" / "wiring" / "simulated.toml").read_text(encoding="utf-8")
     head, _, rest = simulated.partition("[parameters]")
     file = tmp_path / "wrong.toml"
     file.write_text(f'{head}[parameters]\n"{path}" = 0.0\n{rest}', encoding="utf-8")
     result = umo("check", "ztheta", "-w", str(file))
     assert result.exit_code == 2
-    assert "integral_time must be above 0, not 0.0" in result.stderr
+    assert said in result.stderr
     assert len(result.stderr.splitlines()) <= 2

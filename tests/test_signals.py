@@ -10,18 +10,19 @@ from typing import Any
 import pytest
 
 from helpers.machines import actuator, sensor, timer, wired
-from umo import Compound, DeclarationError, DigitalActuator, DigitalSensor, connect, published
+from umo import Compound, DeclarationError, DigitalActuator, DigitalSensor, Number, connect, published
 from umo.cli.watch import Picture
 from umo.control import PID, Servo
-from umo.cycle.signals import signals_of
+from umo.cycle.frame import signals_of
 from umo.cycle.trace import Trace
 from umo.frames import Reader
+from umo.objects import numbers_of
 from umo.testing import Scripted, periods, put
 
 pytestmark = pytest.mark.usefixtures("each_way")
 
 
-class Axis(Compound, signals={"load": "N", "share": ""}):
+class Axis(Compound, numbers={"load": Number("N", shown=True), "share": Number(shown=True)}):
     motor: DigitalActuator
     encoder: DigitalSensor
 
@@ -53,7 +54,7 @@ UNITS = ["N", "", "mm", "mm", "", ""]
 
 
 def test_a_machine_has_the_signals_of_its_compounds_and_of_their_laws() -> None:
-    found = signals_of(press())
+    found = signals_of(numbers_of(press()))
     assert [signal.path for signal in found] == [f"axes.0.{path}" for path in PATHS]
     assert [signal.unit for signal in found] == UNITS
 
@@ -99,7 +100,7 @@ def test_the_laws_in_lists_tuples_and_dicts_are_found_once_each() -> None:
             self._spare = [PID(gain=1.0)]
 
     m = Press(timer=timer(), axes=[Cascade(motor=actuator(), encoder=sensor())])
-    laws = [signal.path.removeprefix("axes.0.") for signal in signals_of(m) if signal.name == "error"]
+    laws = [signal.path.removeprefix("axes.0.") for signal in signals_of(numbers_of(m)) if signal.name == "error"]
     assert laws == ["servo.error", "inner.error", "all.1.error", "pair.0.error", "named.outer.error"]
 
 
@@ -118,16 +119,11 @@ def test_the_screen_shows_the_signals_below_the_objects() -> None:
         assert shown["axes.0.encoder"] == "5 mm"
 
 
-@pytest.mark.parametrize(
-    ("declared", "message"),
-    [({"weight": "N"}, "signal axes.0.weight: Odd has no attribute 'weight'"), ({"load": "furlong/x"}, "not a unit")],
-)
-def test_a_signal_that_is_not_there_or_has_no_unit_is_refused_on_connect(
-    declared: dict[str, str], message: str
-) -> None:
-    class Odd(Axis, signals=declared):
+def test_a_signal_that_is_not_there_is_refused_on_connect() -> None:
+    class Odd(Axis, numbers={"weight": Number("N", shown=True)}):
         pass
 
     m = Press(timer=timer(), axes=[Odd(motor=actuator(), encoder=sensor())])
+    message = "number axes.0.weight: Odd has no attribute 'weight'"
     with pytest.raises(DeclarationError, match=message), connect(m, wired(m, Scripted())):
         pass

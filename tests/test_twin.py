@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from typer.testing import Result
 
-from umo import BinaryActuator, Compound, DeclarationError, DigitalSensor, OnOff, connect
-from umo.cycle.signals import signals_of
+from umo import BinaryActuator, Compound, DeclarationError, DigitalSensor, Number, OnOff, connect
+from umo.cycle.frame import signals_of
 from umo.frames import Layout, Reader, published
 from umo.frames.layout import describe_objects, describe_signals
-from umo.objects import atoms
+from umo.objects import atoms, numbers_of
 from umo.process.station import StationError, find
 from umo.twin import (
     Body,
@@ -45,7 +45,7 @@ from umo.twin.declared import declared_by
 STATIONS = ("ztheta", "conveyor", "furnace")
 
 
-class Press(Compound, signals={"load": "mm"}):
+class Press(Compound, numbers={"load": Number("mm", shown=True)}):
     ram: DigitalSensor
     table: DigitalSensor
     level: DigitalSensor
@@ -292,7 +292,7 @@ def test_the_twin_of_a_station_that_ships_fits_its_machine(name: str) -> None:
 
 
 def layout_of(machine: Compound, **about: Any) -> Layout:
-    return Layout(describe_objects(list(atoms(machine))), (), about, describe_signals(signals_of(machine)))
+    return Layout(describe_objects(list(atoms(machine))), (), about, describe_signals(signals_of(numbers_of(machine))))
 
 
 def test_the_twin_is_of_the_machine_that_runs_with_its_options() -> None:

@@ -14,9 +14,9 @@ from umo import (
     DriverError,
     Frame,
     Interlock,
+    Number,
     OnOff,
     Quality,
-    Range,
     RangeError,
     TaskFailed,
     connect,
@@ -25,7 +25,7 @@ from umo import (
 )
 from umo.control import next_period
 from umo.frames import Reader, Stage
-from umo.objects import tunables_of
+from umo.objects import numbers_of
 from umo.objects.linearization import Linearization
 from umo.process.reset import Resetter
 from umo.testing import Scripted, VirtualTimer, periods
@@ -51,7 +51,7 @@ class Refusing(Exception):
 RAISED = [SystemExit(0), KeyboardInterrupt(), GeneratorExit(), Exit(), ValueError(), Refusing()]
 
 
-class Shown(Bench, signals={"moody": "", "steady": ""}):
+class Shown(Bench, numbers={"moody": Number(shown=True), "steady": Number(shown=True)}):
     """A signal that raises what it is given."""
 
     steady = 1.0
@@ -359,12 +359,12 @@ def test_what_a_declaration_raises_is_a_mistake_of_the_declaration(error: BaseEx
     def fail(self: Any) -> Any:
         raise error
 
-    for made, keywords in (({}, {"signals": fail}), ({}, {"tunable": fail}), ({"interlocks": fail}, {})):
+    for made, keywords in (({}, {"numbers": fail}), ({"interlocks": fail}, {})):
         m = type("Wrong", (Bench,), made, **keywords)(
             timer=timer(), motor=actuator(), encoder=sensor(), valve=relay(), limit=switch()
         )
         with pytest.raises(DeclarationError, match=type(error).__name__), connect(m):
-            tunables_of(m)
+            numbers_of(m)
 
 
 @pytest.mark.parametrize("error", RAISED)
@@ -375,18 +375,18 @@ def test_a_tuned_number_that_its_owner_fails_to_take_is_as_it_was(error: BaseExc
         def check_settings(self) -> None:
             raise error
 
-    class Tuned(Shown, tunable={"law.k": Range("", 0.0, 1.0)}):
+    class Tuned(Shown, numbers={"law.k": Number("", 0.0, 1.0, tunable=True)}):
         def setup(self) -> None:
             self.law = Law()
 
     with connect(Tuned(timer=timer(), motor=actuator(), encoder=sensor(), valve=relay(), limit=switch())) as m:
         with pytest.raises(RangeError, match=rf"law\.k: .*{type(error).__name__}"):
-            tunables_of(m)["law.k"].set(0.75)
+            numbers_of(m)["law.k"].set(0.75)
         assert m.law.k == 0.5
         m.mood = error
-        Tuned._settings = Tuned._settings._replace(tunable={"moody": Range("", 0.0, 1.0)})
-        with pytest.raises(DeclarationError, match=f"tunable moody cannot be read: {type(error).__name__}"):
-            tunables_of(m)
+        Tuned._settings = Tuned._settings._replace(numbers={"moody": Number("", 0.0, 1.0, tunable=True)})
+        with pytest.raises(DeclarationError, match=f"number moody cannot be read: {type(error).__name__}"):
+            numbers_of(m)
 
 
 def test_only_a_ctrl_c_passes_an_attempt() -> None:

@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
+from umo.cycle.frame import Signal
 from umo.cycle.progress import Progress
-from umo.cycle.signals import Signal
 from umo.cycle.stopping import SIGNALS
 from umo.errors import text_of
 from umo.frames import Reader

@@ -13,17 +13,8 @@ from typing import Any
 from umo.cycle import connect
 from umo.errors import BadInput, FramesError, OptionError, PathError, RangeError
 from umo.frames import Reader
-from umo.objects import (
-    Atomic,
-    Binary,
-    BinaryActuator,
-    Compound,
-    Digital,
-    DigitalActuator,
-    DigitalSensor,
-    TwoState,
-    children,
-)
+from umo.objects import Atomic, Binary, BinaryActuator, Compound, Digital, DigitalActuator, DigitalSensor, TwoState
+from umo.objects.paths import children
 from umo.objects.paths import find as object_at
 from umo.process.start import LINUX
 from umo.process.station import Station, StationError, find

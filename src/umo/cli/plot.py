@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from umo.cycle.signals import Signal
+from umo.cycle.frame import Signal
 from umo.cycle.trace import Trace
 from umo.objects import Atomic, Binary, DigitalSensor
 from umo.objects.families import FROM, families, folded

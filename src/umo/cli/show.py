@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.text import Text
 
 from umo.errors import Mistake, OptionError
-from umo.objects import Compound, actions_of, tunables_of
+from umo.objects import Compound, actions_of, numbers_of
 from umo.objects.interlock import interlocks_of
 from umo.process.station import Station
 from umo.twin.declared import declared_by
 from umo.wiring import check, resolve
 from umo.wiring.process_table import remarks
-from umo.wiring.resolved import apply_parameters
 
 from .console import err, out
 from .station_options import machine_of
@@ -41,13 +40,8 @@ def _check_wiring(machine: Compound, file: Path | None) -> int:
     if reported(check(machine, file)):
         return 2
     wired = resolve(machine, file)
-    restore: list[Callable[[], object]] = []
-    try:
-        apply_parameters(machine, wired.parameters, restore.append)
-    finally:
-        for undo in reversed(restore):
-            undo()
-    offered = [(len(actions_of(machine)), "action"), (len(tunables_of(machine)), "tunable number")]
+    tunable = sum(number.declared.tunable for number in numbers_of(machine).values())
+    offered = [(len(actions_of(machine)), "action"), (tunable, "tunable number")]
     period = "no timer" if wired.period is None else f"period {wired.period * 1e3:g} ms"
     found = [
         f"{_count(len(wired.wires), 'object')} on {_count(len(wired.drivers), 'driver')}",

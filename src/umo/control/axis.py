@@ -15,7 +15,7 @@ from umo.control.inputs import HOMING, Accept, value_of
 from umo.control.profile import Profile
 from umo.cycle.sequences import next_period, together
 from umo.errors import AxisError, DeclarationError, RangeError
-from umo.objects import Compound, DigitalSensor, Quality, Range, action
+from umo.objects import Compound, DigitalSensor, Number, Quality, Range, action
 
 ACCEPTED = Quality.OUT_OF_RANGE
 """Accepted of a referenced encoder: at an end of its range an axis may stand a little outside. The setpoint is within
@@ -48,23 +48,20 @@ def _per_second(power: int = 1) -> Callable[[Axis], str]:
     return lambda axis: f"{axis.encoder.units or 1}/s" + (f"**{power}" if power > 1 else "")
 
 
-def _up_to(name: str, power: int = 1) -> Callable[[Axis], Range]:
-    """A range from a thousandth of a number of the declaration to that number."""
-    unit = _per_second(power)
-    return lambda axis: Range(unit(axis), getattr(axis, name) / 1000, getattr(axis, name))
+def _limits(axis: Axis, name: str, power: int = 1) -> tuple[str, float, float]:
+    """Unit and range from a thousandth of a number of the declaration to that number."""
+    return _per_second(power)(axis), getattr(axis, name) / 1000, getattr(axis, name)
 
 
-def profile_limits(axis: Axis) -> dict[str, Range]:
-    """The numbers of the profile that may be tuned."""
-    numbers = {"velocity": 1, "acceleration": 2, "jerk": 3}
-    return {f"profile.{name}": _up_to(name, power)(axis) for name, power in numbers.items()}
+def axis_numbers(axis: Axis) -> dict[str, Number]:
+    """Setpoint and error, which are shown, and the numbers of the profile, which can be tuned."""
+    shown = Number(axis.encoder.units, shown=True)
+    powers = {"velocity": 1, "acceleration": 2, "jerk": 3}
+    profile = {f"profile.{name}": Number(*_limits(axis, name, power), tunable=True) for name, power in powers.items()}
+    return {"setpoint": shown, "error": shown, **profile}
 
 
-def _signals(axis: Axis) -> dict[str, str]:
-    return {"setpoint": axis.encoder.units, "error": axis.encoder.units}
-
-
-class Axis(Compound, signals=_signals, tunable=profile_limits):
+class Axis(Compound, numbers=axis_numbers):
     """One axis of motion, with its position sensor. Use `ServoAxis` or `StepperAxis`.
 
     Positions are in the units of the encoder, speeds in units per s. The range of `move_to` and `jog` is the declared
@@ -134,7 +131,7 @@ class Axis(Compound, signals=_signals, tunable=profile_limits):
 
     @action(
         position=lambda axis: Range.of(axis.encoder),
-        speed=_up_to("velocity"),
+        speed=lambda axis: Range(*_limits(axis, "velocity")),
         duration=lambda axis: Range("s", 0.0, 3600.0),  # here, as a unit needs pint, which is not imported with umo
     )
     async def move_to(self, position: float, *, speed: float = inf, duration: float = 0.0) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from umo.control.checks import check_numbers
 from umo.errors import RangeError
+from umo.objects import Number
 from umo.objects.scaling import BoolArray, FloatArray
 
 TIMES = ("derivative_time", "filter_time")
@@ -60,8 +61,9 @@ class PID:
         self.limited, self._last = False, None
 
     @property
-    def signals(self) -> Mapping[str, str]:
-        return {"setpoint": "", "error": ""}
+    def numbers(self) -> Mapping[str, Number]:
+        """The numbers beside its settings that are shown, and the units of the settings."""
+        return {"setpoint": Number(shown=True), "error": Number(shown=True), **_times()}
 
     def take_over(self, output: float, setpoint: float, measurement: float, feed_forward: float = 0.0) -> None:
         """Clear the state, and set the integral so that control goes on from this output without a step (bumpless
@@ -160,8 +162,9 @@ class VectorPID:
         self.limited, self._last = np.zeros(1, np.bool_), None
 
     @property
-    def signals(self) -> Mapping[str, str]:
-        return {"largest_error": ""}
+    def numbers(self) -> Mapping[str, Number]:
+        """As of `PID`."""
+        return {"largest_error": Number(shown=True), **_times()}
 
     @property
     def largest_error(self) -> float:
@@ -222,6 +225,10 @@ class VectorPID:
         rate = np.zeros(1) if self._last is None else np.nan_to_num((measurement - self._last) / dt)
         filtered: FloatArray = self._rate + (rate - self._rate) * (dt / (self.filter_time + dt))
         return filtered
+
+
+def _times() -> dict[str, Number]:
+    return {name: Number("s", 0.0) for name in ("integral_time", *TIMES)}
 
 
 def _check_finite(numbers: FloatArray) -> None:

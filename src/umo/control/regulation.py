@@ -10,7 +10,7 @@ from typing import Generic, TypeVar
 from umo.control.checks import check_numbers
 from umo.control.inputs import Accept, value_of
 from umo.errors import DeclarationError, RangeError
-from umo.objects import BinaryActuator, DigitalSensor, TwoState
+from umo.objects import BinaryActuator, DigitalSensor, Number, TwoState
 
 S = TypeVar("S", bound=TwoState)
 
@@ -39,8 +39,9 @@ class Hysteresis(Generic[S]):
             raise DeclarationError(f"Hysteresis: {self.raising!r} is not a state of {self.actuator.states.__name__}")
 
     @property
-    def signals(self) -> Mapping[str, str]:
-        return {"low": self.sensor.units, "high": self.sensor.units}
+    def numbers(self) -> Mapping[str, Number]:
+        """Its bounds are shown."""
+        return dict.fromkeys(("low", "high"), Number(self.sensor.units, shown=True))
 
     def control(self, accept: Accept = ()) -> S:
         """One period: read, compare, write. Returns the state that the actuator has accepted: its default while it is

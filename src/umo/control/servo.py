@@ -12,7 +12,7 @@ from umo.control.checks import check_numbers
 from umo.control.inputs import Accept, value_of
 from umo.control.pid import PID, VectorPID
 from umo.errors import DeclarationError
-from umo.objects import DigitalActuator, DigitalSensor, Vector
+from umo.objects import DigitalActuator, DigitalSensor, Number, Vector
 from umo.objects.scaling import BoolArray, FloatArray
 
 
@@ -44,8 +44,9 @@ class Servo(PID):
         check_numbers(self, finite=("feed_forward", "inertia", "friction"), above_0=("limit",))
 
     @property
-    def signals(self) -> Mapping[str, str]:
-        return {"setpoint": self.sensor.units, "error": self.sensor.units}
+    def numbers(self) -> Mapping[str, Number]:
+        shown = Number(self.sensor.units, shown=True)
+        return {**super().numbers, "setpoint": shown, "error": shown}
 
     def control(
         self,
@@ -115,9 +116,9 @@ class VectorServo(VectorPID):
                 raise DeclarationError(f"VectorServo.{name} must be a number, or an array of {len(self.sensors)}")
 
     @property
-    def signals(self) -> Mapping[str, str]:
+    def numbers(self) -> Mapping[str, Number]:
         units = {sensor.units for sensor in self.sensors}
-        return {"largest_error": units.pop() if len(units) == 1 else ""}
+        return {**super().numbers, "largest_error": Number(units.pop() if len(units) == 1 else "", shown=True)}
 
     def control(
         self, setpoint: float | FloatArray, *, dt: float, accept: Accept = (), enabled: BoolArray | None = None

@@ -2,37 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import inf, isfinite
-from types import MappingProxyType
 
-from umo.control.axis import Axis, profile_limits
+from umo.control.axis import Axis, axis_numbers
 from umo.control.checks import check_numbers
 from umo.control.inputs import value_of
 from umo.control.servo import Servo
 from umo.errors import AxisError
-from umo.objects import DigitalActuator, Range
+from umo.objects import DigitalActuator, Number
 
 
 class AxisServo(Servo):
-    """The servo of an axis; setpoint and error are signals of the axis."""
+    """The servo of an axis; setpoint and error are shown by the axis."""
 
-    signals = MappingProxyType({})
+    @property
+    def numbers(self) -> Mapping[str, Number]:
+        return {name: each for name, each in super().numbers.items() if not each.shown}
 
 
-def _tunable(axis: ServoAxis) -> dict[str, Range]:
-    """The gains of the servo up to ten times those of the declaration, and the numbers of the profile."""
+def _numbers(axis: ServoAxis) -> dict[str, Number]:
+    """As of any axis, and the gains of the servo up to ten times those of the declaration."""
     units = axis.encoder.units
     gain = f"{axis.motor.units or 1}/{units if units.isidentifier() else f'({units or 1})'}"
-    found = {"servo.gain": Range(gain, *sorted((0.0, 10 * axis.gain)))}
+    found = {"servo.gain": Number(gain, *sorted((0.0, 10 * axis.gain)), tunable=True)}
     if isfinite(axis.integral_time):
-        found["servo.integral_time"] = Range("s", axis.integral_time / 10, 10 * axis.integral_time)
+        found["servo.integral_time"] = Number("s", axis.integral_time / 10, 10 * axis.integral_time, tunable=True)
     for name in ("derivative_time", "filter_time"):
         if number := getattr(axis, name):
-            found[f"servo.{name}"] = Range("s", 0.0, 10 * number)
-    return {**found, **profile_limits(axis)}
+            found[f"servo.{name}"] = Number("s", 0.0, 10 * number, tunable=True)
+    return {**axis_numbers(axis), **found}
 
 
-class ServoAxis(Axis, tunable=_tunable):
+class ServoAxis(Axis, numbers=_numbers):
     """An axis whose motor is commanded by a PID on the encoder.
 
         x = ServoAxis(

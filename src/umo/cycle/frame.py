@@ -3,18 +3,33 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 from umo.cycle.image import Image
 from umo.cycle.progress import Progress
-from umo.cycle.signals import Signal
-from umo.objects import Atomic
+from umo.objects import Atomic, MachineNumber
 from umo.user_code import as_json, attempt
 
 log = logging.getLogger("umo")
 SHOWN = 200
 """Characters of an observer in the log."""
+
+
+class Signal(NamedTuple):
+    """A number that is shown beside the objects."""
+
+    path: str
+    """Such as `z.servo.error`."""
+    unit: str
+    owner: Any
+    name: str
+
+
+def signals_of(numbers: Mapping[str, MachineNumber]) -> tuple[Signal, ...]:
+    """Those of a machine's numbers that are shown."""
+    shown = (each for each in numbers.values() if each.declared.shown)
+    return tuple(Signal(each.path, each.declared.unit, each.owner, each.name) for each in shown)
 
 
 class Frame:

@@ -238,9 +238,9 @@ class Hands:
     def _tune(self, command: HandCommand) -> tuple[CommandState, str]:
         self.lease.check(command.key)
         tunable = _known(self._machine.tunables, command.path, "tunable number")
-        before = tunable.read()
+        before = tunable.value
         tunable.set(command.value)
-        return CommandState.DONE, json.dumps(f"{before:.15g} -> {tunable.read():.15g}")
+        return CommandState.DONE, json.dumps(" -> ".join(map(_digits, (before, tunable.value))))
 
     def _write(self, command: HandCommand) -> tuple[CommandState, str]:
         self.lease.check(command.key)
@@ -417,6 +417,11 @@ def _level(item: BinaryActuator[Any] | DigitalActuator, value: Any) -> float:
             raise StateError(f"{item.path} has no state {value!r}{did_you_mean(str(value), names)}: {', '.join(names)}")
         return float(item._level(names[value]))
     return Range.of(item).check(item.path, value)
+
+
+def _digits(number: Any) -> str:
+    """An integer with all of its digits."""
+    return f"{number:.15g}" if isinstance(number, float) else str(number)
 
 
 def _plain(result: Any) -> str:

@@ -11,18 +11,17 @@ from umo.cycle.clock import Clock, WallClock
 from umo.cycle.commands import Commands
 from umo.cycle.events import Events
 from umo.cycle.facts import facts_of
-from umo.cycle.frame import Frame, Observer, show
+from umo.cycle.frame import Frame, Observer, Signal, show, signals_of
 from umo.cycle.hand_commands import Inbox, Mode
 from umo.cycle.image import Image
 from umo.cycle.lease import Lease
 from umo.cycle.sequences import Sequences, Task
-from umo.cycle.signals import Signal, signals_of
 from umo.cycle.stage import Stage
 from umo.cycle.stop_order import stop_sequence
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
 from umo.errors import DriverError
-from umo.objects import Action, Compound, Node, Tunable, actions_of, atoms, tunables_of, walk
+from umo.objects import Action, Compound, Node, actions_of, atoms, numbers_of, walk
 from umo.user_code import read_numbers, refuse_exit
 from umo.wiring.faults.wrapper import Injection
 from umo.wiring.resolved import AT_NEXT_TICK, AT_ONCE
@@ -68,7 +67,10 @@ class ConnectedMachine:
         self.observers: list[Observer] = []
         """Called after every period with its frame."""
         faults = () if injection is None else (Signal(INJECTED, "", injection, "active"),)
-        self.frame = Frame(image, (*signals_of(root), *faults))
+        numbers = numbers_of(root)
+        self.frame = Frame(image, (*signals_of(numbers), *faults))
+        self.tunables = {path: each for path, each in numbers.items() if each.declared.tunable}
+        """The numbers that may be changed from outside, by path."""
         self.commands = Commands(root, image)
         self.stop_order = [image.slot_of[id(item)] for item in stop_sequence(root)]
         self._slots: dict[int, _PartSlots] = {}
@@ -111,11 +113,6 @@ class ConnectedMachine:
     def actions(self) -> dict[str, Action]:
         """The actions that may be called from outside, by path."""
         return actions_of(self.root)
-
-    @cached_property
-    def tunables(self) -> dict[str, Tunable]:
-        """The numbers that may be changed from outside, by path."""
-        return tunables_of(self.root)
 
     @property
     def running(self) -> bool:

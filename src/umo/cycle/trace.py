@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from umo.cycle.frame import Frame
-from umo.cycle.signals import Signal
+from umo.cycle.frame import Frame, Signal
 from umo.objects import Atomic, Binary, Digital, Quality
 
 ROWS = 100_000

@@ -25,8 +25,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from umo.cycle.events import TEXT
+from umo.cycle.frame import Signal
 from umo.cycle.journal import ErrorKind, Kind
-from umo.cycle.signals import Signal
 from umo.errors import FramesError
 from umo.objects import Atomic, Quality
 from umo.objects.description import described

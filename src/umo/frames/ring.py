@@ -41,7 +41,7 @@ from umo.frames.layout import (
     arrange,
 )
 from umo.frames.memory import Ends, fill
-from umo.objects import Tunable
+from umo.objects import MachineNumber
 from umo.system.usage import Usage
 from umo.system.utc import utc
 
@@ -77,7 +77,7 @@ class Ring:
         ends: Ends,
         *,
         checksum: bool = not ORDERED,
-        tunables: Sequence[Tunable] = (),
+        tunables: Sequence[MachineNumber] = (),
     ) -> None:
         self.image = image = machine.image
         self._machine = machine

@@ -7,9 +7,10 @@ from umo.objects.compound import Compound
 from umo.objects.interlock import Interlock
 from umo.objects.linearization import LookupTable, Polynomial
 from umo.objects.node import Node
+from umo.objects.numbers import MachineNumber, numbers_of
 from umo.objects.paths import atoms, children, find, path_of, walk
 from umo.objects.quality import Quality
-from umo.objects.range import Range
+from umo.objects.range import Number, Range
 from umo.objects.sensors import BinarySensor, DigitalSensor
 from umo.objects.states import (
     CompleteIncomplete,
@@ -26,7 +27,6 @@ from umo.objects.states import (
     ZeroOne,
 )
 from umo.objects.thermocouple import Thermocouple
-from umo.objects.tunable import Tunable, tunables_of
 from umo.objects.vector import Vector
 
 __all__ = [
@@ -46,7 +46,9 @@ __all__ = [
     "Interlock",
     "LeftRight",
     "LookupTable",
+    "MachineNumber",
     "Node",
+    "Number",
     "OnOff",
     "OpenClosed",
     "PassFail",
@@ -55,7 +57,6 @@ __all__ = [
     "Range",
     "Rotation",
     "Thermocouple",
-    "Tunable",
     "TwoState",
     "UpDown",
     "Vector",
@@ -65,7 +66,7 @@ __all__ = [
     "atoms",
     "children",
     "find",
+    "numbers_of",
     "path_of",
-    "tunables_of",
     "walk",
 ]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import inspect
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from functools import cache, partial
+from functools import partial
 from types import MappingProxyType, UnionType
 from typing import (
     TYPE_CHECKING,
+    Annotated,
     Any,
     ClassVar,
     Never,
@@ -22,11 +22,11 @@ from typing import (
 
 from umo.errors import DeclarationError
 from umo.objects.atomic import Binary
-from umo.objects.keywords import ByName, ClassSettings, refuse_in_body
+from umo.objects.hints import hints_of
+from umo.objects.keywords import ByAttribute, ClassSettings, refuse_in_body
 from umo.objects.link import Cycle, Unconnected
 from umo.objects.node import Node
 from umo.objects.paths import named
-from umo.objects.range import Range
 
 if TYPE_CHECKING:
     from umo.objects.interlock import Interlock
@@ -53,7 +53,7 @@ class Compound(Node):
         class ServoAxis(Compound):
             motor: DigitalActuator
             encoder: DigitalSensor
-            speed: float = 100.0        # a number is a parameter that a wiring may set
+            speed: float = 100.0        # a number that a wiring may set
 
     Parts may also stand in lists and dicts. They are frozen at construction, to tuples and read-only mappings: annotate
     them `Sequence[ServoAxis]` and `Mapping[str, ServoAxis]`. A class's own state belongs in `setup`.
@@ -66,12 +66,13 @@ class Compound(Node):
         of lists and dicts (all that is in them). Default: as declared; what is not named follows in this order. A part
         uses its own `stop_order`, unless a parent names the part's objects.
     max_period: The longest sampling period for which `control` is designed, in s or as "2 ms". Default: not limited.
-    signals: Attributes that are shown beside the objects in frames, trace, plot and `umo watch`: units by name, such as
-        `signals={"load": "N"}`, or a function of the object that returns them. The signals of the control laws are
-        shown without being named here.
-    tunable: The numbers that may be changed while the machine runs (`umo tune`, `umo.attach`): attributes, also of
-        laws, each with its unit and range, such as `tunable={"law.gain": Range("V/mm", 0.0, 2.0)}`, or a function of
-        the object that returns them.
+    numbers: The numbers that are no fields, such as those of laws and properties, by the names of the attributes:
+        `numbers={"law.gain": Number("V/mm", 0.0, 2.0, tunable=True), "load": Number("N", shown=True)}`, or a function
+        of the object that returns them.
+
+    A field with a number (or bool, text, Enum) is one that a wiring may set. Unit, range and use are annotated:
+
+        gain: Annotated[float, Number("V/mm", 0.0, 3.0, tunable=True)] = 0.3
     """
 
     _settings: ClassVar[ClassSettings] = ClassSettings()
@@ -89,12 +90,11 @@ class Compound(Node):
         *,
         stop_order: Sequence[str] | None = None,
         max_period: str | float | None = None,
-        signals: ByName[str] | None = None,
-        tunable: ByName[Range] | None = None,
+        numbers: ByAttribute | None = None,
         **unknown: Never,
     ) -> None:
         super().__init_subclass__()
-        given = {"stop_order": stop_order, "max_period": max_period, "signals": signals, "tunable": tunable, **unknown}
+        given = {"stop_order": stop_order, "max_period": max_period, "numbers": numbers, **unknown}
         cls._settings = cls._settings.extended(cls, given)
         dataclasses.dataclass(eq=False, repr=False, kw_only=True)(cls)
         names = [field.name for field in dataclasses.fields(cls)]  # type: ignore[arg-type]
@@ -110,7 +110,7 @@ class Compound(Node):
         self._parent = None
         self._name = ""
         self._disconnect()
-        hints = _hints(type(self))  # type: ignore[arg-type]
+        hints = {name: Any if isinstance(hint, str) else hint for name, hint in hints_of(self.__class__).items()}
         children: dict[str, Node] = {}
         fixed = set()
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
@@ -218,18 +218,6 @@ def _reserved(cls: type, name: str) -> DeclarationError:
     return DeclarationError(f"{cls.__name__}.{name}: the name is reserved; choose another, such as {button!r}{hint}")
 
 
-@cache
-def _hints(cls: type) -> dict[str, Any]:
-    hints: dict[str, Any] = {}
-    for base in reversed(cls.__mro__):
-        if issubclass(base, Compound) and base is not Compound:
-            try:
-                hints |= inspect.get_annotations(base, eval_str=True)
-            except NameError:  # a class declared inside a function, under postponed annotations
-                continue
-    return hints
-
-
 def _parts(name: str, value: object) -> tuple[object, dict[str, Node]]:
     """The value frozen, and the objects in it by name."""
     if isinstance(value, Node):
@@ -258,6 +246,8 @@ def _holds_objects(value: object) -> bool:
 
 def _check_type(where: str, value: object, hint: Any) -> None:
     """Declaration mistakes that a type checker would have found, for those who run none."""
+    if get_origin(hint) is Annotated:
+        hint = get_args(hint)[0]
     origin, args = get_origin(hint) or hint, get_args(hint)
     if origin is tuple and args and args[-1] is not Ellipsis and isinstance(value, tuple) and len(args) == len(value):
         for item, each in zip(value, args, strict=True):

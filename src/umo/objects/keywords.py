@@ -6,16 +6,15 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
 from types import MappingProxyType
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 from umo.duration import seconds
 from umo.errors import DeclarationError
 from umo.objects.range import Range
 from umo.text import did_you_mean
 
-D = TypeVar("D")
-ByName = Mapping[str, D] | Callable[[Any], Mapping[str, D]]
-"""By the names of attributes, or a function of the object that returns this."""
+ByAttribute = Mapping[str, Range] | Callable[[Any], Mapping[str, Range]]
+"""Numbers by the names of attributes, or a function of the object that returns this."""
 
 
 class ClassSettings(NamedTuple):
@@ -23,8 +22,7 @@ class ClassSettings(NamedTuple):
 
     stop_order: Sequence[str] = ()
     max_period: str | float | None = None
-    signals: ByName[str] = MappingProxyType({})
-    tunable: ByName[Range] = MappingProxyType({})
+    numbers: ByAttribute = MappingProxyType({})
 
     def extended(self, cls: type, given: Mapping[str, Any]) -> ClassSettings:
         """With the class keywords that were given, not None. DeclarationError for one that there is not, and for a
@@ -36,25 +34,17 @@ class ClassSettings(NamedTuple):
                 known = ", ".join(KEYWORDS)
                 raise DeclarationError(f"class {cls.__name__}: no class keyword {name!r}{near}; there are: {known}")
             if not _is_valid(name, value):
-                raise DeclarationError(f"class {cls.__name__}: {name} is {NEEDS[name]}, not {value!r}")
+                raise DeclarationError(f"class {cls.__name__}: {name} is {KEYWORDS[name]}, not {value!r}")
         return self._replace(**given)
 
 
-KEYWORDS: Mapping[str, tuple[type, ...]] = {
-    "stop_order": (tuple, list),
-    "max_period": (str, int, float),
-    "signals": (Mapping,),
-    "tunable": (Mapping,),
-}
-"""The class keywords, with the types of their values."""
-OF_NAMES = "a mapping by names of attributes, or a function of the object that returns one"
-NEEDS = {
+KEYWORDS = {
     "stop_order": "a tuple of paths and patterns",
     "max_period": 'a duration such as "2 ms"',
-    "signals": OF_NAMES,
-    "tunable": OF_NAMES,
+    "numbers": "a mapping by names of attributes, or a function of the object that returns one",
 }
-FORMER = {"stopping": "stop_order", "longest_period": "max_period"}
+"""The class keywords, and what each of them is."""
+FORMER = {"stopping": "stop_order", "longest_period": "max_period", "signals": "numbers", "tunable": "numbers"}
 """Former names of class keywords."""
 SIMILAR = 0.8
 """Similarity (difflib's ratio) from which a name in a class body is taken for a misspelt keyword."""
@@ -89,4 +79,4 @@ def _similar(name: str, value: Any) -> str:
     """The keyword of which this is a misspelling, "" if it is none."""
     near = get_close_matches(name, [*KEYWORDS, *FORMER], n=1, cutoff=SIMILAR)
     meant = FORMER.get(near[0], near[0]) if near else ""
-    return meant if meant and isinstance(value, KEYWORDS[meant]) and not isinstance(value, bool) else ""
+    return meant if meant and _is_valid(meant, value) else ""

@@ -1,9 +1,9 @@
-"""Numbers that are given or changed from outside: arguments of actions, tunable numbers of compounds."""
+"""Units and ranges of numbers that are given or changed from outside: arguments of actions, numbers of compounds."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import isfinite
+from dataclasses import KW_ONLY, dataclass
+from math import inf, isfinite
 from sys import float_info
 from typing import TYPE_CHECKING, Any
 
@@ -71,3 +71,20 @@ class Range:
         """As plain data; None for an infinite bound."""
         low, high = (bound if isfinite(bound) else None for bound in (self.minimum, self.maximum))
         return {"unit": self.unit, "minimum": low, "maximum": high}
+
+
+@dataclass(frozen=True)
+class Number(Range):
+    """Unit, range and use of a number of a machine: `Number("V/mm", 0.0, 3.0, tunable=True)`. Of a number with a plain
+    `Range` the only use is that a wiring may set it."""
+
+    unit: str = ""
+    minimum: float = -inf
+    maximum: float = inf
+    _: KW_ONLY
+    tunable: bool = False
+    """It may be changed while the machine runs: `umo tune`, `umo.attach`, the page."""
+    shown: bool = False
+    """It is shown beside the objects: in frames, trace, plot and `umo watch`."""
+    kept: bool = False
+    """Its last value is kept over a restart. Nothing does so yet."""

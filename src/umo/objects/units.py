@@ -43,6 +43,8 @@ DIGITS = 12
 @lru_cache(maxsize=1024)
 def check_unit(unit: str) -> str:
     """The unit itself when pint knows it; DeclarationError otherwise."""
+    if not unit:
+        return unit
     if len(unit) > LONGEST or not _UNIT.fullmatch(unit):
         form = "allowed: names, *, / and small powers"
         raise DeclarationError(f"{unit[:LONGEST]!r} is not a unit that pint knows ({form})")

@@ -16,7 +16,7 @@ from typing import Any
 
 from umo.cycle.run import Application
 from umo.errors import DeclarationError
-from umo.objects import Compound, actions_of, tunables_of
+from umo.objects import Compound, actions_of, numbers_of
 from umo.process.station import find
 from umo.user_code import told_as
 from umo.wiring import Wired, resolve, share
@@ -99,7 +99,7 @@ class Plan:
         else:
             self.machine = _made(job, make, shares.machine)
             self.name, self.place = type(self.machine).__name__, Path(job.script or inspect.getfile(make))
-        actions_of(self.machine), tunables_of(self.machine)  # DeclarationError
+        actions_of(self.machine), numbers_of(self.machine)  # DeclarationError
         self.wired: Wired = resolve(self.machine, self.wiring, shares.wiring)
 
     @property

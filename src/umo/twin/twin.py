@@ -7,10 +7,10 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from umo.cycle.signals import signals_of
+from umo.cycle.frame import signals_of
 from umo.errors import DeclarationError
 from umo.frames.layout import Layout, describe_objects, describe_signals
-from umo.objects import Compound, atoms
+from umo.objects import Compound, atoms, numbers_of
 from umo.text import did_you_mean
 from umo.twin.bodies import Body, Viewpoint
 from umo.twin.drives import Drive, Values
@@ -82,7 +82,7 @@ def entries_of(machine: Compound | Layout) -> list[Mapping[str, Any]]:
     """The objects and signals, as frames describe them."""
     if isinstance(machine, Layout):
         return [*machine.objects, *machine.signals]
-    return [*describe_objects(list(atoms(machine))), *describe_signals(signals_of(machine))]
+    return [*describe_objects(list(atoms(machine))), *describe_signals(signals_of(numbers_of(machine)))]
 
 
 def _paths(bodies: Sequence[Mapping[str, Any]]) -> Iterable[str]:

@@ -29,7 +29,7 @@ PLAIN = {
 }
 """pydantic's messages in plain words."""
 UNQUOTED = ("int_type", "float_type", "bool_type")
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Numeric = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 
 
 class Entry(BaseModel):
@@ -42,14 +42,14 @@ class Entry(BaseModel):
     """Default: the object's path."""
     inverted: StrictBool | None = None
     """Binary objects: the electrical level is inverted."""
-    resolution: Number | None = None
-    zero_offset: Number | None = None
+    resolution: Numeric | None = None
+    zero_offset: Numeric | None = None
     linearization: dict[str, Any] | None = None
     """Such as `{ thermocouple = "K" }` (`umo.objects.linearization`); `{}`: this circuit has none."""
     invalid_raws: list[StrictInt] | None = None
     """Digital sensors: raw values with which this circuit reports an invalid reading."""
-    minimum: Number | None = None
-    maximum: Number | None = None
+    minimum: Numeric | None = None
+    maximum: Numeric | None = None
     start: StrictInt | None = None
     """Patterns (`umo.wiring.patterns`): `{}` of the channel is (start + n) * stride + offset."""
     stride: StrictInt | None = None

@@ -65,30 +65,30 @@ def expand(source: WiringSource, paths: Iterable[str]) -> dict[str, str]:
                 origin[path] = pattern
                 source.entries[path] = _numbered(entry, number)
     for (pattern, other), found in twice.items():
-        source.mistake(f'wire."{pattern}"', _counted(f"{found[0]} is wired by {other!r} as well", len(found) - 1))
+        source.mistake(f'wire."{pattern}"', counted(f"{found[0]} is wired by {other!r} as well", len(found) - 1))
     return origin
 
 
-def expand_parameters(source: WiringSource, known: Mapping[str, Any]) -> dict[str, Any]:
-    """The parameters with every pattern replaced by the names that match; a single name outranks a pattern."""
-    singles = {name: value for name, value in source.parameters.items() if not is_pattern(name)}
-    found: dict[str, Any] = {}
+def expand_parameters(source: WiringSource, known: Iterable[str]) -> dict[str, list[tuple[str, Any]]]:
+    """The names, each with its value, that every line of the parameters sets: a pattern those that match and have no
+    line of their own."""
+    found: dict[str, list[tuple[str, Any]]] = {}
     origin: dict[str, str] = {}
     twice: dict[tuple[str, str], list[str]] = {}
-    for pattern, value in source.parameters.items():
-        if pattern in singles:
-            continue
-        names = [name for name in known if matches(pattern, name)]
+    for key, value in source.parameters.items():
+        names = [name for name in known if matches(key, name)] if is_pattern(key) else [key]
         if not names:
-            near = source.near(pattern, dict.fromkeys(map(generalised, known)))
-            source.mistake(f"parameters.{pattern!r}", f"no such parameter{near}")
-        for name in names:
-            if name in origin and name not in singles:
-                twice.setdefault((pattern, origin[name]), []).append(name)
-            origin[name], found[name] = pattern, value
+            near = source.near(key, dict.fromkeys(map(generalised, known)))
+            source.mistake(f"parameters.{key!r}", f"no such parameter{near}")
+        own = [name for name in names if name == key or name not in source.parameters]
+        for name in own:
+            if name in origin:
+                twice.setdefault((key, origin[name]), []).append(name)
+            origin[name] = key
+        found[key] = [(name, value) for name in own]
     for (pattern, other), names in twice.items():
-        source.mistake(f"parameters.{pattern!r}", _counted(f"{names[0]} is set by {other!r} as well", len(names) - 1))
-    return found | singles
+        source.mistake(f"parameters.{pattern!r}", counted(f"{names[0]} is set by {other!r} as well", len(names) - 1))
+    return found
 
 
 def collapsed(faults: Iterable[Mistake], origin: Mapping[str, str]) -> list[Mistake]:
@@ -101,7 +101,7 @@ def collapsed(faults: Iterable[Mistake], origin: Mapping[str, str]) -> list[Mist
         alike = re.sub(r"\d+", "0", fault.message) if path in origin else f"{fault.message} {len(grouped)}"
         grouped.setdefault((fault.key, alike), []).append(fault)
     firsts = [(group[0], len(group) - 1) for group in grouped.values()]
-    return [Mistake(first.file, first.key, _counted(first.message, more)) for first, more in firsts]
+    return [Mistake(first.file, first.key, counted(first.message, more)) for first, more in firsts]
 
 
 def _check_numbering(source: WiringSource, path: str, entry: Entry, single: bool) -> None:
@@ -134,5 +134,6 @@ def _path_of(key: str) -> tuple[str, str]:
     return (found[1], found[2]) if found else ("", "")
 
 
-def _counted(message: str, more: int) -> str:
+def counted(message: str, more: int) -> str:
+    """A message that stands for more of its kind."""
     return message if not more else f"{message} (and {more} more)"

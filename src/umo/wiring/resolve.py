@@ -9,7 +9,6 @@ import dataclasses
 import inspect
 import math
 import operator
-import sys
 from collections.abc import Hashable, Mapping
 from functools import partial
 from itertools import product
@@ -23,8 +22,8 @@ from umo.errors import DeclarationError, Mistake, RangeError, WiringError, text_
 from umo.objects import Atomic, BinaryActuator, Compound, Digital, DigitalActuator, DigitalSensor, Node, atoms, walk
 from umo.objects.atomic import Calibration
 from umo.objects.linearization import fitted
+from umo.objects.numbers import MachineNumber, numbers_of
 from umo.objects.scaling import to_raw
-from umo.objects.settings import as_declared
 from umo.objects.units import check_unit
 from umo.signature import signature_of
 from umo.system.packages import station_of
@@ -33,9 +32,9 @@ from umo.wiring.faults.words import InjectedFault
 from umo.wiring.faults.wrapper import Injection
 from umo.wiring.linearized import from_table
 from umo.wiring.options import FAULT, FAULT_SEED, OF_WIRINGS, REALTIME, RESERVED
-from umo.wiring.patterns import collapsed, expand, expand_parameters
+from umo.wiring.patterns import collapsed, counted, expand, expand_parameters
 from umo.wiring.process_table import process_of
-from umo.wiring.resolved import Parameter, Wire, Wired
+from umo.wiring.resolved import Parameter, Wire, Wired, fault_of_parameters
 from umo.wiring.source import SECTIONS, WiringSource, read
 
 if TYPE_CHECKING:
@@ -46,8 +45,13 @@ GIVEN = "--fault "
 
 
 def check(root: Compound, wiring: Path | str | Mapping[str, Any] | None = None) -> list[Mistake]:
-    """Every fault of the wiring; empty if it fits the machine. Nothing is opened."""
-    return list(_Resolver(root, wiring, {}).run()[1])
+    """Every fault of the wiring; empty if it fits the machine. Nothing is opened. Its parameters are tried on the
+    machine, which calls `setup`, and taken back."""
+    resolver = _Resolver(root, wiring, {})
+    wired, faults = resolver.run()
+    if not faults and (text := fault_of_parameters(root, wired.parameters)):
+        return [Mistake(resolver.source.file, "parameters", text)]
+    return list(faults)
 
 
 def resolve(
@@ -95,10 +99,7 @@ class _Resolver:
         for path in sorted(self.source.entries.keys() - self.items.keys()):
             self.source.mistake(f'wire."{path}"', f"the machine has no such object{self.source.near(path, self.items)}")
         self._check_periods(period)
-        self._check_parameters()
-        known = _parameters(self.root) if self.source.parameters else {}
-        given = expand_parameters(self.source, known)
-        parameters = [p for key, value in given.items() if (p := self._parameter(known, key, value))]
+        parameters = self._parameters() if self.source.parameters else []
         wired = Wired(drivers, wires, period, timer, parameters, watchdogs, self.hardware)
         self._check_time(wired)
         self._check_plants()
@@ -415,26 +416,30 @@ class _Resolver:
                     f'{{ driver = "{name}", channel = "tick", period = ... }}, and run with --realtime for real time',
                 )
 
-    def _check_parameters(self) -> None:
-        """The values, before patterns are replaced by names; those that are faulty are left out."""
-        for key, value in list(self.source.parameters.items()):
-            if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
-                hint = f"; put {key} before the first table" if key in SECTIONS else ""
-                self.source.mistake(f"parameters.{key!r}", f"must be a finite number, not {value!r}{hint}")
-                del self.source.parameters[key]
+    def _parameters(self) -> list[Parameter]:
+        """The numbers that the wiring sets; a range that may depend on fields is checked when these are set."""
+        known = {path: each for path, each in numbers_of(self.root).items() if each.settable}
+        found: list[Parameter] = []
+        for key, values in expand_parameters(self.source, known).items():
+            faults = [text for path, value in values if (text := self._parameter(known, path, value, found))]
+            if faults:
+                self.source.mistake(f"parameters.{key!r}", counted(faults[0], len(faults) - 1))
+        return found
 
-    def _parameter(self, known: Known, key: str, value: Any) -> Parameter | None:
-        """A number on a compound, or on a control law that hangs on it, by dotted attribute path."""
-        if key not in known:
-            self.source.mistake(f"parameters.{key!r}", f"no such parameter{self.source.near(key, known)}")
-            return None
-        owner, law, name = known[key]
+    def _parameter(self, known: Mapping[str, MachineNumber], path: str, value: Any, found: list[Parameter]) -> str:
+        """The fault of a number that is set to this value; "" and one more of those found if it has none."""
+        if path not in known:
+            late = path in SECTIONS
+            return (
+                f"no such parameter{f'; put {path} before the first table' if late else self.source.near(path, known)}"
+            )
+        number = known[path]
         try:
-            number = as_declared(getattr(owner, law) if law else owner, name, value)
+            taken = number.checked(value) if number.is_field else number.of_its_type(value)
         except RangeError as error:
-            self.source.mistake(f"parameters.{key!r}", str(error))
-            return None
-        return Parameter(owner, law, name, number)
+            return str(error).removeprefix(f"{path}: ")
+        found.append(Parameter(number, taken))
+        return ""
 
 
 def _unfit(period: float, node: Node) -> str:
@@ -448,33 +453,6 @@ def _unfit(period: float, node: Node) -> str:
         if period > expires * (1 - 1e-9):
             return f"not shorter than `expires` of {node.path} ({expires * 1e3:g} ms)"
     return ""
-
-
-Known = dict[str, tuple[Compound, str, str]]
-"""By path: owner, control law (or empty) and name of a number that a wiring may set."""
-
-
-def _parameters(root: Compound) -> Known:
-    """The fields of compounds and of their control laws."""
-    found: Known = {}
-    for node in [root, *walk(root)]:
-        if not isinstance(node, Compound):
-            continue
-        prefix = f"{node._path}." if node._path else ""
-        found |= {f"{prefix}{name}": (node, "", name) for name in _numbers(node)}
-        for name, law in vars(node).items():
-            if not name.startswith("_") and dataclasses.is_dataclass(law) and not isinstance(law, Compound):
-                found |= {f"{prefix}{name}.{key}": (node, name, key) for key in _numbers(law)}
-    return found
-
-
-def _numbers(thing: Any) -> list[str]:
-    values = ((field.name, getattr(thing, field.name, None)) for field in dataclasses.fields(thing) if field.init)
-    return [
-        name
-        for name, value in values
-        if isinstance(value, int | float) and not isinstance(value, bool) and not name.startswith("_")
-    ]
 
 
 def _all_simulated(items: Mapping[str, Atomic]) -> dict[str, Any]:

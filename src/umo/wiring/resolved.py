@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, NamedTuple
 
 from umo.drivers.contract import Channel, Direction, Driver, PhysicalScale
-from umo.errors import DeclarationError, RangeError
+from umo.errors import DeclarationError, RangeError, UmoError
 from umo.objects import Compound
 from umo.objects.atomic import Atomic, Binary, Calibration, Digital
 from umo.objects.linearization import Linearization
+from umo.objects.numbers import MachineNumber, check_settings, numbers_of
 from umo.objects.scaling import raw_bounds, to_raw, to_value
-from umo.objects.settings import check_settings
 from umo.objects.units import convert
+from umo.user_code import told_as
 from umo.wiring.faults.wrapper import Injection
 
 
@@ -135,31 +137,12 @@ class Wire:
         return before
 
 
-@dataclass(frozen=True, slots=True)
-class Parameter:
+class Parameter(NamedTuple):
     """A number of the control code that the wiring sets (the paper's section 2.1: only gains need adjusting)."""
 
-    owner: Compound
-    law: str
-    """The attribute of the owner that has the number, such as a control law; empty: it is a field of the owner."""
-    name: str
-    value: float
-
-    @property
-    def thing(self) -> Any:
-        """The part that has the number."""
-        return getattr(self.owner, self.law) if self.law else self.owner
-
-    def apply(self) -> Parameter:
-        """Set it; returns the parameter that restores what it was."""
-        thing = self.thing
-        before = replace(self, value=getattr(thing, self.name))
-        setattr(thing, self.name, self.value)
-        return before
-
-    @property
-    def path(self) -> str:
-        return ".".join(filter(None, (self.owner._path, self.law, self.name)))
+    number: MachineNumber
+    value: Any
+    """As it is set; of a number that is no field as the wiring has it, as its range may depend on fields."""
 
 
 def apply_parameters(
@@ -167,21 +150,51 @@ def apply_parameters(
 ) -> None:
     """Fields first: `setup` may make control laws of them; then the numbers of the laws. `undo` is given, one by one,
     what restores each. DeclarationError if `setup` or a law does not accept them."""
-    each = sorted(parameters, key=lambda parameter: bool(parameter.law))
-    fields = [parameter for parameter in each if not parameter.law]
-    for parameter in fields:
-        undo(parameter.apply().apply)
+    each = sorted(parameters, key=lambda parameter: not parameter.number.is_field)
+    fields = [parameter for parameter in each if parameter.number.is_field]
+    for number, value in fields:
+        undo(partial(number.assign, number.value))
+        number.assign(value)
     if fields or root._parametrised:
         root._parametrised = bool(fields)
         root._set_up()
-    laws = each[len(fields) :]
-    for parameter in laws:
-        undo(parameter.apply().apply)
-    for parameter in laws:  # when all are set: they may depend on one another
-        try:
-            check_settings(parameter.thing)
-        except (DeclarationError, RangeError) as error:
-            raise DeclarationError(f"the wiring's parameter {parameter.path}: {error}") from None
+    rest = each[len(fields) :]
+    known, paths = numbers_of(root) if rest else {}, [number.path for number, _ in rest]
+    try:
+        for path, (_, value) in zip(paths, rest, strict=True):
+            if path not in known:
+                raise DeclarationError(f"{path}: with the fields that this wiring sets there is no such number")
+            number, taken = known[path], known[path].checked(value)
+            undo(partial(number.assign, number.value))
+            with told_as(DeclarationError, f"{path} could not be set"):
+                number.assign(taken)
+        for path in paths:  # when all are set: they may depend on one another
+            try:
+                check_settings(known[path].owner)
+            except (DeclarationError, RangeError) as error:
+                raise DeclarationError(f"{path}: {error}") from None
+    except (DeclarationError, RangeError) as error:
+        raise DeclarationError(f"the wiring's parameter {error}") from None
+
+
+def fault_of_parameters(root: Compound, parameters: list[Parameter]) -> str:
+    """What the machine does not accept of them, tried on it without devices; "" if it accepts all, or is connected."""
+    restore: list[Callable[[], object]] = []
+    before = root._parametrised
+    if root.cycle.connected or not parameters:
+        return ""
+    try:
+        with told_as(DeclarationError, "the wiring's parameters: `setup` failed"):
+            apply_parameters(root, parameters, restore.append)
+    except UmoError as error:
+        return str(error)
+    finally:
+        for undo in reversed(restore):
+            undo()
+        if root._parametrised and not before:
+            root._parametrised = False
+            root._set_up()
+    return ""
 
 
 AT_ONCE, AT_NEXT_TICK = "at once", "at next tick"

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import count
 from math import inf, nan
+from typing import Annotated
 
 from umo import (
     BinaryActuator,
@@ -19,6 +20,7 @@ from umo import (
     DigitalActuator,
     DigitalSensor,
     Interlock,
+    Number,
     OnOff,
     OpenClosed,
     Range,
@@ -50,15 +52,15 @@ class Part:
     gone: bool = False  # it has passed the diverter
 
 
-class Belt(Compound, tunable={"deviation": Range("m/s", 0.01, 0.2), "settling_time": Range("s", 0.1, 5.0)}):
+class Belt(Compound):
     """A belt on a frequency drive. `speed` is the drive's reading: it does not show that the belt slips."""
 
     run: BinaryActuator[OnOff]
     setpoint: DigitalActuator
     speed: DigitalSensor
-    deviation: float = 0.05
+    deviation: Annotated[float, Number("m/s", 0.01, 0.2, tunable=True)] = 0.05
     """Largest difference between setpoint and speed, m/s; while the belt is to move, at most half of the setpoint."""
-    settling_time: float = 0.5
+    settling_time: Annotated[float, Number("s", 0.1, 5.0, tunable=True)] = 0.5
     """How long it may be larger, s."""
 
     def setup(self) -> None:
@@ -95,8 +97,7 @@ class Belt(Compound, tunable={"deviation": Range("m/s", 0.01, 0.2), "settling_ti
 
 class Conveyor(
     Compound,
-    signals={"length": "mm"},
-    tunable={"window": Range("mm", 1.0, 100.0), "push_time": Range("s", 0.01, 0.2)},
+    numbers={"length": Number("mm", shown=True)},
     stop_order=("belt", "diverter"),
     max_period="10 ms",
 ):
@@ -119,9 +120,9 @@ class Conveyor(
     """From the entry barrier to the middle of the diverter, mm."""
     spacing: float = 200.0
     """Largest distance between the fronts of two parts that follow each other, mm."""
-    window: float = 20.0
+    window: Annotated[float, Number("mm", 1.0, 100.0, tunable=True)] = 20.0
     """How far a part may slip on the belt from one barrier to the other, mm."""
-    push_time: float = 0.05
+    push_time: Annotated[float, Number("s", 0.01, 0.2, tunable=True)] = 0.05
     """From the command to the diverter until it reaches a part, s."""
 
     def setup(self) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from umo import (
     DigitalActuator,
     DigitalSensor,
     Interlock,
+    Number,
     OnOff,
     Quality,
     Range,
@@ -42,12 +43,11 @@ class Zone(Compound):
 
 class Furnace(
     Compound,
-    signals={"setpoint": "degC", "faulted_zones": ""},
-    tunable={
-        "heating.gain": Range("percent/K", 0.0, 20.0),
-        "heating.integral_time": Range("s", 5.0, 400.0),
-        "tolerance": Range("K", 1.0, 20.0),
-        "following_error": Range("K", 20.0, 200.0),
+    numbers={
+        "setpoint": Number("degC", shown=True),
+        "faulted_zones": Number(shown=True),
+        "heating.gain": Number("percent/K", 0.0, 20.0, tunable=True),
+        "heating.integral_time": Number("s", 5.0, 400.0, tunable=True),
     },
     max_period="1 s",
 ):
@@ -55,8 +55,12 @@ class Furnace(
     timer: DigitalSensor
     gain: float = 4.0  # of each zone's PI, percent per K
     integral_time: float = 40.0  # of each zone's PI, s
-    tolerance: float = 5.0  # a zone has arrived when it is within this of its set temperature, K
-    following_error: float = 60.0  # a zone that is further below its setpoint does not heat, K
+    tolerance: Annotated[float, Number("K", 1.0, 20.0, tunable=True)] = (
+        5.0  # a zone has arrived when it is within this of its set temperature, K
+    )
+    following_error: Annotated[float, Number("K", 20.0, 200.0, tunable=True)] = (
+        60.0  # a zone that is further below its setpoint does not heat, K
+    )
     margin: float = 25.0  # a zone that is further above its limit cannot be switched off, K
     frozen_after: int = 300  # equal readings in a row: the converter stands still, it has noise when it works
     most_faulted: float = 0.1  # share of the zones that may be faulted; one of several may be in any case

@@ -5,7 +5,20 @@ Each control function is a member of the object that it belongs to; the axes are
 
 from __future__ import annotations
 
-from umo import BinaryActuator, BinarySensor, Compound, DigitalSensor, OnOff, PassFail, Range, TimeExpired, action
+from typing import Annotated
+
+from umo import (
+    BinaryActuator,
+    BinarySensor,
+    Compound,
+    DigitalSensor,
+    Number,
+    OnOff,
+    PassFail,
+    Range,
+    TimeExpired,
+    action,
+)
 from umo.control import Hysteresis, state_of, together, until, value_of, wait
 
 from .axes import StepOutput, ThetaAxis, ZAxis
@@ -34,14 +47,14 @@ class Counterweight(Compound):
             raise CounterweightError(f"the counterweight stays at {self.pressure.read():.0f} counts") from None
 
 
-class Gripper(Compound, tunable={"seal_time": Range("s", 0.05, 2.0), "loss_time": Range("s", 0.0, 0.5)}):
+class Gripper(Compound):
     """A suction cup: PASS of the pressure switch proves that it holds a part."""
 
     vacuum: BinaryActuator[OnOff]
     pressure: BinarySensor[PassFail]
-    seal_time: float = 0.3
+    seal_time: Annotated[float, Number("s", 0.05, 2.0, tunable=True)] = 0.3
     """How long the vacuum may take to build, s."""
-    loss_time: float = 0.02
+    loss_time: Annotated[float, Number("s", 0.0, 0.5, tunable=True)] = 0.02
     """How long the switch may fail before a held part counts as lost, s."""
 
     def setup(self) -> None:
@@ -85,16 +98,6 @@ class Gripper(Compound, tunable={"seal_time": Range("s", 0.05, 2.0), "loss_time"
 
 class Manipulator(
     Compound,
-    tunable={
-        "pick_height": Range("um", 55_000.0, 65_000.0),
-        "clearance": Range("um", 1_000.0, 10_000.0),
-        "touch_speed": Range("um/s", 1_000.0, 20_000.0),
-        "turn_height": Range("um", 70_000.0, 120_000.0),
-        "transit_height": Range("um", 100_000.0, 120_000.0),
-        "courier_time": Range("s", 0.0, 10.0),
-        "puff_time": Range("s", 0.01, 0.5),
-        "bleed_time": Range("s", 0.1, 5.0),
-    },
     stop_order=("z.motor", "theta", "counterweight", "pressure_solenoid", "z", "gripper"),
     max_period="10 ms",
 ):
@@ -106,21 +109,21 @@ class Manipulator(
     gripper: Gripper
     pressure_solenoid: BinaryActuator[OnOff]
     timer: DigitalSensor
-    pick_height: float = 59_800.0
+    pick_height: Annotated[float, Number("um", 55_000.0, 65_000.0, tunable=True)] = 59_800.0
     """The cup presses a part that lies on the courier."""
-    clearance: float = 4_000.0
+    clearance: Annotated[float, Number("um", 1_000.0, 10_000.0, tunable=True)] = 4_000.0
     """Above `pick_height` the arm goes slowly."""
-    touch_speed: float = 10_000.0
+    touch_speed: Annotated[float, Number("um/s", 1_000.0, 20_000.0, tunable=True)] = 10_000.0
     """um per s."""
-    turn_height: float = 80_000.0
+    turn_height: Annotated[float, Number("um", 70_000.0, 120_000.0, tunable=True)] = 80_000.0
     """A part hangs free here."""
-    transit_height: float = 112_000.0
+    transit_height: Annotated[float, Number("um", 100_000.0, 120_000.0, tunable=True)] = 112_000.0
     """The courier may move."""
-    courier_time: float = 1.0
+    courier_time: Annotated[float, Number("s", 0.0, 10.0, tunable=True)] = 1.0
     """How long the courier takes to bring the next part, s."""
-    puff_time: float = 0.05
+    puff_time: Annotated[float, Number("s", 0.01, 0.5, tunable=True)] = 0.05
     """How long the pressure blows a part off the cup, s."""
-    bleed_time: float = 1.0
+    bleed_time: Annotated[float, Number("s", 0.1, 5.0, tunable=True)] = 1.0
     """How long the cup takes to lose its vacuum without being blown, s."""
 
     def setup(self) -> None:

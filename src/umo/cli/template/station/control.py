@@ -1,16 +1,29 @@
 """How the machine acts, period by period (the controls developer's file). This file does not depend on the circuits."""
 
-from umo import BinaryActuator, BinarySensor, Compound, DigitalSensor, OpenClosed, PassFail, Range, TaskFailed, action
+from typing import Annotated
+
+from umo import (
+    BinaryActuator,
+    BinarySensor,
+    Compound,
+    DigitalSensor,
+    Number,
+    OpenClosed,
+    PassFail,
+    Range,
+    TaskFailed,
+    action,
+)
 from umo.control import Hysteresis, state_of, until, value_of
 
 
-class Tank(Compound, tunable={"band": Range("mm", 1.0, 50.0)}, stop_order=("inlet", "drain"), max_period="200 ms"):
+class Tank(Compound, stop_order=("inlet", "drain"), max_period="200 ms"):
     inlet: BinaryActuator[OpenClosed]
     drain: BinaryActuator[OpenClosed]
     level: DigitalSensor
     overflow: BinarySensor[PassFail]
     timer: DigitalSensor
-    band: float = 10.0
+    band: Annotated[float, Number("mm", 1.0, 50.0, tunable=True)] = 10.0
     """How far the level may stray from its target, mm; `[parameters]` of a wiring or `umo tune` may set it."""
 
     def setup(self) -> None:

@@ -1,0 +1,269 @@
+"""The numbers of a machine: what a wiring sets, what is tuned and shown; fields of compounds and laws, and what these
+declare in `numbers`.
+
+bool, text and Enum are numbers here too, as far as a wiring sets them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+from collections.abc import Callable, Iterator, Mapping
+from enum import Enum, EnumMeta
+from functools import cache, partial
+from math import nan
+from typing import Annotated, Any, NamedTuple, get_args, get_origin
+
+from umo.errors import DeclarationError, RangeError, UmoError
+from umo.objects.compound import Compound
+from umo.objects.hints import evaluated, hints_of
+from umo.objects.node import Node
+from umo.objects.paths import walk
+from umo.objects.range import Number, Range
+from umo.text import did_you_mean
+from umo.user_code import attempt, told_as
+
+PLAIN = (bool, int, float, str, Enum)
+"""The types of what a wiring can set."""
+_MISSING = object()
+
+
+class MachineNumber(NamedTuple):
+    """One number of a machine: an attribute of a compound, or of something that a compound has, such as a law."""
+
+    path: str
+    """Such as `z.servo.gain`."""
+    declared: Number
+    owner: Any
+    name: str
+    kind: type | None
+    """bool, int, float, str or an Enum; None: a number without an annotation, which stays an int as long as it is
+    whole."""
+    is_field: bool
+    """Whether it is a field of a compound, of which `setup` may make others."""
+    settable: bool
+    """Whether a wiring may set it: a field, or what is declared in `numbers` and not just shown."""
+
+    @property
+    def value(self) -> Any:
+        """Its value now; NaN if reading it fails."""
+        value, error = attempt(getattr, self.owner, self.name)
+        return nan if error is not None else value
+
+    def read(self) -> float:
+        """Its value now as a float; NaN if reading it fails, or it has none."""
+        number, error = attempt(float, self.value)
+        return nan if error is not None else number
+
+    def checked(self, value: object) -> Any:
+        """The value as it is set, an Enum by its name; RangeError if it is none of this type or out of the range."""
+        if self.kind in (bool, str):
+            if type(value) is not self.kind:
+                raise RangeError(f"{self.path}: {value!r} is not {'true or false' if self.kind is bool else 'a text'}")
+            return value
+        if isinstance(self.kind, EnumMeta):
+            members: Mapping[str, Any] = self.kind.__members__
+            name = getattr(value, "name", value)
+            if not isinstance(name, str) or name not in members:
+                near = did_you_mean(str(name), members)
+                raise RangeError(f"{self.path}: {value!r} is not one of {', '.join(members)}{near}")
+            return members[name]
+        number = self.declared.checked(self.path, value)
+        if self.kind is int:
+            return self.declared.check_whole(self.path, value)
+        if self.kind is None and isinstance(getattr(self.owner, self.name), int) and number == int(number):
+            return int(number)
+        return float(number)
+
+    def of_its_type(self, value: object) -> object:
+        """The value as it is; RangeError if it is not one of its type, whatever its range."""
+        self._replace(declared=ANY_NUMBER).checked(value)
+        return value
+
+    def assign(self, value: Any) -> None:
+        """Set a checked value, as it is."""
+        setattr(self.owner, self.name, value)
+
+    def set(self, value: object) -> None:
+        """Tune it. RangeError if the value is not a number within the range, or its owner does not accept it; then the
+        number is what it was."""
+        number, before = self.checked(value), getattr(self.owner, self.name)
+        _, error = attempt(self._set, number)
+        if error is not None:
+            attempt(self.assign, before)
+            raise RangeError(f"{self.path}: {error.text}")
+
+    def _set(self, number: Any) -> None:
+        self.assign(number)
+        check_settings(self.owner)
+
+    def describe(self) -> dict[str, Any]:
+        """As plain data."""
+        return {"path": self.path, **self.declared.describe()}
+
+
+def numbers_of(root: Compound) -> dict[str, MachineNumber]:
+    """Every number of a machine, by path: of each compound what it declares in `numbers`, its fields, then those of its
+    laws. What a compound declares counts before what its laws do. DeclarationError for a declaration that fits
+    nothing."""
+    found: dict[str, MachineNumber] = {}
+    for node in (root, *walk(root)):
+        if isinstance(node, Compound):
+            for number in _of(node):
+                found.setdefault(number.path, number)
+    return found
+
+
+def check_settings(owner: Any) -> None:
+    """Ask a law about its settings after a change; DeclarationError or RangeError if they are not valid. An owner that
+    has no `check_settings` accepts all."""
+    check = getattr(owner, "check_settings", None)
+    if callable(check):
+        with told_as(DeclarationError, f"{type(owner).__name__}.check_settings failed"):
+            check()
+
+
+def _of(node: Compound) -> Iterator[MachineNumber]:
+    declared = node._settings.numbers
+    yield from _declared(node, node._path, partial(declared, node) if callable(declared) else lambda: declared)
+    yield from _fields(node, node._path)
+    known: set[int] = set()  # a law that is in a list as well has its numbers once
+    for name, law in _laws(node):
+        if id(law) not in known:
+            known.add(id(law))
+            path = f"{node._path}.{name}".lstrip(".")
+            yield from _declared(law, path, partial(getattr, law, "numbers", {}))
+            yield from _fields(law, path)
+
+
+def _laws(node: Compound) -> Iterator[tuple[str, Any]]:
+    """What else a compound has: its public attributes, of lists, tuples and dicts what is in them."""
+    for name, value in vars(node).items():
+        if name.startswith("_") or isinstance(value, (*PLAIN, Node)):
+            continue
+        if isinstance(value, list | tuple):
+            yield from ((f"{name}.{number}", each) for number, each in enumerate(value) if not isinstance(each, Node))
+        elif isinstance(value, dict):
+            yield from ((f"{name}.{key}", each) for key, each in value.items() if not isinstance(each, Node))
+        else:
+            yield name, value
+
+
+def _fields(owner: Any, path: str) -> Iterator[MachineNumber]:
+    """The fields of a compound, or of a law that is a dataclass, whose values a wiring can set."""
+    for name, (kind, limits) in _fields_of(owner.__class__).items():
+        value = getattr(owner, name, None)
+        full = f"{path}.{name}".lstrip(".")
+        if isinstance(limits, str):
+            raise DeclarationError(f"number {full}: its annotation {limits!r} cannot be evaluated")
+        if isinstance(value, PLAIN):
+            is_field, kind = isinstance(owner, Compound), kind or _kind_of(value)
+            yield _checked(MachineNumber(full, _number(limits), owner, name, kind, is_field, True))
+
+
+@cache
+def _fields_of(cls: Any) -> Mapping[str, tuple[type | None, Range | str | None]]:
+    """Type and range of the public fields of a dataclass; a text for an annotation that cannot be evaluated and seems
+    to have a range. Empty for what is no dataclass, or a frozen one."""
+    params: Any = getattr(cls, "__dataclass_params__", None)
+    if params is None or params.frozen:
+        return {}
+    hints, fields = hints_of(cls), dataclasses.fields(cls)
+    names = [each.name for each in fields if each.init and not each.name.startswith("_")]
+    return {name: _annotated(hints.get(name)) for name in names}
+
+
+def _annotated(hint: Any) -> tuple[type | None, Range | str | None]:
+    if isinstance(hint, str) and "Annotated" in hint:
+        return None, hint
+    limits = next((each for each in get_args(hint)[1:] if isinstance(each, Range)), None)
+    kind = get_args(hint)[0] if get_origin(hint) is Annotated else hint
+    return kind if isinstance(kind, type) and issubclass(kind, PLAIN) else None, limits
+
+
+def _number(limits: Any) -> Number:
+    """The range of a number, with its use."""
+    if isinstance(limits, Number):
+        return limits
+    return ANY_NUMBER if limits is None else Number(limits.unit, limits.minimum, limits.maximum)
+
+
+def _declared(owner: Any, path: str, declare: Callable[[], Any]) -> Iterator[MachineNumber]:
+    """What an object declares in `numbers`."""
+    where = path or type(owner).__name__
+    try:
+        with told_as(DeclarationError, "failed"):
+            declared = declare()
+    except UmoError as error:
+        raise DeclarationError(f"numbers of {where}: {error}") from error
+    if not isinstance(declared, Mapping):
+        if not isinstance(owner, Compound):
+            return  # an attribute of this name that has another meaning
+        raise DeclarationError(f"numbers of {where}: must be a mapping of names to Numbers, not {declared!r}")
+    if not isinstance(owner, Compound) and not any(isinstance(each, Range) for each in declared.values()):
+        return
+    for name, limits in declared.items():
+        full = f"{path}.{name}".lstrip(".")
+        if not isinstance(name, str) or not isinstance(limits, Range):
+            raise DeclarationError(f"number {full}: {limits!r} is not a Number")
+        way, _, last = name.rpartition(".")
+        yield _checked(_at(full, _number(limits), owner, way, last))
+
+
+def _at(path: str, declared: Number, owner: Any, way: str, name: str) -> MachineNumber:
+    """The number that is an attribute of what is found by the steps of the way."""
+    is_field = not way and isinstance(owner, Compound)
+    for step in filter(None, way.split(".")):
+        owner = _step(owner, step, path)
+    cls: Any = type(owner)
+    fields, static = _fields_of(cls), inspect.getattr_static(owner, name, _MISSING)
+    if declared.shown and not declared.tunable and static is not _MISSING and name not in fields:
+        return MachineNumber(path, declared, owner, name, None, False, False)  # it may need the machine connected
+    value = _step(owner, name, path)
+    if not isinstance(value, PLAIN):
+        raise DeclarationError(f"number {path}: {value!r} is not a number")
+    if isinstance(static, property) and static.fset is None:
+        raise DeclarationError(f"number {path}: the property {name} cannot be set; it can be shown")
+    kind = _annotated(hints_of(cls).get(name))[0] or _returned(static) or _kind_of(value)
+    return MachineNumber(path, declared, owner, name, kind, is_field and name in fields, True)
+
+
+def _checked(number: MachineNumber) -> MachineNumber:
+    """DeclarationError for a use that its type does not allow."""
+    tunable, shown = number.declared.tunable, number.declared.shown
+    if (tunable or shown) and number.kind not in (None, int, float) and (tunable or number.kind is not bool):
+        use = "tuned" if tunable else "shown"
+        raise DeclarationError(f"number {number.path}: {number.value!r} is not a number; only numbers are {use}")
+    return number
+
+
+def _step(owner: Any, name: str, path: str) -> Any:
+    """An attribute, or what has this index or key in a list or dict."""
+    if isinstance(owner, Mapping) and name in (keys := {str(key): key for key in owner}):
+        return owner[keys[name]]
+    if isinstance(owner, list | tuple) and name.isdigit() and int(name) < len(owner):
+        return owner[int(name)]
+    value, error = attempt(getattr, owner, name)
+    if error is None:
+        return value
+    if error.kind is not AttributeError:
+        raise DeclarationError(f"number {path} cannot be read: {error.text}")
+    near = did_you_mean(name, [each for each in dir(owner) if not each.startswith("_")])
+    raise DeclarationError(f"number {path}: {type(owner).__name__} has no attribute {name!r}{near}")
+
+
+def _returned(static: Any) -> type | None:
+    """The type that a property is annotated to return."""
+    if not isinstance(static, property) or static.fget is None:
+        return None
+    function: Any = static.fget
+    annotation = function.__annotations__.get("return")
+    return None if annotation is None else _annotated(evaluated(annotation, function.__globals__))[0]
+
+
+def _kind_of(value: Any) -> type | None:
+    """The type of a value without an annotation; of a number None."""
+    return type(value) if isinstance(value, bool | str | Enum) else None
+
+
+ANY_NUMBER = Number()
