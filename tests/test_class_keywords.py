@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import pytest
 
 from helpers.machines import actuator, relay
-from umo import BinaryActuator, Compound, DeclarationError, DigitalActuator, OnOff, PathError
+from umo import BinaryActuator, Compound, DeclarationError, DigitalActuator, OnOff, PathError, Range
 from umo.cycle.stop_order import stop_sequence
 
 
@@ -113,6 +113,20 @@ def test_a_subclass_has_the_settings_that_it_does_not_give() -> None:
     assert Slow._settings[:2] == (("b",), "5 ms")
     assert Other._settings[:2] == ((), "5 ms")
     assert Pair._settings[:2] == (("b",), "2 ms")
+
+
+def test_a_class_of_two_bases_has_the_settings_of_both() -> None:
+    class Ordered(Compound, stop_order=("a",), numbers={"x": Range("", 0, 1)}):
+        a: BinaryActuator[OnOff]
+
+    class Quick(Compound, max_period="1 ms", numbers={"y": Range("", 0, 1)}):
+        pass
+
+    class Both(Ordered, Quick, numbers={"z": Range("", 0, 1)}):
+        pass
+
+    assert Both._settings[:2] == (("a",), "1 ms")
+    assert [list(each) for each in Both._settings.numbers if isinstance(each, dict)] == [["z"], ["x"], ["y"]]
 
 
 def test_a_stop_order_names_patterns_and_lists_and_dicts() -> None:

@@ -247,6 +247,17 @@ def test_what_runs_is_cancelled_when_the_lease_is_given_back_or_taken_over(rig: 
 # Modes --------------------------------------------------------------------------------------------------
 
 
+def test_a_tuned_integer_keeps_all_of_its_digits() -> None:
+    class Counting(Press):
+        strokes: Annotated[int, Number("", 0, 2**70, tunable=True)] = 2**60 + 1
+
+    with Rig(kind=Counting) as rig:
+        assert rig.do("lease").state is CommandState.DONE
+        assert rig.do("tune", "strokes", 2**61 + 1).text == f'"{2**60 + 1} -> {2**61 + 1}"'
+        assert rig.do("tune", "strokes", 2.5).text == "RangeError: strokes: 2.5 is not a whole number"
+        assert vars(rig.m)["strokes"] == 2**61 + 1
+
+
 def test_in_automatic_mode_numbers_are_tuned_and_harmless_actions_called_and_nothing_else() -> None:
     with Rig(Mode.AUTOMATIC) as rig:
         rig.do("lease")

@@ -384,7 +384,7 @@ def test_a_tuned_number_that_its_owner_fails_to_take_is_as_it_was(error: BaseExc
             numbers_of(m)["law.k"].set(0.75)
         assert m.law.k == 0.5
         m.mood = error
-        Tuned._settings = Tuned._settings._replace(numbers={"moody": Number("", 0.0, 1.0, tunable=True)})
+        Tuned._settings = Tuned._settings._replace(numbers=({"moody": Number("", 0.0, 1.0, tunable=True)},))
         with pytest.raises(DeclarationError, match=f"number moody cannot be read: {type(error).__name__}"):
             numbers_of(m)
 

@@ -53,7 +53,7 @@ def _limits(axis: Axis, name: str, power: int = 1) -> tuple[str, float, float]:
     return _per_second(power)(axis), getattr(axis, name) / 1000, getattr(axis, name)
 
 
-def axis_numbers(axis: Axis) -> dict[str, Number]:
+def _numbers(axis: Axis) -> dict[str, Number]:
     """Setpoint and error, which are shown, and the numbers of the profile, which can be tuned."""
     shown = Number(axis.encoder.units, shown=True)
     powers = {"velocity": 1, "acceleration": 2, "jerk": 3}
@@ -61,7 +61,7 @@ def axis_numbers(axis: Axis) -> dict[str, Number]:
     return {"setpoint": shown, "error": shown, **profile}
 
 
-class Axis(Compound, numbers=axis_numbers):
+class Axis(Compound, numbers=_numbers):
     """One axis of motion, with its position sensor. Use `ServoAxis` or `StepperAxis`.
 
     Positions are in the units of the encoder, speeds in units per s. The range of `move_to` and `jog` is the declared

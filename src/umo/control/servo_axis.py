@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import inf, isfinite
 
-from umo.control.axis import Axis, axis_numbers
+from umo.control.axis import Axis
 from umo.control.checks import check_numbers
 from umo.control.inputs import value_of
 from umo.control.servo import Servo
@@ -22,7 +22,7 @@ class AxisServo(Servo):
 
 
 def _numbers(axis: ServoAxis) -> dict[str, Number]:
-    """As of any axis, and the gains of the servo up to ten times those of the declaration."""
+    """The gains of the servo up to ten times those of the declaration."""
     units = axis.encoder.units
     gain = f"{axis.motor.units or 1}/{units if units.isidentifier() else f'({units or 1})'}"
     found = {"servo.gain": Number(gain, *sorted((0.0, 10 * axis.gain)), tunable=True)}
@@ -31,7 +31,7 @@ def _numbers(axis: ServoAxis) -> dict[str, Number]:
     for name in ("derivative_time", "filter_time"):
         if number := getattr(axis, name):
             found[f"servo.{name}"] = Number("s", 0.0, 10 * number, tunable=True)
-    return {**axis_numbers(axis), **found}
+    return found
 
 
 class ServoAxis(Axis, numbers=_numbers):

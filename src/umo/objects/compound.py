@@ -23,7 +23,7 @@ from typing import (
 from umo.errors import DeclarationError
 from umo.objects.atomic import Binary
 from umo.objects.hints import hints_of
-from umo.objects.keywords import ByAttribute, ClassSettings, refuse_in_body
+from umo.objects.keywords import ByAttribute, ClassSettings, refuse_in_body, settings_of
 from umo.objects.link import Cycle, Unconnected
 from umo.objects.node import Node
 from umo.objects.paths import named
@@ -68,7 +68,7 @@ class Compound(Node):
     max_period: The longest sampling period for which `control` is designed, in s or as "2 ms". Default: not limited.
     numbers: The numbers that are no fields, such as those of laws and properties, by the names of the attributes:
         `numbers={"law.gain": Number("V/mm", 0.0, 2.0, tunable=True), "load": Number("N", shown=True)}`, or a function
-        of the object that returns them.
+        of the object that returns them. They count beside those of the base, and before them.
 
     A field with a number (or bool, text, Enum) is one that a wiring may set. Unit, range and use are annotated:
 
@@ -95,7 +95,7 @@ class Compound(Node):
     ) -> None:
         super().__init_subclass__()
         given = {"stop_order": stop_order, "max_period": max_period, "numbers": numbers, **unknown}
-        cls._settings = cls._settings.extended(cls, given)
+        cls._settings = settings_of(cls, given)
         dataclasses.dataclass(eq=False, repr=False, kw_only=True)(cls)
         names = [field.name for field in dataclasses.fields(cls)]  # type: ignore[arg-type]
         refuse_in_body(cls, names)
@@ -146,8 +146,13 @@ class Compound(Node):
             if name in RESERVED:
                 raise _reserved(type(self), name)
             raise DeclarationError(f"{self._path or type(self).__name__}.{name} is a part; parts cannot be replaced")
-        is_loose = isinstance(value, Node) and value._parent is None and name != "_parent"
-        if is_loose and self._fixed and not self._is_below(value):
+        if (
+            isinstance(value, Node)
+            and value._parent is None
+            and name != "_parent"
+            and self._fixed
+            and not self._is_below(value)
+        ):
             raise DeclarationError(f"{type(self).__name__}.{name}: declare an object as an annotated field")
         object.__setattr__(self, name, value)
 

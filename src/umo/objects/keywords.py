@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from collections import ChainMap
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from umo.duration import seconds
@@ -18,24 +18,29 @@ ByAttribute = Mapping[str, Range] | Callable[[Any], Mapping[str, Range]]
 
 
 class ClassSettings(NamedTuple):
-    """What a class was given; documented at `Compound`."""
+    """What a class and its bases were given; documented at `Compound`."""
 
     stop_order: Sequence[str] = ()
     max_period: str | float | None = None
-    numbers: ByAttribute = MappingProxyType({})
+    numbers: tuple[ByAttribute, ...] = ()
+    """Those of the class, then of its bases."""
 
-    def extended(self, cls: type, given: Mapping[str, Any]) -> ClassSettings:
-        """With the class keywords that were given, not None. DeclarationError for one that there is not, and for a
-        value that is none of its type."""
-        given = {name: value for name, value in given.items() if value is not None}
-        for name, value in given.items():
-            if name not in KEYWORDS:
-                near = f" (did you mean {FORMER[name]!r}?)" if name in FORMER else did_you_mean(name, KEYWORDS)
-                known = ", ".join(KEYWORDS)
-                raise DeclarationError(f"class {cls.__name__}: no class keyword {name!r}{near}; there are: {known}")
-            if not _is_valid(name, value):
-                raise DeclarationError(f"class {cls.__name__}: {name} is {KEYWORDS[name]}, not {value!r}")
-        return self._replace(**given)
+
+def settings_of(cls: type, given: Mapping[str, Any]) -> ClassSettings:
+    """The settings of a class with the class keywords that it was given, not None, and what its bases have.
+    DeclarationError for a keyword that there is not, and for a value that is none of its type."""
+    own = {name: value for name, value in given.items() if value is not None}
+    for name, value in own.items():
+        if name not in KEYWORDS:
+            near = f" (did you mean {FORMER[name]!r}?)" if name in FORMER else did_you_mean(name, KEYWORDS)
+            known = ", ".join(KEYWORDS)
+            raise DeclarationError(f"class {cls.__name__}: no class keyword {name!r}{near}; there are: {known}")
+        if not _is_valid(name, value):
+            raise DeclarationError(f"class {cls.__name__}: {name} is {KEYWORDS[name]}, not {value!r}")
+    cls._own_settings = own  # type: ignore[attr-defined]
+    each = [vars(base).get("_own_settings", {}) for base in cls.__mro__]
+    numbers = tuple(own["numbers"] for own in each if "numbers" in own)
+    return ClassSettings(**{**ChainMap(*each), "numbers": numbers})
 
 
 KEYWORDS = {

@@ -124,15 +124,15 @@ def check_settings(owner: Any) -> None:
 
 
 def _of(node: Compound) -> Iterator[MachineNumber]:
-    declared = node._settings.numbers
-    yield from _declared(node, node._path, partial(declared, node) if callable(declared) else lambda: declared)
+    for declared in node._settings.numbers:
+        yield from _declared(node, node._path, partial(declared, node) if callable(declared) else declared)
     yield from _fields(node, node._path)
     known: set[int] = set()  # a law that is in a list as well has its numbers once
     for name, law in _laws(node):
         if id(law) not in known:
             known.add(id(law))
             path = f"{node._path}.{name}".lstrip(".")
-            yield from _declared(law, path, partial(getattr, law, "numbers", {}))
+            yield from _declared(law, path, partial(getattr, law, "numbers", None))
             yield from _fields(law, path)
 
 
@@ -188,12 +188,12 @@ def _number(limits: Any) -> Number:
     return ANY_NUMBER if limits is None else Number(limits.unit, limits.minimum, limits.maximum)
 
 
-def _declared(owner: Any, path: str, declare: Callable[[], Any]) -> Iterator[MachineNumber]:
+def _declared(owner: Any, path: str, given: Callable[[], Any] | Mapping[str, Range]) -> Iterator[MachineNumber]:
     """What an object declares in `numbers`."""
     where = path or type(owner).__name__
     try:
         with told_as(DeclarationError, "failed"):
-            declared = declare()
+            declared = given() if callable(given) else given
     except UmoError as error:
         raise DeclarationError(f"numbers of {where}: {error}") from error
     if not isinstance(declared, Mapping):
