@@ -128,7 +128,7 @@ def test_every_fault_ends_in_its_own_clear_failure(fault: str, seed: int) -> Non
 
 
 def test_an_over_driven_stepper_is_found_by_the_encoder() -> None:
-    run = Run(wiring(**{"theta.profile.acceleration": 1e6, "theta.profile.jerk": 1e10}), seed=3)
+    run = Run(wiring(**{"theta.acceleration": 1e6, "theta.jerk": 1e10}), seed=3)
     assert isinstance(run.error, AxisError)
     assert "theta lost steps" in str(run.error)
     run.assert_safe()

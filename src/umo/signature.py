@@ -1,11 +1,12 @@
-"""Signatures of the user's functions and classes: their parameters, and which of their types a text can give."""
+"""Signatures and annotations of the user's functions and classes, and which of their types a text can give."""
 
 from __future__ import annotations
 
 import inspect
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from enum import Enum
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from types import NoneType, SimpleNamespace, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
@@ -30,6 +31,26 @@ def parameters_of(function: Callable[..., Any], skip: int = 0) -> dict[str, insp
     """Those of them that can be given by name, without the first `skip`."""
     found = list(signature_of(function).values())[skip:]
     return {each.name: each for each in found if each.kind in (each.POSITIONAL_OR_KEYWORD, each.KEYWORD_ONLY)}
+
+
+@cache
+def hints_of(cls: Any) -> dict[str, Any]:
+    """The annotated type of each attribute of a class and of its bases, with what `Annotated` adds; a text where it
+    cannot be evaluated (a class declared inside a function, a type that is imported for type checkers only)."""
+    hints: dict[str, Any] = {}
+    for base in reversed(cls.__mro__):
+        names, own = vars(sys.modules.get(base.__module__, object)), inspect.get_annotations(base)
+        hints |= {name: evaluated(each, names, vars(base), extras=True) for name, each in own.items()}
+    return hints
+
+
+def evaluated(annotation: Any, names: Any, more: Any = None, extras: bool = False) -> Any:
+    """The type, `extras`: with what `Annotated` adds; the annotation as it is if it cannot be evaluated."""
+    holder = SimpleNamespace(__annotations__={"it": annotation})
+    try:
+        return get_type_hints(holder, dict(names), dict(more or {}), include_extras=extras)["it"]
+    except Exception:  # an annotation may be anything
+        return annotation
 
 
 def without_none(kind: Any) -> Any:
@@ -72,19 +93,11 @@ def is_converted(kind: Any) -> bool:
 def _typed(parameter: inspect.Parameter, names: Mapping[str, Any]) -> inspect.Parameter:
     kind: Any = parameter.annotation
     if kind is not parameter.empty:
-        kind = _evaluated(kind, names)
+        kind = Any if isinstance(kind := evaluated(kind, names), str) else kind
     default = None if parameter.default is parameter.empty else parameter.default
     if default is not None and kind in (Any, parameter.empty):
         kind = Path if isinstance(default, Path) else type(default)
     return parameter.replace(annotation=kind)
-
-
-def _evaluated(annotation: Any, names: Mapping[str, Any]) -> Any:
-    """The type; Any if it cannot be evaluated."""
-    try:
-        return get_type_hints(SimpleNamespace(__annotations__={"it": annotation}), dict(names))["it"]
-    except Exception:  # an annotation may be anything
-        return Any
 
 
 def _namespace(function: Any) -> Mapping[str, Any]:

@@ -22,11 +22,11 @@ from typing import (
 
 from umo.errors import DeclarationError
 from umo.objects.atomic import Binary
-from umo.objects.hints import hints_of
 from umo.objects.keywords import ByAttribute, ClassSettings, refuse_in_body, settings_of
 from umo.objects.link import Cycle, Unconnected
 from umo.objects.node import Node
 from umo.objects.paths import named
+from umo.signature import hints_of
 
 if TYPE_CHECKING:
     from umo.objects.interlock import Interlock
@@ -110,7 +110,8 @@ class Compound(Node):
         self._parent = None
         self._name = ""
         self._disconnect()
-        hints = {name: Any if isinstance(hint, str) else hint for name, hint in hints_of(self.__class__).items()}
+        cls: Any = type(self)
+        hints = {name: Any if isinstance(hint, str) else hint for name, hint in hints_of(cls).items()}
         children: dict[str, Node] = {}
         fixed = set()
         for field in dataclasses.fields(self):  # type: ignore[arg-type]

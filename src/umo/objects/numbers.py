@@ -16,10 +16,10 @@ from typing import Annotated, Any, NamedTuple, get_args, get_origin
 
 from umo.errors import DeclarationError, RangeError, UmoError
 from umo.objects.compound import Compound
-from umo.objects.hints import evaluated, hints_of
 from umo.objects.node import Node
 from umo.objects.paths import walk
 from umo.objects.range import Number, Range
+from umo.signature import evaluated, hints_of
 from umo.text import did_you_mean
 from umo.user_code import attempt, told_as
 
