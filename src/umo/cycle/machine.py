@@ -118,7 +118,7 @@ class ConnectedMachine:
     def running(self) -> bool:
         return not self.stop.requested
 
-    def sample(self, part: Compound) -> bool:
+    def sample(self, part: Node) -> bool:
         return self.image.sample_some(self._slots_of(part).inputs)
 
     def _way_to_sample(self) -> Callable[[], bool]:
@@ -148,7 +148,7 @@ class ConnectedMachine:
         """The last 1,000 actions of guards and hands."""
         return self.commands.events
 
-    def control(self, part: Compound) -> None:
+    def control(self, part: Node) -> None:
         """Sequences first (the root's alone), then each overridden `control`, a parent before its parts."""
         if part is self.root:
             if self.hands is not None:
@@ -164,7 +164,7 @@ class ConnectedMachine:
             refuse_exit(error, "control")
             raise
 
-    def update(self, part: Compound) -> bool:
+    def update(self, part: Node) -> bool:
         return self.image.update_some(self._slots_of(part).outputs)
 
     def _update(self) -> bool:
@@ -201,10 +201,10 @@ class ConnectedMachine:
             _go_on(unsent, sample, "could not be written or read")
         return sample()
 
-    def reset(self, part: Compound) -> None:
+    def reset(self, part: Node) -> None:
         self.image.reset_some(self._slots_of(part).all)
 
-    def acknowledge(self, part: Compound) -> bool:
+    def acknowledge(self, part: Node) -> bool:
         return self.commands.acknowledge(self._slots_of(part).all)
 
     def progress(self, text: str, done: int | None, total: int | None) -> None:
@@ -244,7 +244,7 @@ class ConnectedMachine:
         frame.signal_values = read_numbers(frame.signals)
         show(frame, self.observers)
 
-    def _slots_of(self, part: Compound) -> _PartSlots:
+    def _slots_of(self, part: Node) -> _PartSlots:
         if id(part) not in self._slots:
             slot_of = self.image.slot_of
             items = {slot_of[id(item)]: item for item in atoms(part)}
@@ -257,7 +257,7 @@ class ConnectedMachine:
             )
         return self._slots[id(part)]
 
-    def _overrides(self, part: Compound) -> list[Callable[[], None]]:
+    def _overrides(self, part: Node) -> list[Callable[[], None]]:
         """The `control` of every class that has its own, in pre-order; collected once, called flat."""
         if id(part) not in self._acts:
             nodes: list[Node] = [part, *walk(part)]

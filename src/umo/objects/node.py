@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, NoReturn, SupportsIndex
+from typing import NoReturn, SupportsIndex
 
 from umo.errors import DeclarationError
-
-if TYPE_CHECKING:
-    from umo.objects.compound import Compound
 
 
 class Node:
@@ -18,7 +15,7 @@ class Node:
     __slots__ = ("__weakref__", "_name", "_parent")
 
     _name: str
-    _parent: Compound | None
+    _parent: Node | None
     _children: Mapping[str, Node] = MappingProxyType({})
 
     @property
@@ -52,7 +49,7 @@ class Node:
         name = f"{self._path} ({type(self).__name__})" if self._path else type(self).__name__
         raise DeclarationError(f"{name} cannot be copied or pickled; call machine() to declare another one")
 
-    def _adopt(self, parent: Compound, name: str) -> None:
+    def _adopt(self, parent: Node, name: str) -> None:
         if self._parent is not None:
             raise DeclarationError(
                 f"{type(parent).__name__}.{name} is already {type(self._parent).__name__}.{self._name}: "
