@@ -25,9 +25,7 @@ autodoc_typehints = "signature"
 autodoc_preserve_defaults = True
 
 
-def as_restructured_text(
-    app: object, what: str, name: str, thing: object, options: object, lines: list[str]
-) -> None:
+def as_restructured_text(app: object, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
     """Docstrings have their examples indented, without a mark before them."""
     found: list[str] = []
     for line in lines:

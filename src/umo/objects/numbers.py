@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from enum import Enum, EnumMeta
 from functools import cache, partial
 from math import nan
@@ -25,6 +25,8 @@ from umo.user_code import attempt, told_as
 
 PLAIN = (bool, int, float, str, Enum)
 """The types of what a wiring can set."""
+NO_LAW = (*PLAIN, Node)
+"""The types of attributes that are no laws."""
 _MISSING = object()
 
 
@@ -139,14 +141,14 @@ def _of(node: Compound) -> Iterator[MachineNumber]:
 def _laws(node: Compound) -> Iterator[tuple[str, Any]]:
     """What else a compound has: its public attributes, of lists, tuples and dicts what is in them."""
     for name, value in vars(node).items():
-        if name.startswith("_") or isinstance(value, (*PLAIN, Node)):
+        if name.startswith("_"):
             continue
+        found: Iterable[tuple[str, Any]] = [(name, value)]
         if isinstance(value, list | tuple):
-            yield from ((f"{name}.{number}", each) for number, each in enumerate(value) if not isinstance(each, Node))
+            found = ((f"{name}.{number}", each) for number, each in enumerate(value))
         elif isinstance(value, dict):
-            yield from ((f"{name}.{key}", each) for key, each in value.items() if not isinstance(each, Node))
-        else:
-            yield name, value
+            found = ((f"{name}.{key}", each) for key, each in value.items())
+        yield from (each for each in found if not isinstance(each[1], NO_LAW))
 
 
 def _fields(owner: Any, path: str) -> Iterator[MachineNumber]:
