@@ -218,10 +218,12 @@ def _at(path: str, declared: Number, owner: Any, way: str, name: str) -> Machine
     for step in filter(None, way.split(".")):
         owner = _step(owner, step, path)
     cls: Any = type(owner)
-    fields, static = _fields_of(cls), inspect.getattr_static(owner, name, _MISSING)
-    if declared.shown and not declared.tunable and static is not _MISSING and name not in fields:
-        return MachineNumber(path, declared, owner, name, None, False, False)  # it may need the machine connected
-    value = _step(owner, name, path)
+    fields = _fields_of(cls)
+    static = inspect.getattr_static(cls, name, _MISSING)  # not of the object: looking into its dict makes it slower
+    only_shown = declared.shown and not declared.tunable and name not in fields
+    value = None if only_shown and static is not _MISSING else _step(owner, name, path)  # it may need the machine
+    if only_shown:
+        return MachineNumber(path, declared, owner, name, None, False, False)
     if not isinstance(value, PLAIN):
         raise DeclarationError(f"number {path}: {value!r} is not a number")
     if isinstance(static, property) and static.fset is None:
