@@ -1,4 +1,4 @@
-"""The documentation as one site with search: `make docs`. The pages are those of docs/; the API is that of the docstrings."""
+"""The documentation as one site with search: `make docs`."""
 
 from __future__ import annotations
 
