@@ -63,7 +63,7 @@ def rows(stack: ExitStack) -> dict[str, Callable[[], float]]:
 def _without_extension() -> AbstractContextManager[object]:
     """What is connected meanwhile does without the extension in C, of this tree or of one before the one image."""
     try:
-        where = import_module("umo.cycle.compiled")
+        where = import_module("umo.cycle.conversion")
     except ImportError:
         where = import_module("umo.cycle.forms")
     return patch.object(where, "extension", None)

@@ -9,7 +9,7 @@ import pytest
 
 from helpers.machines import actuator, relay
 from umo import BinaryActuator, Compound, DeclarationError, DigitalActuator, OnOff, PathError, Range
-from umo.cycle.stop_order import stop_sequence
+from umo.objects.stop_order import stop_sequence
 
 
 @pytest.mark.parametrize(

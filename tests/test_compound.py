@@ -23,9 +23,9 @@ from umo import (
     PathError,
     connect,
 )
-from umo.cycle.stop_order import stop_sequence
 from umo.objects import atoms, children, find, path_of, walk
 from umo.objects.compound import RESERVED
+from umo.objects.stop_order import stop_sequence
 from umo.testing import Scripted, periods
 
 pytestmark = pytest.mark.usefixtures("each_way")

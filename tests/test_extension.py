@@ -21,7 +21,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from helpers.conversions import BUILT
-from umo.cycle import compiled
+from umo.cycle import conversion
 from umo.objects.scaling import to_raws, to_value
 
 TREE = Path(__file__).parents[1]
@@ -39,7 +39,7 @@ def test_where_a_compiler_is_it_is_built_without_a_warning(tmp_path: Path) -> No
     files = ["-c", str(SOURCE), "-o", str(tmp_path / "out.o")]
     done = subprocess.run([*COMPILER, *strict, *files], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert compiled.is_built()
+    assert conversion.is_built()
 
 
 def arrays(*lengths: int) -> list[Any]:
@@ -64,7 +64,7 @@ def test_an_input_block_is_converted_as_each_number_by_itself(objects: list[Any]
     moved = np.array([raw for raw, *_ in objects], np.int64)
     scales = np.array([(*scale, -low, high) for _, scale, low, high in objects]).reshape(-1, 4).T.copy()
     raws, values, times = np.zeros(count, np.int64), np.full(count, 3.0), np.full(count, 4.0)
-    outside = compiled.extension.Inputs((moved, *scales, raws, values, times), 7).convert(5.0)
+    outside = conversion.extension.Inputs((moved, *scales, raws, values, times), 7).convert(5.0)
     expected, refused = [3.0] * count, []
     for place, (raw, scale, low, high) in enumerate(objects):
         value = to_value(raw, *scale)
@@ -87,7 +87,7 @@ def test_a_product_is_rounded_before_the_sum() -> None:
     """0.1 * 3 - 0.3 is 5.6e-17; in one operation, without rounding in between, 2.8e-17."""
     scales = (np.array([number]) for number in (0.1, -0.3, -1.0, 1.0))
     raws, values, times = arrays(1, 1, 1)
-    assert compiled.extension.Inputs((np.array([3]), *scales, raws, values, times), 0).convert(0.0) == []
+    assert conversion.extension.Inputs((np.array([3]), *scales, raws, values, times), 0).convert(0.0) == []
     assert values[0] == 0.1 * 3 - 0.3
 
 
@@ -104,7 +104,7 @@ def test_an_output_block_gives_the_nearest_raw_integers_within_their_bounds(obje
     rate, (stepped, values, times) = np.full(count, math.inf), arrays(*[count] * 3)
     sent = (pending.view(np.int64) ^ 1).view(np.float64)  # anything else: what is sent already is not converted again
     views = moved, resolution, zero_offset, least, greatest, raws, values, times, rate, pending, sent, stepped
-    block = compiled.extension.Outputs(views)
+    block = conversion.extension.Outputs(views)
     block.give(1.0, 0.001)
     with np.errstate(all="ignore"):
         scaled = (pending - zero_offset) / resolution
@@ -122,19 +122,19 @@ def test_a_block_takes_only_views_that_fit_together(wrong: int) -> None:
     views = arrays(*[2] * LENGTH["inputs"])
     views[wrong] = np.zeros(3)
     with pytest.raises(ValueError, match="differ in length"):
-        compiled.extension.Inputs(tuple(views), 0)
+        conversion.extension.Inputs(tuple(views), 0)
     with pytest.raises(ValueError, match="differ in length"):
-        compiled.extension.Outputs((*views, *arrays(2, 2, 2, 2)))
+        conversion.extension.Outputs((*views, *arrays(2, 2, 2, 2)))
     with pytest.raises(ValueError, match="differ in length"):
-        compiled.extension.Outputs(tuple(bytearray(7) for _ in range(LENGTH["outputs"])))
+        conversion.extension.Outputs(tuple(bytearray(7) for _ in range(LENGTH["outputs"])))
 
 
 @BUILT
 def test_a_block_takes_a_tuple_of_as_many_views_as_it_has() -> None:
     with pytest.raises(ValueError, match="a tuple of 8"):
-        compiled.extension.Inputs(tuple(arrays(2, 2)), 0)
+        conversion.extension.Inputs(tuple(arrays(2, 2)), 0)
     with pytest.raises(ValueError, match="a tuple of 12"):
-        compiled.extension.Outputs(arrays(*[2] * LENGTH["outputs"]))
+        conversion.extension.Outputs(arrays(*[2] * LENGTH["outputs"]))
 
 
 @BUILT
@@ -143,15 +143,15 @@ def test_a_block_is_not_made_of_views_that_cannot_be_written_to(place: int) -> N
     views = arrays(*[2] * LENGTH["outputs"])
     views[place].flags.writeable = False
     with pytest.raises(ValueError, match="read-only"):
-        compiled.extension.Outputs(tuple(views))
+        conversion.extension.Outputs(tuple(views))
 
 
 @BUILT
 def test_a_time_that_is_not_a_number_is_refused() -> None:
     for call in (
-        compiled.extension.Inputs(tuple(arrays(*[2] * LENGTH["inputs"])), 0).convert,
-        compiled.extension.Outputs(tuple(arrays(*[2] * LENGTH["outputs"]))).commit,
-        partial(compiled.extension.Outputs(tuple(arrays(*[2] * LENGTH["outputs"]))).give, 0.0),
+        conversion.extension.Inputs(tuple(arrays(*[2] * LENGTH["inputs"])), 0).convert,
+        conversion.extension.Outputs(tuple(arrays(*[2] * LENGTH["outputs"]))).commit,
+        partial(conversion.extension.Outputs(tuple(arrays(*[2] * LENGTH["outputs"]))).give, 0.0),
     ):
         with pytest.raises(TypeError):
             call("now")
@@ -163,7 +163,7 @@ def test_a_time_that_is_not_a_number_is_refused() -> None:
 @BUILT
 def test_a_body_is_not_written_to_memory_that_is_read_only() -> None:
     with mmap.mmap(-1, 4096, access=mmap.ACCESS_READ) as file, pytest.raises(BufferError):
-        compiled.extension.Body(file, *arrays(1), 100)
+        conversion.extension.Body(file, *arrays(1), 100)
 
 
 # Memory -------------------------------------------------------------------------------------------------
@@ -174,10 +174,10 @@ def test_views_are_let_go_of() -> None:
     views = arrays(*[2] * LENGTH["outputs"])
     before = [sys.getrefcount(view) for view in views]
     for _ in range(100):
-        compiled.extension.Outputs(tuple(views)).commit(1.0)
-        compiled.extension.Body(*views[:2], 16)
+        conversion.extension.Outputs(tuple(views)).commit(1.0)
+        conversion.extension.Body(*views[:2], 16)
         with pytest.raises(ValueError, match="differ"):
-            compiled.extension.Inputs((*views[:7], np.zeros(3)), 0)
+            conversion.extension.Inputs((*views[:7], np.zeros(3)), 0)
     assert [sys.getrefcount(view) for view in views] == before
 
 
@@ -185,7 +185,7 @@ def test_views_are_let_go_of() -> None:
 def test_values_out_of_bounds_leave_nothing_behind() -> None:
     scales = (np.full(3, number) for number in (1.0, 0.0, 5.0, 6.0))
     views = np.arange(3) + 100, *scales, *arrays(3, 3, 3)
-    convert = compiled.extension.Inputs(views, 1000).convert
+    convert = conversion.extension.Inputs(views, 1000).convert
     assert kept(lambda: convert(1.5)) < 2000
 
 

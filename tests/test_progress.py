@@ -10,7 +10,7 @@ from rich.console import Console
 
 from umo import Compound, DigitalSensor, RangeError, connect
 from umo.cli.progress_line import Shown
-from umo.cycle.progress import Progress
+from umo.cycle.stage import Progress
 
 
 class Machine(Compound):

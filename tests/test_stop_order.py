@@ -22,8 +22,8 @@ from umo import (
     StopError,
     connect,
 )
-from umo.cycle.stop_order import stop_sequence
 from umo.drivers.contract import Channel
+from umo.objects.stop_order import stop_sequence
 from umo.process.reset import Resetter
 from umo.testing import Scripted, VirtualTimer, periods, put
 from umo.wiring import resolve

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from umo import BinaryActuator, Compound, DigitalSensor, OnOff, Quality, connect
-from umo.cycle.progress import Progress
+from umo.cycle.stage import Progress
 from umo.cycle.trace import Statistics, Trace
 from umo.testing import VirtualTimer, periods, put
 

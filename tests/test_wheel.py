@@ -14,7 +14,7 @@ from helpers.conversions import BUILT
 
 TREE = Path(__file__).parents[1]
 ASKED = "import sys; print(*sys.version_info[:2], sys.executable)"
-BUILT_IN = "from umo.cycle.compiled import is_built; assert is_built()"
+BUILT_IN = "from umo.cycle.conversion import is_built; assert is_built()"
 pytestmark = [pytest.mark.full, BUILT]
 
 

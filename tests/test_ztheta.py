@@ -12,7 +12,7 @@ import pytest
 import umo
 from helpers.tiers import first
 from umo import AxisError, BinaryActuator, Compound, DigitalActuator, HomingError, TaskFailed
-from umo.cycle.progress import Progress
+from umo.cycle.stage import Progress
 from umo.objects import Atomic, atoms, walk
 from umo.stations.ztheta.application import main
 from umo.stations.ztheta.control import Manipulator

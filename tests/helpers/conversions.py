@@ -6,15 +6,15 @@ from typing import Any
 
 import pytest
 
-from umo.cycle import compiled
+from umo.cycle import conversion
 
-BUILT = pytest.mark.skipif(not compiled.is_built(), reason="the extension in C is not built")
+BUILT = pytest.mark.skipif(not conversion.is_built(), reason="the extension in C is not built")
 WAYS: list[Any] = [pytest.param("numpy"), pytest.param("compiled", marks=BUILT)]
-CHOSEN_FIRST = WAYS[::-1] if compiled.is_built() else WAYS
+CHOSEN_FIRST = WAYS[::-1] if conversion.is_built() else WAYS
 """The way that a machine has here comes first. The other one is the subject of test_conversion.py."""
-_EXTENSION = compiled.extension
+_EXTENSION = conversion.extension
 
 
 def choose(patch: pytest.MonkeyPatch, way: str) -> None:
     """Machines that are connected from now on convert in this way."""
-    patch.setattr(compiled, "extension", _EXTENSION if way == "compiled" else None)
+    patch.setattr(conversion, "extension", _EXTENSION if way == "compiled" else None)

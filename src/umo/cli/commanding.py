@@ -12,8 +12,7 @@ from typing import Any
 
 from rich.table import Table
 
-from umo.cycle.progress import Progress
-from umo.cycle.stage import Stage
+from umo.cycle.stage import Progress, Stage
 from umo.errors import CommandRefused, FramesError, LeaseHeld, PathError, RangeError
 from umo.frames import Reader
 from umo.objects import Quality

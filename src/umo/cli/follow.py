@@ -10,7 +10,7 @@ from types import FrameType
 from typing import Any
 
 from umo.cycle.frame import Signal
-from umo.cycle.progress import Progress
+from umo.cycle.stage import Progress
 from umo.cycle.stopping import SIGNALS
 from umo.errors import text_of
 from umo.frames import Reader

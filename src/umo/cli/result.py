@@ -10,7 +10,7 @@ from typing import Any
 
 from rich.table import Table
 
-from umo.cycle.progress import Progress
+from umo.cycle.stage import Progress
 from umo.cycle.trace import Statistics
 from umo.process.outcome import Outcome
 from umo.text import printable

@@ -22,11 +22,11 @@ from umo.cycle.events import Event, Events
 from umo.cycle.image import Image
 from umo.cycle.inhibition import Inhibition, inhibitions_of, latched, unevaluated
 from umo.cycle.journal import Kind
-from umo.cycle.stop_order import stop_sequence
 from umo.drivers.contract import Direction
 from umo.errors import Interlocked
 from umo.objects import Atomic, BinaryActuator, Compound, DigitalActuator, atoms
 from umo.objects.scaling import FloatArray
+from umo.objects.stop_order import stop_sequence
 
 log = logging.getLogger("umo")
 A_TICK = 1e-9

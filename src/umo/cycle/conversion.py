@@ -9,18 +9,23 @@ prove the two equal to the bit.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from importlib import import_module
 from math import inf, nan
+from typing import Any
 
 import numpy as np
 from numpy import add, divide, greater_equal, multiply, negative, subtract
 
-from umo.cycle import compiled
-from umo.cycle.block import Block
-from umo.cycle.columns import Columns, Scales
+from umo.cycle.columns import Block, Columns, Scales
 from umo.errors import RangeError
 from umo.objects.linearization import Linearizations
 from umo.objects.scaling import FloatArray, IntArray, to_raws
 
+extension: Any = None
+"""None: it was not built, and numpy does its work."""
+with suppress(ImportError):
+    extension = import_module("umo.cycle._columns")
 ROUNDING = 1.5 * 2.0**52
 """A number below 2**51 that is added to it is rounded to a whole number, half to even, which is then the difference of
 the two floats' bits: a fifth of the time of numpy's rint and its conversion to integers."""
@@ -31,26 +36,26 @@ def convert_inputs(block: Block, columns: Columns, scales: Scales, hidden: Mappi
     the block where it is an invalid reading although it lies within the range."""
     slots = block.slots
     linearizations = Linearizations(scales.linearizations[slots])
-    if compiled.extension is None or linearizations or hidden:
+    if extension is None or linearizations or hidden:
         block.convert = Inputs(block, columns, scales, linearizations, hidden).convert
     else:
         of_scales = scales.resolution, scales.zero_offset, scales.low, scales.high
         of_image = columns.raws, columns.values, columns.times
-        block.convert = compiled.extension.Inputs(_views(block, *of_scales, *of_image), block.start).convert
+        block.convert = extension.Inputs(_views(block, *of_scales, *of_image), block.start).convert
 
 
 def convert_outputs(block: Block, columns: Columns, scales: Scales) -> None:
     """Set `give` and `commit` of an output block."""
     slots = block.slots
     linearizations = Linearizations(scales.linearizations[slots])
-    if compiled.extension is None or linearizations:
+    if extension is None or linearizations:
         outputs = Outputs(block, columns, scales, linearizations)
         block.give, block.commit = outputs.give, outputs.commit
     else:
         of_scales = scales.resolution, scales.zero_offset, scales.least, scales.greatest
         of_image = columns.raws, columns.values, columns.times
         of_outputs = scales.rate, columns.pending, columns.sent, columns.stepped
-        native = compiled.extension.Outputs(_views(block, *of_scales, *of_image, *of_outputs))
+        native = extension.Outputs(_views(block, *of_scales, *of_image, *of_outputs))
         block.give, block.commit = native.give, native.commit
 
 
@@ -197,3 +202,7 @@ def _next(
     near = np.abs(left) <= way * (1 + 1e-9)
     ramp = np.where(near, pending, values + np.copysign(way, left))
     return np.where(limited, np.where(due, ramp, sent), pending), np.where(due, now, stepped)
+
+
+def is_built() -> bool:
+    return extension is not None

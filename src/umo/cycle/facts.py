@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from umo.cycle.hand_commands import Mode
-from umo.cycle.progress import Progress
-from umo.cycle.stage import Stage
+from umo.cycle.stage import Progress, Stage
 
 
 def facts_of(

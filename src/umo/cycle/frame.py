@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from umo.cycle.image import Image
-from umo.cycle.progress import Progress
+from umo.cycle.stage import Progress
 from umo.objects import Atomic, MachineNumber
 from umo.user_code import as_json, attempt
 

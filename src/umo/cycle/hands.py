@@ -20,8 +20,7 @@ from typing import Any, cast
 
 from umo.cycle.columns import Source
 from umo.cycle.events import TEXT, CommandState, Event
-from umo.cycle.hand_commands import HandCommand, Inbox, Levels, Mode
-from umo.cycle.lease import Lease
+from umo.cycle.hand_commands import HandCommand, Inbox, Lease, Levels, Mode
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.sequences import Sequences, Task
 from umo.errors import CommandRefused, DriverError, PathError, StateError, TaskFailed, UmoError

@@ -14,9 +14,8 @@ from typing import Any, Protocol, cast
 
 import numpy as np
 
-from umo.cycle.block import Block
 from umo.cycle.clock import Clock
-from umo.cycle.columns import Columns, Scales, Source
+from umo.cycle.columns import Block, Columns, Scales, Source
 from umo.cycle.conversion import convert_inputs, convert_outputs, send
 from umo.cycle.transfer import FAILURES, Transfer, cause_of_failure
 from umo.drivers.contract import UNREAD, Direction, WaitEnded

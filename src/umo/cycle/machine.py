@@ -12,16 +12,15 @@ from umo.cycle.commands import Commands
 from umo.cycle.events import Events
 from umo.cycle.facts import facts_of
 from umo.cycle.frame import Frame, Observer, Signal, show, signals_of
-from umo.cycle.hand_commands import Inbox, Mode
+from umo.cycle.hand_commands import Inbox, Lease, Mode
 from umo.cycle.image import Image
-from umo.cycle.lease import Lease
 from umo.cycle.sequences import Sequences, Task
 from umo.cycle.stage import Stage
-from umo.cycle.stop_order import stop_sequence
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
 from umo.errors import DriverError
 from umo.objects import Action, Compound, Node, actions_of, atoms, numbers_of, walk
+from umo.objects.stop_order import stop_sequence
 from umo.user_code import read_numbers, refuse_exit
 from umo.wiring.faults.wrapper import Injection
 from umo.wiring.resolved import AT_NEXT_TICK, AT_ONCE

@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Mapping
 from time import monotonic_ns
 from typing import Any
 
-from umo.cycle.block import Block
+from umo.cycle.columns import Block
 from umo.cycle.image import Image
 from umo.cycle.journal import NEVER, Journal, Kind
 from umo.drivers.contract import Channel, Driver

@@ -33,6 +33,7 @@ def run(
     reset to their defaults. Each of the `options` is handed to all who take one of its name: the application and the
     drivers, as for `umo run` and `umo.start`; OptionError if nobody does. `acknowledge` as for `connect`.
     """
+    _timer_of(machine)
     shares = share(options, application=application, wiring=wiring)
     connection = connect(machine, wiring, acknowledge=acknowledge, **shares.wiring)
     with connection as m:
@@ -45,9 +46,7 @@ def drive(m: C, application: Application[C] | None = None, **options: Any) -> An
     tick. The `options` are those of the application (those of drivers belong to `connect`); OptionError if it does not
     take one."""
     shares = share(options, application=application, wiring={})
-    timer = children(m).get("timer")
-    if not isinstance(timer, DigitalSensor):
-        raise DeclarationError(f"{type(m).__name__} has no `timer`: umo.run needs a DigitalSensor with this name")
+    timer = _timer_of(m)
     task = None if application is None else m.cycle.start(application(m, **shares.application))
     while m.cycle.running and not (task is not None and task.done):
         if timer.read() < 0:
@@ -56,3 +55,11 @@ def drive(m: C, application: Application[C] | None = None, **options: Any) -> An
         m.control()
         m.update()
     return task.result if task is not None and task.done else None
+
+
+def _timer_of(machine: Compound) -> DigitalSensor:
+    """DeclarationError if there is none."""
+    timer = children(machine).get("timer")
+    if not isinstance(timer, DigitalSensor):
+        raise DeclarationError(f"{type(machine).__name__} has no `timer`: umo.run needs a DigitalSensor with this name")
+    return timer

@@ -1,8 +1,12 @@
-"""The stages of a run."""
+"""The stage of a run, and the progress of its work, as the machine tells it (`m.cycle.progress`)."""
 
 from __future__ import annotations
 
 from enum import IntEnum
+from operator import index
+from typing import NamedTuple
+
+from umo.errors import RangeError
 
 
 class Stage(IntEnum):
@@ -19,3 +23,35 @@ class Stage(IntEnum):
 
     def __str__(self) -> str:
         return self.name.lower()
+
+
+class Progress(NamedTuple):
+    """A text, and how much of the work is done."""
+
+    text: str = ""
+    done: int = 0
+    total: int = 0
+    """0: not known."""
+
+    def then(self, text: str, done: int | None, total: int | None) -> Progress:
+        """The next one; numbers that are None stay. RangeError unless they are whole and 0 or more."""
+        return Progress(
+            str(text),
+            self.done if done is None else _count("done", done),
+            self.total if total is None else _count("total", total),
+        )
+
+    @property
+    def share(self) -> float:
+        """Share of the work that is done, from 0 to 1; 0 if the total is not known."""
+        return min(self.done / self.total, 1.0) if self.total else 0.0
+
+
+def _count(name: str, number: int) -> int:
+    try:
+        count = -1 if isinstance(number, bool) else index(number)
+    except TypeError:
+        count = -1
+    if count < 0:
+        raise RangeError(f"progress: {name}={number!r} is not a whole number from 0 on")
+    return count

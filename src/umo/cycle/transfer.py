@@ -14,7 +14,7 @@ from typing import Any, Literal, NoReturn, TypeVar
 
 import numpy as np
 
-from umo.cycle.block import Block
+from umo.cycle.columns import Block
 from umo.cycle.journal import ErrorKind, Journal, Kind
 from umo.drivers.contract import UNREAD, Channel, Driver
 from umo.errors import ChannelsFailed, DriverError, Failure, forget_frames, text_of

@@ -9,7 +9,7 @@ import struct
 from collections.abc import Callable
 from mmap import mmap
 
-from umo.cycle import compiled
+from umo.cycle import conversion
 from umo.cycle.image import Image
 from umo.frames.layout import SELDOM, Layout
 
@@ -24,8 +24,8 @@ Write = Callable[[int, int, float, int, int, int, int, bytes, list[int], list[fl
 def writer(image: Image, layout: Layout, file: mmap) -> Write:
     """The quickest one. It may hold the file's memory as long as it exists."""
     shown = image.columns.shown
-    if compiled.extension is not None:
-        write: Write = compiled.extension.Body(file, shown, layout.content - BODY).write
+    if conversion.extension is not None:
+        write: Write = conversion.extension.Body(file, shown, layout.content - BODY).write
         return write
     return _Packed(shown, layout, file).write
 

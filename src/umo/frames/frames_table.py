@@ -8,8 +8,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from umo.cycle.facts import facts_of
-from umo.cycle.progress import Progress
-from umo.cycle.stage import Stage
+from umo.cycle.stage import Progress, Stage
 from umo.errors import FramesError
 from umo.objects.html_table import TableRow, html_table, inhibition
 from umo.wiring.patterns import chosen

@@ -13,8 +13,7 @@ from umo.cycle.frame import Frame
 from umo.cycle.journal import CAPACITY, Journal
 from umo.cycle.machine import Commanding, ConnectedMachine
 from umo.cycle.phases import UNKNOWN, Phases
-from umo.cycle.progress import Progress
-from umo.cycle.stage import Stage
+from umo.cycle.stage import Progress, Stage
 from umo.frames.body import BODY, writer
 from umo.frames.cells import size_of
 from umo.frames.layout import (

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from umo.cycle.compiled import is_built
+from umo.cycle.conversion import is_built
 from umo.latency.measure import Measured
 
 YES, CARE, NO = "yes", "with care", "no"

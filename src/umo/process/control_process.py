@@ -19,7 +19,6 @@ from umo.cycle.hand_commands import Mode
 from umo.cycle.hands import Hands
 from umo.cycle.rehearsal import rise_early
 from umo.cycle.stage import Stage
-from umo.cycle.stop_order import stop_sequence
 from umo.cycle.stopping import SIGNALS, TimeLimit, request_stop
 from umo.errors import FramesError, StopError, text_of
 from umo.frames import Ring, published
@@ -27,6 +26,7 @@ from umo.frames.cells import Cells
 from umo.frames.frame_server import FrameServer
 from umo.frames.last_event import tell
 from umo.frames.memory import Ends
+from umo.objects.stop_order import stop_sequence
 from umo.process.control_watch import WHERE
 from umo.process.job import Plan
 from umo.process.last_words import say_last

@@ -17,11 +17,11 @@ from time import monotonic, sleep
 from types import FrameType
 from typing import Literal
 
-from umo.cycle.stop_order import stop_sequence
 from umo.cycle.stopping import SIGNALS, signal_name
 from umo.cycle.transfer import PATIENCE, Transfer, settling, wait_for
 from umo.errors import DeviceTimeout, text_of
 from umo.objects import Compound
+from umo.objects.stop_order import stop_sequence
 from umo.process.board import Board, Reached
 from umo.system import realtime
 from umo.system.processes import carry_out, name_process

@@ -15,8 +15,7 @@ from time import monotonic
 from types import TracebackType
 from typing import Any
 
-from umo.cycle.progress import Progress
-from umo.cycle.stage import Stage
+from umo.cycle.stage import Progress, Stage
 from umo.cycle.stopping import signal_name
 from umo.errors import DriverError, FramesError, TaskFailed
 from umo.frames import Reader

@@ -17,8 +17,7 @@ import numpy.typing as npt
 
 from umo.cycle.events import CommandState, Event
 from umo.cycle.hands import HOLD
-from umo.cycle.progress import Progress
-from umo.cycle.stage import Stage
+from umo.cycle.stage import Progress, Stage
 from umo.errors import FramesError, TaskFailed, UmoError
 from umo.frames import Reader
 from umo.frames.cells import Cells

@@ -9,7 +9,7 @@ from contextlib import suppress
 from types import TracebackType
 
 from umo.cycle.events import CommandState
-from umo.cycle.lease import LONGEST, SHORTEST
+from umo.cycle.hand_commands import LONGEST, SHORTEST
 from umo.errors import FramesError, LeaseHeld, RangeError, UmoError
 from umo.frames.cells import LEASE
 from umo.remote.commanded import Commanded

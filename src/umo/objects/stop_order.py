@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from umo.drivers.contract import Direction
-from umo.objects import Atomic, Compound, Node, children
-from umo.objects.paths import named
+from umo.objects.atomic import Atomic
+from umo.objects.compound import Compound
+from umo.objects.node import Node
+from umo.objects.paths import children, named
 
 
 def stop_sequence(root: Compound) -> list[Atomic]:
