@@ -172,8 +172,10 @@ def test_a_machine_without_a_timer_does_not_run():
     class Still(Compound):
         motor: DigitalActuator
 
+    machine, box = Still(motor=actuator()), Scripted()
     with pytest.raises(DeclarationError, match="Still has no `timer`"):
-        run(Still(motor=actuator()))
+        run(machine, {"drivers": {"box": box}, "wire": {"motor": {"driver": "box"}}})
+    assert box.calls == []  # it is told before the hardware is touched
 
 
 def test_drive_is_the_loop_on_a_connected_machine():
