@@ -387,5 +387,5 @@ def test_an_actuator_shows_itself_without_hardware_and_with_it(box):
     machine = outputs()
     assert repr(machine.motor) == "<DigitalActuator motor; -10 to 10 V by 0.5>"
     with connect(machine, wired(machine, box)) as m:
-        assert repr(m.motor) == "<DigitalActuator motor = 0 V GOOD; -10 to 10 V by 0.5>"
-        assert repr(m.valve) == "<BinaryActuator valve = OFF GOOD; ON=1 OFF=0>"
+        assert repr(m.motor) == "<DigitalActuator motor = 0.0 V ● good; -10 to 10 V by 0.5>"
+        assert repr(m.valve) == "<BinaryActuator valve = OFF ● good; ON=1 OFF=0>"

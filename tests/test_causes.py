@@ -107,7 +107,7 @@ def test_umo_why_prints_the_last_box(tmp_path: Path, capsys: pytest.CaptureFixtu
         assert why(None, False, path) == 0
     said = capsys.readouterr().out
     assert re.search(r"driver box took \d", said)
-    assert "sample box, us" in said
+    assert "sample box, µs" in said
 
 
 def test_a_run_that_failed_leaves_a_black_box_of_its_end_however_short_it_was(tmp_path: Path) -> None:

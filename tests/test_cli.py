@@ -240,7 +240,7 @@ def test_set_says_why_an_actuator_stays_at_its_default(umo, tank: Path) -> None:
     text = control.read_text().replace("    def setup(self)", f"{locked}    def setup(self)")
     control.write_text(text.replace("    Number,\n", "    Interlock,\n    Number,\n", 1))
     result = umo("set", "tank", "inlet", "OPEN", "--hold", "0")
-    assert "inlet CLOSED raw 0 GOOD (inhibited: the hatch is open)" in said(result)
+    assert "inlet CLOSED raw 0 ● good (inhibited: the hatch is open)" in said(result)
 
 
 def test_check_says_how_many_actions_and_tunable_numbers_there_are(umo, tank: Path) -> None:
@@ -323,8 +323,8 @@ def test_the_drivers_are_listed_with_options_and_channels(umo) -> None:
 
 
 def test_get_reads_by_path_in_any_unit(umo, tank: Path) -> None:
-    assert words(umo("get", "tank", "level", "overflow")) == "level 20 mm GOOD overflow PASS GOOD"
-    assert words(umo("get", "tank", "level", "--unit", "cm")) == "level 2 cm GOOD"
+    assert words(umo("get", "tank", "level", "overflow")) == "level 20.0 mm ● good overflow PASS ● good"
+    assert words(umo("get", "tank", "level", "--unit", "cm")) == "level 2.00 cm ● good"
 
 
 def test_a_unit_that_does_not_fit_is_refused_before_a_device_is_opened(umo, tank: Path) -> None:
@@ -334,7 +334,9 @@ def test_a_unit_that_does_not_fit_is_refused_before_a_device_is_opened(umo, tank
 
 
 def test_set_holds_then_resets(umo, tank: Path) -> None:
-    assert words(umo("set", "tank", "inlet", "open", "--hold", "0.05")) == "inlet OPEN raw 1 GOOD inlet reset to CLOSED"
+    assert (
+        words(umo("set", "tank", "inlet", "open", "--hold", "0.05")) == "inlet OPEN raw 1 ● good inlet reset to CLOSED"
+    )
 
 
 def words(result: Result) -> str:
@@ -372,7 +374,7 @@ def test_where_a_station_runs_twice_its_pid_is_asked_for(umo, tank: Path) -> Non
 def test_set_says_that_a_limited_rate_takes_its_time(umo) -> None:
     result = umo("set", "conveyor", "belt.setpoint", "200 mm/s", "--hold", "0.01")
     assert result.exit_code == 0
-    assert "(on its way to 0.2 m/s: its slew rate is limited)" in result.output
+    assert "(on its way to 0.20000 m/s: its slew rate is limited)" in result.output
 
 
 def test_set_keeps_up_a_command_that_expires(umo, tank: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -384,8 +386,8 @@ def test_set_keeps_up_a_command_that_expires(umo, tank: Path, caplog: pytest.Log
 
 def test_set_takes_a_number_with_a_unit_and_a_negative_one(umo) -> None:
     pytest.importorskip("mujoco")
-    assert "z.motor 0.5 V raw 102" in said(umo("set", "ztheta", "z.motor", "500 mV", "--hold", "0"))
-    assert "z.motor -3 V raw -614" in said(umo("set", "ztheta", "z.motor", "-3", "--hold", "0"))
+    assert "z.motor 0.500 V raw 102" in said(umo("set", "ztheta", "z.motor", "500 mV", "--hold", "0"))
+    assert "z.motor -3.000 V raw -614" in said(umo("set", "ztheta", "z.motor", "-3", "--hold", "0"))
 
 
 # A new station ----------------------------------------------------------------------------------------

@@ -284,7 +284,7 @@ def test_decibels_are_written_as_the_power_that_they_are(umo: Umo, tmp_path: Pat
         "def machine() -> Sender:\n"
         "    return Sender(out=DigitalActuator('mW', default=0.0, minimum=0.0, maximum=1000.0, resolution=1.0))\n"
     )
-    assert "out 1000 mW raw 1000 GOOD" in said(umo("set", "rf", "out", "30 dBm", "--hold", "0"))
+    assert "out 1000 mW raw 1000 ● good" in said(umo("set", "rf", "out", "30 dBm", "--hold", "0"))
     refused(umo("set", "rf", "out", "31 dBm", "--hold", "0"), "out: 1258.93 mW is outside 0 to 1000")
     refused(umo("get", "rf", "out", "--unit", "dBm"), "0 mW cannot be expressed in dBm")
 

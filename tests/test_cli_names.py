@@ -34,9 +34,9 @@ def said(result: Any) -> str:
 def test_get_and_set_know_a_run_that_has_no_folder(umo: Any) -> None:
     with running("press"):
         result = umo("get", "press", "motor", "valve")
-        assert (result.exit_code, result.stdout) == (0, "motor  0 V  GOOD\nvalve  OFF  GOOD\n"), said(result)
+        assert (result.exit_code, result.stdout) == (0, "motor  0.0 V  ● good\nvalve  OFF  ● good\n"), said(result)
         assert said(result) == f"umo: read from the frames of press, which is running (pid {os.getpid()})"
-        assert umo("get", "press", "motor", "--unit", "mV").stdout == "motor  0 mV  GOOD\n"
+        assert umo("get", "press", "motor", "--unit", "mV").stdout == "motor  0 mV  ● good\n"
         result = umo("set", "press", "motor", "1")
         assert (result.exit_code, said(result)) == (2, "umo: press: it takes no commands")
 
@@ -47,7 +47,7 @@ def test_get_and_set_know_a_run_whose_folder_is_elsewhere(umo: Any, tank: Path, 
     os.chdir(tmp_path / "here")
     with running("mill", elsewhere):
         for name in ("mill", "../mill", str(elsewhere), str(os.getpid())):
-            assert umo("get", name, "inlet").stdout == "inlet  CLOSED  GOOD\n"
+            assert umo("get", name, "inlet").stdout == "inlet  CLOSED  ● good\n"
             assert umo("mode", name).stdout == "mill  takes no commands\n"
         assert umo("get", "mill", "regulator").stderr == "umo: regulator is not an object\n"  # a law, which has none
 
@@ -121,7 +121,7 @@ valve = { driver = "simulated", maximum = 50.0 }
         (["motor", "1e999"], "motor: '1e999' is too large for a number in V"),
         (["motor", "-1e308 kV"], "motor: '-1e308 kV' is too large for a number in V"),
         (["motor", "nan"], "motor: 'nan' is not a number in V"),
-        (["valve", "60"], "valve: 60 percent is outside 0 to 50"),
+        (["valve", "60"], "valve: 60 % is outside 0 to 50"),
     ],
 )
 def test_set_refuses_before_it_opens_a_device(umo: Any, tmp_path: Path, words: list[str], text: str) -> None:
@@ -130,4 +130,4 @@ def test_set_refuses_before_it_opens_a_device(umo: Any, tmp_path: Path, words: l
     (tmp_path / "rig" / "wiring" / "bench.toml").write_text(WIRING)
     result = umo("set", "rig", *words, "--hold", "0")
     assert (result.exit_code, said(result)) == (2, f"umo: {text}")
-    assert "motor  10 V  raw 1000  GOOD  (clamped)" in umo("set", "rig", "motor", "11", "--hold", "0").stdout
+    assert "motor  10.00 V  raw 1000  ● good  (clamped)" in umo("set", "rig", "motor", "11", "--hold", "0").stdout

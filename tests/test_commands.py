@@ -740,5 +740,5 @@ def test_interlocks_that_make_no_sense_are_refused_before_anything_is_touched(de
 
 
 def test_guards_are_shown_where_objects_are() -> None:
-    assert "at most 5 V/s, expires after 0.1 s" in actuator(slew_rate=5.0, expires="100 ms").describe()
-    assert "expires after 0.1 s" in relay(expires="100 ms").describe()
+    assert "at most 5 V/s, expires after 100 ms" in actuator(slew_rate=5.0, expires="100 ms").describe()
+    assert "expires after 100 ms" in relay(expires="100 ms").describe()

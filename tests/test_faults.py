@@ -34,10 +34,10 @@ from umo import (
     WiringError,
     connect,
 )
+from umo.drivers.faults.wrapper import Faulty
 from umo.process.job import Job
 from umo.testing import Scripted, VirtualTimer, periods, put
 from umo.testing.faults import KINDS, InjectedFault
-from umo.wiring.faults.wrapper import Faulty
 
 
 class Bench(Compound, stop_order=("motor", "valve")):
@@ -385,7 +385,7 @@ def test_a_delay_in_virtual_time_counts_from_the_timeout_on():
 
 def test_a_delay_in_wall_clock_time_waits_at_most_for_the_timeout(monkeypatch):
     waited: list[float] = []
-    monkeypatch.setattr("umo.wiring.faults.wrapper.time.sleep", waited.append)
+    monkeypatch.setattr("umo.drivers.faults.wrapper.time.sleep", waited.append)
     with connect(bench(), wiring(box(), "height delay 7 ms"), realtime=True) as m:
         m.sample()
     assert set(waited) == {0.007}
@@ -399,7 +399,7 @@ def test_a_delay_in_wall_clock_time_waits_at_most_for_the_timeout(monkeypatch):
 
 
 def test_a_delay_in_virtual_time_does_not_wait(monkeypatch):
-    monkeypatch.setattr("umo.wiring.faults.wrapper.time.sleep", lambda seconds: pytest.fail("waited"))
+    monkeypatch.setattr("umo.drivers.faults.wrapper.time.sleep", lambda seconds: pytest.fail("waited"))
     with connected("height delay 7 ms") as (m, _):
         periods(m, 3)
 
@@ -479,7 +479,7 @@ def test_everything_of_a_driver_is_handed_on():
 
 def test_the_delays_of_several_objects_pass_at_the_same_time(monkeypatch):
     waited: list[float] = []
-    monkeypatch.setattr("umo.wiring.faults.wrapper.time.sleep", waited.append)
+    monkeypatch.setattr("umo.drivers.faults.wrapper.time.sleep", waited.append)
     with connect(bench(), wiring(box(), "* delay 7 ms"), realtime=True) as m:
         waited.clear()
         m.sample()

@@ -50,7 +50,7 @@ def test_the_rule_of_the_verdict(found: Measured, word: str) -> None:
 
 def test_the_verdict_says_what_it_rests_on() -> None:
     text = judge(measured([50.0] * 999 + [212.0])).text
-    assert text == "None of 1,000 periods missed; the longest wake-up plus work was 212 us, 21% of the period"
+    assert text == "None of 1,000 periods missed; the longest wake-up plus work was 212 µs, 21% of the period"
 
 
 def test_the_verdict_is_on_what_umo_run_does_on_this_computer() -> None:
@@ -60,15 +60,15 @@ def test_the_verdict_is_on_what_umo_run_does_on_this_computer() -> None:
     assert judge(found).word == "yes"
 
 
-BETTER = "99 % of the periods that begin in time end within 5 us instead of 90 us, 0 instead of 0 are missed, for 10%"
+BETTER = "99 % of the periods that begin in time end within 5 µs instead of 90 µs, 0 instead of 0 are missed, for 10%"
 
 
 @pytest.mark.parametrize(
     ("granted", "better", "said"),
     [
-        (True, True, f"umo run rises 200 us early here: {BETTER}"),
+        (True, True, f"umo run rises 200 µs early here: {BETTER}"),
         (False, True, f'`early = "200 us"` in [process]: {BETTER}'),
-        (True, False, "`early = 0` in [process]: rising 200 us early does not help here"),
+        (True, False, "`early = 0` in [process]: rising 200 µs early does not help here"),
         (False, False, "rising early does not help here"),
     ],
 )

@@ -168,7 +168,7 @@ def test_an_object_refuses_what_does_not_fit_it(make: Any, message: str) -> None
 
 
 def test_the_declaration_says_what_it_is() -> None:
-    assert thermocouple().describe() == "0 to 1300 degC by 0.002 through a thermocouple K"
+    assert thermocouple().describe() == "0 to 1300 °C by 0.002 through a thermocouple K"
     assert DigitalSensor("degree_Celsius", minimum=0, maximum=1, resolution=1, linearization=K).linearization == K
 
 

@@ -33,7 +33,7 @@ from umo.latency import blackbox
 from umo.process.start import LINUX
 from umo.remote import RemoteStation
 from umo.remote.queue import Receiver
-from umo.remote.scope import Scope
+from umo.scope.svg import Scope
 from umo.testing import Scripted, VirtualTimer, periods
 
 
@@ -89,8 +89,8 @@ def running(m: Compound | None = None, box: Scripted | None = None, count: int =
 
 def test_a_declaration_shows_kinds_and_ranges() -> None:
     table = shown(bench())
-    assert table.heading.split() == ["Bench", "stage:", "not", "connected"]
-    assert table.rows["motor"] == {"kind": "digital actuator", "range": "-10 to 10 V, default 0"}
+    assert table.heading.split() == ["Bench", "state:", "not", "connected"]
+    assert table.rows["motor"] == {"kind": "digital actuator", "range": "-10 to 10 V, default 0 V"}
     assert table.rows["valve"] == {"kind": "binary actuator", "range": "OFF or ON, default OFF"}
     assert shown(bench().encoder).rows == {"encoder": {"kind": "digital sensor", "range": "0 to 100 mm"}}
 
@@ -105,10 +105,10 @@ def test_a_connected_machine_shows_what_was_read_and_sent_last(each_way: None) -
         periods(m)
         calls = len(box.calls)
         table = shown(m)
-        assert table.rows["encoder"] == {"value": "20 mm", "quality": "● good", "raw": "40", "wiring": "box:encoder"}
-        assert table.rows["motor"]["value"] == "5 V"
+        assert table.rows["encoder"] == {"value": "20.0 mm", "quality": "● good", "raw": "40", "wiring": "box:encoder"}
+        assert table.rows["motor"]["value"] == "5.0 V"
         assert table.rows["valve"] == {"value": "OFF", "quality": "● good", "raw": "1", "wiring": "box:valve inverted"}
-        assert "stage: running · progress: pressing, 1 of 3 · time: 0.001 s · missed: 0" in table.heading
+        assert "state: running · progress: pressing, 1 of 3 · time: 0.001 s · missed: 0" in table.heading
         periods(m)
         assert "missed: 3" in shown(connection).heading
         assert shown(m.motor).rows == {"motor": table.rows["motor"]}
@@ -175,7 +175,7 @@ def oven(count: int = 4) -> Oven:
 def test_like_objects_of_lists_share_a_line() -> None:
     with running(oven(), Scripted({f"zones.{i}.temperature": 2 * i for i in range(4)})) as (m, station):
         for table in (shown(m), shown(station)):
-            assert table.rows["zones[0..3].temperature"]["value"] == "0 to 3 mm"
+            assert table.rows["zones[0..3].temperature"]["value"] == "0.0 to 3.0 mm"
             wiring = table.rows["zones[0..3].temperature"]["wiring"]
             assert wiring == "box:zones.0.temperature .. box:zones.3.temperature"
         assert set(shown(station.zones[1]).rows) == {"zones.1.heater", "zones.1.temperature"}
@@ -195,7 +195,8 @@ def test_texts_are_escaped() -> None:
 
 def test_a_table_of_very_many_lines_is_cut() -> None:
     row = {"unit": "V"}
-    from umo.objects.html_table import TableRow, html_table
+    from umo.presentation.html_table import html_table
+    from umo.presentation.rows import TableRow
 
     html = html_table("many", {}, [TableRow(row | {"path": f"object{number}x"}, 1.0) for number in range(1000)])
     assert len(Table(html).rows) == 200
@@ -216,7 +217,10 @@ def test_nothing_that_a_table_meets_raises(monkeypatch: pytest.MonkeyPatch) -> N
 def test_a_station_its_parts_and_objects_show_the_last_frame() -> None:
     with running() as (_, station):
         table = shown(station)
-        assert table.heading.strip() == "press (rig) \u2002stage: running · time: 0.020 s · missed: 0".strip()
+        assert (
+            table.heading.strip()
+            == "press (rig) \u2002state: running · time: 0.020 s · period: 1 ms · missed: 0".strip()
+        )
         assert table.rows["encoder"] == {"value": "10.5 mm", "quality": "● good", "raw": "21", "wiring": "box:encoder"}
         assert shown(station.encoder).rows == {"encoder": table.rows["encoder"]}
         assert shown(station.reader).rows == table.rows
@@ -235,7 +239,7 @@ def test_mode_lease_and_tunable_numbers_are_shown() -> None:
         with reader:
             assert "mode: manual · lease: anna & bert" in shown(reader).heading
             assert (
-                shown(reader).rows["speed"] | {"value": "3 m/s", "note": "tunable from 1 to 5"}
+                shown(reader).rows["speed"] | {"value": "3 m/s", "note": "tunable, 1 to 5"}
                 == shown(reader).rows["speed"]
             )
         assert "mode: manual · lease: anna & bert" in shown(m).heading
@@ -253,7 +257,7 @@ def test_a_station_that_has_ended_keeps_its_last_values_and_says_so() -> None:
     with running() as (_, station):
         reader = station.reader.again()
     with reader:
-        assert "stage: ended" in shown(reader).heading
+        assert "state: ended" in shown(reader).heading
         assert shown(reader).rows["encoder"]["value"] == "10.5 mm"
 
 
@@ -281,7 +285,7 @@ def test_a_black_box_says_why_it_was_kept(tmp_path: Path) -> None:
     with running() as (_, station):
         blackbox.save(station.reader, tmp_path / "press.box", "a period was missed")
     with Reader(tmp_path / "press.box") as reader:
-        assert "stage: ended" in shown(reader).heading
+        assert "state: ended" in shown(reader).heading
         assert "kept because: a period was missed" in shown(reader).heading
         assert shown(reader).rows["encoder"]["wiring"] == "box:encoder"
 
@@ -301,7 +305,7 @@ def test_the_scope_has_a_lane_for_each_unit_and_a_bar_for_each_binary_object() -
         html = Scope(station.reader, ["encoder", "motor", "valve", "limit"], 0.02).draw({})
         assert html.count("<g ") == 4
         assert [
-            text for text in ("encoder  10.5 mm", "motor  0 V", "valve  OFF", "limit  PASS") if text not in html
+            text for text in ("encoder  10.5 mm", "motor  0.0 V", "valve  OFF", "limit  PASS") if text not in html
         ] == []
         assert Scope(station.reader, ["timer", "encoder"], 0.02).draw({}).count("<g ") == 2
         Table(html)  # every element is closed
@@ -309,7 +313,7 @@ def test_the_scope_has_a_lane_for_each_unit_and_a_bar_for_each_binary_object() -
 
 def test_the_scope_names_the_last_value_not_the_greatest_of_the_last_pixel() -> None:
     with running(box=Scripted({"encoder": [*[200] * 15, 0]})) as (_, station):
-        assert "encoder  0 mm" in Scope(station.reader, ["encoder"], 60.0).draw({})
+        assert "encoder  0.0 mm" in Scope(station.reader, ["encoder"], 60.0).draw({})
 
 
 def test_one_sample_is_seen_in_a_minute_of_others() -> None:
@@ -409,7 +413,7 @@ def test_a_live_table_follows_the_station_and_ends_with_it(screen: Screen) -> No
         with pytest.raises(TimeoutError, match="press is still running"):
             table.wait(0.01)
     table.wait(20)
-    assert "stage: ended" in Table(screen.pictures[-1]).heading
+    assert "state: ended" in Table(screen.pictures[-1]).heading
     assert not table.live
     kept = weakref.ref(table)
     del table
@@ -508,7 +512,7 @@ PROCESSES = pytest.mark.skipif(not LINUX, reason="machines run in other processe
 def test_a_run_that_failed_says_why() -> None:
     with umo.start("no-such-station") as run:
         until(lambda: run.outcome is not None)
-        assert "stage: ended · failure: no station 'no-such-station'" in shown(run).heading
+        assert "state: ended · failure: no station 'no-such-station'" in shown(run).heading
 
 
 @pytest.mark.slow
@@ -526,9 +530,9 @@ def test_the_cells_of_the_page_do_in_a_notebook_what_it_says(tmp_path: Path) -> 
     assert Table(belt["data"]["text/html"]).rows["belt.speed"]["wiring"] == "plant:drive:speed"
     table, scope = outputs[2]
     assert Table(table["data"]["text/html"]).rows["diverter"]["value"] == "OFF"
-    assert "stage: ended" in Table(table["data"]["text/html"]).heading, "it was kept up to date to the end"
+    assert "state: ended" in Table(table["data"]["text/html"]).heading, "it was kept up to date to the end"
     assert "view: stopped" in Table(scope["data"]["text/html"]).heading
     completed = next(each for each in outputs[3] if each.get("name") == "stdout")
     (run,) = (each for each in outputs[3] if "data" in each)
     assert "belt.speed" in completed["text"]
-    assert "stage: running · mode: manual" in Table(run["data"]["text/html"]).heading
+    assert "state: running · mode: manual" in Table(run["data"]["text/html"]).heading

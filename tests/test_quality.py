@@ -591,7 +591,7 @@ def test_what_was_never_read_has_no_value(box, synchronous):
                     law_reads()
             period(m)
         assert (m.one.quality, m.two.quality) == (BAD, BAD)
-        assert repr(m.two).startswith("<BinarySensor two = - BAD")
+        assert repr(m.two).startswith("<BinarySensor two = - ✕ bad")
         assert '<td class="number">0</td>' not in m.two._repr_html_()
         assert all(map(math.isnan, (*Vector([m.one]).read(), *Vector([m.two]).read())))
         box.set("one", 20)

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from umo.frames.history import History
-from umo.frames.reduction import crossing, measured, measured_state, reduced
+from umo.scope.history import History
+from umo.scope.reduction import crossing, measured, measured_state, reduced
 
 VALUES = st.floats(-1e9, 1e9) | st.just(float("nan"))
 SAMPLES = st.integers(1, 300).flatmap(lambda count: arrays(np.float64, (2, count), elements=VALUES))
@@ -49,8 +49,8 @@ def test_every_sample_is_a_point_where_pixels_are_as_fine_as_samples() -> None:
 @given(st.lists(st.integers(1, 40), min_size=1, max_size=40), st.integers(20, 60))
 def test_the_history_keeps_the_newest_samples_in_order(sizes: list[int], capacity: int) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("umo.frames.history.FEWEST", 1)
-        patch.setattr("umo.frames.history.BLOCKS", 5)
+        patch.setattr("umo.scope.history.FEWEST", 1)
+        patch.setattr("umo.scope.history.BLOCKS", 5)
         history = History(1, 1.0, seconds=capacity)
     assert history.capacity == capacity
     added = 0

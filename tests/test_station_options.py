@@ -178,7 +178,7 @@ def test_the_parameters_of_the_machine_that_a_text_can_give_are_options(row: Pat
 def test_every_command_takes_the_options_of_the_machine(umo: Any, row: Path) -> None:
     assert "3 objects" in umo("check", str(row), "--gauges", "3").output
     assert "gauges[0..4]" in umo("tree", str(row), "--gauges", "5").output
-    assert umo("get", str(row), "gauges.4", "--gauges", "5", "--unit", "m").stdout == "gauges.4  0 m  GOOD\n"
+    assert umo("get", str(row), "gauges.4", "--gauges", "5", "--unit", "m").stdout == "gauges.4  0.000 m  ● good\n"
     assert "gauges.4 is a sensor" in umo("set", str(row), "gauges.4", "1", "--gauges", "5").stderr
 
 

@@ -75,13 +75,13 @@ def test_like_members_of_a_list_are_shown_once_and_those_that_differ_by_themselv
         "Furnace  simulated",
         "zones[0..3, 5..999]  999 x Zone",
         f"heaters[0..2]  {heater}  simulated:dac:0 .. simulated:dac:2999",
-        "temperature  digital sensor, 0 to 900 degC by 0.1  simulated:adc:0 .. simulated:adc:999",
+        "temperature  digital sensor, 0 to 900 °C by 0.1  simulated:adc:0 .. simulated:adc:999",
         "zones.4  Zone",
         f"heaters[0..2]  {heater}  simulated:dac:12 .. simulated:dac:14",
-        "temperature  digital sensor, 0 to 1300 degC by 0.1  simulated:adc:4",
+        "temperature  digital sensor, 0 to 1300 °C by 0.1  simulated:adc:4",
         "fans.left  binary actuator, ON=1 OFF=0, default OFF  simulated:fans.left",
         "fans.right  binary actuator, ON=1 OFF=0, default OFF  simulated:fans.right",
-        "timer  digital sensor, 0 to 99 sampling_period by 1, asynchronous  simulated:timer",
+        "timer  digital sensor, 0 to 99 by 1, asynchronous  simulated:timer",
     ]
 
 

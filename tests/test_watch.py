@@ -32,10 +32,13 @@ from umo import (
 from umo.cli.app import app
 from umo.cli.follow import _name_other_runs
 from umo.cli.keys import parse, pressed
-from umo.cli.running import attach, how_ended, lasting
-from umo.cli.traces import Traces, span, spark
+from umo.cli.running import attach, how_ended
+from umo.cli.traces import Traces, spark, traced_span
 from umo.cli.watch import Picture
-from umo.objects.families import folded
+from umo.page.watched import Watched
+from umo.presentation.durations import lasting
+from umo.presentation.families import folded
+from umo.presentation.rows import quality_of, value_of
 from umo.system.record import Record
 from umo.testing import Scripted, VirtualTimer, periods
 from umo.wiring.patterns import chosen
@@ -103,7 +106,34 @@ def test_watch_once_shows_every_object_with_its_unit() -> None:
     assert "press (rig)" in text
     assert "motor 2.5 V" in text
     assert "valve OFF" in text
-    assert "missed 2" in text
+    assert "missed: 2" in text
+
+
+def test_terminal_notebook_and_page_say_the_same_of_a_run() -> None:
+    with running() as m:
+        m.motor.write(2.5)
+        periods(m)
+        seen, listed, got = (
+            umo("watch", "--once").stdout,
+            umo("ps").stdout,
+            umo("get", "press", "motor", "encoder").stdout,
+        )
+        with attach("press") as reader, attach("press") as other:
+            notebook = reader.html()
+            page = json.loads(Watched(other).state(full=True))["facts"]
+            facts = {name: text for name, text in reader.facts(reader.latest()).items() if text}
+            rows = reader.rows(reader.latest(), [reader.index("motor"), reader.index("encoder")])
+    assert list(facts)[:4] == ["state", "time", "period", "missed"]
+    for name in ("state", "time", "period", "missed"):
+        assert f"{name}: {facts[name]}" in seen
+        assert f"{name}: {facts[name]}" in notebook
+        assert page[name] == facts[name]
+        assert facts[name] in listed or name == "time"
+    assert [value_of([row]) for row in rows] == ["2.5 V", "11.0 mm"]
+    for row in rows:
+        assert value_of([row]) in seen
+        assert value_of([row]) in notebook
+        assert f"{row.about['path']:7}  {value_of([row])}  {quality_of([row])}" in got
 
 
 class Guarded(Bench):
@@ -119,10 +149,10 @@ def test_watch_tells_what_is_inhibited_and_why() -> None:
         result = umo("watch", "press", "--once")
         with attach("press") as reader:
             lines = drawn(Picture(reader, chosen(reader.paths, ["encoder", "motor"], "press")).screen(Console(), False))
-    assert "motor 0 V inhibited" in said(result)
-    assert "valve OFF inhibited" in said(result)
-    assert "motor and valve inhibited: the guard is open" in said(result)
-    assert lines[-2:] == ["motor inhibited: the guard is open", lines[-1]]
+    assert "motor 0.0 V ⊘ inhibited" in said(result)
+    assert "valve OFF ⊘ inhibited" in said(result)
+    assert "⊘ inhibited: the guard is open: motor and valve" in said(result)
+    assert lines[-2:] == ["⊘ inhibited: the guard is open: motor", lines[-1]]
 
 
 def test_watch_takes_objects_and_compounds() -> None:
@@ -180,13 +210,14 @@ def test_a_trace_follows_the_values() -> None:
 
 def test_a_trace_keeps_extremes_without_values_that_are_missing() -> None:
     traces = Traces(2)
-    assert spark(*traces.of([0]), False) == span(*traces.of([0]), False) == ""
+    assert spark(traces.of([0]), {}) == traced_span(traces.of([0]), {}) == ""
     times = np.arange(0.0, 40.0, 0.5)
     traces.add(times, np.column_stack([times, np.full(len(times), np.nan)]))
     low, high = traces.of([0, 1])
     assert (low.tolist(), high.tolist()) == (list(range(24, 40)), [second + 0.5 for second in range(24, 40)])
-    assert span(low, high, False) == "24 to 39.5"
-    assert spark(low, high, False) == "▁▁▂▂▃▃▄▄▅▅▆▆▇▇██"
+    assert traced_span((low, high), {}) == "24 to 39.5"
+    assert traced_span((low, high), {"resolution": 0.25}) == "24.0 to 39.5"
+    assert spark((low, high), {}) == "▁▁▂▂▃▃▄▄▅▅▆▆▇▇██"
     assert len(traces.of([1])[0]) == 0
 
 
@@ -250,8 +281,8 @@ def test_the_like_objects_of_a_list_are_one_line_with_range_and_worst_quality() 
     with furnace() as (_, picture):
         lines = drawn(picture.screen(Console(height=24), keys=True), 100)
     (temperature,) = (line for line in lines if "temperature" in line)
-    assert temperature.split()[:7] == ["▸", "zones[0..39].temperature", "0", "to", "150", "mm,", "1"]
-    assert "1 OUT_OF_RANGE" in temperature
+    assert temperature.split()[:7] == ["▸", "zones[0..39].temperature", "0.0", "to", "150.0", "mm", "▲"]
+    assert "▲ 1 out of range" in temperature
     (fan,) = (line for line in lines if "fan" in line)
     assert "▸ zones[0..39].fan" in fan
     assert "1 ON, 39 OFF" in fan
@@ -292,7 +323,7 @@ def test_a_family_is_unfolded_and_scrolled_by_keys() -> None:
 def test_columns_that_do_not_fit_are_left_out_and_no_value_is_cut(width: int) -> None:
     with furnace() as (_, picture):
         lines = drawn(picture.screen(Console(width=width, height=24)), width)
-    assert all("0 to 150 mm, 1 OUT_OF_RANGE" in line for line in lines if "temperature" in line)
+    assert all("0.0 to 150.0 mm ▲ 1 out of range" in line for line in lines if "temperature" in line)
     assert not any("…" in line for line in lines[:-1])
     assert ("raw" in lines[3]) == (width >= 100)
 

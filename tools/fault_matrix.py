@@ -32,14 +32,14 @@ from umo import StopError, UmoError, WiringError
 from umo.cycle import connect, drive
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Channel, Direction
+from umo.drivers.faults.effects import Effect
+from umo.drivers.faults.words import OF_DRIVERS, InjectedFault
+from umo.drivers.faults.wrapper import Faulty
 from umo.objects import Binary, atoms
 from umo.process.outcome import message_of, plain
 from umo.process.station import find
 from umo.testing.faults import KINDS
 from umo.wiring import Wired, resolve, share
-from umo.wiring.faults.effects import Effect
-from umo.wiring.faults.words import OF_DRIVERS, InjectedFault
-from umo.wiring.faults.wrapper import Faulty
 from umo.wiring.patterns import generalised
 
 DRIVER = "plant"

@@ -17,9 +17,8 @@ from PIL import Image
 
 import umo
 from umo.frames import Reader, published
-from umo.frames.frames_table import html_of_frames
 from umo.process.station import find
-from umo.remote.scope import Scope
+from umo.scope.svg import Scope
 from umo.stations.ztheta.application import main
 from umo.stations.ztheta.objects import machine
 from umo.stations.ztheta.render import render
@@ -55,9 +54,7 @@ def show_notebook(connection: umo.connect) -> None:
     from playwright.sync_api import sync_playwright
 
     with umo.attach("ztheta") as station, sync_playwright() as playwright, Reader(station.reader.path) as reader:
-        table = html_of_frames(
-            reader, ["theta.encoder", "theta.step", "theta.error", "gripper.vacuum", "gripper.pressure"]
-        )
+        table = reader.html(["theta.encoder", "theta.step", "theta.error", "gripper.vacuum", "gripper.pressure"])
         scope = Scope(reader, ["theta.encoder", "theta.error", "theta.step", "gripper.vacuum"], 2.0).draw({})
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
         page = browser.new_page(viewport={"width": 760, "height": 100}, color_scheme="light")

@@ -10,9 +10,9 @@ from urllib.parse import quote
 import numpy as np
 import pytest
 
-from umo.frames.history import History
 from umo.page.live import Stretch
 from umo.page.samples import csv_of
+from umo.scope.history import History
 
 from .conftest import TOKEN, Served, opened, running, serving
 
@@ -35,6 +35,14 @@ def test_numbers_states_and_missing_values_are_told() -> None:
     lines = "".join(csv_of(stretch(history, entries, 0.001, 0.003))).splitlines()
     assert lines[0] == "time [s],motor [V],valve,clock"
     assert lines[1:] == ["0.001,0.1,ON,5.0", "0.002,,OFF,6.0", "0.003,2.0,,7.0"]
+
+
+def test_an_object_has_the_digits_of_its_resolution_and_what_has_none_all_of_them() -> None:
+    entries = [{"path": "motor", "unit": "V", "resolution": 0.005, "zero_offset": 0.0}, {"path": "error", "unit": "V"}]
+    history = History(2, 0.001)
+    history.add(np.array([0.001, 0.002]), np.array([[9.983e-5, 9.983e-5], [0.015, 1 / 3]]))
+    lines = "".join(csv_of(stretch(history, entries, 0.001, 0.002))).splitlines()
+    assert lines[1:] == ["0.001,0.000,9.983e-05", "0.002,0.015,0.3333333333333333"]
 
 
 def test_of_a_run_in_real_time_each_sample_has_its_utc() -> None:

@@ -18,7 +18,6 @@ from umo.frames import Reader
 from umo.frames.cells import size_of
 from umo.frames.folder import folder
 from umo.frames.frame_server import FrameServer
-from umo.frames.history import History
 from umo.frames.layout import Layout, arrange
 from umo.frames.memory import Ends, fill
 from umo.objects import Quality
@@ -30,6 +29,7 @@ from umo.page.page_hand import PageHand
 from umo.page.server import Options, listen, server
 from umo.page.session import MOST_ASKED, First
 from umo.page.watched import Watched
+from umo.scope.history import History
 from umo.testing import Scripted
 
 from .conftest import PATIENCE, TOKEN, Client, eventually, opened, running, serving

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 import umo.page as umo_page
-from umo.objects import Quality
+from umo.presentation.in_words import as_shown
+from umo.presentation.qualities import SIGNS, WORDS
 from umo.process.station import find
 from umo.twin.declared import declared_by
 
@@ -81,7 +82,7 @@ class Viewer:
         self.complaints = complaints_of(self.page)
         self.page.route("**/*", self._answer)
         self.page.goto(f"{HOST}/")
-        qualities = [(quality.sign, quality.words) for quality in Quality]
+        qualities = list(zip(SIGNS, WORDS, strict=True))
         told = {"qualities": qualities, "twin": description is not None}
         self.page.evaluate(FEED, [description, told])
 
@@ -117,7 +118,9 @@ def described(name: str) -> dict[str, Any]:
     station = find(name)
     twin = declared_by(station)
     assert twin is not None
-    found: dict[str, Any] = json.loads(json.dumps(twin.describe(station.machine())))
+    described = twin.describe(station.machine())
+    described["paths"] = list(map(as_shown, described["paths"]))
+    found: dict[str, Any] = json.loads(json.dumps(described))
     return found
 
 
@@ -321,8 +324,8 @@ def test_labels_name_the_bodies_and_their_values_on_demand(shown: Any) -> None:
     viewer.page.get_by_role("button", name="Labels").click()
     viewer.run("test.drawing()")
     texts = labels.all_inner_texts()
-    assert "z\nz.encoder 87000 um" in texts
-    assert "theta\ntheta.encoder 12.35 deg (unreferenced)" in texts
+    assert "z\nz.encoder 87000 µm" in texts
+    assert "theta\ntheta.encoder 12.3450 ° (unreferenced)" in texts
     boxes = [box for label in labels.all() if (box := label.bounding_box())]
     for one, other in itertools.combinations(boxes, 2):
         beside = one["x"] + one["width"] <= other["x"] or other["x"] + other["width"] <= one["x"]

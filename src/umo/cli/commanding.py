@@ -15,7 +15,11 @@ from rich.table import Table
 from umo.cycle.stage import Progress, Stage
 from umo.errors import CommandRefused, FramesError, LeaseHeld, PathError, RangeError
 from umo.frames import Reader
-from umo.objects import Quality
+from umo.objects.description import converted
+from umo.presentation.digits import number_text, setting_text
+from umo.presentation.in_words import span
+from umo.presentation.rows import quality_of, sentence_of, value_of
+from umo.presentation.unit_text import shown_unit
 from umo.remote import HeldLease, RemoteStation
 from umo.remote.attached import user
 from umo.remote.members import RemoteObject, call_action
@@ -26,7 +30,7 @@ from umo.text import did_you_mean, printable, some
 from .console import err, out
 from .progress_line import OneLine
 from .running import attach, how_ended, readers, standing
-from .values import argument, check_units, number, shown, state
+from .values import argument, number, state
 
 LOOK = 0.05
 """s between two pictures of the progress."""
@@ -187,20 +191,8 @@ def _actions(reader: Reader) -> Table:
 def _described(about: dict[str, Any]) -> str:
     text = f"{about['name']}={about['kind'] if not about.get('choices') else '|'.join(about['choices'])}"
     if "unit" in about:
-        text = f"{about['name']}={_span(about)}"
+        text = f"{about['name']}={span(about['minimum'], about['maximum'], about['unit']) or 'number'}"
     return text if about["required"] else f"[{text}]"
-
-
-def _span(about: dict[str, Any]) -> str:
-    return " ".join(filter(None, [between(about), about["unit"]])) or "number"
-
-
-def between(about: dict[str, Any]) -> str:
-    """The range of a number; empty where it has no bounds."""
-    low, high = about["minimum"], about["maximum"]
-    if low is None or high is None:
-        return "" if low is high else f"up to {high:g}" if low is None else f"{low:g} or more"
-    return f"{low:g} to {high:g}"
 
 
 def tune(name: str, path: str | None, text: str | None, over: bool) -> None:
@@ -211,27 +203,23 @@ def tune(name: str, path: str | None, text: str | None, over: bool) -> None:
         if path is None:
             table = Table("number", "value", "unit", "range", header_style="bold")
             for each, entry in known.items():
-                table.add_row(each, _digits(now[each]), entry["unit"], between(entry))
+                bounds = span(entry["minimum"], entry["maximum"])
+                table.add_row(each, number_text(now[each]), shown_unit(entry["unit"]), bounds)
             out.print(table)
             return
         if path not in known:
             raise PathError(f"no tunable number {path!r}{did_you_mean(path, known)}; `umo tune {name}` lists them")
         unit = known[path]["unit"]
         if text is None:
-            out.print(f"{path}  {_digits(now[path])} {unit}")
+            out.print(f"{path}  {setting_text(now[path])} {shown_unit(unit)}".rstrip())
             return
         value = number(path, text, unit)
         with leased(station, over):
             station.ask("tune", path, value=value)
-        given = str(value) if isinstance(value, int) else _digits(value)
-        out.print(f"{path}  {_digits(now[path])} -> {given} {unit}")
+        given = setting_text(value)
+        out.print(f"{path}  {setting_text(now[path])} -> {given} {shown_unit(unit)}".rstrip())
         keep = f"put {path} = {given} under [parameters] of the wiring"
         err.print(f"until the run ends; to keep it, {keep}", soft_wrap=True)
-
-
-def _digits(value: float) -> str:
-    """All digits that a number in the frames surely has."""
-    return f"{value:.15g}"
 
 
 def get_running(reader: Reader, paths: Sequence[str], unit: str | None) -> None:
@@ -240,11 +228,10 @@ def get_running(reader: Reader, paths: Sequence[str], unit: str | None) -> None:
         items = [_object(station, path) for path in paths]
         if (frame := reader.latest()) is None:
             raise FramesError(f"{reader.about['station']} is running but has not finished a period yet")
-        check_units((item.units for item in items), unit)
-        values, width = reader.values(frame), max(map(len, paths))
-        for item in items:
-            quality = Quality(int(frame["quality"][reader.index(item.path)]))
-            out.print(f"{item.path:{width}}  {shown(values[item.path], item.units, unit)}  {quality}")
+        rows = [converted(row, unit) for row in reader.rows(frame, (reader.index(item.path) for item in items))]
+        width = max(map(len, paths))
+        for row in rows:
+            out.print(sentence_of(row, width), soft_wrap=True)
         about = reader.about
         err.print(f"umo: read from the frames of {about['station']}, which is running (pid {about['pid']})")
 
@@ -278,7 +265,8 @@ def _take(station: RemoteStation, item: RemoteObject, value: float | str, hold: 
     with leased(station, over) as lease:
         item.write(value)
         _let_pass(station.reader)
-        out.print(f"{path}  {shown(item.read(), item.units, None)}  {item.quality}")
+        (row,) = station.reader.rows(station.reader.latest(), [station.reader.index(path)])
+        out.print(f"{path}  {value_of([row])}  {quality_of([row])}")
         status = _hold(lease, path, hold)
         item.release()
     out.print(f"{path}  reset to its default")

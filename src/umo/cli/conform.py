@@ -18,10 +18,12 @@ from rich.table import Table
 from umo.cycle.stopping import SIGNALS, signal_name
 from umo.cycle.transfer import PATIENCE
 from umo.drivers import Direction, Driver
+from umo.drivers.faults.wrapper import bare
 from umo.drivers.streams import Host, Serial
 from umo.errors import DriverError, PathError, StopError, text_of
 from umo.objects import Compound, Digital
 from umo.objects.units import convert
+from umo.presentation.in_words import span
 from umo.process.outcome import FAILED
 from umo.process.station import Station, StationError, find
 from umo.signature import signature_of
@@ -31,7 +33,6 @@ from umo.testing.conformance import Certificate, Input, Output, PtyTap, Subject,
 from umo.testing.conformance.process import State, state
 from umo.text import did_you_mean, in_brackets, some
 from umo.wiring import Wire, Wired, resolve
-from umo.wiring.faults.wrapper import bare
 from umo.wiring.options import maker_of
 
 from .console import err, out
@@ -254,7 +255,7 @@ def _plan(subject: Subject, wires: Sequence[Wire], devices: Sequence[str]) -> Ta
             table.add_row(wire.item.path, wire.channel.text, "read; a write must be refused", "", "")
             continue
         low, high = sorted((wire.value(output.least), wire.value(output.greatest)))
-        values = f"{low:g} to {high:g} {wire.item.units}" if isinstance(wire.item, Digital) else "both states"
+        values = span(low, high, wire.item.units) if isinstance(wire.item, Digital) else "both states"
         table.add_row(
             wire.item.path,
             output.channel,

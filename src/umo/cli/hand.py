@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import cache, partial
 from math import inf
 from pathlib import Path
@@ -13,9 +14,12 @@ from typing import Any
 from umo.cycle import connect
 from umo.errors import BadInput, FramesError, OptionError, PathError, RangeError
 from umo.frames import Reader
-from umo.objects import Atomic, Binary, BinaryActuator, Compound, Digital, DigitalActuator, DigitalSensor, TwoState
+from umo.objects import Atomic, Binary, BinaryActuator, Compound, DigitalActuator, DigitalSensor, TwoState
+from umo.objects.description import converted, described, row_of
 from umo.objects.paths import children
 from umo.objects.paths import find as object_at
+from umo.presentation.in_words import measure, span, value_text
+from umo.presentation.rows import TableRow, quality_of, raw_of, sentence_of, value_of
 from umo.process.start import LINUX
 from umo.process.station import Station, StationError, find
 from umo.remote.search import is_path, meant_by, several_runs
@@ -27,7 +31,7 @@ from .commanding import get_running, set_running
 from .console import err, out
 from .running import attach, readers
 from .station_options import machine_and_words, machine_of
-from .values import check_units, number, shown, state
+from .values import number, state
 
 PAUSE = 0.01
 """Seconds between two looks at a machine that has no timer."""
@@ -42,14 +46,17 @@ def get_values(name: str, wiring: str | None, paths: list[str], unit: str | None
     station = _station(name)
     machine, paths = machine_and_words(station, paths)
     items = [_atomic(machine, path) for path in paths]
-    check_units((_units(item) for item in items), unit)  # before a device is opened
+    for item in items:
+        converted(TableRow(described(item), 1.0), unit)  # before a device is opened
     file = station.wiring(wiring)
     connection = connect(machine, resolve(machine, file), acknowledge=acknowledge)
     _announce(connection, station, file, "reading")
     width = max(map(len, paths))
     with connection:
         for item in items:
-            out.print(f"{item.path:{width}}  {_read(item, unit)}  {item.quality}")
+            with suppress(BadInput):  # it was never read: it has no state
+                item.read()
+            out.print(sentence_of(converted(row_of(item), unit), width), soft_wrap=True)
 
 
 def set_value(
@@ -151,13 +158,16 @@ def _hold(connection: connect[Any], item: Any, value: Any, hold: float | None) -
         taken = item.write(value)
         if item.synchronous:
             item.update()  # now, also where the machine's outputs leave at the next tick
-        line = f"{item.path}  {_text(item, item.read(), None)}  raw {item.raw}  {item.quality}"
-        out.print(line + _remark(item, taken))
+        item.read()
+        row = row_of(item)
+        out.print(f"{item.path}  {value_of([row])}  raw {raw_of([row])}  {quality_of([row])}{_remark(item, taken)}")
         if hold is None:
             err.print("held until Ctrl-C; --hold SECONDS ends it", soft_wrap=True)
         pause = 0.0 if connection.wired.realtime else connection.wired.period or PAUSE
         _loop(m, hold, pause, partial(item.write, value) if item.expires is not None else None)
-    out.print(f"{item.path}  reset to {item.default}")
+    about = described(item)
+    default = value_text(about, item.default) if isinstance(item, DigitalActuator) else item.default
+    out.print(f"{item.path}  reset to {default}")
     return 128 + connection.stop.signal if connection.stop.signal and hold is not None else 0
 
 
@@ -166,7 +176,7 @@ def _remark(item: Any, taken: bool) -> str:
     if not taken:
         return f"  (inhibited: {item.inhibited})" if item.inhibited else "  (clamped)"
     if item.read() != item.pending:
-        return f"  (on its way to {_text(item, item.pending, None)}: its slew rate is limited)"
+        return f"  (on its way to {value_text(described(item), item.pending)}: its slew rate is limited)"
     return ""
 
 
@@ -192,22 +202,6 @@ def _atomic(machine: Compound, path: str) -> Any:
     return item
 
 
-def _read(item: Any, unit: str | None) -> str:
-    try:
-        return _text(item, item.read(), unit)
-    except BadInput:  # it was never read: it has no state
-        return "-"
-
-
-def _text(item: Atomic, value: Any, unit: str | None) -> str:
-    return shown(value, _units(item), unit)
-
-
-def _units(item: Atomic) -> str:
-    """Empty for a binary object."""
-    return item.units if isinstance(item, Digital) else ""
-
-
 def _parse(item: Any, text: str, wired: Wired) -> float | TwoState:
     """A state's name, a number in the declared unit, or a number with a unit; RangeError outside the wired range."""
     if isinstance(item, Binary):
@@ -217,6 +211,6 @@ def _parse(item: Any, text: str, wired: Wired) -> float | TwoState:
     (calibration,) = (wire.calibration for wire in wired.wires if wire.item is item)
     assert calibration is not None
     if not calibration.minimum <= value <= calibration.maximum and item.limits == "raise":
-        span = f"{calibration.minimum:g} to {calibration.maximum:g}"
-        raise RangeError(f"{item.path}: {value:g} {item.units} is outside {span}")
+        outside = f"is outside {span(calibration.minimum, calibration.maximum)}"
+        raise RangeError(f"{item.path}: {measure(value, item.units)} {outside}")
     return value

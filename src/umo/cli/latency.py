@@ -11,11 +11,12 @@ import numpy as np
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from umo.duration import seconds as duration
+from umo.duration import seconds as seconds_of
 from umo.errors import RangeError
 from umo.latency import Samples, judge, measure
 from umo.latency.measure import Measured
 from umo.latency.verdict import advice, recommend
+from umo.presentation.durations import duration
 from umo.process.start import LINUX
 
 from .console import err, out
@@ -28,7 +29,7 @@ BARS = 30
 
 def latency(period: str, seconds: float, load: bool, file: Path | None) -> None:
     """Measure, show, judge."""
-    step = duration(period)
+    step = seconds_of(period)
     if not SHORTEST <= step <= LONGEST:
         raise RangeError(f"--period {period}: umo latency measures periods from 50 us to 1 s")
     if not LINUX:
@@ -37,7 +38,7 @@ def latency(period: str, seconds: float, load: bool, file: Path | None) -> None:
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
     # without a thread that draws, which would run beside what is measured
     with Progress(*columns, console=err, transient=True, auto_refresh=False, disable=not err.is_terminal) as bar:
-        task = bar.add_task(f"{step * 1e3:g} ms, umo's loop and a C loop in turns", total=1.0)
+        task = bar.add_task(f"{duration(step)}, umo's loop and a C loop in turns", total=1.0)
         bar.refresh()
         found = measure(
             step, seconds, load=load, progress=lambda share: bar.update(task, completed=share, refresh=True)
@@ -55,14 +56,14 @@ def latency(period: str, seconds: float, load: bool, file: Path | None) -> None:
         for line in lines:
             out.print(f"- {line}", soft_wrap=True)
     answer = judge(found)
-    out.print(f"\n{step * 1e3:g} ms: {answer.word}. {answer.text}", style="bold", soft_wrap=True)
+    out.print(f"\n{duration(step)}: {answer.word}. {answer.text}", style="bold", soft_wrap=True)
     if file is not None:
         file.write_text(json.dumps(_as_json(found, load), indent=2) + "\n", encoding="utf-8")
 
 
 def _table(found: Measured, load: bool) -> Table:
     beside = "with load on every core" if load else "without added load"
-    table = Table(title=f"{found.period * 1e3:g} ms, {beside}, us", title_justify="left", header_style="bold")
+    table = Table(title=f"{duration(found.period)}, {beside}, µs", title_justify="left", header_style="bold")
     for name in ("", *(name for name, _ in QUANTILES), "missed", "processor"):
         table.add_column(name, justify="right" if name else "left")
     for title, pick in (("waking up", "wake"), ("working", "work"), ("together", "total")):
@@ -89,7 +90,7 @@ def _histogram(found: Measured) -> list[str]:
     low, high = min(t.min() for t in totals), max(t.max() for t in totals)
     edges = 10 ** (np.arange(int(3 * log10(max(low, 0.1))), int(3 * log10(high)) + 2) / 3)
     counts = [np.histogram(samples.total, edges)[0] for _, samples in loops]
-    lines = ["", f"{'us, together':>16}  " + "  ".join(f"{name:<{BARS}}" for name, _ in loops).rstrip()]
+    lines = ["", f"{'µs, together':>16}  " + "  ".join(f"{name:<{BARS}}" for name, _ in loops).rstrip()]
     for row in range(len(edges) - 1):
         bars = "  ".join(f"{_bar(int(count[row]), int(count.sum())):<{BARS}}" for count in counts)
         lines.append(f"{edges[row]:>7.0f} -{edges[row + 1]:>7.0f}  {bars}".rstrip())

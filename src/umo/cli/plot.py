@@ -13,7 +13,8 @@ import numpy as np
 from umo.cycle.frame import Signal
 from umo.cycle.trace import Trace
 from umo.objects import Atomic, Binary, DigitalSensor
-from umo.objects.families import FROM, families, folded
+from umo.presentation.families import FROM, families, folded
+from umo.presentation.unit_text import shown_unit
 from umo.text import some
 
 BESIDE_SENSORS = ("setpoint", "low", "high")
@@ -99,7 +100,7 @@ def _panels(shown: Sequence[Any]) -> list[Panel]:
     panels: dict[str, Panel] = {}
     for group in _groups(shown):
         first = group[0]
-        unit = first.unit if isinstance(first, Signal) else first.units
+        unit = shown_unit(first.unit if isinstance(first, Signal) else first.units)
         if len(group) >= FROM:
             name = folded([each.path for each in group])
             panels[name] = Panel(unit, name, group)

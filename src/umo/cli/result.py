@@ -12,6 +12,7 @@ from rich.table import Table
 
 from umo.cycle.stage import Progress
 from umo.cycle.trace import Statistics
+from umo.presentation.digits import number_text
 from umo.process.outcome import Outcome
 from umo.text import printable
 
@@ -73,7 +74,7 @@ class Result:
         why = " (why: `umo why`)" if statistics.missed else ""
         table.add_row("periods", f"{statistics.periods}, missed {statistics.missed}{why}")
         median, p99 = (_shown(statistics.percentile(q), ".1f") for q in (50, 99))
-        table.add_row("execution time of a period", f"median {median} us, p99 {p99} us")
+        table.add_row("execution time of a period", f"median {median} µs, p99 {p99} µs")
         factor = _shown(self.realtime_factor, ".2f")
         table.add_row("time", f"{self.outcome.simulated:.2f} s in {self.elapsed:.2f} s, {factor} x real time")
         for driver, report in self.outcome.reports.items():
@@ -96,7 +97,7 @@ def rows(name: str, data: Any) -> Iterator[tuple[str, str]]:
 def _text(value: Any) -> str:
     if value is None:
         return "-"
-    text = f"{value:.6g}" if isinstance(value, float) else printable(str(value))
+    text = number_text(value) if isinstance(value, float) else printable(str(value))
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
 
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 from rich import box
 from rich.table import Table
@@ -14,18 +13,20 @@ from rich.text import Text
 from umo.cycle.events import CommandState
 from umo.errors import FramesError, PathError
 from umo.frames import Reader
+from umo.frames.frames_table import progress_of
 from umo.frames.last_event import end_of
-from umo.objects.families import ANY
+from umo.presentation.families import ANY
+from umo.presentation.run_facts import FREE, since
 from umo.remote import search
 from umo.system.hold import is_held
 from umo.system.record import Ended, all_standing
-from umo.text import printable, time_of_day
+from umo.text import printable
 from umo.wiring.patterns import chosen
 
 from .console import err, out
 
-LONGEST = 1e10
-"""s: 300 years."""
+COLUMNS = ("station", "pid", "since", "state", "mode", "period", "periods", "missed", "lease", "progress")
+"""Facts that `umo ps` shows."""
 
 
 def ps(as_json: bool) -> None:
@@ -36,7 +37,7 @@ def ps(as_json: bool) -> None:
     for text in unread:
         _say(text)
     if as_json:
-        listed = {"running": found, "stopped": [vars(ended) for ended in stopped]}
+        listed = {"running": [run.data for run in found], "stopped": [vars(ended) for ended in stopped]}
         out.print_json(json.dumps(listed), ensure_ascii=True)
         return
     if found:
@@ -52,12 +53,12 @@ def ps(as_json: bool) -> None:
         )
 
 
-def _lines(unread: Callable[[str], object]) -> Iterator[dict[str, Any]]:
+def _lines(unread: Callable[[str], object]) -> Iterator[Run]:
     """A line for each run; one whose frames are damaged does not hide the others: `unread` is told of it."""
     for reader in search.readers(unread):
         try:
             with reader, search.reading(reader.path):
-                yield _line(reader)
+                yield Run.of(reader)
         except FramesError as error:
             unread(str(error))
 
@@ -110,55 +111,39 @@ def standing() -> list[Ended]:
     return [ended for ended in all_standing() if ended.state != "running" or not is_held(ended.device)]
 
 
-def _line(reader: Reader) -> dict[str, Any]:
-    about, frame = reader.about, reader.latest()
-    return {
-        "station": about["station"],
-        "wiring": about["wiring"],
-        "pid": about["pid"],
-        "since": about["started"],
-        "state": reader.state.name.lower(),
-        "mode": None if reader.mode is None else str(reader.mode),
-        "lease": printable(reader.holder) or None,
-        "progress": "" if frame is None else printable(frame["progress"].decode(errors="replace")),
-        "period_s": about["period"],
-        "periods": reader.head,
-        "missed": reader.missed,
-    }
+class Run(NamedTuple):
+    """A run as data, and what is said of it."""
+
+    data: dict[str, Any]
+    facts: dict[str, str]
+
+    @classmethod
+    def of(cls, reader: Reader) -> Run:
+        about, frame = reader.about, reader.latest()
+        data = {
+            "station": about["station"],
+            "wiring": about["wiring"],
+            "pid": about["pid"],
+            "since": about["started"],
+            "state": str(reader.state),
+            "mode": None if reader.mode is None else str(reader.mode),
+            "lease": printable(reader.holder) or None,
+            "progress": printable(progress_of(frame).text),
+            "period_s": about["period"],
+            "periods": reader.head,
+            "missed": reader.missed,
+        }
+        said = {"station": reader.title, "pid": str(about["pid"]), "since": since(about["started"])}
+        return cls(data, said | {"periods": f"{reader.head:,}"} | reader.facts(frame))
 
 
-def _table(found: list[dict[str, Any]]) -> Table:
-    """The column of the lease only where somebody has one."""
-    held = any(line["lease"] for line in found)
+def _table(found: list[Run]) -> Table:
+    """The columns in which something stands; that of the lease only where somebody has one."""
     table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="bold", padding=(0, 1, 0, 0))
-    for title in ("station", "pid", "since", "state", "period", "periods", "missed", "lease", "progress"):
-        if held or title != "lease":
-            table.add_column(title, overflow="fold", no_wrap=title in ("pid", "period", "periods", "missed"))
-    for line in found:
-        since = time_of_day(line["since"], "%H:%M:%S")
-        table.add_row(
-            f"{line['station']} ({line['wiring']})" if line["wiring"] else line["station"],
-            str(line["pid"]),
-            f"{since} ({lasting(time.time() - line['since'])})",
-            f"{line['state']}, {line['mode']}" if line["mode"] else line["state"],
-            f"{line['period_s'] * 1e3:g} ms",
-            f"{line['periods']:,}",
-            f"{line['missed']:,}",
-            *([line["lease"]] if held else []),
-            line["progress"],
-        )
+    held = any(run.facts["lease"] not in ("", FREE) for run in found)
+    titles = [title for title in COLUMNS if any(run.facts[title] for run in found) and (held or title != "lease")]
+    for title in titles:
+        table.add_column(title, overflow="fold", no_wrap=title in ("pid", "period", "periods", "missed"))
+    for run in found:
+        table.add_row(*(run.facts[title] for title in titles))
     return table
-
-
-def lasting(seconds: float) -> str:
-    """`12 s`, `3 min`, `2 h 05 min`, `3 d 4 h`; `?` for what no run has lasted."""
-    if not -LONGEST < seconds < LONGEST:
-        return "?"
-    minutes, hours, days = seconds / 60, seconds / 3600, seconds / 86400
-    if minutes < 2:
-        return f"{seconds:.0f} s"
-    if hours < 1:
-        return f"{minutes:.0f} min"
-    if days < 2:
-        return f"{int(hours)} h {int(minutes) % 60:02d} min"
-    return f"{int(days)} d {int(hours) % 24} h"

@@ -10,6 +10,7 @@ from rich.text import Text
 from umo.errors import Mistake, OptionError
 from umo.objects import Compound, actions_of, numbers_of
 from umo.objects.interlock import interlocks_of
+from umo.presentation.durations import duration
 from umo.process.station import Station
 from umo.twin.declared import declared_by
 from umo.wiring import check, resolve
@@ -42,7 +43,7 @@ def _check_wiring(machine: Compound, file: Path | None) -> int:
     wired = resolve(machine, file)
     tunable = sum(number.declared.tunable for number in numbers_of(machine).values())
     offered = [(len(actions_of(machine)), "action"), (tunable, "tunable number")]
-    period = "no timer" if wired.period is None else f"period {wired.period * 1e3:g} ms"
+    period = "no timer" if wired.period is None else f"period {duration(wired.period)}"
     found = [
         f"{_count(len(wired.wires), 'object')} on {_count(len(wired.drivers), 'driver')}",
         period,

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
+
+from umo.presentation.digits import number_text
+from umo.presentation.in_words import About, digits_in
 
 TRACE = 16
 """Stretches of time, the newest last."""
@@ -48,21 +49,22 @@ class Traces:
         return low[known], high[known]
 
 
-def spark(low: Floats, high: Floats, binary: bool) -> str:
-    """A block for each stretch of time, at the middle of what was seen in it."""
+def spark(traced: tuple[Floats, Floats], about: About) -> str:
+    """A block for each stretch of time, at the middle of what was seen in it. `about`: the description of the row."""
+    low, high = traced
     if not len(low):
         return ""
     middles = (low + high) / 2
-    least, most = (0.0, 1.0) if binary else (middles.min(), middles.max())
+    least, most = (0.0, 1.0) if "one" in about else (middles.min(), middles.max())
     if most == least:
         return BLOCKS[0] * len(middles)
     return "".join(BLOCKS[round(share * (len(BLOCKS) - 1))] for share in (middles - least) / (most - least))
 
 
-def span(low: Floats, high: Floats, binary: bool) -> str:
+def traced_span(traced: tuple[Floats, Floats], about: About) -> str:
     """`2 to 3.5`; empty for a binary object."""
-    return "" if binary or not len(low) else f"{short(low.min())} to {short(high.max())}"
-
-
-def short(value: Any) -> str:
-    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.4g}"
+    low, high = traced
+    if "one" in about or not len(low):
+        return ""
+    digits = digits_in(about)
+    return f"{number_text(low.min(), digits)} to {number_text(high.max(), digits)}"

@@ -12,8 +12,9 @@ from rich.tree import Tree
 from umo.drivers import Direction
 from umo.errors import DeclarationError
 from umo.objects import Atomic, Compound, Digital, DigitalActuator, Node, atoms, children, path_of
-from umo.objects.families import FROM
 from umo.objects.paths import is_pattern, named
+from umo.presentation.families import FROM
+from umo.presentation.in_words import measure
 from umo.process.station import Station, StationError
 from umo.wiring import check
 from umo.wiring.linearized import from_table
@@ -119,7 +120,7 @@ def _declared(item: Atomic) -> str:
     words = [_kind(item), item.describe()]
     default = getattr(item, "default", None)
     if default is not None:
-        words.append(f"default {default:g} {item.units}" if isinstance(item, DigitalActuator) else f"default {default}")
+        words.append(f"default {measure(default, item.units) if isinstance(item, DigitalActuator) else default}")
     if not item.synchronous:
         words.append("asynchronous")
     if getattr(item, "incremental", False):

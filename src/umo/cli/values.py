@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,19 +29,6 @@ def number(name: str, text: str, unit: str) -> float:
         raise RangeError(f"{name}: {text!r} is too large for a number{f' in {unit}' if unit else ''}")
     is_whole = match[2] in ("", unit) and re.fullmatch(r"[-+]?\d+", match[1])
     return int(match[1]) if is_whole else value
-
-
-def shown(value: float | str, units: str, unit: str | None) -> str:
-    """A value of an object with its unit, in `unit` if that is given; a state, which has no units, by its name."""
-    if not units:
-        return str(value)
-    return f"{convert(float(value), units, unit or units):.10g} {unit or units}"
-
-
-def check_units(units: Iterable[str], unit: str | None) -> None:
-    """DeclarationError unless `unit`, if it is given, can show values that have these units."""
-    for each in filter(None, units):
-        shown(1.0, each, unit)
 
 
 def duration(name: str, text: str) -> float:

@@ -15,20 +15,18 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from umo.cycle.columns import IN_HAND
 from umo.frames import Reader, Stage
-from umo.frames.frames_table import facts_of_frames
-from umo.frames.history import samples
 from umo.objects import Quality
-from umo.objects.families import in_words
+from umo.presentation.rows import TableRow, quality_of, raw_of, value_of, worst_of
 from umo.remote.search import reading
+from umo.scope.history import samples
 from umo.text import printable, some
 from umo.wiring.patterns import chosen
 
 from .console import out
 from .keys import Wait, pressed
 from .running import attach_first, how_ended
-from .traces import SPAN, Traces, span, spark
+from .traces import SPAN, Traces, spark, traced_span
 from .watch_lines import Line, View
 
 PICTURES = 10
@@ -38,6 +36,8 @@ AROUND = 6
 HEADINGS = ("object or signal", "value", f"last {SPAN:g} s", "least to most", "raw")
 REASONS = 3
 """Reasons of inhibitions that are told."""
+WARNINGS = ("no frame for", "not seen")
+"""Facts in another colour."""
 GAP = 2
 """Characters between two columns."""
 KEYS = "enter: fold, a: all, arrows, page, home, end, q: quit"
@@ -137,44 +137,32 @@ class Picture:
         return Group(self._heading(), self._table(lines, cursor, width), *reasons, Text(rest, "dim", no_wrap=True))
 
     def _heading(self) -> Text:
-        reader, frame = self._reader, self._frame
-        about = reader.about
-        name = f"{about['station']} ({about['wiring']})" if about["wiring"] else about["station"]
-        progress = printable(frame["progress"].decode(errors="replace"))
-        done = f", {frame['done']} of {frame['total']}" if frame["total"] else ""
-        lost = f", {reader.lost:,} frames not seen" if reader.lost else ""
-        text = Text(f"{name}: {progress}{done}\n", style="bold", no_wrap=True)
-        text.append(
-            f"{frame['time']:.3f} s, period {about['period'] * 1e3:g} ms, missed {reader.missed:,}{lost}"
-            f"{self._hands()}",
-            "none",
-        )
-        silent = facts_of_frames(reader, frame).get("no frame for")
-        text.append(f", no frame for {silent}\n" if silent else "\n", "yellow")
-        text.append(self._paces(), "none")
+        reader = self._reader
+        facts = reader.facts(self._frame)
+        facts["not seen"] = f"{reader.lost:,} frames" if reader.lost else ""
+        progress = facts.pop("progress")
+        text = Text(reader.title + (f": {progress}" if progress else "") + "\n", style="bold", no_wrap=True)
+        for place, (name, fact) in enumerate((name, fact) for name, fact in facts.items() if fact):
+            style = "yellow" if name in WARNINGS else "none"
+            text.append(f"{' · ' if place else ''}{name}: {fact}", style)
+        text.append(f"\n{self._paces()}", "none")
         return text
 
-    def _hands(self) -> str:
-        """Mode and holder of the lease, of a station that takes commands."""
-        mode, holder = self._reader.mode, printable(self._reader.holder)
-        return "" if mode is None else f", {mode}" + (f", lease: {holder}" if holder else "")
-
     def _paces(self) -> str:
-        """Waking up and execution over the last second, in us."""
+        """Waking up and execution over the last second, in µs."""
         if not self._times:
             return ""
         times = np.concatenate(list(self._times))
         median, late = np.percentile(times["execution"], [50, 99]) * 1e-3
-        text = f"execution {median:.0f} us, 99 % below {late:.0f} us"
+        text = f"execution {median:.0f} µs, 99 % below {late:.0f} µs"
         if (wakes := times["wake"][times["wake"] >= 0]).size:
             median, late = np.percentile(wakes, [50, 99]) * 1e-3
-            text += f"; waking up {median:.0f} us, 99 % below {late:.0f} us"
+            text += f"; waking up {median:.0f} µs, 99 % below {late:.0f} µs"
         return text
 
     def _table(self, lines: list[Line], cursor: Line | None, width: int) -> Table:
         """Its columns are those that fit: the last ones go first."""
-        values = np.hstack([self._frame["values"], self._frame["signals"]])[self._rows]
-        rows = [self._row(line, values) for line in lines]
+        rows = [self._row(line) for line in lines]
         name = max(len(line.name) for line in self.view.lines + lines)
         left = width - max(name, len(HEADINGS[0])) - GAP
         table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="bold", padding=(0, 1, 0, 0))
@@ -191,43 +179,34 @@ class Picture:
             table.add_row(*row[:count], style="reverse" if line is cursor else None)
         return table
 
-    def _row(self, line: Line, values: Any) -> tuple[str, Text, str, str, str]:
-        trace, binary = self.traces.of(line.rows), "one" in self._entries[line.rows[0]]
-        row = self._rows[line.rows[0]]
-        single = len(line.rows) == 1 and row < len(self._frame["raws"])
-        raw = str(self._frame["raws"][row]) if single else ""
-        return line.name, self._value(line, values[line.rows]), spark(*trace, binary), span(*trace, binary), raw
-
-    def _value(self, line: Line, values: Any) -> Text:
-        """An object's value with its quality; a family's range, and its worst quality with how many have it."""
-        text = Text(in_words(self._entries[line.rows[0]], values))
-        objects = len(self._frame["quality"])
-        qualities = [int(self._frame["quality"][row]) for i in line.rows if (row := self._rows[i]) < objects]
-        worst = max(qualities, default=0)
-        if worst != Quality.GOOD:
-            count = f", {qualities.count(worst)}" if len(qualities) > 1 else ""
-            text.append(f"{count} {Quality(worst)}", "red" if worst == Quality.BAD else "yellow")
-        taken = [word for i in line.rows if (word := self._taken(i)[0])]
-        for word in dict.fromkeys(taken):
-            text.append(f", {taken.count(word)} {word}" if len(line.rows) > 1 else f" {word}", "red")
-        return text
-
-    def _taken(self, row: int) -> tuple[str, str]:
-        """In a word whether an actuator is inhibited or taken by hand, and why; empty: neither."""
-        slot = self._rows[row]
-        why = self._reader.inhibited(self._frame, slot) if slot < len(self._frame["restrictions"]) else None
-        if why is None:
-            return "", ""
-        by_hand = self._frame["restrictions"][slot] == IN_HAND
-        return ("by hand", why) if by_hand else ("inhibited", f"inhibited: {why}")
+    def _row(self, line: Line) -> tuple[str, Text, str, str, str]:
+        shown = self._reader.rows(self._frame, (self._rows[row] for row in line.rows))
+        traced = self.traces.of(line.rows), shown[0].about
+        return line.name, _value(shown), spark(*traced), traced_span(*traced), raw_of(shown)
 
     def _inhibited(self) -> list[Text]:
         """A line for each reason for which something that is shown is inhibited, the first few; none before the first
         frame."""
         taken: dict[str, list[str]] = {}
-        for row, name in enumerate(self._names if self._frame is not None else ()):
-            if why := self._taken(row)[1]:
-                taken.setdefault(why, []).append(name)
-        found = [f"{some(names)} {why}" for why, names in taken.items()]
+        if self._frame is not None:
+            places = [row for row in self._rows if row < len(self._frame["quality"])]
+            held = [place for place in places if self._frame["restrictions"][place]]
+            for row in self._reader.rows(self._frame, held):
+                if row.note:
+                    taken.setdefault(row.note, []).append(row.about["path"])
+        found = [f"{note}: {some(names)}" for note, names in taken.items()]
         more = [f"and {len(found) - REASONS} other reasons"] if len(found) > REASONS else []
         return [Text(printable(text), "red", no_wrap=True) for text in found[:REASONS] + more]
+
+
+def _value(line: list[TableRow]) -> Text:
+    """The value, with its quality where that is not good, and with a mark where it is restricted: of a family how many
+    are."""
+    text = Text(value_of(line))
+    if worst := worst_of(line):
+        text.append(f" {quality_of(line)}", "red" if worst == Quality.BAD else "yellow")
+    marks = [row.note.partition(":")[0] for row in line if row.note]
+    for mark in dict.fromkeys(marks):
+        sign, _, word = mark.partition(" ")
+        text.append(f" {sign} {f'{marks.count(mark)} ' if len(line) > 1 else ''}{word}", "red")
+    return text

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from umo.objects.families import FROM, families, folded
+from umo.presentation.families import FROM, families, folded
 
 MARKS = {True: "▾ ", False: "▸ "}
 

@@ -14,6 +14,7 @@ from umo.frames import Reader
 from umo.frames.layout import USAGE
 from umo.latency import blackbox
 from umo.latency.causes import AFTER, WAKE, counts, explain_all, sentence, split, tally
+from umo.presentation.durations import duration
 from umo.remote.search import frames_at, reading, station_name
 from umo.text import did_you_mean
 
@@ -63,10 +64,9 @@ def _report(reader: Reader, file: Path) -> None:
     frames, about = reader.read(), reader.about
     if not len(frames):
         raise FramesError(f"no period is in {file}")
-    name = f"{about['station']} ({about['wiring']})" if about["wiring"] else about["station"]
-    out.print(f"{name}, {blackbox.kept_at(about)}: {about.get('reason', '')}")
+    out.print(f"{reader.title}, {blackbox.kept_at(about)}: {about.get('reason', '')}")
     out.print(
-        f"the last {len(frames)} periods of {about['period'] * 1e3:g} ms; {reader.missed} missed in the whole run",
+        f"the last {len(frames)} periods of {duration(about['period'])}; {reader.missed} missed in the whole run",
     )
     verdicts = explain_all(frames, reader.layout)
     if not verdicts:
@@ -89,7 +89,7 @@ def _parts(reader: Reader, frames: Any) -> tuple[list[str], Any]:
 
 def _usual(reader: Reader, frames: Any) -> Table:
     names, times = _parts(reader, frames)
-    table = Table("us", *map(_title, names), header_style="bold")
+    table = Table("µs", *map(_title, names), header_style="bold")
     for title, q in (("median", 50), ("99 %", 99), ("longest", 100)):
         table.add_row(title, *(f"{value:.1f}" for value in np.percentile(times, q, axis=1)))
     return table
@@ -102,12 +102,12 @@ def _around(reader: Reader, frames: Any, row: int) -> Table:
     table = Table("", "median", *(f"{frames['time'][i]:.4f} s" for i in rows), header_style="bold")
     table.add_row("missed", "", *(str(frames["missed"][i] or "") for i in rows))
     for name, values in zip(names, times, strict=True):
-        table.add_row(f"{_title(name)}, us", f"{np.median(values):.1f}", *(f"{values[i]:.1f}" for i in rows))
+        table.add_row(f"{_title(name)}, µs", f"{np.median(values):.1f}", *(f"{values[i]:.1f}" for i in rows))
     units = {name: unit for name, _, _, unit in USAGE}
     for name, counted in counts(frames).items():
         scale = 1e-3 if units[name] else 1.0
         if counted[rows].any():
-            title = name.replace("_", " ") + (", us" if units[name] else "")
+            title = name.replace("_", " ") + (", µs" if units[name] else "")
             table.add_row(title, "", *(f"{counted[i] * scale:.0f}" for i in rows), style="dim")
     return table
 

@@ -16,6 +16,8 @@ from umo.control.profile import Profile
 from umo.cycle.sequences import next_period, together
 from umo.errors import AxisError, DeclarationError, RangeError
 from umo.objects import Compound, DigitalSensor, Number, Quality, Range, action
+from umo.presentation.digits import number_text
+from umo.presentation.in_words import measure, span
 
 ACCEPTED = Quality.OUT_OF_RANGE
 """Accepted of a referenced encoder: at an end of its range an axis may stand a little outside. The setpoint is within
@@ -318,8 +320,8 @@ class Axis(Compound, numbers=_numbers):
 
     def _correct(self, position: float, corrections: int) -> None:
         """The profile has ended, and the axis has not arrived in `settling_time`: for the first time, or again."""
-        away = f"{self.reading:g} {self.encoder.units}"
-        raise AxisError(f"{self._path} did not arrive at {position:g}: it stands at {away}")
+        away = measure(self.reading, self.encoder.units)
+        raise AxisError(f"{self._path} did not arrive at {number_text(position)}: it stands at {away}")
 
     def _disconnect(self) -> None:
         """The next connection begins with an axis that is not enabled."""
@@ -331,7 +333,7 @@ class Axis(Compound, numbers=_numbers):
         """RangeError for a position that `move_to` refuses."""
         low, high = self.encoder.minimum, self.encoder.maximum
         if not low <= position <= high:
-            raise RangeError(f"{self._path}: {position:g} {self.encoder.units} is outside {low:g} to {high:g}")
+            raise RangeError(f"{self._path}: {measure(position, self.encoder.units)} is outside {span(low, high)}")
 
     # Inside --------------------------------------------------------------------------------------------
 

@@ -11,6 +11,7 @@ from umo.control.checks import check_numbers
 from umo.control.inputs import state_of
 from umo.errors import DeclarationError, HomingError
 from umo.objects import BinaryActuator, BinarySensor, TwoState
+from umo.presentation.in_words import measure
 
 
 @dataclass(kw_only=True)
@@ -75,8 +76,8 @@ class IndexPulse:
         if abs(here - at_stop) <= STILL * axis.stall:
             raise HomingError(f"{axis._path} does not move, or its encoder is dead: the count stood still both ways")
         raise HomingError(
-            f"{axis._path} found no index pulse: "
-            f"the encoder read {at_stop:g} {units} at the stop, then {here:g} {units}"
+            f"{axis._path} found no index pulse: the encoder read {measure(at_stop, units)} at the stop, "
+            f"then {measure(here, units)}"
         )
 
 

@@ -11,6 +11,7 @@ from umo.control.checks import check_numbers
 from umo.control.inputs import Accept, value_of
 from umo.errors import DeclarationError, RangeError
 from umo.objects import BinaryActuator, DigitalSensor, Number, TwoState
+from umo.presentation.digits import number_text
 
 S = TypeVar("S", bound=TwoState)
 
@@ -34,7 +35,7 @@ class Hysteresis(Generic[S]):
         actuator."""
         check_numbers(self, finite=("low", "high"))
         if self.low > self.high:
-            raise DeclarationError(f"Hysteresis: low {self.low:g} is above high {self.high:g}")
+            raise DeclarationError(f"Hysteresis: low {number_text(self.low)} is above high {number_text(self.high)}")
         if type(self.raising) is not self.actuator.states:
             raise DeclarationError(f"Hysteresis: {self.raising!r} is not a state of {self.actuator.states.__name__}")
 

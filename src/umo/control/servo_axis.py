@@ -11,6 +11,7 @@ from umo.control.inputs import value_of
 from umo.control.servo import Servo
 from umo.errors import AxisError
 from umo.objects import DigitalActuator, Number
+from umo.presentation.in_words import measure
 
 
 class AxisServo(Servo):
@@ -91,7 +92,7 @@ class ServoAxis(Axis, numbers=_numbers):
             self._interrupt()
         elif beyond:
             units = self.encoder.units
-            raise AxisError(f"{self._path} does not follow: {servo.error:g} {units} behind its setpoint")
+            raise AxisError(f"{self._path} does not follow: {measure(servo.error, units)} behind its setpoint")
 
     @property
     def _moving(self) -> bool:

@@ -9,6 +9,8 @@ from umo.control.stepping import STEPS_PER_PERIOD, Stepping
 from umo.cycle.sequences import wait
 from umo.errors import AxisError
 from umo.objects import BinaryActuator, Rotation, UpDown
+from umo.presentation.digits import number_text
+from umo.presentation.in_words import measure
 
 CORRECTIONS = 3
 """The largest number of times that a motion makes up lost steps."""
@@ -63,8 +65,8 @@ class StepperAxis(Axis):
             self._interrupt()
         elif beyond:
             raise AxisError(
-                f"{self._path} lost steps: the encoder reads {reading:g} {self.encoder.units}, "
-                f"{self.commanded:g} were commanded"
+                f"{self._path} lost steps: the encoder reads {measure(reading, self.encoder.units)}, "
+                f"{number_text(self.commanded)} were commanded"
             )
 
     @property

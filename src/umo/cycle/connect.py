@@ -17,13 +17,13 @@ from umo.cycle.image import Image
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.stopping import StopFlag
 from umo.cycle.transfer import PATIENCE, settling, wait_for
+from umo.drivers.faults.wrapper import bare
 from umo.errors import DeclarationError, DriverError, Failure, StopError, text_of
 from umo.objects import Compound, atoms
 from umo.system.custody import Custody
 from umo.text import Moment, add_note
 from umo.user_code import attempt
 from umo.wiring import Wired, resolve, share
-from umo.wiring.faults.wrapper import bare
 from umo.wiring.resolved import apply_parameters
 
 C = TypeVar("C", bound=Compound)

@@ -25,6 +25,7 @@ from umo.cycle.machine import ConnectedMachine
 from umo.cycle.sequences import Sequences, Task
 from umo.errors import CommandRefused, DriverError, PathError, StateError, TaskFailed, UmoError
 from umo.objects import Atomic, Binary, BinaryActuator, Compound, DigitalActuator, Range, atoms, find
+from umo.presentation.digits import setting_text
 from umo.text import did_you_mean
 from umo.user_code import Raised, as_json, attempt
 
@@ -239,7 +240,7 @@ class Hands:
         tunable = _known(self._machine.tunables, command.path, "tunable number")
         before = tunable.value
         tunable.set(command.value)
-        return CommandState.DONE, json.dumps(" -> ".join(map(_digits, (before, tunable.value))))
+        return CommandState.DONE, json.dumps(" -> ".join(map(setting_text, (before, tunable.value))))
 
     def _write(self, command: HandCommand) -> tuple[CommandState, str]:
         self.lease.check(command.key)
@@ -416,11 +417,6 @@ def _level(item: BinaryActuator[Any] | DigitalActuator, value: Any) -> float:
             raise StateError(f"{item.path} has no state {value!r}{did_you_mean(str(value), names)}: {', '.join(names)}")
         return float(item._level(names[value]))
     return Range.of(item).check(item.path, value)
-
-
-def _digits(number: Any) -> str:
-    """An integer with all of its digits."""
-    return f"{number:.15g}" if isinstance(number, float) else str(number)
 
 
 def _plain(result: Any) -> str:

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple, NoReturn, Protocol, cast
 from umo.cycle.clock import Clock, WallClock
 from umo.cycle.commands import Commands
 from umo.cycle.events import Events
-from umo.cycle.facts import facts_of
 from umo.cycle.frame import Frame, Observer, Signal, show, signals_of
 from umo.cycle.hand_commands import Inbox, Lease, Mode
 from umo.cycle.image import Image
@@ -18,11 +17,12 @@ from umo.cycle.sequences import Sequences, Task
 from umo.cycle.stage import Stage
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
+from umo.drivers.faults.wrapper import Injection
 from umo.errors import DriverError
 from umo.objects import Action, Compound, Node, actions_of, atoms, numbers_of, walk
 from umo.objects.stop_order import stop_sequence
+from umo.presentation.run_facts import facts_of
 from umo.user_code import read_numbers, refuse_exit
-from umo.wiring.faults.wrapper import Injection
 from umo.wiring.resolved import AT_NEXT_TICK, AT_ONCE
 
 INJECTED = "injected_faults"
@@ -213,7 +213,8 @@ class ConnectedMachine:
         """The state of the machine in words."""
         stage = Stage.RUNNING if self.running else Stage.STOPPING
         mode, holder = (None, "") if self.hands is None else (self.hands.mode, self.hands.lease.holder)
-        return facts_of(stage, mode, holder, self.frame.progress, self.clock.now, self.clock.missed_in_all)
+        now, missed = self.clock.now, self.clock.missed_in_all
+        return facts_of(stage, mode, holder, self.frame.progress, time=now, missed=missed)
 
     def start(self, sequence: Coroutine[Any, Any, Any]) -> Task:
         by_hand = None if self.hands is None else self.hands.at_work

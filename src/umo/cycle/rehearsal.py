@@ -18,12 +18,12 @@ from umo.cycle.image import Image
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
+from umo.drivers.faults.wrapper import bare
 from umo.drivers.simulated import Simulated
 from umo.drivers.timerfd import WhileWaiting
 from umo.errors import text_of
 from umo.objects import Atomic, Compound
 from umo.objects.atomic import Calibration
-from umo.wiring.faults.wrapper import bare
 from umo.wiring.resolved import Wire, Wired
 
 log = logging.getLogger("umo")

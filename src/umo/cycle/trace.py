@@ -12,6 +12,8 @@ import numpy.typing as npt
 
 from umo.cycle.frame import Frame, Signal
 from umo.objects import Atomic, Binary, Digital, Quality
+from umo.objects.description import described
+from umo.presentation.in_words import file_form
 
 ROWS = 100_000
 MOST = 32_000_000
@@ -144,8 +146,11 @@ def lines(trace: Trace, after: float | None = None) -> Iterator[str]:
         yield text.getvalue()
     else:
         rows = rows[np.searchsorted(rows[:, 0], after, side="right") :]
+    forms = ["{}", "{:.0f}", "{:.3f}", *(file_form(described(item)) for item in trace.items)]
+    form = ",".join([*forms, *(["{}"] * len(trace.signals))]) + "\r\n"
     for row in rows:
-        yield ",".join([f"{value:.10g}" for value in row]) + "\r\n"
+        time, *others = row.tolist()
+        yield form.format(round(time, 9), *others)  # the clock counts ns
 
 
 def _column(item: Atomic) -> str:

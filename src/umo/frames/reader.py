@@ -6,8 +6,10 @@ import mmap
 import os
 import struct
 import zlib
+from collections.abc import Iterable, Mapping, Sequence
 from math import isnan
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 from weakref import finalize
 
@@ -21,7 +23,7 @@ from umo.cycle.hand_commands import Mode
 from umo.cycle.stage import Stage
 from umo.errors import FramesError, PathError
 from umo.frames.frame_server import is_socket, receive
-from umo.frames.frames_table import html_of_frames
+from umo.frames.frames_table import facts_of_frame, limits
 from umo.frames.layout import (
     CHECKSUM,
     DESCRIBED,
@@ -48,9 +50,13 @@ from umo.frames.layout import (
 )
 from umo.frames.memory import Ends, mapped
 from umo.objects import Quality
-from umo.objects.html_table import never_raises
+from umo.presentation.html_table import html_table, never_raises
+from umo.presentation.in_words import state_text
+from umo.presentation.rows import TableRow, restriction
+from umo.presentation.run_facts import title
 from umo.system import folders
 from umo.text import did_you_mean
+from umo.wiring.patterns import chosen
 
 Frames = npt.NDArray[Any]
 """Copies of frames, oldest first: a structured array with the fields of `Layout.columns`."""
@@ -99,6 +105,7 @@ class Reader:
         """Number of the frame that is read next."""
         self.lost = 0
         self._index = {entry["path"]: i for i, entry in enumerate(self.layout.objects)}
+        self._known = [*self.layout.objects, *self.layout.signals, *self.layout.tunables]
 
     def _attach(self) -> None:
         memory, length = self._memory, len(self._memory)
@@ -282,6 +289,48 @@ class Reader:
             return reason_of_hand(self.holder)
         return self.layout.interlocks[state - 1] if state <= len(self.layout.interlocks) else "an unknown interlock"
 
+    # In words ------------------------------------------------------------------------------------------
+
+    @property
+    def title(self) -> str:
+        """Station and wiring."""
+        return title(self.about["station"], self.about.get("wiring"))
+
+    def facts(self, frame: Any) -> dict[str, str]:
+        """What is said of the run at a frame (None: it has none yet), by name, in the order in which it is shown."""
+        return facts_of_frame(self.about, self.state, self.mode, self.holder, self.missed, frame)
+
+    def rows(self, frame: Any, places: Iterable[int] | None = None) -> list[TableRow]:
+        """Objects, signals and tunable numbers at a frame (None: without values), in this order; or those at these
+        places."""
+        numbers = self.tunables()
+        return [self._row(frame, place, numbers) for place in (range(len(self._known)) if places is None else places)]
+
+    def _row(self, frame: Any, place: int, numbers: Mapping[str, float]) -> TableRow:
+        about, objects, signals = self._known[place], len(self.layout.objects), len(self.layout.signals)
+        if place >= objects + signals:
+            return TableRow(about, numbers[about["path"]], note=limits(about))
+        if frame is None:
+            return TableRow(about)
+        if place >= objects:
+            return TableRow(about, float(frame["signals"][place - objects]))
+        note = restriction(self.inhibited(frame, place), frame["restrictions"][place] == IN_HAND)
+        value, quality, raw = frame["values"][place], frame["quality"][place], frame["raws"][place]
+        return TableRow(about, float(value), int(quality), int(raw), note)
+
+    def html(self, wanted: Sequence[str] = (), more: Mapping[str, str] = MappingProxyType({})) -> str:
+        """A table of the last frame, for notebooks: objects, signals and tunable numbers, or those at paths and
+        patterns. `more`: facts for the heading."""
+        if self.closed:
+            raise FramesError(f"{self.title} is detached")
+        frame = self.latest()
+        places = chosen([each["path"] for each in self._known], wanted, str(self.about["station"]))
+        return html_table(self.title, self.facts(frame) | dict(more), self.rows(frame, places))
+
+    @never_raises
+    def _repr_html_(self) -> str:
+        return self.html()
+
     # The journal ---------------------------------------------------------------------------------------
 
     def journal(self, frame: Any) -> Entries | None:
@@ -350,10 +399,6 @@ class Reader:
     def _sum(self, row: npt.NDArray[np.uint8]) -> int:
         return zlib.crc32(row[16 : self.layout.content].data, zlib.crc32(row[:8].data))
 
-    @never_raises
-    def _repr_html_(self) -> str:
-        return html_of_frames(self)
-
     def close(self) -> None:
         if self.closed:
             return
@@ -392,5 +437,5 @@ def _text(data: bytes) -> str:
 
 def _shown(entry: dict[str, Any], value: float) -> float | str:
     if "one" in entry and not isnan(value):
-        return str(entry["one"] if value else entry["zero"])
+        return state_text(entry, value)
     return value

@@ -40,7 +40,7 @@ def judge(found: Measured) -> Answer:
         return Answer(NO, f"None of {count:,} periods began in time")
     worst, most = float(total.max()), float(np.percentile(total, 99.9))
     lost = f"{missed:,} of {count:,} periods missed" if missed else f"None of {count:,} periods missed"
-    longest = f"the longest wake-up plus work was {worst:.0f} us, {worst / period:.0%} of the period"
+    longest = f"the longest wake-up plus work was {worst:.0f} µs, {worst / period:.0%} of the period"
     if not missed and worst < HALF * period:
         return Answer(YES, f"{lost}; {longest}")
     if missed <= count / 1000 and most < period:
@@ -54,16 +54,17 @@ def recommend(found: Measured) -> str:
     if not (len(asleep.total) and len(early.total)):
         return ""
     late = [float(np.percentile(samples.total, 99)) for samples in (asleep, early)]
-    us, cost = f"{found.early * 1e6:.0f} us", f"{max(early.busy - asleep.busy, 0.0):.0%} more of a processor"
+    us, cost = f"{found.early * 1e6:.0f} µs", f"{max(early.busy - asleep.busy, 0.0):.0%} more of a processor"
     compared = (
-        f"99 % of the periods that begin in time end within {late[1]:.0f} us instead of {late[0]:.0f} us, "
+        f"99 % of the periods that begin in time end within {late[1]:.0f} µs instead of {late[0]:.0f} µs, "
         f"{early.missed:,} instead of {asleep.missed:,} are missed"
     )
     better = late[1] < late[0] and early.missed <= asleep.missed + len(early.total) / 1000
     if better and found.granted:
         return f"umo run rises {us} early here: {compared}, for {cost}; `early = 0` in [process] turns it off"
     if better:
-        return f'`early = "{us}"` in [process]: {compared}, for {cost}; by itself umo run does so on a core of its own'
+        where = f'`early = "{found.early * 1e6:.0f} us"` in [process]'
+        return f"{where}: {compared}, for {cost}; by itself umo run does so on a core of its own"
     if found.granted:
         return f"`early = 0` in [process]: rising {us} early does not help here, and takes {cost}"
     return f"rising early does not help here: {compared}"

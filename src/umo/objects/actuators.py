@@ -9,6 +9,9 @@ from umo.duration import seconds
 from umo.errors import DeclarationError, RangeError
 from umo.objects.atomic import Binary, Digital, S, _finite
 from umo.objects.linearization import Linearization
+from umo.presentation.digits import number_text
+from umo.presentation.durations import duration
+from umo.presentation.in_words import measure, span
 
 
 class BinaryActuator(Binary[S]):
@@ -113,7 +116,7 @@ class DigitalActuator(Digital):
         self._expires = _expiry(expires)
         self._slew_rate = None if slew_rate is None else _finite("slew_rate", slew_rate)
         if self._slew_rate is not None and self._slew_rate <= 0:
-            raise DeclarationError(f"slew_rate must be above 0 {units}/s, not {slew_rate:g}")
+            raise DeclarationError(f"slew_rate must be above 0 {units}/s, not {number_text(self._slew_rate)}")
         if self._slew_rate is not None and not synchronous:
             raise DeclarationError("slew_rate needs a synchronous actuator: one step is sent per period")
         if limits not in ("raise", "clamp"):
@@ -121,7 +124,7 @@ class DigitalActuator(Digital):
         self._default = _finite("default", default)
         self._clamp = limits == "clamp"
         if not self._minimum <= self._default <= self._maximum:
-            raise DeclarationError(f"default {default:g} is outside {minimum:g} to {maximum:g} {units}")
+            raise DeclarationError(f"default {number_text(default)} is outside {span(minimum, maximum, units)}")
 
     @property
     def default(self) -> float:
@@ -145,7 +148,7 @@ class DigitalActuator(Digital):
         return self._slew_rate
 
     def describe(self) -> str:
-        rate = "" if self._slew_rate is None else f", at most {self._slew_rate:g} {self._units}/s"
+        rate = "" if self._slew_rate is None else f", at most {measure(self._slew_rate, self._units)}/s"
         return super().describe() + rate + _expiry_text(self._expires)
 
     @property
@@ -187,7 +190,8 @@ class DigitalActuator(Digital):
     def _write_beyond(self, value: float) -> bool:
         value = self._number(value)
         if not self._clamp:
-            raise RangeError(f"{self.path}: {value:g} {self._units} is outside {self._minimum:g} to {self._maximum:g}")
+            outside = f"is outside {span(self._minimum, self._maximum)}"
+            raise RangeError(f"{self.path}: {measure(value, self._units)} {outside}")
         self._image.command(self._slot, self._minimum if value < self._minimum else self._maximum)
         return False
 
@@ -203,4 +207,4 @@ def _expiry(expires: str | float | None) -> float | None:
 
 
 def _expiry_text(expires: float | None) -> str:
-    return "" if expires is None else f", expires after {expires:g} s"
+    return "" if expires is None else f", expires after {duration(expires)}"

@@ -16,6 +16,9 @@ from umo.objects.node import Node
 from umo.objects.quality import Quality
 from umo.objects.states import TwoState
 from umo.objects.units import check_unit, convert
+from umo.presentation.digits import digits_of, number_text
+from umo.presentation.in_words import measure, span
+from umo.presentation.qualities import quality_text
 
 if TYPE_CHECKING:
     from umo.objects.link import Image
@@ -91,7 +94,7 @@ class Atomic(Node):
 
     def __repr__(self) -> str:
         name = f"{type(self).__name__} {self.path}".rstrip()
-        now = f" = {self._shown()} {self.quality}" if self.connected else ""
+        now = f" = {self._shown()} {quality_text(self.quality)}" if self.connected else ""
         return f"<{name}{now}; {self.describe()}>"
 
 
@@ -183,7 +186,7 @@ class Digital(Atomic):
         if self._resolution == 0:
             raise DeclarationError("resolution must not be 0: it is the change of the value for one bit")
         if self._minimum >= self._maximum:
-            raise DeclarationError(f"minimum {minimum:g} is not below maximum {maximum:g}")
+            raise DeclarationError(f"minimum {number_text(minimum)} is not below maximum {number_text(maximum)}")
         if linearization is not None:
             linearization = fitted(linearization, units, self._minimum, self._maximum)
         self._linearization = linearization
@@ -235,7 +238,7 @@ class Digital(Atomic):
 
     def describe(self) -> str:
         of = "" if self._linearization is None else f" through a {self._linearization}"
-        return f"{self._minimum:g} to {self._maximum:g} {self._units} by {abs(self._resolution):.6g}{of}"
+        return f"{span(self._minimum, self._maximum, self._units)} by {number_text(abs(self._resolution))}{of}"
 
     def _number(self, value: float) -> float:
         """A plain finite float; a bool, a text or a state is refused."""
@@ -251,7 +254,8 @@ class Digital(Atomic):
         return number
 
     def _shown(self) -> str:
-        return f"{self._image.values[self._slot]:.6g} {self._units}"
+        digits = digits_of(self._resolution, self._zero_offset) if self._linearization is None else None
+        return measure(self._image.values[self._slot], self._units, digits)
 
 
 def _finite(name: str, number: float) -> float:

@@ -23,6 +23,7 @@ from umo.errors import DeclarationError
 from umo.objects.interpolation import Cubics, Group, Segments, groups_of
 from umo.objects.scaling import BoolArray, FloatArray
 from umo.objects.units import same_unit
+from umo.presentation.in_words import span
 
 
 class Linearization(ABC):
@@ -129,11 +130,11 @@ class Polynomial(Linearization):
             if low < high and not any(low <= x <= high for x in turns)
         }
         if not found:
-            what = f"does not cover {minimum:g} to {maximum:g}, or is not strictly monotonic there"
+            what = f"does not cover {span(minimum, maximum)}, or is not strictly monotonic there"
             raise DeclarationError(f"the {self} {what}")
         if len(found) > 1:
-            parts = " and ".join(f"{low:g} to {high:g}" for low, high in sorted(found))
-            raise DeclarationError(f"the {self} covers {minimum:g} to {maximum:g} at x = {parts}; name one as `domain`")
+            parts = " and ".join(f"{span(low, high)}" for low, high in sorted(found))
+            raise DeclarationError(f"the {self} covers {span(minimum, maximum)} at x = {parts}; name one as `domain`")
         bound = replace(self, domain=found.pop())
         bound._both  # noqa: B018  (DeclarationError if it is too uneven)
         return bound
@@ -260,7 +261,7 @@ def _real_roots(coefficients: Sequence[float], value: float) -> list[float]:
 
 def check_covers(what: Linearization, minimum: float, maximum: float, least: float, greatest: float) -> None:
     if not least <= minimum <= maximum <= greatest:
-        raise DeclarationError(f"the {what} covers {least:g} to {greatest:g}, not {minimum:g} to {maximum:g}")
+        raise DeclarationError(f"the {what} covers {span(least, greatest)}, not {span(minimum, maximum)}")
 
 
 def _numbers(name: str, numbers: Any) -> tuple[float, ...]:

@@ -40,7 +40,7 @@ class Node:
 
     def _repr_html_(self) -> str:
         """For notebooks: what was read and sent last; no device is accessed."""
-        from umo.objects.html_table import html_of  # it imports the objects
+        from umo.objects.description import html_of  # it imports the objects
 
         return html_of(self)
 

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping
 
 from umo.errors import PathError
 from umo.objects.atomic import Atomic
-from umo.objects.families import ANY
 from umo.objects.node import Node
+from umo.presentation.families import ANY
 from umo.text import did_you_mean
 
 

@@ -18,12 +18,3 @@ class Quality(IntEnum):
 
     def __str__(self) -> str:
         return self.name
-
-    @property
-    def sign(self) -> str:
-        """Beside the words, where colour alone would not do."""
-        return "●▲◇◔✕"[self]
-
-    @property
-    def words(self) -> str:
-        return self.name.lower().replace("_", " ")

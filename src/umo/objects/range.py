@@ -9,6 +9,8 @@ from typing import Any, Protocol
 
 from umo.errors import DeclarationError, RangeError
 from umo.objects.units import check_unit
+from umo.presentation.digits import number_text
+from umo.presentation.in_words import measure, span
 
 
 class Ranged(Protocol):
@@ -67,13 +69,13 @@ class Range:
             what = repr(value) if isinstance(value, float) else "an integer beyond all floats"
             raise RangeError(f"{name}: {what} is not a number{unit and ' in' + unit}")
         if not self.minimum <= value <= self.maximum:
-            raise RangeError(f"{name}: {value:g}{unit} is {self._outside(value)}")
+            raise RangeError(f"{name}: {measure(value, self.unit)} is {self._outside(value)}")
         return value
 
     def _outside(self, value: float) -> str:
         if isfinite(self.minimum) and isfinite(self.maximum):
-            return f"outside {self.minimum:g} to {self.maximum:g}"
-        return f"below {self.minimum:g}" if value < self.minimum else f"above {self.maximum:g}"
+            return f"outside {span(self.minimum, self.maximum)}"
+        return f"below {number_text(self.minimum)}" if value < self.minimum else f"above {number_text(self.maximum)}"
 
     def describe(self) -> dict[str, Any]:
         """As plain data; None for an infinite bound."""

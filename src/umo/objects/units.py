@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from umo.errors import DeclarationError, RangeError, text_of
+from umo.presentation.in_words import measure
 
 if TYPE_CHECKING:
     from pint import UnitRegistry
@@ -62,7 +63,7 @@ def same_unit(one: str, other: str) -> bool:
 
 
 @lru_cache(maxsize=1024)
-def _line(source: str, target: str) -> tuple[float, float] | None:
+def line_between(source: str, target: str) -> tuple[float, float] | None:
     """Factor and offset of the conversion; None if it is not linear: logarithmic units such as dBm."""
     zero, one, two, three = (_exactly(x, source, target) for x in (0.0, 1.0, 2.0, 3.0))
     if not math.isclose(two - one, three - two, rel_tol=1e-6):
@@ -92,7 +93,7 @@ def convert(value: float, source: str, target: str) -> float:
     if _angle(source) != _angle(target):
         raise DeclarationError(f"{source!r} cannot be converted to {target!r}: only one of them contains an angle")
     try:
-        line = _line(source, target)
+        line = line_between(source, target)
         if line is not None:
             return value * line[0] + line[1]
         converted = _exactly(value, source, target)
@@ -101,5 +102,5 @@ def convert(value: float, source: str, target: str) -> float:
             raise DeclarationError(f"{source!r} cannot be converted to {target!r}") from None
         raise DeclarationError(f"{source!r} cannot be expressed in {target!r} ({text_of(error)})") from None
     if math.isfinite(value) and not math.isfinite(converted):
-        raise RangeError(f"{value:g} {source} cannot be expressed in {target}")
+        raise RangeError(f"{measure(value, source)} cannot be expressed in {target}")
     return float(f"{converted:.{DIGITS}g}")

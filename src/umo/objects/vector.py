@@ -16,6 +16,7 @@ from umo.objects.atomic import Atomic, Binary, Digital
 from umo.objects.scaling import BoolArray, ByteArray, FloatArray, IntArray
 from umo.objects.sensors import BinarySensor, DigitalSensor
 from umo.objects.states import TwoState
+from umo.presentation.in_words import measure, span
 
 if TYPE_CHECKING:
     from umo.objects.link import Image
@@ -167,7 +168,7 @@ class Vector(Generic[A]):
         return numbers
 
     def _repr_html_(self) -> str:
-        from umo.objects.html_table import html_of  # it imports the objects
+        from umo.objects.description import html_of  # it imports the objects
 
         return html_of(self)
 
@@ -229,7 +230,7 @@ class _Limits:
             index = int(np.argmax(refused))
             item = cast(Digital, objects[index])
             raise RangeError(
-                f"{item.path}: {numbers[index]:g} {item.units} is outside {item.minimum:g} to {item.maximum:g}; "
+                f"{item.path}: {measure(numbers[index], item.units)} is outside {span(item.minimum, item.maximum)}; "
                 f"{int(refused.sum())} of {len(objects)} values refused, none taken"
             )
         return np.clip(numbers, self.minimum, self.maximum), False

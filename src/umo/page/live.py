@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, ParamSpec, TypeVar
 
-from umo.frames.reduction import Points, crossing, measured, measured_state, reduced
 from umo.page.watched import Watched
+from umo.scope.reduction import Points, crossing, measured, measured_state, reduced
 
 MOST_TRACES = 64
 MOST_WIDTH = 8192

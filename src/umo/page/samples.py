@@ -5,12 +5,14 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable, Iterator
+from functools import partial
 from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from umo.page.live import Stretch
+from umo.presentation.in_words import file_form, state_text
 
 ROWS = 256
 """Rows of a piece. Longer ones would keep the loop of the server waiting."""
@@ -41,11 +43,9 @@ def _moments(times: Any) -> list[str]:
     return [f"{text}Z" for text in np.datetime_as_string((times * 1e6).astype("datetime64[us]"))]
 
 
-def _cells(entry: dict[str, Any], values: Any) -> list[Any]:
-    known = [None if value != value else value for value in values.tolist()]
-    if "one" not in entry:
-        return known
-    return [None if value is None else entry["one"] if value > 0.5 else entry["zero"] for value in known]
+def _cells(entry: dict[str, Any], values: Any) -> list[str | None]:
+    write = partial(state_text, entry) if "one" in entry else file_form(entry).format
+    return [None if value != value else write(value) for value in values.tolist()]
 
 
 def _lines(rows: Iterable[Iterable[Any]]) -> str:

@@ -6,12 +6,14 @@ from typing import Any
 
 from umo.errors import UmoError
 from umo.frames import Layout
+from umo.presentation.in_words import as_shown
 from umo.twin import twin_of
 
 
 def describe(layout: Layout) -> dict[str, Any] | None:
     """The twin as JSON, or what is wrong with its declaration as `error`; None: the station declares none."""
     try:
-        return twin_of(layout)
+        found = twin_of(layout)
     except UmoError as error:
         return {"error": str(error)}
+    return found and found | {"paths": list(map(as_shown, found["paths"]))}

@@ -13,19 +13,19 @@ import numpy as np
 from umo.cycle.columns import IN_HAND
 from umo.cycle.events import Event
 from umo.frames import Reader, Stage
-from umo.frames.frames_table import progress_of
-from umo.frames.history import History
 from umo.frames.last_event import end_of
 from umo.objects import Quality
 from umo.page.box_words import BoxInWords, newest_box
 from umo.page.ending import UNKNOWN, Ending, ending_of
+from umo.presentation.durations import duration
+from umo.presentation.in_words import as_shown
+from umo.presentation.qualities import SIGNS, WORDS
+from umo.scope.history import History
 from umo.text import printable
 from umo.twin import declares_twin
 
 ABOUT = ("station", "wiring", "place", "pid", "period")
 """Facts of the run that a page is told."""
-OF_THE_RING = ("objects", "signals", "actions", "tunables")
-"""Parts of a ring's description that a page is told."""
 MOST_EVENTS = 100
 """The last ones that a page is told of, and the last missed periods."""
 TELLING = 5.0
@@ -120,10 +120,12 @@ class Watched:
 
     def description(self) -> dict[str, Any]:
         """Message with all that does not change during the run."""
-        told = {"type": "description", "name": self.name, "run": self.run}
+        told: dict[str, Any] = {"type": "description", "name": self.name, "run": self.run}
         told |= {name: self.about[name] for name in ABOUT}
-        told |= {name: getattr(self.reader.layout, name) for name in OF_THE_RING}
-        return told | {"twin": self.twin} | {"qualities": [(quality.sign, quality.words) for quality in Quality]}
+        layout = self.reader.layout
+        told |= {name: list(map(as_shown, getattr(layout, name))) for name in ("objects", "signals", "tunables")}
+        told["actions"] = [each | {"arguments": list(map(as_shown, each["arguments"]))} for each in layout.actions]
+        return told | {"twin": self.twin} | {"qualities": list(zip(SIGNS, WORDS, strict=True))}
 
     def _take_state(self) -> None:
         """Make the state of this number: what has changed since the one that was made before."""
@@ -160,10 +162,22 @@ class Watched:
             "ending": self.ending and self.ending._asdict(), "utc": self.utc,
         }  # fmt: skip
         if frame is not None:
-            text, done, total = progress_of(frame)
-            told |= {"time": float(frame["time"]), "progress": [printable(text), done, total]}
-            told |= {"execution": int(frame["execution"]) / 1e9}
-        return told | self._hands()
+            told["time"] = float(frame["time"])
+        return told | {"facts": self._facts()} | self._hands()
+
+    def _facts(self) -> dict[str, str]:
+        """What is said of the run; empty: there is nothing to say."""
+        reader, frame = self.reader, self._frame
+        facts = {"station": reader.title, "state": "", "end": self.ending.text if self.ending else ""}
+        return (
+            facts
+            | reader.facts(frame)
+            | {
+                "execution": "" if frame is None else duration(int(frame["execution"]) * 1e-9),
+                "not seen": f"{reader.lost:,} periods" if reader.lost else "",
+                "pid": str(self.about["pid"]),
+            }
+        )
 
     def _hands(self) -> dict[str, Any]:
         """Mode, lease and tunable numbers, if the station takes commands; which actuators are inhibited, or in hand."""

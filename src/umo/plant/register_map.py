@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from umo.drivers.contract import Channel, Direction
+from umo.drivers.faults.wrapper import bare
 from umo.drivers.modbus import Host, Modbus, ModbusChannel
 from umo.errors import WiringError
 from umo.wiring import Wire, Wired
-from umo.wiring.faults.wrapper import bare
 
 
 class Point:

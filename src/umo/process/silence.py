@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from umo.cycle.stage import Stage
+from umo.presentation.durations import duration
 from umo.process.life import Life
 from umo.process.share import Share
 
@@ -58,7 +59,7 @@ class Silence:
             return ""
         if waited > silence / 2:
             return f"was kept from running for {waited:.2f} s while {life.stage}: {share.by_whom}"
-        return f"hung: no sign of life for {limit * 1e3:g} ms while {life.stage}"
+        return f"hung: no sign of life for {duration(limit)} while {life.stage}"
 
     @property
     def limit(self) -> float:

@@ -19,10 +19,10 @@ from umo.cycle.stage import Progress, Stage
 from umo.cycle.stopping import signal_name
 from umo.errors import DriverError, FramesError, TaskFailed
 from umo.frames import Reader
-from umo.frames.frames_table import html_of_frames, progress_of
+from umo.frames.frames_table import progress_of
 from umo.frames.memory import Ends
 from umo.objects import Compound
-from umo.objects.html_table import html_table, never_raises
+from umo.presentation.html_table import html_table, never_raises
 from umo.process.job import Job, reference
 from umo.process.messages import MessageSocket
 from umo.process.outcome import UNREACHED, Failed, Outcome
@@ -157,8 +157,8 @@ class Started:
     def _repr_html_(self) -> str:
         outcome = self.outcome
         failed = outcome.failure.message if outcome is not None and outcome.failure is not None else ""
-        facts = {"stage": str(self.stage), "failure": failed}
-        return html_table("machine", facts, []) if self.frames is None else html_of_frames(self.frames, more=facts)
+        facts = {"state": str(self.stage), "failure": failed}
+        return html_table("machine", facts, []) if self.frames is None else self.frames.html(more=facts)
 
     def poll(self, timeout: float = 0.0) -> None:
         """Process messages of the other processes; wait up to `timeout` s for one. Any thread may call it."""

@@ -22,13 +22,13 @@ from umo.errors import FramesError, TaskFailed, UmoError
 from umo.frames import Reader
 from umo.frames.cells import Cells
 from umo.frames.frames_table import progress_of
-from umo.frames.history import samples
 from umo.remote.answers import Answers
 from umo.remote.held_lease import HeldLease
 from umo.remote.live_view import LiveView, live_scope, live_table
 from umo.remote.members import RemotePart, Tree
 from umo.remote.queue import Sender
 from umo.remote.search import find_running
+from umo.scope.history import samples
 
 LOOK = 0.002
 """s between two looks for an answer."""

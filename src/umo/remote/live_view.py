@@ -11,9 +11,8 @@ from typing import Any
 
 from umo.errors import FramesError
 from umo.frames import Reader, Stage
-from umo.frames.frames_table import html_of_frames
-from umo.objects.html_table import never_raises
-from umo.remote.scope import Scope
+from umo.presentation.html_table import never_raises
+from umo.scope.svg import Scope
 
 RATE = 4.0
 """Pictures a second, at most."""
@@ -24,7 +23,7 @@ Draw = Callable[[dict[str, str]], str]
 
 
 def live_table(reader: Reader, paths: Sequence[str]) -> LiveView:
-    return LiveView(reader, lambda own: lambda more: html_of_frames(own, paths, more))
+    return LiveView(reader, lambda own: lambda more: own.html(paths, more))
 
 
 def live_scope(reader: Reader, paths: Sequence[str], seconds: float) -> LiveView:

@@ -11,10 +11,11 @@ from typing import Any
 from umo.cycle.hands import HOLD
 from umo.errors import BadInput, PathError, RangeError
 from umo.frames import Reader
-from umo.frames.frames_table import html_of_frames
 from umo.objects import Quality
-from umo.objects.html_table import never_raises
 from umo.objects.units import convert
+from umo.presentation.html_table import never_raises
+from umo.presentation.in_words import state_text, value_text
+from umo.presentation.qualities import quality_text
 from umo.remote.commanded import Commanded
 from umo.text import did_you_mean
 
@@ -97,7 +98,7 @@ class RemotePart:
 
     @never_raises
     def _repr_html_(self) -> str:
-        return html_of_frames(self._station.reader, [self._path] if self._path else [])
+        return self._station.reader.html([self._path] if self._path else [])
 
     def __dir__(self) -> list[str]:
         return [*object.__dir__(self), *(name for name in self._tree.below(self._path) if name.isidentifier())]
@@ -132,7 +133,7 @@ class RemoteObject:
         if "one" in self._entry and isnan(value):
             raise BadInput(self.path, Quality.BAD, why="it was never read")
         if "one" in self._entry:
-            return str(self._entry["one"] if value else self._entry["zero"])
+            return state_text(self._entry, value)
         return value if unit is None else convert(value, self.units, unit)
 
     @property
@@ -177,12 +178,12 @@ class RemoteObject:
 
     @never_raises
     def _repr_html_(self) -> str:
-        return html_of_frames(self._station.reader, [self.path])
+        return self._station.reader.html([self.path])
 
     def __repr__(self) -> str:
-        value = self._station.reader.values(self._frame())[self.path]
-        shown = value if isinstance(value, str) else f"{value:g} {self.units}".rstrip()
-        return f"<{self._entry['kind']} {self.path} = {shown} {self.quality}>"
+        frame = self._frame()
+        value, quality = frame["values"][self._number], frame["quality"][self._number]
+        return f"<{self._entry['kind']} {self.path} = {value_text(self._entry, value)} {quality_text(quality)}>"
 
 
 def call_action(

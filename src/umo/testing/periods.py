@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Protocol, cast, runtime_checkable
 
+from umo.drivers.faults.wrapper import bare
 from umo.errors import DeclarationError
 from umo.objects import Atomic, Binary, BinarySensor, Compound, DigitalSensor, TwoState, children
-from umo.wiring.faults.wrapper import bare
 
 if TYPE_CHECKING:
     from umo.cycle.image import Image

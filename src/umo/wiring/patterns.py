@@ -15,8 +15,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from umo.errors import Mistake, PathError
-from umo.objects.families import ANY, generalised
 from umo.objects.paths import is_pattern, matches
+from umo.presentation.families import ANY, generalised
 from umo.text import did_you_mean
 from umo.wiring.source import WiringSource
 

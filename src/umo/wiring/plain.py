@@ -6,7 +6,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
-from umo.wiring.faults.words import InjectedFault
+from umo.drivers.faults.words import InjectedFault
 
 
 def as_plain(value: Any) -> Any:

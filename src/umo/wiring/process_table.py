@@ -8,6 +8,7 @@ from typing import Any
 from umo.drivers.contract import LONGEST_TIMEOUT
 from umo.duration import seconds
 from umo.errors import DeclarationError
+from umo.presentation.durations import duration
 from umo.wiring.resolved import AT_NEXT_TICK, AT_ONCE, Process, Wired
 from umo.wiring.source import WiringSource
 
@@ -38,11 +39,11 @@ def _hang_timeout(source: WiringSource, given: Any, wired: Wired) -> float:
     if hang is None:
         return max(LEAST_PERIODS * period, Process().hang_timeout, 1.2 * waits)
     if hang < 2 * period:
-        source.mistake("process.hang_timeout", f"{hang * 1e3:g} ms is less than two periods")
+        source.mistake("process.hang_timeout", f"{duration(hang)} is less than two periods")
     elif hang <= waits and wired.realtime:
         source.mistake(
             "process.hang_timeout",
-            f"{hang * 1e3:g} ms must be above {waits * 1e3:g} ms, the sum of the timeouts of one period",
+            f"{duration(hang)} must be above {duration(waits)}, the sum of the timeouts of one period",
         )
     return hang
 
@@ -59,8 +60,8 @@ def _early(source: WiringSource, given: Any, wired: Wired) -> float | None:
     if early and wired.period is None:
         source.mistake("process.early", "the machine has no timer")
     elif early > (wired.period or 0.0) / 2:
-        period = f"{(wired.period or 0.0) * 1e6:g} us"
-        source.mistake("process.early", f"{early * 1e6:g} us is more than half of the period, {period}")
+        period = duration(wired.period or 0.0)
+        source.mistake("process.early", f"{duration(early)} is more than half of the period, {period}")
     return early
 
 

@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 from umo.drivers import registry
 from umo.drivers.contract import INT64, LONGEST_TIMEOUT, Channel, Direction, Driver
+from umo.drivers.faults.words import InjectedFault
+from umo.drivers.faults.wrapper import Injection
 from umo.duration import seconds
 from umo.errors import DeclarationError, Mistake, RangeError, WiringError, text_of
 from umo.objects import Atomic, BinaryActuator, Compound, Digital, DigitalActuator, DigitalSensor, Node, atoms, walk
@@ -27,9 +29,7 @@ from umo.objects.scaling import to_raw
 from umo.objects.units import check_unit
 from umo.signature import signature_of
 from umo.system.packages import station_of
-from umo.wiring.faults.binding import inject
-from umo.wiring.faults.words import InjectedFault
-from umo.wiring.faults.wrapper import Injection
+from umo.wiring.fault_binding import inject
 from umo.wiring.linearized import from_table
 from umo.wiring.options import FAULT, FAULT_SEED, OF_WIRINGS, REALTIME, RESERVED
 from umo.wiring.patterns import collapsed, counted, expand, expand_parameters

@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from umo.drivers.contract import Channel, Direction, Driver, PhysicalScale
+from umo.drivers.faults.wrapper import Injection
 from umo.errors import DeclarationError, RangeError, UmoError
 from umo.objects import Compound
 from umo.objects.atomic import Atomic, Binary, Calibration, Digital
@@ -15,8 +16,8 @@ from umo.objects.linearization import Linearization
 from umo.objects.numbers import MachineNumber, check_settings, numbers_of
 from umo.objects.scaling import raw_bounds, to_raw, to_value
 from umo.objects.units import convert
+from umo.presentation.in_words import measure
 from umo.user_code import told_as
-from umo.wiring.faults.wrapper import Injection
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,9 +116,8 @@ class Wire:
         if apart <= abs(self.scale[0]) / 2 * (1 + 1e-9):
             return ""
         own = f"resolution = {one - zero:.9g}, zero_offset = {zero:.9g}"
-        return (
-            f"the wired scale is up to {apart:.3g} {units} off that of the circuit, channel {self.channel.text}: {own}"
-        )
+        where = f"off that of the circuit, channel {self.channel.text}"
+        return f"the wired scale is up to {measure(apart, units)} {where}: {own}"
 
     @property
     def name(self) -> str:

@@ -4,8 +4,8 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { folded, generalised, linesOf } from "../../../src/umo/page/static/folding.js";
 import { filtered, groupsOf, partsOf } from "../../../src/umo/page/static/parts.js";
+import { valueText } from "../../../src/umo/page/static/presentation.js";
 import { shownQuality } from "../../../src/umo/page/static/quality.js";
-import { inWords } from "../../../src/umo/page/static/row.js";
 import { nameOf, runAfter } from "../../../src/umo/page/static/stations.js";
 import { forbidden, statusOf } from "../../../src/umo/page/static/status.js";
 import { nextTab } from "../../../src/umo/page/static/tabs.js";
@@ -79,10 +79,10 @@ test("a frame is missed after ten periods: a slow station is in order meanwhile"
 
 test("a family in words counts what is known", () => {
   const binary = { path: "lamp", one: "ON", zero: "OFF" };
-  const said = [[1, null, 1], [null, 0, 0], [null, 1, 0], [null, null], [1]].map((values) => inWords(binary, values));
+  const said = [[1, null, 1], [null, 0, 0], [null, 1, 0], [null, null], [1]].map((values) => valueText(binary, ...values));
   assert.deepEqual(said, ["ON", "OFF", "1 ON, 1 OFF", "-", "ON"]);
   const number = { path: "level", unit: "m" };
-  assert.deepEqual([[null, 2, 3], [null, 2], [null, null], [null]].map((values) => inWords(number, values)), ["2 to 3 m", "2 m", "-", "-"]);
+  assert.deepEqual([[null, 2, 3], [null, 2], [null, null], [null]].map((values) => valueText(number, ...values)), ["2 to 3 m", "2 m", "-", "-"]);
 });
 
 test("silence is said with its seconds, and told once without them", () => {

@@ -13,7 +13,7 @@ test("the present value is given with all of its digits, what is typed as it is 
   const input = new NumberInput({ unit: "V" }, "gain");
   assert.equal(input.value, null);
   input.show(0.0042178934);
-  assert.equal(input.field.value, "0.0042179");
+  assert.equal(input.field.value, "0.00421789");
   assert.equal(input.value, 0.0042178934);
   input.field.value = "0.005";
   assert.equal(input.value, 0.005);

@@ -7,7 +7,7 @@ import { Buffer, doubled, lowerBound } from "../../../src/umo/page/static/buffer
 import { wallDay, wallTime } from "../../../src/umo/page/static/clock.js";
 import { coloursOf, fromAddress, toAddress } from "../../../src/umo/page/static/colours.js";
 import { Cursors } from "../../../src/umo/page/static/cursors.js";
-import { duration, shortNumber, shown } from "../../../src/umo/page/static/dom.js";
+import { duration, lasting, numberText, valueText } from "../../../src/umo/page/static/presentation.js";
 import { markAt, marksOf, sentence } from "../../../src/umo/page/static/marks.js";
 
 const f64 = (...numbers) => Float64Array.from(numbers);
@@ -155,9 +155,11 @@ test("a time on the wall clock is local, to the millisecond; none in virtual tim
 });
 
 test("numbers, durations and states in words", () => {
-  assert.deepEqual([1234.56, 0.00001234, 12.34567, null, NaN].map(shortNumber), ["1234.6", "1.234e-5", "12.346", "-", "-"]);
-  assert.deepEqual([0.0005, 0.25, 2.34, 12.34, 300, null].map(duration), ["500 µs", "250 ms", "2.34 s", "12.3 s", "5 min", "never"]);
-  assert.equal(shown({ path: "v", one: "ON", zero: "OFF" }, 1), "ON");
-  assert.equal(shown({ path: "v", one: "ON", zero: "OFF" }, null), "-");
-  assert.equal(shown({ path: "m", unit: "V" }, 1.5), "1.5 V");
+  assert.deepEqual([1234.56, 0.00001234, 12.34567, null, NaN].map((value) => numberText(value)), ["1234.56", "1.234e-5", "12.3457", "-", "-"]);
+  assert.deepEqual([9.983e-5, 1.2345, -0.0001].map((value) => numberText(value, 3)), ["0.000", "1.234", "0.000"]);
+  assert.deepEqual([0.0005, 0.25, 2.34, 300].map(duration), ["500 µs", "250 ms", "2.34 s", "300 s"]);
+  assert.deepEqual([5, 300, 7500].map(lasting), ["5 s", "5 min", "2 h 05 min"]);
+  assert.equal(valueText({ path: "v", one: "ON", zero: "OFF" }, 1), "ON");
+  assert.equal(valueText({ path: "v", one: "ON", zero: "OFF" }, null), "-");
+  assert.equal(valueText({ path: "m", unit: "mm/s**2", look: "mm/s²", digits: 2 }, 1.5), "1.50 mm/s²");
 });

@@ -117,10 +117,8 @@ function announce(text) {
 function onState() {
   const { state } = feed;
   if (!state) return;
-  const { progress, missed, mode } = state;
-  const [text = "", done = 0, total = 0] = progress ?? [];
-  const parts = [text + (total ? `, ${done} of ${total}` : ""), `missed ${missed}`];
-  if (mode) parts.push(mode);
+  const { progress, missed, mode } = state.facts;
+  const parts = [progress, `missed ${missed}`, mode];
   if (hand.holder) parts.push(`lease: ${hand.leased ? "you" : hand.holder}`);
   setText(summary, parts.filter(Boolean).join(" · "));
   const why = forbidden(state.inhibited).map((reason) => `⊘ ${reason}`).join("; ");

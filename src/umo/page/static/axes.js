@@ -1,6 +1,6 @@
 /** The numbers of the chart: which traces share an axis, over which range, and the numbers beside it. */
 
-import { unitOf } from "./dom.js";
+import { unitOf } from "./presentation.js";
 
 const CONSTANT = 1e-9;  // of the value: a smaller change is none
 const GAP = 0.06;  // of a lane: free above and below its trace

@@ -3,7 +3,8 @@
 import { axesOf, declaredRange, inLane, laneSplits, NARROW_UNITS, rangeOf, tick } from "./axes.js";
 import { Buffer, doubled, lowerBound } from "./buffer.js";
 import { Cursors } from "./cursors.js";
-import { el, isBinary } from "./dom.js";
+import { el } from "./dom.js";
+import { isBinary } from "./presentation.js";
 
 const { uPlot } = window;
 const BAR = 22;  // CSS pixels of a state

@@ -1,8 +1,9 @@
 /** Controls made from the declarations: actuators, actions, jogs, tunable numbers, sensors. */
 
-import { breakable, el, isBinary, setText, shown, unitOf } from "./dom.js";
+import { breakable, el, setText } from "./dom.js";
 import { unquoted } from "./hand.js";
-import { NumberInput, plain } from "./number.js";
+import { NumberInput } from "./number.js";
+import { isBinary, numberText, unitOf, valueText } from "./presentation.js";
 import { shownQuality } from "./quality.js";
 
 /**
@@ -279,7 +280,7 @@ export class TunableControl {
   /** @param {number} value */
   async _tune(value) {
     const { path } = this._about;
-    const { state, text } = await this._hand.ask({ do: "tune", path, value }, `${path} = ${plain(value)}`);
+    const { state, text } = await this._hand.ask({ do: "tune", path, value }, `${path} = ${numberText(value)}`);
     if (state !== "done") return;
     this._number.taken();
     const before = parseFloat(unquoted(text ?? ""));  // the machine's answer: "25 -> 31"; the last state may be older
@@ -291,7 +292,7 @@ export class TunableControl {
     const { path } = this._about;
     const value = this._hand.tuned.last(path);
     if (value === null) return;
-    const { state } = await this._hand.ask({ do: "tune", path, value }, `${path} = ${plain(value)} (undo)`);
+    const { state } = await this._hand.ask({ do: "tune", path, value }, `${path} = ${numberText(value)} (undo)`);
     if (state === "done") this._hand.tuned.pop(path);
   }
 
@@ -304,7 +305,7 @@ export class TunableControl {
     this._number.enable(enabled);
     const before = this._hand.tuned.last(this._about.path);
     this._undo.disabled = !enabled || before === null;
-    this._undo.title = before === null ? "Nothing to undo" : `Back to ${plain(before)}`;
+    this._undo.title = before === null ? "Nothing to undo" : `Back to ${numberText(before)}`;
   }
 }
 
@@ -322,7 +323,7 @@ export class SensorControl {
   refresh(feed) {
     const found = feed.latest(this._entry.path);
     const { sign, word, kind } = shownQuality(found?.quality ?? 4, feed.description?.qualities ?? [], feed.ended);
-    setText(this._value, shown(this._entry, found?.value ?? null));
+    setText(this._value, valueText(this._entry, found?.value));
     setText(this._word, word ? `${sign} ${word}` : kind === "last" ? lastOf(feed) : "");
     this.element.dataset.quality = kind;
   }

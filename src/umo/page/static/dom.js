@@ -1,4 +1,4 @@
-/** Small helpers: elements, numbers, the address. */
+/** Small helpers: elements, the address, files. */
 
 /**
  * An element with properties, attributes (`data-`, `aria-`, role) and children.
@@ -25,36 +25,6 @@ export function setText(element, text) {
 export function breakable(name) {
   const parts = name.split(/(?<=[._])/);
   return parts.flatMap((part, i) => (i ? [el("wbr"), new Text(part)] : [new Text(part)]));
-}
-
-/** A number in up to five significant digits. @param {number | null | undefined} value */
-export function shortNumber(value) {
-  if (value === null || value === undefined || !Number.isFinite(value)) return "-";
-  const size = Math.abs(value);
-  if (size !== 0 && (size < 1e-4 || size >= 1e9)) return value.toExponential(3);
-  if (size >= 1000) return value.toFixed(1);
-  return String(Number(value.toPrecision(5)));
-}
-
-/** @param {{unit?: string} | null | undefined} entry */
-export const unitOf = (entry) => (!entry?.unit || entry.unit === "sampling_period" ? "" : entry.unit);
-/** @param {Page.Entry | null | undefined} entry */
-export const isBinary = (entry) => Boolean(entry && "one" in entry);
-
-/** The value of an object or signal with its unit, or its state. @param {Page.Entry} entry @param {number | null | undefined} value */
-export function shown(entry, value) {
-  if (isBinary(entry)) return (value === null || value === undefined ? "-" : value > 0.5 ? entry.one : entry.zero) ?? "-";
-  const number = shortNumber(value);
-  return number === "-" ? number : `${number} ${unitOf(entry)}`.trimEnd();
-}
-
-/** Seconds as `1.5 ms`, `12.3 s`, `2 min`; null: never. @param {number | null} seconds */
-export function duration(seconds) {
-  if (seconds === null) return "never";
-  const size = Math.abs(seconds);
-  if (size < 1e-3) return `${shortNumber(seconds * 1e6)} µs`;
-  if (size < 1) return `${shortNumber(seconds * 1e3)} ms`;
-  return size < 120 ? `${Number(seconds.toFixed(size < 10 ? 2 : 1))} s` : `${Math.round(seconds / 60)} min`;
 }
 
 /** What is chosen, kept in the address after `#`. */

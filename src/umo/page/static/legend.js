@@ -2,11 +2,13 @@
 
 import { colour } from "./chart.js";
 import { wallTime } from "./clock.js";
-import { duration, el, isBinary, setText, shortNumber, shown, unitOf } from "./dom.js";
+import { el, setText } from "./dom.js";
+import { clockText, duration, isBinary, numberText, unitOf, valueText } from "./presentation.js";
 
 /** @typedef {Record<string, number> | null} Measured */
 
 const MEASURED = [["minimum", "min"], ["maximum", "max"], ["mean", "mean"], ["rms", "rms"], ["frequency", "frequency"]];
+const READ = ["minimum", "maximum"];  // values as they were read, with their digits
 
 export class Legend {
   /** @param {import("./feed.js").Feed} feed @param {(path: string) => void} remove */
@@ -52,11 +54,11 @@ export class Legend {
     traces.forEach(({ path, entry, index }, i) => {
       const { cells } = this._rows[i];
       const [a, b] = times.map((time) => (time === null ? null : buffer.at(index, time)));
-      setText(cells[0], shown(entry, this._feed.latest(path)?.value));
-      setText(cells[1], times[0] === null ? "" : shown(entry, a));
-      setText(cells[2], times[1] === null ? "" : shown(entry, b));
+      setText(cells[0], valueText(entry, this._feed.latest(path)?.value));
+      setText(cells[1], times[0] === null ? "" : valueText(entry, a));
+      setText(cells[2], times[1] === null ? "" : valueText(entry, b));
       const differ = !isBinary(entry) && a !== null && b !== null;
-      setText(cells[3], differ ? `${shortNumber(b - a)} ${unitOf(entry)}` : "");
+      setText(cells[3], differ ? `${numberText(b - a, entry.digits)} ${unitOf(entry)}`.trimEnd() : "");
     });
   }
 
@@ -66,10 +68,10 @@ export class Legend {
     const at = (/** @type {string} */ name, /** @type {number | null} */ time) => {
       if (time === null) return "";
       const clock = wallTime(utc, time);
-      return `${name}: ${time.toFixed(4)} s${clock && ` (${clock})`}`;
+      return `${name}: ${clockText(time, 4)}${clock && ` (${clock})`}`;
     };
     const both = a !== null && b !== null;
-    const measured = both ? `B - A: ${duration(b - a)} (${shortNumber(1 / Math.abs(b - a))} Hz); measured between the cursors` : "measured over the time shown";
+    const measured = both ? `B - A: ${duration(b - a)} (${numberText(1 / Math.abs(b - a))} Hz); measured between the cursors` : "measured over the time shown";
     return [at("A", a), at("B", b), measured].filter(Boolean).join("; ");
   }
 
@@ -84,6 +86,6 @@ export class Legend {
 
 /** What was measured, cell by cell; of a state: the share of time and the changes. @param {Page.Entry} entry @param {Measured} found */
 function words(entry, found) {
-  if (!isBinary(entry)) return MEASURED.map(([name]) => (found?.[name] == null ? "" : `${shortNumber(found[name])}${name === "frequency" ? " Hz" : ""}`));
-  return [found ? `${entry.one} ${(100 * found.on).toFixed(1)} % of the time, changes: ${found.changes}` : ""];
+  if (!isBinary(entry)) return MEASURED.map(([name]) => (found?.[name] == null ? "" : numberText(found[name], READ.includes(name) ? entry.digits : null) + (name === "frequency" ? " Hz" : "")));
+  return [found ? `${entry.one} ${numberText(100 * found.on, 1)} % of the time, changes: ${found.changes}` : ""];
 }

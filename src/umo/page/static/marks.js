@@ -1,11 +1,13 @@
 /** What happened, in words, and where it stands on the scope. */
 
+import { clockText } from "./presentation.js";
+
 const NEAR = 6;  // pixels from a mark within which it is told
 
 /** `12.345 s z.motor: limited (by ann): done`. @param {Partial<Page.Event>} event */
 export function sentence(event) {
   const { time, path = "", text = "", who = "", asked = "", state = "" } = event;
-  const when = typeof time === "number" ? `${time.toFixed(3)} s` : "";
+  const when = typeof time === "number" ? clockText(time) : "";
   const what = [path, asked, state && state !== "none" ? state : "", text].filter(Boolean).join(": ");
   return [when, what, who ? `(${who})` : ""].filter(Boolean).join(" ");
 }
@@ -18,7 +20,7 @@ export function sentence(event) {
 export function marksOf(events, misses) {
   const told = events.map((event) => ({ time: event.time, kind: kindOf(event), text: sentence(event) }));
   const late = misses.map(([time, count]) => (
-    { time, kind: /** @type {const} */ ("missed"), text: `${time.toFixed(3)} s ${count} period${count > 1 ? "s" : ""} missed` }
+    { time, kind: /** @type {const} */ ("missed"), text: `${clockText(time)} ${count} period${count > 1 ? "s" : ""} missed` }
   ));
   return [...told, ...late].sort((one, other) => one.time - other.time);
 }

@@ -1,16 +1,14 @@
 /** The one widget for a number: a field that shows its value and takes a new one, its unit, a slider over its range. */
 
-import { el, shortNumber, unitOf } from "./dom.js";
+import { el } from "./dom.js";
+import { numberText, unitOf } from "./presentation.js";
 
 const SLIDER = 500;  // steps
 
-/** @typedef {{name?: string, unit?: string, minimum?: number, maximum?: number}} About */
-
-/** @param {number | null} value */
-export const plain = (value) => shortNumber(value).replace(/\.0$/, "");
+/** @typedef {{name?: string, unit?: string, look?: string, digits?: number | null, minimum?: number, maximum?: number}} About */
 
 /** `0…10`; empty without a range. @param {About} about */
-export const rangeText = ({ minimum, maximum }) => (bounded({ minimum, maximum }) ? `${plain(minimum ?? 0)}…${plain(maximum ?? 0)}` : "");
+export const rangeText = ({ minimum, maximum }) => (bounded({ minimum, maximum }) ? `${numberText(minimum)}…${numberText(maximum)}` : "");
 
 /** @param {About} about */
 const bounded = ({ minimum, maximum }) => Number.isFinite(minimum) && Number.isFinite(maximum);
@@ -24,11 +22,12 @@ export class NumberInput {
    *   stands behind the field.
    */
   constructor(about, label, { value = "", slide = null, unit = true } = {}) {
-    const title = [rangeText(about), about.unit].filter(Boolean).join(" ");
+    const title = [rangeText(about), unitOf(about)].filter(Boolean).join(" ");
     this.field = el("input", { type: "number", step: "any", value, placeholder: rangeText(about), title, "aria-label": label });
     this.field.addEventListener("input", () => { this._edited = true; });
     this.field.addEventListener("blur", () => { this._edited = false; });
     this._edited = false;
+    this._digits = about.digits;
     /** The present value, and its text in the field, which has fewer digits. */
     this._shown = { text: "", value: 0 };
     this.slider = slide && bounded(about) ? this._slider(about, label, slide) : null;
@@ -40,7 +39,7 @@ export class NumberInput {
     const { minimum = 0, maximum = 0 } = about;
     const slider = el("input", { type: "range", min: minimum, max: maximum, step: (maximum - minimum) / SLIDER || "any", title: rangeText(about), "aria-label": `${label}, slider` });
     slider.oninput = () => {
-      this.field.value = plain(Number(slider.value));
+      this.field.value = numberText(Number(slider.value), about.digits);
       slide(Number(slider.value), false);
     };
     slider.onchange = () => slide(Number(slider.value), true);
@@ -58,7 +57,7 @@ export class NumberInput {
   show(value) {
     const busy = document.activeElement;
     if (value === null || busy === this.slider || (busy === this.field && this._edited)) return;
-    const text = plain(value);
+    const text = numberText(value, this._digits);
     if (this.field.value !== text) this.field.value = text;
     this._shown = { text, value };
     if (this.slider) this.slider.value = String(value);

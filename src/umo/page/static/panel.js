@@ -1,6 +1,6 @@
 /** Beside the objects: the run, the lease, the newest black box, the events. */
 
-import { duration, el, setText } from "./dom.js";
+import { el, setText } from "./dom.js";
 import { sentence } from "./marks.js";
 
 const EVENTS = 100;  // shown
@@ -21,26 +21,14 @@ export class Panel {
   }
 
   refresh() {
-    const { state, description } = this._feed;
-    if (!state || !description) return;
-    const [text = "", done = 0, total = 0] = state.progress ?? [];
-    this._fact("station", `${description.station}${description.wiring ? ` (${description.wiring})` : ""}`);
-    this._fact("state", state.stage);
-    this._fact("end", state.ending?.text, state.ending?.failed);
-    this._fact("mode", state.mode);
-    this._fact("lease", state.lease?.holder);
-    this._fact("progress", text + (total ? `, ${done} of ${total}` : ""));
-    this._fact("time", state.time === undefined ? "" : `${state.time.toFixed(1)} s`);
-    this._fact("period", duration(description.period));
-    this._fact("execution", state.execution === undefined ? "" : duration(state.execution));
-    this._fact("missed periods", String(state.missed));
-    this._fact("not seen by the page", state.lost ? `${state.lost} periods` : "");
-    this._fact("pid", String(description.pid));
+    const { state } = this._feed;
+    if (!state) return;
+    for (const [name, text] of Object.entries(state.facts)) this._fact(name, text, name === "end" && state.ending?.failed);
     setText(this._box, state.box || "none: one is written when a period is missed in real time");
     this._show(this._feed.events);
   }
 
-  /** @param {string} name @param {string | undefined} value */
+  /** @param {string} name @param {string} value */
   _fact(name, value, failed = false) {
     let parts = this._values.get(name);
     if (!parts) {
@@ -51,7 +39,7 @@ export class Panel {
     const [title, cell] = parts;
     title.hidden = cell.hidden = !value;
     cell.classList.toggle("failed", failed);
-    setText(cell, value ?? "");
+    setText(cell, value);
   }
 
   /** The newest first. @param {Page.Event[]} events */

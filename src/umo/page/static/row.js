@@ -1,6 +1,7 @@
 /** One line of the machine: an object or a signal, or a family of like ones. */
 
-import { breakable, duration, el, isBinary, setText, shortNumber, shown, unitOf } from "./dom.js";
+import { breakable, el, setText } from "./dom.js";
+import { isBinary, lasting, numberText, unitOf, valueText } from "./presentation.js";
 import { shownQuality, STALE } from "./quality.js";
 
 export class Row {
@@ -38,14 +39,14 @@ export class Row {
     const { kind = "signal", minimum, maximum } = this._entry;
     const what = kind.replace(/([a-z])([A-Z])/g, "$1 $2").toLowerCase();
     if (isBinary(this._entry)) return `${what}, ${this._entry.zero} or ${this._entry.one}`;
-    return minimum === undefined ? what : `${what}, ${shortNumber(minimum)} to ${shown(this._entry, maximum)}`;
+    return minimum === undefined ? what : `${what}, ${numberText(minimum)} to ${numberText(maximum)} ${unitOf(this._entry)}`.trimEnd();
   }
 
   /** Show the present values. */
   refresh() {
     const found = this._paths.flatMap((path) => this._feed.latest(path) ?? []);
     if (!found.length) return;
-    setText(this._value, inWords(this._entry, found.map(({ value }) => value)));
+    setText(this._value, valueText(this._entry, ...found.map(({ value }) => value)));
     this._quality(Math.max(...found.map(({ quality }) => quality)), found);
     const [{ raw }] = found;
     setText(this._raw, found.length === 1 && raw !== null ? String(raw) : "");
@@ -66,7 +67,7 @@ export class Row {
     if (word) this._value.append(el("em", { textContent: ` ${count}${word}` }));
     const ages = this._places.map((place) => state?.ages[place]).filter((age) => age !== undefined);
     const age = ages.includes(null) ? null : Math.max(.../** @type {number[]} */ (ages));
-    setText(this._age, worst >= STALE && ages.length ? duration(age) : ended ? "last" : signal ? "" : this._fresh());
+    setText(this._age, worst >= STALE && ages.length ? (age === null ? "never" : lasting(age)) : ended ? "last" : signal ? "" : this._fresh());
   }
 
   _fresh() { return this._entry.synchronous ? "" : "on demand"; }
@@ -87,17 +88,4 @@ export class Row {
     this._scope.title = on ? "On the scope" : "";
     this.element.classList.toggle("traced", on);
   }
-}
-
-/** The value of an object or signal, or those of a family: the states with their numbers, or the least and the greatest. @param {Page.Entry} entry @param {(number | null)[]} values */
-export function inWords(entry, values) {
-  const known = values.filter((value) => value !== null);
-  if (isBinary(entry)) {
-    const ones = known.filter((value) => value > 0.5).length;
-    const mixed = ones > 0 && ones < known.length;
-    return mixed ? `${ones} ${entry.one}, ${known.length - ones} ${entry.zero}` : shown(entry, known[0]);
-  }
-  const low = known.reduce((a, b) => Math.min(a, b), Infinity);
-  const high = known.reduce((a, b) => Math.max(a, b), -Infinity);
-  return low < high ? `${shortNumber(low)} to ${shortNumber(high)} ${unitOf(entry)}`.trimEnd() : shown(entry, known[0]);
 }

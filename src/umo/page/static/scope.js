@@ -3,7 +3,8 @@
 import { Chart } from "./chart.js";
 import { wallDay, wallTime } from "./clock.js";
 import { coloursOf, fromAddress, toAddress } from "./colours.js";
-import { address, duration, el, isBinary, save, setText, tracesOfAddress, unitOf } from "./dom.js";
+import { address, el, save, setText, tracesOfAddress } from "./dom.js";
+import { clockText, duration, isBinary, unitOf } from "./presentation.js";
 import { gestures } from "./gestures.js";
 import { Legend } from "./legend.js";
 import { markAt, marksOf } from "./marks.js";
@@ -147,7 +148,7 @@ class Scope {
     const { chart } = this;
     if (points.trigger !== undefined) {
       chart.trigger = points.trigger;
-      setText(this._hint, `triggered at ${this._moment(points.trigger, 4)}`);
+      setText(this._hint, `triggered at ${this._moment(points.trigger)}`);
     } else if (points.from < 0) chart.trigger = null;
     chart.buffer.take(points, points.times[points.times.length - 1] - this.span);
     this._from = points.trigger === undefined ? null : points.start ?? null;
@@ -278,13 +279,13 @@ class Scope {
   /** Where the mouse is: the time, and what happened there. @param {number | null} time */
   _hovered(time) {
     const mark = time === null ? null : markAt(this.chart.marks, time, this.chart.pixel);
-    setText(this._hover, time === null ? "" : [this._moment(time, 3), mark?.text].filter(Boolean).join(" · "));
+    setText(this._hover, time === null ? "" : [this._moment(time), mark?.text].filter(Boolean).join(" · "));
   }
 
-  /** @param {number} time @param {number} digits */
-  _moment(time, digits) {
+  /** @param {number} time */
+  _moment(time) {
     const clock = wallTime(this.feed.state?.utc, time);
-    return `${time.toFixed(digits)} s${clock && ` (${clock})`}`;
+    return `${clockText(time, 4)}${clock && ` (${clock})`}`;
   }
 
   _added() {
@@ -313,7 +314,7 @@ class Scope {
     const [from, to] = this.chart.range;
     const utc = this.feed.state?.utc;
     const day = wallDay(utc, from);
-    const times = `${from.toFixed(3)} to ${to.toFixed(3)} s${day && `, ${day} ${wallTime(utc, from)} to ${wallTime(utc, to)}`}`;
+    const times = `${clockText(from)} to ${clockText(to)}${day && `, ${day} ${wallTime(utc, from)} to ${wallTime(utc, to)}`}`;
     const picture = await this.chart.picture(`${this.feed.station}, ${times}`);
     if (picture) save(`${this.feed.station}.png`, picture);
   }

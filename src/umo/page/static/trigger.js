@@ -1,6 +1,7 @@
 /** The controls of the trigger. */
 
-import { el, isBinary, setText, unitOf } from "./dom.js";
+import { el, setText } from "./dom.js";
+import { isBinary, numberText, unitOf } from "./presentation.js";
 
 export const WAITING = "waiting for the trigger";
 const KINDS = { "": "none", rising: "rising edge", falling: "falling edge", above: "above", below: "below" };
@@ -44,7 +45,7 @@ export class Trigger {
     if (!entry) return;
     this._leveled.hidden = isBinary(entry);
     setText(this._unit, unitOf(entry));
-    this._level.value = isBinary(entry) ? "0.5" : String(Number((value ?? 0).toPrecision(4)));
+    this._level.value = isBinary(entry) ? "0.5" : numberText(value ?? 0, entry.digits);
   }
 
   /** Whether it is waited for, in words; empty: there is none. */

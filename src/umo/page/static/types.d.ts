@@ -6,6 +6,10 @@ declare namespace Page {
     path: string;
     kind?: string;
     unit?: string;
+    /** The unit as it is shown. */
+    look?: string;
+    /** After the point; null: six significant ones. */
+    digits?: number | null;
     one?: string;
     zero?: string;
     minimum?: number;
@@ -20,6 +24,7 @@ declare namespace Page {
     name: string;
     kind?: string;
     unit?: string;
+    look?: string;
     minimum?: number;
     maximum?: number;
     choices?: string[];
@@ -29,7 +34,7 @@ declare namespace Page {
 
   interface Action { path: string; help: string; arguments: Argument[]; harmless: boolean; kept_up: boolean }
 
-  interface Tunable { path: string; name: string; unit?: string; minimum?: number; maximum?: number }
+  interface Tunable { path: string; name: string; unit?: string; look?: string; minimum?: number; maximum?: number }
 
   interface Description {
     name: string;
@@ -65,8 +70,8 @@ declare namespace Page {
     ending: Ending | null;
     utc: number | null;
     time?: number;
-    progress?: [string, number, number];
-    execution?: number;
+    /** By name, in the order in which they are shown. */
+    facts: Record<string, string>;
     inhibited?: Record<string, string>;
     by_hand?: string[];
     mode?: string;

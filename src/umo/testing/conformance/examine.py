@@ -15,6 +15,7 @@ from typing import Any
 
 from umo.drivers.contract import Driver
 from umo.errors import Failure, StopError, text_of
+from umo.presentation.durations import duration
 from umo.testing.conformance.budget import Budget, TimePlan
 from umo.testing.conformance.certificate import Certificate, Finding, Judgement
 from umo.testing.conformance.probe import Stopped, TimeUp, call_of
@@ -237,7 +238,7 @@ def _check_hang(trial: Trial) -> None:
     began, limit = watch.began, watch.limit
     if began is not None and (took := monotonic() - began) > 4 * limit + HANG:
         watch.over = True
-        raise Hangs(f"{watch.doing} did not end within {took:.1f} s; its timeout is {limit * 1e3:g} ms")
+        raise Hangs(f"{watch.doing} did not end within {took:.1f} s; its timeout is {duration(limit)}")
 
 
 def _bring_to_defaults(trial: Trial) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from time import sleep
 from typing import Any
 
+from umo.presentation.durations import duration
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.trial import Trial
@@ -98,7 +99,7 @@ def allowed(timeout: float) -> float:
 
 
 def _slow(trial: Trial, timeout: float) -> str:
-    return f"{trial.watch.doing} took {trial.watch.took * 1e3:.0f} ms, its timeout is {timeout * 1e3:g} ms"
+    return f"{trial.watch.doing} took {trial.watch.took * 1e3:.0f} ms, its timeout is {duration(timeout)}"
 
 
 @rule(
@@ -161,7 +162,7 @@ def patience(trial: Trial) -> str | None:
     finally:
         with trial.own_error_first():
             trial.leave(probe)
-    return None if hurried else f"open needs more than {quick * 1e3:g} ms: it was opened with the longer timeout"
+    return None if hurried else f"open needs more than {duration(quick)}: it was opened with the longer timeout"
 
 
 def _open_in_a_hurry(probe: Probe, trial: Trial, timeout: float) -> bool:

@@ -1,6 +1,7 @@
 /** Names of bodies with the values that drive them, over the picture. */
 
 import * as THREE from "three";
+import { valueText } from "../presentation.js";
 
 /** @typedef {import("./scene.js").Body} Body */
 
@@ -111,10 +112,7 @@ export class Labels {
 export function shownValue(entry, found, qualities) {
   if (!entry || !found || !Number.isFinite(found.value)) return "no value";
   const quality = found.quality ? ` (${qualities[found.quality][1]})` : found.last ? " (last)" : "";
-  if ("one" in entry) return (found.value > 0.5 ? entry.one : entry.zero) + quality;
-  const size = Math.abs(found.value);
-  const digits = size >= 1000 ? 0 : size >= 100 ? 1 : size >= 10 ? 2 : 3;
-  return `${found.value.toFixed(digits)} ${entry.unit ?? ""}`.trim() + quality;
+  return valueText(entry, found.value) + quality;
 }
 
 /** @param {Body} body */

@@ -1,5 +1,7 @@
 /** The time that is shown: live, or one of the past, standing or playing. */
 
+import { clockText } from "../presentation.js";
+
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 5, 10];
 
 export class Player {
@@ -65,7 +67,7 @@ export class Player {
     this.slider.max = String(stop);
     this.slider.value = String(this.time ?? stop);
     const ago = this.time === null ? (this.feed.ended ? "last" : "live") : `${(this.time - stop).toFixed(1)} s`;
-    this.text.textContent = `${(this.time ?? stop).toFixed(2)} s (${ago})`;
+    this.text.textContent = `${clockText(this.time ?? stop)} (${ago})`;
     this.play.textContent = this.playing ? "Pause" : "Play";
     this.live.setAttribute("aria-pressed", String(this.time === null));
   }

@@ -1,7 +1,8 @@
 /** The view "Twin": the picture, drawn only when something has changed, its buttons and its time. */
 
 import * as THREE from "three";
-import { isBinary, setText } from "../dom.js";
+import { setText } from "../dom.js";
+import { isBinary } from "../presentation.js";
 import { Belts } from "./belts.js";
 import { Eye } from "./camera.js";
 import { History } from "./history.js";

@@ -9,17 +9,18 @@ from math import inf
 from typing import Any
 
 from umo.drivers.contract import Direction, Driver
+from umo.drivers.faults import effects
+from umo.drivers.faults.effects import Effect, Shift, limited
+from umo.drivers.faults.words import FORM, OF_DRIVERS, InjectedFault
+from umo.drivers.faults.wrapper import Faulty, Injection
 from umo.duration import seconds
 from umo.errors import DeclarationError
 from umo.objects.atomic import Binary
 from umo.objects.paths import is_pattern, matches
 from umo.objects.scaling import to_raw
 from umo.objects.units import convert
+from umo.presentation.in_words import span
 from umo.text import did_you_mean
-from umo.wiring.faults import effects
-from umo.wiring.faults.effects import Effect, Shift, limited
-from umo.wiring.faults.words import FORM, OF_DRIVERS, InjectedFault
-from umo.wiring.faults.wrapper import Faulty, Injection
 from umo.wiring.resolved import Wire
 
 _AMOUNT = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)")
@@ -218,7 +219,7 @@ def _carried(wire: Wire) -> str:
     lowest, highest = limited(-inf, channel), limited(inf, channel)
     low, high = sorted((wire.value(lowest), wire.value(highest)))
     units = wire.item.units  # type: ignore[attr-defined]
-    return f"channel {channel.text!r}: {low:.6g} to {high:.6g} {units} (raw {lowest} to {highest})"
+    return f"channel {channel.text!r}: {span(low, high, units)} (raw {lowest} to {highest})"
 
 
 def _by_value(wire: Wire) -> Shift:

@@ -11,12 +11,13 @@ import numpy as np
 
 from umo.errors import PathError, RangeError
 from umo.frames import Reader
-from umo.frames.frames_table import facts_of_frames, title_of
-from umo.frames.history import History
-from umo.frames.reduction import Points, reduced
-from umo.objects.families import in_words
-from umo.objects.html_table import STYLE, heading
 from umo.objects.scaling import FloatArray
+from umo.presentation.digits import number_text
+from umo.presentation.html_table import STYLE, heading
+from umo.presentation.in_words import value_text
+from umo.presentation.unit_text import shown_unit
+from umo.scope.history import History
+from umo.scope.reduction import Points, reduced
 from umo.wiring.patterns import chosen
 
 MOST, LONGEST = 16, 300.0
@@ -58,8 +59,8 @@ class Scope:
             self._frame = frames[-1]
             self._history.add_frames(frames, self._places)
         lost = {"frames not seen": f"{self._reader.lost:,}" if self._reader.lost else ""}
-        facts = facts_of_frames(self._reader, self._frame) | lost | dict(more)
-        return f'{STYLE}<div class="umo">{heading(title_of(self._reader), facts)}{self._picture()}</div>'
+        facts = self._reader.facts(self._frame) | lost | dict(more)
+        return f'{STYLE}<div class="umo">{heading(self._reader.title, facts)}{self._picture()}</div>'
 
     def _picture(self) -> str:
         stop = max(self._history.stop, self._seconds)
@@ -97,7 +98,7 @@ class Scope:
         parts = []
         for level in _ticks(low, high, 4):
             y = bottom - (level - low) * scale
-            parts.append(_line(LEFT, y, LEFT + PIXELS, y) + _text(LEFT - 6, y + 4, f"{level:g}", "end"))
+            parts.append(_line(LEFT, y, LEFT + PIXELS, y) + _text(LEFT - 6, y + 4, number_text(level), "end"))
         for number, row in enumerate(lane):
             style = f'stroke="{COLOURS[row % len(COLOURS)]}" stroke-dasharray="{DASHES[number % len(DASHES)]}"'
             path = _path(x, bottom - (points.low[row] - low) * scale, bottom - (points.high[row] - low) * scale)
@@ -105,7 +106,7 @@ class Scope:
             place, line = LEFT + number % BESIDE * (PIXELS / BESIDE), LINE * (number // BESIDE) + 12
             parts.append(f'<path d="M{place:g} {line - 4}h24" {style} stroke-width="2.5"/>')
             parts.append(_text(place + 30, line, self._said(row)))
-        return "".join([*parts, _text(4, 12, str(self._entries[lane[0]]["unit"]))])
+        return "".join([*parts, _text(4, 12, shown_unit(self._entries[lane[0]]["unit"]))])
 
     def _bar(self, lane: list[int], x: FloatArray, points: Points) -> str:
         """Full where the object was in its 1 state, pale where it was in both within a pixel."""
@@ -127,7 +128,7 @@ class Scope:
         """Its name, and its last value."""
         path = str(self._entries[row]["path"])
         name = path if len(path) <= LONGEST_NAME else f"...{path[3 - LONGEST_NAME :]}"
-        return f"{name}  {in_words(self._entries[row], self._now[row])}"
+        return f"{name}  {value_text(self._entries[row], *self._now[row])}"
 
 
 def _span(low: FloatArray, high: FloatArray) -> tuple[float, float]:
@@ -164,7 +165,7 @@ def _time_axis(start: float, stop: float, height: float) -> str:
     parts = []
     for time in _ticks(start, stop, 8):
         x = LEFT + (time - start) * (PIXELS / (stop - start))
-        parts.append(_line(x, 0, x, height) + _text(x, height + 16, f"{time:g} s", "middle"))
+        parts.append(_line(x, 0, x, height) + _text(x, height + 16, f"{number_text(time)} s", "middle"))
     return "".join(parts)
 
 

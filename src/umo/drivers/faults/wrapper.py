@@ -13,8 +13,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from umo.drivers.contract import UNREAD, Channel, Driver, IntArray, PhysicalScale
+from umo.drivers.faults.effects import MARK, Effect
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError
-from umo.wiring.faults.effects import MARK, Effect
+from umo.presentation.durations import duration
 
 log = logging.getLogger("umo")
 EARLY = 1e-9
@@ -163,7 +164,7 @@ class Faulty(Driver[Any]):
         if self._injection.waits:
             time.sleep(min(seconds, self.timeout))
         if seconds >= self.timeout:
-            raise DeviceTimeout(f"timed out ({self.timeout * 1e3:g} ms) {MARK}")
+            raise DeviceTimeout(f"timed out ({duration(self.timeout)}) {MARK}")
 
     def _changed(self, raw: int, effects: Sequence[Effect], text: str) -> int:
         for effect in effects:

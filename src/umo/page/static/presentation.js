@@ -1,0 +1,79 @@
+/** How values look, as umo/presentation has it; the server gives each entry its digits and its unit as it is shown. A test compares the two. */
+
+const NO_VALUE = "-";
+const SIGNIFICANT = 6;
+const BEYOND = 1e21;  // size from which on no digits after the point are shown
+const LONGEST = 1e10;  // s: 300 years
+
+/** A number that ends in a half of its last digit, which is rounded to the even one, as Python does. @param {string} longer  With the digit that is too much, which is 5. @param {string} text  Rounded away from 0. */
+function even(longer, text) {
+  const shorter = longer.slice(0, -1).replace(/\.$/, "");
+  return Number(shorter[shorter.length - 1]) % 2 ? text : shorter;
+}
+
+/** @param {number} value @param {number} digits  After the point. */
+function fixed(value, digits) {
+  const isHalf = Math.abs(value * 2 ** (digits + 1)) % 2 === 1;
+  const text = isHalf ? even(value.toFixed(digits + 1), value.toFixed(digits)) : value.toFixed(digits);
+  return Number(text) === 0 ? text.replace("-", "") : text;
+}
+
+/** Six significant digits and a power of ten. @param {number} value @returns {[string, number]} */
+function scientific(value) {
+  const unit = 10 ** (Math.floor(Math.log10(Math.abs(value))) - SIGNIFICANT + 1);
+  const [mantissa, power] = value.toExponential(SIGNIFICANT - 1).split("e");
+  const isHalf = unit > 1 && Math.abs(value) % unit === unit / 2;
+  return [isHalf ? even(value.toExponential(SIGNIFICANT).split("e")[0], mantissa) : mantissa, Number(power)];
+}
+
+/** @param {string} text */
+const withoutZeros = (text) => (text.includes(".") ? text.replace(/\.?0+$/, "") : text);
+
+/** A number with so many digits after the point; null: six significant digits. @param {number | null | undefined} value @param {number | null} [digits] */
+export function numberText(value, digits = null) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return NO_VALUE;
+  if (digits !== null && Math.abs(value) < BEYOND) return fixed(value, digits);
+  const [mantissa, exponent] = scientific(value);
+  if (exponent < -4 || exponent >= 9) return `${withoutZeros(mantissa)}e${exponent}`;
+  return withoutZeros(fixed(value, Math.max(SIGNIFICANT - 1 - exponent, 0)));
+}
+
+/** The unit as it is shown. @param {{look?: string, unit?: string} | null | undefined} about */
+export const unitOf = (about) => about?.look ?? about?.unit ?? "";
+/** @param {Page.Entry | null | undefined} entry */
+export const isBinary = (entry) => Boolean(entry && "one" in entry);
+/** @param {Page.Entry} entry @param {number} value */
+const stateText = (entry, value) => (value > 0.5 ? entry.one : entry.zero) ?? NO_VALUE;
+
+/** A value with its unit, or a state; of a family from the least to the greatest, or how many are in each state. @param {Page.Entry} entry @param {(number | null | undefined)[]} values */
+export function valueText(entry, ...values) {
+  const known = /** @type {number[]} */ (values.filter((value) => Number.isFinite(value)));
+  if (!known.length) return NO_VALUE;
+  if (isBinary(entry)) {
+    const ones = known.filter((value) => value > 0.5).length;
+    const mixed = ones > 0 && ones < known.length;
+    return mixed ? `${ones} ${entry.one}, ${known.length - ones} ${entry.zero}` : stateText(entry, known[0]);
+  }
+  const [least, most] = [known.reduce((a, b) => Math.min(a, b)), known.reduce((a, b) => Math.max(a, b))].map((value) => numberText(value, entry.digits));
+  return `${least === most ? least : `${least} to ${most}`} ${unitOf(entry)}`.trimEnd();
+}
+
+/** `250 µs`, `2.5 ms`, `90 s`. @param {number} seconds */
+export function duration(seconds) {
+  const size = Math.abs(seconds);
+  if (size === 0 || size >= 1) return `${numberText(seconds)} s`;
+  return size >= 1e-3 ? `${numberText(seconds * 1e3)} ms` : `${numberText(seconds * 1e6)} µs`;
+}
+
+/** `12 s`, `3 min`, `2 h 05 min`, `3 d 4 h`; `?` for what no run has lasted. @param {number} seconds */
+export function lasting(seconds) {
+  if (!(Math.abs(seconds) < LONGEST)) return "?";
+  const [minutes, hours, days] = [seconds / 60, seconds / 3600, seconds / 86400];
+  if (minutes < 2) return `${fixed(seconds, 0)} s`;
+  if (hours < 1) return `${fixed(minutes, 0)} min`;
+  if (days < 2) return `${Math.trunc(hours)} h ${String(Math.trunc(minutes) % 60).padStart(2, "0")} min`;
+  return `${Math.trunc(days)} d ${Math.trunc(hours) % 24} h`;
+}
+
+/** A time on the cycle's clock. @param {number} seconds */
+export const clockText = (seconds, digits = 3) => `${fixed(seconds, digits)} s`;

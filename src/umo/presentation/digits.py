@@ -1,0 +1,65 @@
+"""The digits of a number. `number.js` of the page has the same rules; a test compares the two.
+
+What has a resolution gets the digits after the point that tell its raw values apart, and never an exponent. What has
+none gets six significant digits.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from math import floor, isfinite, log10
+
+NO_VALUE = "-"
+SIGNIFICANT = 6
+MOST = 99
+"""Digits after the point: a browser can show 100, and one more is looked at."""
+LEAST_POWER, GREATEST_POWER = -4, 9
+"""Powers of ten from which on, and up to which, six significant digits are shown without an exponent."""
+BEYOND = 1e21
+"""Size from which on no digits after the point are shown, as in a browser."""
+DRIFT = 1e-12
+"""Share of the resolution: a difference that does not add up to a step within 2**32 steps."""
+CLEAR = 1e-5
+"""Share of the resolution by which a digit is smaller: no rounding error of a float decides which raw value is next."""
+HALF = 0.49
+"""Share of a digit by which the value of raw 0 may miss a multiple of it: more may be rounded up or down."""
+
+
+@lru_cache(maxsize=4096)
+def digits_of(resolution: float, zero_offset: float = 0.0) -> int:
+    """Digits after the point that are needed to tell the values of two adjacent raw integers apart, up to 99: the text
+    stands for one raw integer. `zero_offset`: the value of raw 0."""
+    step = abs(resolution)
+    digits = min(max(0, floor(-log10(step))), MOST)
+    while digits < MOST and not _tells_apart(10.0**-digits, step, zero_offset):
+        digits += 1
+    return digits
+
+
+def _tells_apart(digit: float, step: float, zero_offset: float) -> bool:
+    if digit < step * (1 - CLEAR):
+        return True
+    places = zero_offset / digit
+    return abs(digit - step) <= step * DRIFT and abs(places - round(places)) <= HALF
+
+
+def number_text(value: float, digits: int | None = None) -> str:
+    """With so many digits after the point; None: six significant digits. `-` if it is not finite."""
+    if not isfinite(value):
+        return NO_VALUE
+    if digits is not None and abs(value) < BEYOND:
+        return f"{value:z.{digits}f}"
+    mantissa, _, power = f"{value:.{SIGNIFICANT - 1}e}".partition("e")
+    exponent = int(power)
+    if not LEAST_POWER <= exponent < GREATEST_POWER:
+        return f"{_without_zeros(mantissa)}e{exponent}"
+    return _without_zeros(f"{value:z.{max(SIGNIFICANT - 1 - exponent, 0)}f}")
+
+
+def setting_text(value: float) -> str:
+    """What is set, with all digits that a number of these surely has; an integer with all that it has."""
+    return f"{value:.15g}" if isinstance(value, float) else str(value)
+
+
+def _without_zeros(text: str) -> str:
+    return text.rstrip("0").rstrip(".") if "." in text else text

@@ -1,0 +1,109 @@
+"""Objects, signals and tunable numbers as rows of a table: the texts of the cells, of one or of a family."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from math import nan
+from typing import Any, NamedTuple
+
+from umo.presentation.families import FROM, families
+from umo.presentation.in_words import measure, span, value_text
+from umo.presentation.qualities import WHY, quality_text
+from umo.text import printable
+
+INHIBITED, BY_HAND = "inhibited", "by hand"
+
+
+class TableRow(NamedTuple):
+    """One object, signal or tunable number. `about`: its description (`umo.objects.description`, of the others path and
+    unit)."""
+
+    about: Mapping[str, Any]
+    value: float = nan
+    quality: int | None = None
+    raw: int | None = None
+    note: str = ""
+
+
+LikeRows = Sequence[TableRow]
+"""One row, or several of a family."""
+
+
+def lines(paths: Sequence[str]) -> list[list[int]]:
+    """The places of each line: families together, the others one by one; parts of the machine one after another."""
+    parts: dict[str, list[list[int]]] = {}
+    for path, places in families(paths).items():
+        part = parts.setdefault(path.partition(".")[0] if "." in path else "", [])
+        part += [places] if len(places) >= FROM else [[place] for place in places]
+    return [line for part in parts.values() for line in part]
+
+
+def restriction(reason: str | None, by_hand: bool = False) -> str:
+    """A note on an actuator that the program cannot write, and why: by whom; empty if it is free."""
+    return f"⊘ {BY_HAND if by_hand else INHIBITED}: {reason}" if reason else ""
+
+
+def value_of(line: LikeRows) -> str:
+    return value_text(line[0].about, *(row.value for row in line))
+
+
+def worst_of(line: LikeRows) -> int:
+    """The number of the worst quality; 0 of what has none."""
+    return max(row.quality or 0 for row in line)
+
+
+def quality_of(line: LikeRows) -> str:
+    """The worst one; of several how many have it."""
+    found = [row.quality for row in line if row.quality is not None]
+    worst = max(found, default=0)
+    return quality_text(worst, found.count(worst) if worst and len(found) > 1 else None) if found else ""
+
+
+def sentence_of(row: TableRow, width: int = 0) -> str:
+    """Path, value, quality and note of one object, two blanks apart; the path as wide as this."""
+    cells = [f"{row.about['path']:{width}}", value_of([row]), quality_of([row]), note_of([row])]
+    return printable("  ".join(filter(None, cells)))
+
+
+def raw_of(line: LikeRows) -> str:
+    """The raw integer of one object; empty where there is no value yet."""
+    row = line[0]
+    return "" if len(line) > 1 or row.raw is None or row.value != row.value else str(row.raw)
+
+
+def note_of(line: LikeRows) -> str:
+    """Why an actuator is inhibited, why a value is not good."""
+    notes = dict.fromkeys(filter(None, (row.note for row in line)))
+    return "; ".join(filter(None, [*list(notes)[:2], WHY[worst_of(line)]]))
+
+
+def kind_of(line: LikeRows) -> str:
+    """`digital actuator`; `40 x digital actuator`."""
+    words = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", str(line[0].about["kind"])).lower()
+    return words if len(line) == 1 else f"{len(line)} x {words}"
+
+
+def range_of(line: LikeRows) -> str:
+    """`0 to 10 V, default 0 V`; `OFF or ON, default OFF`."""
+    about = line[0].about
+    binary = "one" in about
+    text = f"{about['zero']} or {about['one']}" if binary else span(about["minimum"], about["maximum"], about["unit"])
+    default = about.get("default")
+    return text if default is None else f"{text}, default {default if binary else measure(default, about['unit'])}"
+
+
+def wiring_of(line: LikeRows) -> str:
+    wires = list(dict.fromkeys(filter(None, (row.about.get("wire") for row in line))))
+    return f"{wires[0]} .. {wires[-1]}" if len(wires) > 2 else ", ".join(wires)
+
+
+CellText = Callable[[LikeRows], str]
+VALUES: dict[str, CellText] = {
+    "value": value_of,
+    "quality": quality_of,
+    "raw": raw_of,
+    "wiring": wiring_of,
+    "note": note_of,
+}
+DECLARED: dict[str, CellText] = {"kind": kind_of, "range": range_of}

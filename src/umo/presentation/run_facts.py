@@ -1,0 +1,54 @@
+"""What is said of a run, in words: by `umo ps`, `umo watch`, notebooks and the page."""
+
+from __future__ import annotations
+
+import time
+
+from umo.presentation.durations import duration, lasting
+from umo.text import printable, time_of_day
+
+FREE = "free"
+"""The lease that nobody has."""
+
+
+def title(station: object, wiring: object) -> str:
+    """Station and wiring."""
+    return printable(f"{station} ({wiring})" if wiring else str(station))
+
+
+def progress_text(text: str, done: int, total: int) -> str:
+    """`placing, 1 of 3`."""
+    return ", ".join(filter(None, [printable(text), f"{done} of {total}" if total else ""]))
+
+
+def facts_of(
+    state: object,
+    mode: object | None = None,
+    holder: str = "",
+    progress: tuple[str, int, int] = ("", 0, 0),
+    *,
+    time: float | None = None,
+    missed: int | None = None,
+    period: float | None = None,
+) -> dict[str, str]:
+    """By name, in the order in which they are shown; empty: there is nothing to say. `holder` of the lease, `time` in s
+    on the cycle's clock, `missed` periods, `period` in s."""
+    return {
+        "state": str(state),
+        "mode": "" if mode is None else str(mode),
+        "lease": "" if mode is None else printable(holder) or FREE,
+        "progress": progress_text(*progress),
+        "time": "" if time is None else clock_text(time),
+        "period": "" if period is None else duration(period),
+        "missed": "" if missed is None else f"{missed:,}",
+    }
+
+
+def clock_text(seconds: float) -> str:
+    """A time on the cycle's clock."""
+    return f"{seconds:.3f} s"
+
+
+def since(started: float) -> str:
+    """`09:14:03 (3 min)`, from the s since 1970."""
+    return f"{time_of_day(started, '%H:%M:%S')} ({lasting(time.time() - started)})"
