@@ -436,7 +436,7 @@ def test_a_rate_holds_for_a_hand() -> None:
 @pytest.mark.parametrize(
     ("path", "value", "said"),
     [
-        ("heater", 1e9, "RangeError: heater: 1e+09 V is outside"),
+        ("heater", 1e9, "RangeError: heater: 1e9 V is outside"),
         ("heater", float("nan"), "RangeError: heater: nan is not a number in V"),
         ("heater", "ON", "RangeError: heater: 'ON' is not a number in V"),
         ("heater", True, "RangeError: heater: True is not a number in V"),
