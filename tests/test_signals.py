@@ -85,7 +85,7 @@ def test_frames_and_trace_hold_the_signals_of_each_period(tmp_path: Path) -> Non
     with (tmp_path / "trace.csv").open() as file:
         header, first, _ = list(csv.reader(file))
     row = dict(zip(header, first, strict=True))
-    assert row["axes.0.servo.error[mm]"] == "15"
+    assert row["axes.0.servo.error[mm]"] == "15.0"
     assert row["axes.0.load[N]"] == "1.5"
     assert trace.rows[:, trace.place(trace.signals[0])].tolist() == [1.5, 2.0]
 
@@ -116,7 +116,7 @@ def test_the_screen_shows_the_signals_below_the_objects() -> None:
         shown = dict(zip(table.columns[0]._cells, map(str, table.columns[1]._cells), strict=True))
         assert shown["axes.0.servo.error"] == "15 mm"
         assert shown["axes.0.inner.setpoint"] == "-"
-        assert shown["axes.0.encoder"] == "5 mm"
+        assert shown["axes.0.encoder"] == "5.0 mm"
 
 
 def test_a_signal_that_is_not_there_is_refused_on_connect() -> None:

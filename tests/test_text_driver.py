@@ -462,7 +462,7 @@ def test_a_wiring_is_checked_with_the_key_of_each_fault() -> None:
     assert "the forms are: voltage" in faults(channels={"voltage": {"ask": "V?"}})[0]
 
 
-@pytest.mark.parametrize(("scale", "off"), [({}, "9.99e+03 V"), ({"scale": 0.01}, "90 V"), ({"scale": 0.0001}, "9 V")])
+@pytest.mark.parametrize(("scale", "off"), [({}, "9990 V"), ({"scale": 0.01}, "90 V"), ({"scale": 0.0001}, "9 V")])
 def test_a_scale_that_differs_from_the_resolution_is_a_fault_where_the_units_are_known(scale: Any, off: str) -> None:
     output = {"set": {"0": "OFF", "1": "ON"}}
     table: dict[str, Any] = {"ask": "V?", "set": "V {}"} | scale
