@@ -99,7 +99,7 @@ def test_the_scope_asks_for_measured_values_when_it_has_got_the_last_ones(
         eventually(lambda: page.evaluate("1") and len(states) > before + 25)  # ten a second
         assert sum("measure" in text for text in sent) == 1
         go_on.set()
-        eventually(lambda: page.locator('.legend tr[data-path="encoder"] td').nth(5).inner_text() == "7")
+        eventually(lambda: page.locator('.legend tr[data-path="encoder"] td').nth(5).inner_text() == "7.0")
 
 
 WRITTEN = """{  // what is written on a canvas, with its left, top, right and bottom
