@@ -1,7 +1,7 @@
 """The digits of a number. `number.js` of the page has the same rules; a test compares the two.
 
-What has a resolution gets the digits after the point that tell its raw values apart, and never an exponent. What has
-none gets six significant digits.
+What has a resolution gets the digits after the point that tell its raw values apart, or up to two more where the
+resolution is then exact (0.25), and never an exponent. What has none gets six significant digits.
 """
 
 from __future__ import annotations
@@ -21,19 +21,21 @@ DRIFT = 1e-12
 """Share of the resolution: a difference that does not add up to a step within 2**32 steps."""
 CLEAR = 1e-5
 """Share of the resolution by which a digit is smaller: no rounding error of a float decides which raw value is next."""
+MORE = 2
+"""Digits more than needed at most, so that a short resolution is not rounded."""
 HALF = 0.49
 """Share of a digit by which the value of raw 0 may miss a multiple of it: more may be rounded up or down."""
 
 
 @lru_cache(maxsize=4096)
 def digits_of(resolution: float, zero_offset: float = 0.0) -> int:
-    """Digits after the point that are needed to tell the values of two adjacent raw integers apart, up to 99: the text
-    stands for one raw integer. `zero_offset`: the value of raw 0."""
+    """Digits after the point that tell the values of two adjacent raw integers apart, up to 99: the text stands for one
+    raw integer. `zero_offset`: the value of raw 0."""
     step = abs(resolution)
     digits = min(max(0, floor(-log10(step))), MOST)
     while digits < MOST and not _tells_apart(10.0**-digits, step, zero_offset):
         digits += 1
-    return digits
+    return next((each for each in range(digits, digits + MORE + 1) if _is_exact(step, each)), digits)
 
 
 def _tells_apart(digit: float, step: float, zero_offset: float) -> bool:
@@ -41,6 +43,11 @@ def _tells_apart(digit: float, step: float, zero_offset: float) -> bool:
         return True
     places = zero_offset / digit
     return abs(digit - step) <= step * DRIFT and abs(places - round(places)) <= HALF
+
+
+def _is_exact(step: float, digits: int) -> bool:
+    places = step * 10.0**digits
+    return digits <= MOST and abs(places - round(places)) <= places * DRIFT
 
 
 def number_text(value: float, digits: int | None = None) -> str:
