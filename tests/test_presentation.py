@@ -127,7 +127,7 @@ def test_an_object_has_the_digits_of_its_wiring_and_none_through_a_linearization
     with connect(m, wired(m, Scripted({"encoder": [7]}), clock=VirtualTimer(), entries=entries)):
         periods(m)
         assert value_text(described(m.encoder), m.encoder.read()) == "0.875 mm"
-        assert repr(m.encoder).startswith("<DigitalSensor encoder = 0.9 mm ● good;")
+        assert repr(m.encoder).startswith("<DigitalSensor encoder = 0.875 mm ● good;")
     curve = umo.Polynomial([0.0, 1.0, 0.0, 0.001])
     about = described(DigitalSensor("mm", minimum=0.0, maximum=10.0, resolution=0.001, linearization=curve))
     assert value_text(about, 1.23456789) == "1.23457 mm"

@@ -13,9 +13,11 @@ import re
 import sys
 from collections import defaultdict
 from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Any
 
+import grimp
 from typer.main import get_command
 
 from umo.cli.app import app
@@ -83,7 +85,13 @@ def _types(module: ast.Module) -> Iterator[str]:
 
 
 def circles(parsed: dict[Path, ast.Module]) -> Iterator[str]:
-    """`umo/__init__.py` imports the others."""
+    """Files that import one another, imports for types too; and whoever imports `umo/__init__.py`, which imports the
+    others."""
+    graph = grimp.build_graph("umo", exclude_type_checking_imports=False, cache_dir=None)
+    try:
+        TopologicalSorter({each: graph.find_modules_directly_imported_by(each) for each in graph.modules}).prepare()
+    except CycleError as error:
+        yield f"files import one another: {' < '.join(error.args[1])}"
     for file, module in parsed.items():
         outside = TREE / "stations" in file.parents or file.parent == TREE / "cli"
         if not outside and any(name == "umo" for name, _ in _imports(module)):

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from rich.text import Text
 
+from umo.cycle.inhibition import interlocks_of
 from umo.errors import Mistake, OptionError
 from umo.objects import Compound, actions_of, numbers_of
-from umo.objects.interlock import interlocks_of
 from umo.presentation.durations import duration
 from umo.process.station import Station
 from umo.twin.declared import declared_by

@@ -20,6 +20,7 @@ from umo.cycle.transfer import PATIENCE, settling, wait_for
 from umo.drivers.faults.wrapper import bare
 from umo.errors import DeclarationError, DriverError, Failure, StopError, text_of
 from umo.objects import Compound, atoms
+from umo.objects.description import html_of
 from umo.system.custody import Custody
 from umo.text import Moment, add_note
 from umo.user_code import attempt
@@ -114,7 +115,7 @@ class connect(Generic[C]):
         return self.root
 
     def _repr_html_(self) -> str:
-        return self.root._repr_html_()
+        return html_of(self.root)
 
     def _enter(self) -> None:
         self._opened, self._initialized, self._restore, self.started = [], [], [], False

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from umo.errors import DeclarationError
 from umo.objects import Compound, Interlock
-from umo.objects.interlock import interlocks_of
-from umo.user_code import as_json, told
+from umo.objects.paths import atoms, walk
+from umo.user_code import as_json, told, told_as
 
 SHOWN = 100
 """Characters of a result that is not one."""
@@ -87,3 +88,26 @@ def unevaluated(interlock: Interlock) -> str:
 
 def _cannot(interlock: Interlock, cause: str) -> str:
     return f"{unevaluated(interlock)}: {cause}"
+
+
+def interlocks_of(root: Compound) -> list[Interlock]:
+    """Every interlock of a machine, as declared; DeclarationError for anything else, and for one that forbids another
+    machine's."""
+    own = set(map(id, atoms(root)))
+    found = [each for node in (root, *walk(root)) if isinstance(node, Compound) for each in _declared_by(node)]
+    for interlock in found:
+        for item in interlock.actuators():
+            if id(item) not in own:
+                raise DeclarationError(f"interlock {interlock.reason!r} forbids {item!r} of another machine")
+    return found
+
+
+def _declared_by(node: Compound) -> list[Interlock]:
+    with told_as(DeclarationError, f"{node._path or type(node).__name__}.interlocks failed"):
+        declared = node.interlocks()
+        each = list(declared) if isinstance(declared, Iterable) else [declared]
+    for interlock in each:
+        if not isinstance(interlock, Interlock):
+            owner = node._path or type(node).__name__
+            raise DeclarationError(f"{owner}.interlocks gives {interlock!r}; it must return or yield Interlocks")
+    return each

@@ -4,6 +4,7 @@ from umo.objects.action import Action, action, actions_of
 from umo.objects.actuators import BinaryActuator, DigitalActuator
 from umo.objects.atomic import Atomic, Binary, Digital
 from umo.objects.compound import Compound
+from umo.objects.description import described
 from umo.objects.interlock import Interlock
 from umo.objects.linearization import LookupTable, Polynomial
 from umo.objects.node import Node
@@ -65,6 +66,7 @@ __all__ = [
     "actions_of",
     "atoms",
     "children",
+    "described",
     "find",
     "numbers_of",
     "path_of",

@@ -70,3 +70,8 @@ def html_of(thing: Node | Vector[Any]) -> str:
         return html_table(title, {"state": "not connected"}, rows, values=False)
     facts = thing._machine.facts() if isinstance(thing, Compound) else {}
     return html_table(title, facts, list(map(row_of, items)))
+
+
+# notebooks show them so
+Node._repr_html_ = html_of  # type: ignore[attr-defined]
+Vector._repr_html_ = html_of  # type: ignore[attr-defined]

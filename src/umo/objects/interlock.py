@@ -9,9 +9,8 @@ from typing import Literal
 from umo.errors import DeclarationError
 from umo.objects.actuators import BinaryActuator, DigitalActuator
 from umo.objects.atomic import Atomic
-from umo.objects.compound import Compound
-from umo.objects.paths import atoms, walk
-from umo.user_code import told_as
+from umo.objects.node import Node
+from umo.objects.paths import atoms
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +37,7 @@ class Interlock:
     """
 
     condition: Callable[[], bool]
-    forbids: Iterable[BinaryActuator | DigitalActuator | Compound]  # type: ignore[type-arg]
+    forbids: Iterable[BinaryActuator | DigitalActuator | Node]  # type: ignore[type-arg]
     reason: str
     latched: bool = False
     effect: Literal["inhibit", "stop"] = "inhibit"
@@ -47,10 +46,10 @@ class Interlock:
         """All actuators in `forbids`, in declared order. Raises DeclarationError for anything else."""
         found: list[Atomic] = []
         for node in self.forbids:
-            if isinstance(node, Compound):
-                found += [item for item in atoms(node) if isinstance(item, BinaryActuator | DigitalActuator)]
-            elif isinstance(node, BinaryActuator | DigitalActuator):
+            if isinstance(node, BinaryActuator | DigitalActuator):
                 found.append(node)
+            elif isinstance(node, Node) and not isinstance(node, Atomic):
+                found += [item for item in atoms(node) if isinstance(item, BinaryActuator | DigitalActuator)]
             else:
                 raise DeclarationError(f"interlock {self.reason!r} forbids {node!r}, which is not an actuator")
         return found
@@ -67,26 +66,3 @@ class Interlock:
         object.__setattr__(self, "forbids", tuple(self.forbids))
         if not self.actuators():
             raise DeclarationError(f"interlock {self.reason!r} does not name an actuator")
-
-
-def interlocks_of(root: Compound) -> list[Interlock]:
-    """Every interlock of a machine, as declared; DeclarationError for anything else, and for one that forbids another
-    machine's."""
-    own = set(map(id, atoms(root)))
-    found = [each for node in (root, *walk(root)) if isinstance(node, Compound) for each in _declared_by(node)]
-    for interlock in found:
-        for item in interlock.actuators():
-            if id(item) not in own:
-                raise DeclarationError(f"interlock {interlock.reason!r} forbids {item!r} of another machine")
-    return found
-
-
-def _declared_by(node: Compound) -> list[Interlock]:
-    with told_as(DeclarationError, f"{node._path or type(node).__name__}.interlocks failed"):
-        declared = node.interlocks()
-        each = list(declared) if isinstance(declared, Iterable) else [declared]
-    for interlock in each:
-        if not isinstance(interlock, Interlock):
-            owner = node._path or type(node).__name__
-            raise DeclarationError(f"{owner}.interlocks gives {interlock!r}; it must return or yield Interlocks")
-    return each

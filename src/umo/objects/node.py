@@ -38,12 +38,6 @@ class Node:
         """
         raise NotImplementedError
 
-    def _repr_html_(self) -> str:
-        """For notebooks: what was read and sent last; no device is accessed."""
-        from umo.objects.description import html_of  # it imports the objects
-
-        return html_of(self)
-
     def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
         """`copy` and `pickle` raise DeclarationError: an object belongs to one place in one machine."""
         name = f"{self._path} ({type(self).__name__})" if self._path else type(self).__name__

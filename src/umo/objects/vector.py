@@ -167,11 +167,6 @@ class Vector(Generic[A]):
             raise StateError(f"levels must be an array of {len(self)} zeros and ones, as `read` returns them")
         return numbers
 
-    def _repr_html_(self) -> str:
-        from umo.objects.description import html_of  # it imports the objects
-
-        return html_of(self)
-
     def __repr__(self) -> str:
         return f"<Vector of {len(self)}: {self._objects[0].path} ... {self._objects[-1].path}>"
 
