@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from umo import Channel, Direction, Driver
+from umo.drivers import Channel, Direction, Driver
 
 
 @dataclass(frozen=True)

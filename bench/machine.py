@@ -9,22 +9,10 @@ import numpy as np
 
 from bench.driver import Loop
 from bench.mix import Layout
-from umo import (
-    BinaryActuator,
-    BinarySensor,
-    Compound,
-    DigitalActuator,
-    DigitalSensor,
-    Direction,
-    EnableDisable,
-    OnOff,
-    PassFail,
-    Rotation,
-    UpDown,
-    Vector,
-    connect,
-)
+from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, Vector, connect
+from umo.drivers import Direction
 from umo.objects import atoms
+from umo.states import EnableDisable, OnOff, PassFail, Rotation, UpDown
 
 
 class ZAxis(Compound):

@@ -10,21 +10,9 @@ import numpy as np
 import pytest
 
 from helpers.machines import actuator, failed, relay, wired
-from umo import (
-    BinaryActuator,
-    Compound,
-    DeclarationError,
-    DigitalActuator,
-    DriverError,
-    NotConnected,
-    OnOff,
-    PassFail,
-    Quality,
-    RangeError,
-    StateError,
-    UpDown,
-    connect,
-)
+from umo import BinaryActuator, Compound, DigitalActuator, Quality, connect
+from umo.errors import DeclarationError, DriverError, NotConnected, RangeError, StateError
+from umo.states import OnOff, PassFail, UpDown
 from umo.testing import Scripted
 
 pytestmark = pytest.mark.usefixtures("each_way")
@@ -338,7 +326,7 @@ def test_a_wrong_state_is_an_error_at_declaration(states, one, default):
 
 
 def test_the_base_of_two_state_types_is_none_itself():
-    from umo import TwoState
+    from umo.states import TwoState
 
     with pytest.raises(DeclarationError, match="not a two-state type"):
         BinaryActuator(TwoState, one=OnOff.ON, default=OnOff.OFF)

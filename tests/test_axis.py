@@ -10,25 +10,7 @@ from typing import Any
 import pytest
 
 import umo
-from umo import (
-    AxisError,
-    BadInput,
-    BinaryActuator,
-    BinarySensor,
-    Busy,
-    Compound,
-    DeclarationError,
-    DigitalActuator,
-    DigitalSensor,
-    EnableDisable,
-    HomingError,
-    Interlock,
-    OnOff,
-    Quality,
-    RangeError,
-    Rotation,
-    UpDown,
-)
+from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, Interlock, Quality
 from umo.control import (
     Axis,
     EndStop,
@@ -43,7 +25,9 @@ from umo.control import (
     wait,
 )
 from umo.drivers import Channel, Direction, Driver
+from umo.errors import AxisError, BadInput, Busy, DeclarationError, HomingError, RangeError
 from umo.objects import atoms
+from umo.states import EnableDisable, OnOff, Rotation, UpDown
 
 DT = 0.001
 COUNT = 0.01

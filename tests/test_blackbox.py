@@ -21,10 +21,11 @@ from helpers.machines import bench, wired
 from helpers.publishing import running, write
 from helpers.runs import Run
 from helpers.waiting import until
-from umo import FramesError, connect, published
+from umo import connect, published
 from umo.cli.app import app
 from umo.cli.why import why
 from umo.cycle.phases import Phases
+from umo.errors import FramesError
 from umo.frames import Layout, Reader, Ring, Stage
 from umo.frames.layout import ENTRY, arrange, describe_objects
 from umo.frames.memory import Ends, fill

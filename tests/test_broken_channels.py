@@ -18,8 +18,8 @@ from helpers.fmus import tank_fmu
 from helpers.machines import sensor, timer
 from helpers.peers.line_server import line_server
 from helpers.peers.modbus_device import running
-from umo import Channel, ChannelsFailed, Compound, DeviceTimeout, DigitalSensor, Direction, Driver, DriverError, connect
-from umo.drivers import IntArray
+from umo import Compound, DigitalSensor, connect
+from umo.drivers import Channel, ChannelsFailed, DeviceTimeout, Direction, Driver, DriverError, IntArray
 from umo.drivers.counter import Counter
 from umo.drivers.gpio import Gpio
 from umo.drivers.iio import Iio

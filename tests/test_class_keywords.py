@@ -8,8 +8,10 @@ from typing import Any, ClassVar
 import pytest
 
 from helpers.machines import actuator, relay
-from umo import BinaryActuator, Compound, DeclarationError, DigitalActuator, OnOff, PathError, Range
+from umo import BinaryActuator, Compound, DigitalActuator, Range
+from umo.errors import DeclarationError, PathError
 from umo.objects.stop_order import stop_sequence
+from umo.states import OnOff
 
 
 @pytest.mark.parametrize(

@@ -238,7 +238,7 @@ def test_set_says_why_an_actuator_stays_at_its_default(umo, tank: Path) -> None:
     control = tank / "control.py"
     locked = "    def interlocks(self):\n        yield Interlock(lambda: True, [self.inlet], 'the hatch is open')\n\n"
     text = control.read_text().replace("    def setup(self)", f"{locked}    def setup(self)")
-    control.write_text(text.replace("    Number,\n", "    Interlock,\n    Number,\n", 1))
+    control.write_text(text.replace("from umo import ", "from umo import Interlock, ", 1))
     result = umo("set", "tank", "inlet", "OPEN", "--hold", "0")
     assert "inlet CLOSED raw 0 ● good (inhibited: the hatch is open)" in said(result)
 

@@ -148,7 +148,7 @@ def test_an_unsafe_end_is_not_acknowledged_where_a_station_of_the_name_runs(
 ) -> None:
     def fail(*_: object) -> None:
         Custody([BOX], "conveyor").stopped("it was killed", [])
-        raise umo.FramesError(text)
+        raise umo.errors.FramesError(text)
 
     monkeypatch.setenv("UMO_STATE", str(tmp_path))
     monkeypatch.setattr(f"umo.{failed}", fail)

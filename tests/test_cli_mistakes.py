@@ -114,7 +114,7 @@ def test_a_driver_that_fails_at_its_import_or_in_its_constructor(
 ) -> None:
     wiring = tank / "wiring" / "simulated.toml"
     wiring.write_text(wiring.read_text() + '\n[drivers.own]\ntype = ".own_box:Box"\n')
-    made = "from umo import Driver\n\n\nclass Box(Driver):\n    def __init__(self):\n        {}\n"
+    made = "from umo.drivers import Driver\n\n\nclass Box(Driver):\n    def __init__(self):\n        {}\n"
     made += "\n    def channel(self, text):\n        pass\n"
     for code in (failing, made.format(failing)):
         (tank / "own_box.py").write_text(code)

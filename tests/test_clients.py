@@ -16,7 +16,7 @@ from helpers import process_box
 from helpers.process_box import Cells as Box
 from helpers.runs import Run, assert_safe
 from helpers.waiting import until
-from umo import FramesError
+from umo.errors import FramesError
 from umo.frames import rings
 from umo.frames.cells import Cells
 from umo.frames.folder import folder

@@ -11,24 +11,11 @@ import pytest
 
 import umo
 from helpers.machines import actuator, bench, failed, relay, sensor, switch, timer, wired
-from umo import (
-    BinaryActuator,
-    BinarySensor,
-    Compound,
-    DeclarationError,
-    DigitalActuator,
-    DigitalSensor,
-    DriverError,
-    Interlock,
-    Interlocked,
-    OnOff,
-    PassFail,
-    Vector,
-    WiringError,
-    connect,
-)
+from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, Interlock, Vector, connect
 from umo.control import Servo, state_of
 from umo.cycle.journal import ENTRY, Journal, Kind
+from umo.errors import DeclarationError, DriverError, Interlocked, WiringError
+from umo.states import OnOff, PassFail
 from umo.testing import Scripted, VirtualTimer, periods, put
 
 PERIOD = 0.001
@@ -185,7 +172,7 @@ def test_what_is_sent_moves_no_faster_than_the_rate() -> None:
 def test_write_judges_the_target_not_the_step() -> None:
     m = press(ram=actuator(slew_rate=1.0), heater=actuator(slew_rate=1.0, limits="clamp"))
     with connect(m, wiring()):
-        with pytest.raises(umo.RangeError):
+        with pytest.raises(umo.errors.RangeError):
             m.ram.write(11.0)
         assert m.heater.write(11.0) is False
         assert m.heater.pending == 10.0
@@ -252,9 +239,9 @@ def test_values_that_make_no_sense_raise_from_write_also_while_inhibited() -> No
     m = own(lambda m: [Interlock(is_open(m), [m.ram, m.lamp, m.heater], "open")], heater=actuator(limits="clamp"))
     with connect(m, wiring(Scripted({"door": 1}))):
         for value in (11.0, float("nan"), float("inf"), True, "1"):
-            with pytest.raises(umo.RangeError):
+            with pytest.raises(umo.errors.RangeError):
                 m.ram.write(value)  # type: ignore[arg-type]
-        with pytest.raises(umo.StateError):
+        with pytest.raises(umo.errors.StateError):
             m.lamp.write(PassFail.PASS)  # type: ignore[arg-type]
         assert m.heater.write(11.0) is False
         periods(m)

@@ -17,21 +17,10 @@ from hypothesis import strategies as st
 
 from helpers.conversions import WAYS, choose
 from helpers.machines import actuator, failed, relay, sensor, switch, timer
-from umo import (
-    BinaryActuator,
-    BinarySensor,
-    Compound,
-    DigitalActuator,
-    DigitalSensor,
-    DriverError,
-    Interlock,
-    Interlocked,
-    OnOff,
-    PassFail,
-    Vector,
-    connect,
-)
+from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, Interlock, Vector, connect
+from umo.errors import DriverError, Interlocked
 from umo.objects import find
+from umo.states import OnOff, PassFail
 from umo.testing import Scripted, VirtualTimer, put
 
 PERIOD = Fraction(1, 1024)

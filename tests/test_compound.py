@@ -8,24 +8,13 @@ from typing import Any
 import pytest
 
 from helpers.machines import actuator, relay, sensor, switch, wired
-from umo import (
-    BinaryActuator,
-    BinarySensor,
-    Compound,
-    DeclarationError,
-    DigitalActuator,
-    DigitalSensor,
-    Direction,
-    EnableDisable,
-    NotConnected,
-    OnOff,
-    PassFail,
-    PathError,
-    connect,
-)
+from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, connect
+from umo.drivers import Direction
+from umo.errors import DeclarationError, NotConnected, PathError
 from umo.objects import atoms, children, find, path_of, walk
 from umo.objects.compound import RESERVED
 from umo.objects.stop_order import stop_sequence
+from umo.states import EnableDisable, OnOff, PassFail
 from umo.testing import Scripted, periods
 
 pytestmark = pytest.mark.usefixtures("each_way")

@@ -12,20 +12,17 @@ from umo import (
     BinaryActuator,
     BinarySensor,
     Compound,
-    DeclarationError,
     DigitalActuator,
     DigitalSensor,
-    DriverError,
-    OnOff,
-    PassFail,
     Quality,
-    StopError,
     TaskFailed,
     UmoError,
     connect,
 )
 from umo.control import next_period
+from umo.errors import DeclarationError, DriverError, StopError
 from umo.objects import atoms
+from umo.states import OnOff, PassFail
 from umo.testing import Scripted, VirtualTimer, periods
 
 

@@ -19,13 +19,13 @@ from umo import (
     DigitalActuator,
     DigitalSensor,
     LookupTable,
-    OnOff,
     Polynomial,
     UmoError,
     Vector,
     connect,
 )
 from umo.objects import Atomic
+from umo.states import OnOff
 from umo.testing import Scripted, VirtualTimer
 
 

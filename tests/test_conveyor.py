@@ -14,9 +14,11 @@ import pytest
 from typer.testing import Result
 
 from helpers.tiers import first
-from umo import ChannelError, OnOff, TaskFailed, connect, drive
+from umo import TaskFailed, connect, drive
 from umo.control import until, wait
 from umo.cycle.stopping import StopFlag
+from umo.errors import ChannelError
+from umo.states import OnOff
 from umo.stations.conveyor.application import main
 from umo.stations.conveyor.control import Conveyor, covered
 from umo.stations.conveyor.errors import BarrierStuck, DriveError, EmergencyStop, Jam, PartMissing

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from umo import ChannelError, DriverError, WiringError
 from umo.drivers import counter
 from umo.drivers.contract import Direction
 from umo.drivers.counter import Counter
+from umo.errors import ChannelError, DriverError, WiringError
 
 ENCODER = {
     "count": "0",

@@ -14,7 +14,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from umo import Channel, ChannelError, Direction, Driver
+from umo.drivers import Channel, ChannelError, Direction, Driver
 
 
 class Card(Driver):

@@ -7,7 +7,7 @@ import inspect
 import numpy as np
 import pytest
 
-from umo import Channel, Direction, Driver
+from umo.drivers import Channel, Direction, Driver
 from umo.drivers.simulated import Simulated
 from umo.testing import Scripted
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tools import fault_matrix as matrix
-from umo import AxisError
+from umo.errors import AxisError
 
 DOCS = Path(__file__).parents[1] / "docs"
 

@@ -14,28 +14,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import umo
-from umo import (
-    BinaryActuator,
-    BinarySensor,
-    Channel,
-    Compound,
-    DeclarationError,
-    DigitalActuator,
-    DigitalSensor,
-    Direction,
-    Driver,
-    DriverError,
-    OnOff,
-    OpenClosed,
-    Quality,
-    StandsStopped,
-    StopError,
-    Thermocouple,
-    WiringError,
-    connect,
-)
+from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, Quality, Thermocouple, connect
+from umo.drivers import Channel, Direction, Driver, DriverError, WiringError
 from umo.drivers.faults.wrapper import Faulty
+from umo.errors import DeclarationError, StandsStopped, StopError
 from umo.process.job import Job
+from umo.states import OnOff, OpenClosed
 from umo.testing import Scripted, VirtualTimer, periods, put
 from umo.testing.faults import KINDS, InjectedFault
 

@@ -16,22 +16,11 @@ import numpy as np
 import pytest
 
 from helpers.fmus import PYTHON_TANK, python_fmu, tank_fmu
-from umo import (
-    BinaryActuator,
-    ChannelError,
-    ChannelsFailed,
-    Compound,
-    DigitalActuator,
-    DigitalSensor,
-    Direction,
-    DriverError,
-    OnOff,
-    StopError,
-    WiringError,
-    check,
-    connect,
-)
+from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, check, connect
+from umo.drivers import ChannelError, ChannelsFailed, Direction, DriverError, WiringError
 from umo.drivers.fmu import Fmu
+from umo.errors import StopError
+from umo.states import OnOff
 from umo.testing import periods
 
 

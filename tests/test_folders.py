@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from umo import FramesError
+from umo.errors import FramesError
 from umo.frames.folder import folder
 from umo.latency import blackbox
 from umo.system import folders

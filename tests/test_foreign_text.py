@@ -19,9 +19,10 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner, Result
 
 from helpers.machines import actuator, bench, wired
-from umo import Compound, DeclarationError, connect, published
+from umo import Compound, connect, published
 from umo.cli.app import app
 from umo.cli.console import PrintableConsole
+from umo.errors import DeclarationError
 from umo.frames import Reader
 from umo.frames.layout import Layout
 from umo.latency import blackbox

@@ -16,13 +16,15 @@ import pytest
 
 from helpers.machines import bench, relay, wired
 from helpers.publishing import running, write, writer
-from umo import DigitalSensor, DriverError, FramesError, OnOff, connect, published
+from umo import DigitalSensor, connect, published
 from umo.cycle.journal import Journal, Kind
 from umo.cycle.phases import Phases
+from umo.errors import DriverError, FramesError
 from umo.frames import Reader, Ring, Stage, rings
 from umo.frames.folder import folder
 from umo.frames.layout import Layout, describe_objects
 from umo.frames.memory import Ends
+from umo.states import OnOff
 from umo.testing import Scripted, VirtualTimer, periods
 
 

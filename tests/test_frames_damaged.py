@@ -11,10 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from helpers.machines import bench, relay, wired
-from umo import FramesError, OnOff, connect, published
+from umo import connect, published
 from umo.cycle.events import Event
+from umo.errors import FramesError
 from umo.frames import Reader, Stage
 from umo.latency import blackbox
+from umo.states import OnOff
 from umo.testing import Scripted, VirtualTimer, periods
 
 

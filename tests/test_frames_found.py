@@ -18,7 +18,8 @@ import pytest
 from helpers.machines import bench, wired
 from helpers.publishing import running, writer
 from helpers.waiting import until
-from umo import FramesError, connect, published
+from umo import connect, published
+from umo.errors import FramesError
 from umo.frames import Reader, Stage, rings
 from umo.frames.folder import folder, new_path
 from umo.frames.frame_server import WAITING, FrameServer, is_served, receive

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 import umo
-from umo import DeclarationError, DriverError, OnOff, Quality, RangeError, Thermocouple, WiringError
+from umo import Quality, Thermocouple
 from umo.cli.station_options import options_of, parse
+from umo.errors import DeclarationError, DriverError, RangeError, WiringError
 from umo.objects import atoms
 from umo.process.job import Job, Plan
 from umo.process.station import find
+from umo.states import OnOff
 from umo.stations.furnace.application import main
 from umo.stations.furnace.errors import HeatingError, OverTemperature, TooManyFaults
 from umo.stations.furnace.objects import machine
@@ -228,7 +230,7 @@ def test_the_plant_is_as_large_as_its_wiring_and_keeps_its_heat() -> None:
 
 @pytest.mark.parametrize("text", ["heater:", "heater:-1", "heater:01", "oven:1", "fan", "heater:100000"])
 def test_an_unknown_channel_is_refused(text: str) -> None:
-    with pytest.raises(umo.ChannelError, match="the forms are: heater:N, fan:N, thermocouple:N, tick"):
+    with pytest.raises(umo.errors.ChannelError, match="the forms are: heater:N, fan:N, thermocouple:N, tick"):
         Plant().channel(text)
 
 

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from umo import ChannelError, DriverError, WiringError
 from umo.drivers.contract import Direction
 from umo.drivers.gpio import Gpio
 from umo.drivers.gpio.channel import Settings, parse
+from umo.errors import ChannelError, DriverError, WiringError
 
 DEFAULTS = Settings(bias="pull-up", debounce=1000)
 

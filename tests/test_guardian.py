@@ -18,9 +18,10 @@ from helpers import process_box
 from helpers.machines import Board, bench, on, relay, wired
 from helpers.process_box import Cells
 from helpers.runs import Run, assert_safe, standing
-from umo import DeviceTimeout, DriverError, connect
+from umo import connect
 from umo.cycle import transfer
 from umo.cycle.stage import Stage
+from umo.errors import DeviceTimeout, DriverError
 from umo.process import control_process, reset, silence
 from umo.process import life as life_module
 from umo.process import outcome as outcome_module
@@ -648,7 +649,7 @@ def lasting(fault: str) -> float:
 
 
 class Rack(umo.Compound):
-    outs: list[umo.BinaryActuator[umo.OnOff]]
+    outs: list[umo.BinaryActuator[umo.states.OnOff]]
 
 
 def test_what_stands_behind_many_that_do_not_answer_is_tried_as_well(tmp_path: Path) -> None:

@@ -20,13 +20,10 @@ from umo import (
     BinaryActuator,
     BinarySensor,
     Compound,
-    DeclarationError,
     DigitalActuator,
     DigitalSensor,
     Interlock,
     Number,
-    OnOff,
-    PassFail,
     Range,
     TaskFailed,
     action,
@@ -37,7 +34,9 @@ from umo.cycle.columns import ASKED, FREE, IN_HAND
 from umo.cycle.events import TEXT, CommandState, Event
 from umo.cycle.hand_commands import HandCommand, Mode
 from umo.cycle.hands import HOLD, TAKEN_PER_PERIOD, Hands
+from umo.errors import DeclarationError
 from umo.objects import actions_of, find
+from umo.states import OnOff, PassFail
 from umo.testing import Scripted, VirtualTimer, put
 
 PERIOD = 0.01

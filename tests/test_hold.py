@@ -17,7 +17,9 @@ import pytest
 
 import umo
 from helpers.machines import Board, bench, on, wired
-from umo import Channel, DeviceHeld, StandsStopped, WiringError, connect
+from umo import connect
+from umo.drivers import Channel, WiringError
+from umo.errors import DeviceHeld, StandsStopped
 from umo.system.hold import Hold, holder, is_held
 from umo.system.record import all_standing, standing
 from umo.testing import Scripted, periods
@@ -191,7 +193,7 @@ def test_one_machine_is_connected_once_however_many_threads_try() -> None:
         together.wait()
         try:
             connection.__enter__()
-        except umo.DeclarationError:
+        except umo.errors.DeclarationError:
             done.wait()
             return
         connected.append(True)
@@ -213,7 +215,7 @@ def test_a_device_whose_default_was_not_reached_stands_stopped_until_it_is_ackno
     device: str,
 ) -> None:
     first, second, box = bench(), bench(), Board(device)
-    with pytest.raises(umo.StopError), connect(first, on(box, first)) as m:
+    with pytest.raises(umo.errors.StopError), connect(first, on(box, first)) as m:
         periods(m)
         box.broken = OSError("unplugged")
     (ended,) = standing(device)
@@ -278,7 +280,7 @@ def test_two_texts_of_one_output_are_found_by_the_address_in_the_channels_own_fi
 
     class Card(Scripted):
         def channel(self, text: str) -> Relay:
-            return Relay(text, umo.Direction.BOTH, 64, True, int(re.sub(r"\D", "", text) or 99))
+            return Relay(text, umo.drivers.Direction.BOTH, 64, True, int(re.sub(r"\D", "", text) or 99))
 
     machine = bench()
     entries = {"motor": {"channel": "out1"}, "valve": {"channel": "out01"}, "encoder": {"channel": "in2"}}
@@ -333,12 +335,12 @@ def test_connecting_gives_hardware_more_time_than_a_period_does(device: str) -> 
 def test_a_connection_that_failed_leaves_an_earlier_unsafe_end_to_be_acknowledged(device: str) -> None:
     first, second = bench(), bench()
     box = Board(device)
-    with pytest.raises(umo.StopError), connect(first, on(box, first)) as m:
+    with pytest.raises(umo.errors.StopError), connect(first, on(box, first)) as m:
         periods(m)
         box.broken = OSError("unplugged")
     broken = Board(device)
     broken.broken = OSError("connection refused")
-    with pytest.raises(umo.DriverError), connect(second, on(broken, second), acknowledge=True):
+    with pytest.raises(umo.errors.DriverError), connect(second, on(broken, second), acknowledge=True):
         pass
     (ended,) = standing(device)
     assert (ended.state, sorted(ended.unreached)) == ("stopped", ["motor", "valve"])

@@ -22,8 +22,9 @@ from hypothesis import strategies as st
 
 from helpers.peers.hostile import BEHAVIOURS, DAMAGED, Hostile, fuzz, hostile
 from helpers.tiers import first, some
-from umo import BinarySensor, Compound, DigitalActuator, DigitalSensor, OnOff, Quality, connect
+from umo import BinarySensor, Compound, DigitalActuator, DigitalSensor, Quality, connect
 from umo.errors import DriverError, StopError
+from umo.states import OnOff
 
 pytest.importorskip("pymodbus")
 pytest.importorskip("serial")

@@ -9,9 +9,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from umo import DeviceTimeout, DriverError, WiringError
 from umo.drivers import i2c
 from umo.drivers.i2c import I2c
+from umo.errors import DeviceTimeout, DriverError, WiringError
 
 FUNCS = SimpleNamespace(I2C=1, SMBUS_PEC=8, SMBUS_READ_I2C_BLOCK=0x04000000)
 

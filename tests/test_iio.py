@@ -9,17 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from umo import (
-    ChannelError,
-    ChannelsFailed,
-    Compound,
-    DigitalActuator,
-    DigitalSensor,
-    Direction,
-    DriverError,
-    WiringError,
-    check,
-)
+from umo import Compound, DigitalActuator, DigitalSensor, check
+from umo.drivers import ChannelError, ChannelsFailed, Direction, DriverError, WiringError
 from umo.drivers.contract import PhysicalScale
 from umo.drivers.iio import Iio
 from umo.drivers.iio import sysfs as kernels_files

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from helpers.machines import bench, wired
-from umo import BadInput, BinarySensor, Busy, Compound, DigitalSensor, DriverError, PassFail, Quality, Vector, connect
+from umo import BinarySensor, Compound, DigitalSensor, Quality, Vector, connect
 from umo.control import HOMING, Claim, state_of, value_of
+from umo.errors import BadInput, Busy, DriverError
+from umo.states import PassFail
 from umo.testing import Scripted, put
 
 

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from helpers.machines import Bench, actuator, bench, sensor, wired
 from umo import (
-    DeclarationError,
     DigitalActuator,
     DigitalSensor,
     Interlock,
@@ -21,10 +20,10 @@ from umo import (
     Quality,
     Thermocouple,
     Vector,
-    WiringError,
     check,
     connect,
 )
+from umo.errors import DeclarationError, WiringError
 from umo.objects import children
 from umo.objects.linearization import Linearization, Linearizations
 from umo.testing import Scripted, periods, put
@@ -343,7 +342,7 @@ def test_a_fault_of_the_wiring_names_its_key(entry: Any, message: str) -> None:
 
 
 def test_the_raw_integers_of_the_range_must_fit_the_channel() -> None:
-    from umo import Channel, Direction
+    from umo.drivers import Channel, Direction
 
     box = Scripted(channels=[Channel("adc", Direction.INPUT, 12)])
     entry = {"channel": "adc"}
@@ -366,7 +365,7 @@ def test_a_linearization_is_for_digital_objects() -> None:
 @pytest.mark.parametrize("raw", [32767, 100])  # beyond the range, and within it
 @pytest.mark.parametrize("linearization", [K, None])
 def test_an_invalid_raw_is_a_failed_reading(synchronous: bool, raw: int, linearization: Any) -> None:
-    from umo import DriverError
+    from umo.errors import DriverError
 
     device = thermocouple(linearization=linearization, synchronous=synchronous, invalid_raws=(raw, -32768))
     box, machine = Scripted(), bench(encoder=device)
@@ -393,7 +392,7 @@ def test_a_wiring_gives_the_invalid_raws_of_its_circuit() -> None:
 
 
 def test_the_lint_finds_invalid_raws_that_cannot_be_read() -> None:
-    from umo import Channel, Direction
+    from umo.drivers import Channel, Direction
 
     box = Scripted(channels=[Channel("adc", Direction.BOTH, 16, signed=True)])
     entries = {

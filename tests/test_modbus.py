@@ -20,13 +20,14 @@ from hypothesis import strategies as st
 
 from helpers.peers.modbus_device import PATIENT, Peer, running
 from helpers.peers.modbus_map import CELL, coil, discrete, holding, input_register, value
-from umo import BinaryActuator, Compound, OnOff, check
+from umo import BinaryActuator, Compound, check
 from umo.drivers.contract import Driver
 from umo.drivers.modbus import Modbus
 from umo.drivers.modbus import driver as modbus
 from umo.drivers.modbus.plan import plan_reads
 from umo.drivers.streams import Stream, hosts
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, WiringError
+from umo.states import OnOff
 
 HASTY = 0.05  # for calls that are to time out
 

@@ -11,17 +11,9 @@ from hypothesis import strategies as st
 
 from helpers.conversions import WAYS, choose
 from helpers.machines import actuator, relay, sensor, switch, wired
-from umo import (
-    BinaryActuator,
-    BinarySensor,
-    Compound,
-    DigitalActuator,
-    DigitalSensor,
-    OnOff,
-    PassFail,
-    connect,
-)
+from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, connect
 from umo.objects import find
+from umo.states import OnOff, PassFail
 from umo.testing import Scripted
 
 # The paper's text --------------------------------------------------------------------------------------

@@ -8,7 +8,8 @@ import pickle
 import pytest
 
 from helpers.machines import bench
-from umo import DeclarationError, connect
+from umo import connect
+from umo.errors import DeclarationError
 
 
 @pytest.mark.parametrize("again", [copy.copy, copy.deepcopy, pickle.dumps])

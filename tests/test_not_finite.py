@@ -16,23 +16,11 @@ import pytest
 
 import umo.control
 from helpers.machines import stations, timer
-from umo import (
-    BadInput,
-    BinaryActuator,
-    BinarySensor,
-    Compound,
-    DeclarationError,
-    DigitalActuator,
-    DigitalSensor,
-    OnOff,
-    RangeError,
-    Rotation,
-    UpDown,
-    Vector,
-    connect,
-)
+from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, Vector, connect
 from umo.control import Axis, Hysteresis, Profile, Servo, VectorPID, move_together, synchronize
+from umo.errors import BadInput, DeclarationError, RangeError
 from umo.objects import actions_of, atoms, walk
+from umo.states import OnOff, Rotation, UpDown
 from umo.testing import periods, put
 
 BAD = pytest.mark.parametrize("bad", [nan, inf, -inf])
@@ -330,7 +318,7 @@ def test_an_axis_refuses_what_is_not_finite_and_does_not_move(
             assert m.x.enabled is enabled
             assert m.x.claim.holder is None
             assert pending(m) == before
-        except umo.AxisError:
+        except umo.errors.AxisError:
             assert not enabled
         else:
             assert not isnan(bad)
@@ -351,7 +339,7 @@ def test_an_axis_whose_encoder_has_no_value_does_not_go_on(kind: Any, bad: float
         m.x.jog(5.0)
         periods(m, 20)
         m.x.encoder._image.values[m.x.encoder._slot] = bad  # as a linearization may give
-        with pytest.raises((RangeError, umo.AxisError)):
+        with pytest.raises((RangeError, umo.errors.AxisError)):
             m.control()
 
 

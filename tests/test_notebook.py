@@ -24,9 +24,10 @@ from helpers.documents import ROOT, blocks
 from helpers.machines import bench, relay, sensor, switch, wired
 from helpers.patient import conveyor
 from helpers.waiting import until
-from umo import Compound, DigitalSensor, FramesError, Number, PathError, RangeError, Vector, connect, published
+from umo import Compound, DigitalSensor, Number, Vector, connect, published
 from umo.cycle.hand_commands import Mode
 from umo.cycle.hands import Hands
+from umo.errors import FramesError, PathError, RangeError
 from umo.frames import Reader
 from umo.frames.cells import Cells
 from umo.latency import blackbox
@@ -153,7 +154,7 @@ class Oven(Compound):
     """Names and texts that are markup."""
 
     zones: tuple[Zone, ...]
-    fans: dict[str, umo.BinaryActuator[umo.OnOff]]
+    fans: dict[str, umo.BinaryActuator[umo.states.OnOff]]
     timer: DigitalSensor
     speed: Annotated[float, Number("m/s", 1.0, 5.0, tunable=True)] = 3.0
 

@@ -13,9 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from helpers.machines import actuator, sensor, stations, timer, wired
-from umo import Compound, DeclarationError, DigitalActuator, DigitalSensor, Number, Range, RangeError, check, connect
+from umo import Compound, DigitalActuator, DigitalSensor, Number, Range, check, connect
 from umo.control import PID, Servo
-from umo.errors import UmoError
+from umo.errors import DeclarationError, RangeError, UmoError
 from umo.objects import numbers_of
 from umo.testing import Scripted
 

@@ -77,5 +77,5 @@ def test_an_option_of_a_driver_that_the_wiring_misspells_is_left_to_the_wirings_
 def test_the_options_of_a_wiring_that_is_resolved_are_refused(tank: Path) -> None:
     machine = station(tank).machine()
     wired = resolve(machine, None)
-    with pytest.raises(umo.OptionError, match="--seed: nobody takes this option"):
+    with pytest.raises(umo.errors.OptionError, match="--seed: nobody takes this option"):
         umo.connect(machine, wired, seed=3).__enter__()

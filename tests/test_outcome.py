@@ -12,11 +12,11 @@ import pytest
 from rich.console import Console
 
 from helpers.machines import Bench, actuator, bench, sensor, timer, wired
-from umo import Compound, DigitalActuator, DigitalSensor, DriverError, RangeError, StateError, StopError, connect, run
+from umo import Compound, DigitalActuator, DigitalSensor, connect, run
 from umo.cli.result import Result
 from umo.control import until, wait
 from umo.cycle.trace import Statistics
-from umo.errors import DeclarationError, Failure, Mistake, WiringError
+from umo.errors import DeclarationError, DriverError, Failure, Mistake, RangeError, StateError, StopError, WiringError
 from umo.objects import find
 from umo.process.outcome import Failed, message_of
 from umo.testing import Scripted, periods

@@ -8,8 +8,10 @@ from typing import Any
 import pytest
 
 from helpers.machines import Bench, actuator, bench, failed, relay, sensor, switch, timer, wired
-from umo import Compound, DigitalActuator, DriverError, Interlock, OnOff, PassFail, WiringError, connect, published
+from umo import Compound, DigitalActuator, Interlock, connect, published
+from umo.errors import DriverError, WiringError
 from umo.frames import Reader
+from umo.states import OnOff, PassFail
 from umo.testing import Scripted
 from umo.wiring import resolve
 

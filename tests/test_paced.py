@@ -12,7 +12,8 @@ import pytest
 from typer.testing import Result
 
 from helpers.machines import bench
-from umo import Channel, Direction, Driver, DriverError, WiringError, connect
+from umo import connect
+from umo.drivers import Channel, Direction, Driver, DriverError, WiringError
 from umo.drivers.paced import PacedTimer
 from umo.objects import atoms
 from umo.testing import VirtualTimer
@@ -160,7 +161,8 @@ def test_realtime_is_true_or_false(value: object) -> None:
 
 
 def test_without_a_timer_there_is_no_real_time() -> None:
-    from umo import BinaryActuator, Compound, OnOff
+    from umo import BinaryActuator, Compound
+    from umo.states import OnOff
 
     class Lamp(Compound):
         lamp: BinaryActuator[OnOff]

@@ -16,13 +16,10 @@ from helpers.machines import actuator, relay, sensor, switch, timer, wired
 from umo import (
     BinaryActuator,
     Compound,
-    DeclarationError,
     DigitalActuator,
     DigitalSensor,
     Interlock,
     Number,
-    OnOff,
-    PassFail,
     Range,
     action,
     check,
@@ -30,10 +27,12 @@ from umo import (
     published,
 )
 from umo.control import Servo, state_of
+from umo.errors import DeclarationError
 from umo.frames import Reader
 from umo.objects import actions_of, atoms, find, path_of, walk
 from umo.objects.compound import RESERVED
 from umo.remote import RemoteStation
+from umo.states import OnOff, PassFail
 from umo.testing import Scripted, periods, put
 
 FORMER = [

@@ -10,20 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from helpers.machines import actuator, relay, sensor, timer
-from umo import (
-    BinaryActuator,
-    Channel,
-    Compound,
-    DigitalActuator,
-    DigitalSensor,
-    Direction,
-    Driver,
-    OnOff,
-    check,
-    connect,
-)
+from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, check, connect
+from umo.drivers import Channel, Direction, Driver
 from umo.errors import ChannelError
 from umo.objects.paths import matches
+from umo.states import OnOff
 from umo.wiring import resolve
 
 

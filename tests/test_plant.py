@@ -25,14 +25,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import Result
 
-from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, OnOff, PassFail, WiringError
+from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor
 from umo.drivers.contract import Channel, Direction, Driver
 from umo.drivers.modbus import Modbus
-from umo.errors import ChannelError, DriverError
+from umo.errors import ChannelError, DriverError, WiringError
 from umo.plant.box import Box
 from umo.plant.register_map import Point, RegisterMap, register_maps
 from umo.plant.serve import serve, turn
 from umo.plant.simulation import Simulation
+from umo.states import OnOff, PassFail
 from umo.wiring import resolve
 
 PATIENT = 10.0

@@ -9,8 +9,9 @@ from typing import Any
 import pytest
 
 from helpers.machines import actuator, relay, sensor, timer
-from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Number, OnOff, connect
+from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Number, connect
 from umo.cycle.trace import Trace
+from umo.states import OnOff
 from umo.testing import periods
 
 pytest.importorskip("matplotlib")

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from umo import DeclarationError, RangeError
 from umo.control import Profile
+from umo.errors import DeclarationError, RangeError
 
 
 def limits() -> Profile:

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from umo import Compound, DigitalSensor, RangeError, connect
+from umo import Compound, DigitalSensor, connect
 from umo.cli.progress_line import Shown
 from umo.cycle.stage import Progress
+from umo.errors import RangeError
 
 
 class Machine(Compound):

@@ -24,8 +24,9 @@ def test_what_a_package_says_that_it_exports_is_there(package):
     assert all(hasattr(module, name) for name in module.__all__)
 
 
-def test_every_error_is_exported():
-    assert set(umo.__all__) >= ERRORS
+def test_umo_itself_has_what_every_program_needs_and_the_rest_a_module_each():
+    assert len(umo.__all__) <= 30
+    assert ERRORS & set(umo.__all__) == {"TaskFailed", "UmoError"}
 
 
 def test_the_hierarchy_drawn_at_the_top_of_errors_is_the_real_one():
@@ -37,4 +38,4 @@ def test_the_hierarchy_drawn_at_the_top_of_errors_is_the_real_one():
         parents.append(name)
         left.discard(name)
     assert {"UmoError", "Cancelled", "Failure", "Mistake"} == left
-    assert issubclass(umo.Cancelled, BaseException) and not issubclass(umo.Cancelled, Exception)
+    assert issubclass(umo.errors.Cancelled, BaseException) and not issubclass(umo.errors.Cancelled, Exception)

@@ -9,26 +9,21 @@ import pytest
 
 from helpers.machines import actuator, failed, relay, sensor, switch, timer, wired
 from umo import (
-    BadInput,
     BinaryActuator,
     BinarySensor,
-    ChannelsFailed,
     Compound,
-    DeclarationError,
     DigitalActuator,
     DigitalSensor,
-    DriverError,
     Interlock,
-    OnOff,
-    PassFail,
     Quality,
-    RangeError,
     Vector,
     connect,
     published,
 )
 from umo.control import HOMING, state_of, value_of
+from umo.errors import BadInput, ChannelsFailed, DeclarationError, DriverError, RangeError
 from umo.frames import Reader
+from umo.states import OnOff, PassFail
 from umo.testing import Scripted, VirtualTimer, put
 
 GOOD, OUT_OF_RANGE, STALE, BAD = Quality.GOOD, Quality.OUT_OF_RANGE, Quality.STALE, Quality.BAD

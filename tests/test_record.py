@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from umo import StandsStopped, UmoError
+from umo import UmoError
+from umo.errors import StandsStopped
 from umo.system import folders, record
 from umo.system.record import Record, all_standing, standing
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from umo import ChannelError, ChannelsFailed, DeviceTimeout, Direction, DriverError, WiringError
+from umo.drivers import ChannelError, ChannelsFailed, DeviceTimeout, Direction, DriverError, WiringError
 from umo.drivers.registers.blocks import plan
 from umo.drivers.registers.driver import RegisterDriver
 from umo.drivers.registers.map import LARGEST, WIDTHS, ChipRegisters, RegisterChannel

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from umo import WiringError
 from umo.drivers import registry
 from umo.drivers.simulated import Simulated
 from umo.drivers.timerfd import TimerFd
+from umo.errors import WiringError
 from umo.testing import Scripted
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from umo import BadInput, BinaryActuator, Compound, DigitalSensor, OnOff, OpenClosed, connect
+from umo import BinaryActuator, Compound, DigitalSensor, connect
 from umo.control import Hysteresis
+from umo.errors import BadInput
+from umo.states import OnOff, OpenClosed
 from umo.testing import Scripted, put
 
 

@@ -9,8 +9,9 @@ from typing import Any
 import pytest
 
 from helpers.machines import Bench, actuator, bench, relay, sensor, switch, timer, wired
-from umo import Compound, DigitalActuator, DigitalSensor, Interlock, LookupTable, PassFail, connect
+from umo import Compound, DigitalActuator, DigitalSensor, Interlock, LookupTable, connect
 from umo.cycle.rehearsal import MOST, Rehearsal, rise_early
+from umo.states import PassFail
 from umo.testing import Scripted
 
 pytestmark = pytest.mark.usefixtures("each_way")

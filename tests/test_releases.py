@@ -8,10 +8,11 @@ from hypothesis import strategies as st
 
 from helpers.letters import Letters
 from helpers.machines import stations
-from umo import BinaryActuator, Compound, DigitalActuator, OpenClosed, connect
+from umo import BinaryActuator, Compound, DigitalActuator, connect
 from umo.cycle.hand_commands import HandCommand, Mode
 from umo.cycle.hands import Hands
 from umo.objects import actions_of, atoms, find
+from umo.states import OpenClosed
 from umo.testing import periods, put
 
 HELD: dict[tuple[str, str], tuple[dict[str, float], str]] = {

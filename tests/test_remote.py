@@ -20,9 +20,9 @@ import umo
 from helpers.patient import conveyor
 from helpers.publishing import running
 from helpers.waiting import until
-from umo import CommandRefused, FramesError, RangeError
 from umo.cycle.hand_commands import Mode
 from umo.cycle.hands import HOLD, TAKEN_PER_PERIOD, Hands
+from umo.errors import CommandRefused, FramesError, RangeError
 from umo.frames import Reader
 from umo.frames.cells import ASKED, HEAD, QUEUE, SLOT, SLOTS, STOP, Cells
 from umo.process.start import LINUX

@@ -7,19 +7,10 @@ import logging
 import pytest
 
 from helpers.machines import actuator, bench, sensor, timer, wired
-from umo import (
-    Compound,
-    DeclarationError,
-    DigitalActuator,
-    DigitalSensor,
-    DriverError,
-    OnOff,
-    StopError,
-    connect,
-    drive,
-    run,
-)
+from umo import Compound, DigitalActuator, DigitalSensor, connect, drive, run
 from umo.control import next_period
+from umo.errors import DeclarationError, DriverError, StopError
+from umo.states import OnOff
 from umo.testing import Scripted, VirtualTimer, put
 
 

@@ -8,19 +8,9 @@ import numpy as np
 import pytest
 
 from helpers.machines import failed, sensor, switch, timer, wired
-from umo import (
-    BinarySensor,
-    Compound,
-    DeclarationError,
-    DigitalSensor,
-    DriverError,
-    NotConnected,
-    OnOff,
-    PassFail,
-    Quality,
-    StateError,
-    connect,
-)
+from umo import BinarySensor, Compound, DigitalSensor, Quality, connect
+from umo.errors import DeclarationError, DriverError, NotConnected, StateError
+from umo.states import OnOff, PassFail
 from umo.testing import Scripted, periods, put
 
 pytestmark = pytest.mark.usefixtures("each_way")

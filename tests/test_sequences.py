@@ -16,10 +16,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from helpers.machines import actuator, bench, wired
-from umo import Cancelled, Compound, DeclarationError, DigitalActuator, PassFail, TaskFailed, TimeExpired, connect
+from umo import Compound, DigitalActuator, TaskFailed, connect
 from umo.control import next_period, timeout, together, until, wait
 from umo.cycle.clock import Clock
 from umo.cycle.sequences import Sequences, Task
+from umo.errors import Cancelled, DeclarationError, TimeExpired
+from umo.states import PassFail
 from umo.testing import Scripted, VirtualTimer, periods, put
 from umo.text import place_of
 

@@ -10,23 +10,10 @@ import numpy as np
 import pytest
 
 from helpers.machines import switch, timer, wired
-from umo import (
-    BadInput,
-    BinarySensor,
-    Compound,
-    DeclarationError,
-    DigitalActuator,
-    DigitalSensor,
-    DriverError,
-    Interlock,
-    Number,
-    PassFail,
-    Quality,
-    RangeError,
-    Vector,
-    connect,
-)
+from umo import BinarySensor, Compound, DigitalActuator, DigitalSensor, Interlock, Number, Quality, Vector, connect
 from umo.control import HOMING, Servo, VectorServo
+from umo.errors import BadInput, DeclarationError, DriverError, RangeError
+from umo.states import PassFail
 from umo.testing import Scripted, periods, put
 
 

@@ -13,21 +13,20 @@ from helpers.machines import actuator, relay, sensor, timer
 from umo import (
     BinaryActuator,
     Compound,
-    DeclarationError,
     DigitalActuator,
     DigitalSensor,
     Interlock,
     Number,
-    OnOff,
     Range,
-    RangeError,
     Vector,
     action,
     connect,
 )
 from umo.cli.values import number as typed
 from umo.control import PID, Hysteresis, Servo, VectorPID, VectorServo
+from umo.errors import DeclarationError, RangeError
 from umo.objects import actions_of, atoms, numbers_of
+from umo.states import OnOff
 from umo.system.packages import SHIPPED
 from umo.testing import periods, put
 

@@ -10,11 +10,12 @@ from typing import Any
 import pytest
 
 from helpers.machines import actuator, sensor, timer, wired
-from umo import Compound, DeclarationError, DigitalActuator, DigitalSensor, Number, connect, published
+from umo import Compound, DigitalActuator, DigitalSensor, Number, connect, published
 from umo.cli.watch import Picture
 from umo.control import PID, Servo
 from umo.cycle.frame import signals_of
 from umo.cycle.trace import Trace
+from umo.errors import DeclarationError
 from umo.frames import Reader
 from umo.objects import numbers_of
 from umo.testing import Scripted, periods, put

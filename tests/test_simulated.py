@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from helpers.machines import bench
-from umo import Direction, OnOff, PassFail, connect
+from umo import connect
+from umo.drivers import Direction
 from umo.drivers.simulated import Simulated, Written
+from umo.states import OnOff, PassFail
 from umo.testing import periods, put
 
 

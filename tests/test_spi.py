@@ -9,9 +9,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from umo import DriverError, WiringError
 from umo.drivers import spi
 from umo.drivers.spi import Spi
+from umo.errors import DriverError, WiringError
 
 needs_spidev = pytest.mark.skipif(spi._library() is None, reason="needs spidev, which pip builds with a C compiler")
 

@@ -79,9 +79,9 @@ def test_a_mistake_of_the_user_comes_out_of_wait() -> None:
 
 
 def test_functions_that_another_process_cannot_import_are_refused_at_once() -> None:
-    with pytest.raises(umo.DeclarationError, match="cannot import"):
+    with pytest.raises(umo.errors.DeclarationError, match="cannot import"):
         umo.start(lambda: process_box.machine())
-    with pytest.raises(umo.DeclarationError, match="plain data"):
+    with pytest.raises(umo.errors.DeclarationError, match="plain data"):
         umo.start(process_box.machine, {"drivers": {"box": process_box.Box(file="x")}})
 
 

@@ -3,9 +3,10 @@ from __future__ import annotations
 import pytest
 
 import umo
-from umo import DeclarationError, OnOff, PassFail, TwoState
+from umo.errors import DeclarationError
+from umo.states import OnOff, PassFail, TwoState
 
-TYPES = [cls for cls in TwoState.__subclasses__() if cls.__module__ == "umo.objects.states"]
+TYPES = [cls for cls in TwoState.__subclasses__() if cls.__module__ == "umo.states"]
 
 
 def test_umo_brings_the_papers_pairs_of_names():
@@ -23,7 +24,7 @@ def test_umo_brings_the_papers_pairs_of_names():
         "CompleteIncomplete": ["COMPLETE", "INCOMPLETE"],
         "OpenClosed": ["OPEN", "CLOSED"],
     }
-    assert all(getattr(umo, name) in TYPES for name in pairs)
+    assert all(getattr(umo.states, name) in TYPES for name in pairs)
 
 
 @pytest.mark.parametrize("state", [state for cls in TYPES for state in cls])

@@ -5,8 +5,9 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from umo import BinaryActuator, Compound, Rotation, UpDown, connect
+from umo import BinaryActuator, Compound, connect
 from umo.control import STEPS_PER_PERIOD, Stepping
+from umo.states import Rotation, UpDown
 
 
 class Stepper(Compound):

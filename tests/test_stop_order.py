@@ -8,23 +8,13 @@ from typing import Any
 import pytest
 
 from helpers.machines import actuator, relay, switch, timer, wired
-from umo import (
-    BinaryActuator,
-    BinarySensor,
-    Compound,
-    DigitalActuator,
-    DigitalSensor,
-    Driver,
-    DriverError,
-    Interlock,
-    OnOff,
-    PassFail,
-    StopError,
-    connect,
-)
+from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, Interlock, connect
+from umo.drivers import Driver, DriverError
 from umo.drivers.contract import Channel
+from umo.errors import StopError
 from umo.objects.stop_order import stop_sequence
 from umo.process.reset import Resetter
+from umo.states import OnOff, PassFail
 from umo.testing import Scripted, VirtualTimer, periods, put
 from umo.wiring import resolve
 

@@ -13,8 +13,10 @@ from typing import Any
 import pytest
 
 from helpers.machines import Board, bench, on, wired
-from umo import Channel, OnOff, connect, run
+from umo import connect, run
+from umo.drivers import Channel
 from umo.drivers.timerfd import TimerFd
+from umo.states import OnOff
 from umo.system.record import Record, standing
 from umo.testing import Scripted, VirtualTimer, periods
 

@@ -9,18 +9,10 @@ import pytest
 
 import umo.testing
 from helpers.machines import bench, wired
-from umo import (
-    Channel,
-    ChannelError,
-    Compound,
-    DeclarationError,
-    DigitalSensor,
-    Direction,
-    OnOff,
-    PassFail,
-    connect,
-    run,
-)
+from umo import Compound, DigitalSensor, connect, run
+from umo.drivers import Channel, ChannelError, Direction
+from umo.errors import DeclarationError
+from umo.states import OnOff, PassFail
 from umo.testing import Call, Scripted, VirtualTimer, periods, put
 
 A, B = (Channel(text, Direction.BOTH, 64, signed=True) for text in "ab")

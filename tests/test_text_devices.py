@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 from helpers.peers.text_devices import PATIENT, PEERS, CannotRun, Supply, avr, built, supply
-from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, OnOff, connect
+from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, connect
 from umo.drivers.text import Text
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError
+from umo.states import OnOff
 
 PAGE = (Path(__file__).parents[1] / "docs" / "driver-text.md").read_text("utf-8")
 SUPPLY: dict[str, Any] = {

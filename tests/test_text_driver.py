@@ -19,12 +19,13 @@ import numpy as np
 import pytest
 
 from helpers.peers.line_server import LineServer, line_server
-from umo import BinaryActuator, Compound, DigitalSensor, OnOff, check
+from umo import BinaryActuator, Compound, DigitalSensor, check
 from umo.drivers.contract import Driver
 from umo.drivers.modbus import Modbus
 from umo.drivers.streams import Stream, hosts
 from umo.drivers.text import Text
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, WiringError
+from umo.states import OnOff
 from umo.text import options_in
 
 PATIENT = 10.0

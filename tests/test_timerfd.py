@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from helpers.machines import bench, wired
 from helpers.tiers import first
-from umo import Channel, Direction, DriverError, connect
+from umo import connect
+from umo.drivers import Channel, Direction, DriverError
 from umo.drivers.contract import WaitEnded
 from umo.drivers.timerfd import Ticker, TimerFd, WhileWaiting
 from umo.testing import Scripted

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from umo import BinaryActuator, Compound, DigitalSensor, OnOff, Quality, connect
+from umo import BinaryActuator, Compound, DigitalSensor, Quality, connect
 from umo.cycle.stage import Progress
 from umo.cycle.trace import Statistics, Trace
+from umo.states import OnOff
 from umo.testing import VirtualTimer, periods, put
 
 

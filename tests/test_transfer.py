@@ -16,25 +16,19 @@ from helpers.machines import actuator, failed, relay, sensor, switch, timer, wir
 from umo import (
     BinaryActuator,
     BinarySensor,
-    Channel,
-    ChannelsFailed,
     Compound,
-    DeviceTimeout,
     DigitalActuator,
     DigitalSensor,
-    Direction,
-    Driver,
-    DriverError,
-    OnOff,
-    PassFail,
     Quality,
     Vector,
     connect,
     published,
 )
 from umo.cycle.journal import ErrorKind, Kind
+from umo.drivers import Channel, ChannelsFailed, DeviceTimeout, Direction, Driver, DriverError
 from umo.drivers.contract import IntArray
 from umo.frames import Reader
+from umo.states import OnOff, PassFail
 from umo.testing import Scripted, VirtualTimer, periods
 
 PASSED, FAILED = PassFail.PASS, PassFail.FAIL

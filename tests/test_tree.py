@@ -12,7 +12,8 @@ from typer.testing import Result
 Umo = Callable[..., Result]
 
 OBJECTS = """
-from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, OnOff
+from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor
+from umo.states import OnOff
 
 
 class Zone(Compound):
@@ -127,7 +128,7 @@ def test_a_path_that_names_nothing_is_refused_with_the_nearest(umo: Umo, furnace
 # A driver ---------------------------------------------------------------------------------------------
 
 CARD = '''
-from umo import Channel, ChannelError, Direction, Driver
+from umo.drivers import Channel, ChannelError, Direction, Driver
 
 
 class Card(Driver):

@@ -14,12 +14,14 @@ import numpy as np
 import pytest
 from typer.testing import Result
 
-from umo import BinaryActuator, Compound, DeclarationError, DigitalSensor, Number, OnOff, connect
+from umo import BinaryActuator, Compound, DigitalSensor, Number, connect
 from umo.cycle.frame import signals_of
+from umo.errors import DeclarationError
 from umo.frames import Layout, Reader, published
 from umo.frames.layout import describe_objects, describe_signals
 from umo.objects import atoms, numbers_of
 from umo.process.station import StationError, find
+from umo.states import OnOff
 from umo.twin import (
     Body,
     Capsule,

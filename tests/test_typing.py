@@ -14,8 +14,10 @@ import pytest
 
 from helpers.machines import actuator
 from helpers.tiers import first
-from umo import BinaryActuator, Compound, DeclarationError, DigitalActuator, OnOff, PassFail, RangeError, connect
+from umo import BinaryActuator, Compound, DigitalActuator, connect
 from umo.cli.new import make_station
+from umo.errors import DeclarationError, RangeError
+from umo.states import OnOff, PassFail
 
 HERE = Path(__file__).parent / "typing"
 SOURCE = Path(__file__).parent.parent / "src"

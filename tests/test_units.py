@@ -10,11 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from helpers.machines import sensor
-from umo import Compound, DeclarationError, DigitalSensor, RangeError, WiringError, connect
+from umo import Compound, DigitalSensor, connect
 from umo.drivers.faults.words import InjectedFault
 from umo.drivers.gpio.channel import checked
 from umo.drivers.option_checks import duration
 from umo.duration import seconds
+from umo.errors import DeclarationError, RangeError, WiringError
 from umo.objects import units
 from umo.objects.units import check_unit, convert
 from umo.testing import put

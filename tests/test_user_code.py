@@ -9,25 +9,14 @@ from typing import Any, Self
 import pytest
 
 from helpers.machines import Bench, actuator, bench, relay, sensor, switch, timer, wired
-from umo import (
-    DeclarationError,
-    DriverError,
-    Frame,
-    Interlock,
-    Number,
-    OnOff,
-    Quality,
-    RangeError,
-    TaskFailed,
-    connect,
-    published,
-    run,
-)
+from umo import Frame, Interlock, Number, Quality, TaskFailed, connect, published, run
 from umo.control import next_period
+from umo.errors import DeclarationError, DriverError, RangeError
 from umo.frames import Reader, Stage
 from umo.objects import numbers_of
 from umo.objects.linearization import Linearization
 from umo.process.reset import Resetter
+from umo.states import OnOff
 from umo.testing import Scripted, VirtualTimer, periods
 from umo.text import place_of
 from umo.user_code import as_json, attempt, read_numbers

@@ -11,23 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from helpers.machines import actuator, bench, failed, relay, sensor, switch, timer, wired
-from umo import (
-    BinaryActuator,
-    Compound,
-    DeclarationError,
-    DigitalActuator,
-    DigitalSensor,
-    DriverError,
-    NotConnected,
-    OnOff,
-    PassFail,
-    Quality,
-    RangeError,
-    StateError,
-    Vector,
-    connect,
-)
+from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Quality, Vector, connect
+from umo.errors import DeclarationError, DriverError, NotConnected, RangeError, StateError
 from umo.objects import atoms
+from umo.states import OnOff, PassFail
 from umo.testing import Scripted
 
 pytestmark = pytest.mark.usefixtures("each_way")

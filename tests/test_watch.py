@@ -17,28 +17,19 @@ from rich.console import Console
 from typer.testing import CliRunner, Result
 
 from helpers.machines import Bench, actuator, bench, relay, sensor, switch, timer, wired
-from umo import (
-    BinaryActuator,
-    Compound,
-    DigitalActuator,
-    DigitalSensor,
-    FramesError,
-    Interlock,
-    OnOff,
-    PathError,
-    connect,
-    published,
-)
+from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Interlock, connect, published
 from umo.cli.app import app
 from umo.cli.follow import _name_other_runs
 from umo.cli.keys import parse, pressed
 from umo.cli.running import attach, how_ended
 from umo.cli.traces import Traces, spark, traced_span
 from umo.cli.watch import Picture
+from umo.errors import FramesError, PathError
 from umo.page.watched import Watched
 from umo.presentation.durations import lasting
 from umo.presentation.families import folded
 from umo.presentation.rows import quality_of, value_of
+from umo.states import OnOff
 from umo.system.record import Record
 from umo.testing import Scripted, VirtualTimer, periods
 from umo.wiring.patterns import chosen

@@ -12,18 +12,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from helpers.machines import actuator, bench, sensor, switch, timer, wired
-from umo import (
-    Channel,
-    Compound,
-    DigitalActuator,
-    DigitalSensor,
-    Direction,
-    Driver,
-    OptionError,
-    WiringError,
-    check,
-    connect,
-)
+from umo import Compound, DigitalActuator, DigitalSensor, check, connect
+from umo.drivers import Channel, Direction, Driver, WiringError
+from umo.errors import OptionError
 from umo.objects import atoms
 from umo.testing import Scripted, VirtualTimer
 from umo.wiring import resolve
@@ -43,7 +34,7 @@ class Card(Driver):
             "in": Channel("in", Direction.INPUT, 8),
             "wide": Channel("wide", Direction.BOTH, 64),
         }
-        from umo import ChannelError
+        from umo.errors import ChannelError
 
         if text not in channels:
             raise ChannelError(text, channels)

@@ -12,7 +12,8 @@ from typing import Any
 import pytest
 
 from helpers.machines import bench
-from umo import Channel, Direction, Driver, check
+from umo import check
+from umo.drivers import Channel, Direction, Driver
 from umo.objects import atoms
 from umo.wiring import resolve, source
 
@@ -149,7 +150,9 @@ def test_import_umo_leaves_what_it_does_not_need_for_later() -> None:
 
 # Drivers in modules of the station ----------------------------------------------------------------------
 
-OWN = "from umo import Driver\nfrom .parts import NAME\n\nclass Box(Driver):\n    def channel(self, text): ...\n"
+OWN = (
+    "from umo.drivers import Driver\nfrom .parts import NAME\n\nclass Box(Driver):\n    def channel(self, text): ...\n"
+)
 
 
 def with_own_driver(folder: Path, kind: str) -> Path:

@@ -11,8 +11,9 @@ import pytest
 
 import umo
 from helpers.tiers import first
-from umo import AxisError, BinaryActuator, Compound, DigitalActuator, HomingError, TaskFailed
+from umo import BinaryActuator, Compound, DigitalActuator, TaskFailed
 from umo.cycle.stage import Progress
+from umo.errors import AxisError, HomingError
 from umo.objects import Atomic, atoms, walk
 from umo.stations.ztheta.application import main
 from umo.stations.ztheta.control import Manipulator

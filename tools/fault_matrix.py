@@ -28,13 +28,14 @@ from typing import Any
 
 import numpy as np
 
-from umo import StopError, UmoError, WiringError
+from umo import UmoError
 from umo.cycle import connect, drive
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Channel, Direction
 from umo.drivers.faults.effects import Effect
 from umo.drivers.faults.words import OF_DRIVERS, InjectedFault
 from umo.drivers.faults.wrapper import Faulty
+from umo.errors import StopError, WiringError
 from umo.objects import Binary, atoms
 from umo.process.outcome import message_of, plain
 from umo.process.station import find

@@ -28,7 +28,8 @@ from umo.testing.conformance import Certificate, PtyTap, growth, leak_rules, lon
 
 Umo = Callable[..., Result]
 OBJECTS = """
-from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, OnOff, PassFail
+from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor
+from umo.states import OnOff, PassFail
 
 
 class Press(Compound):

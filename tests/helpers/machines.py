@@ -5,18 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from umo import (
-    BinaryActuator,
-    BinarySensor,
-    Compound,
-    DigitalActuator,
-    DigitalSensor,
-    Driver,
-    OnOff,
-    PassFail,
-)
+from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor
+from umo.drivers import Driver
 from umo.objects import atoms
 from umo.process.station import Station, shipped
+from umo.states import OnOff, PassFail
 from umo.system.packages import SHIPPED
 from umo.testing import Scripted, VirtualTimer
 

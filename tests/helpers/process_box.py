@@ -25,24 +25,24 @@ class Machine(umo.Compound, stop_order=("valve", "motor")):
     """A motor, a valve, a switch."""
 
     timer: umo.DigitalSensor
-    switch: umo.BinarySensor[umo.PassFail]
+    switch: umo.BinarySensor[umo.states.PassFail]
     motor: umo.DigitalActuator
-    valve: umo.BinaryActuator[umo.OnOff]
+    valve: umo.BinaryActuator[umo.states.OnOff]
 
 
 def machine(kind: type[Machine] = Machine) -> Machine:
     return kind(
         timer=umo.DigitalSensor("sampling_period", minimum=0.0, maximum=99_999.9, resolution=1.0, synchronous=False),
-        switch=umo.BinarySensor(umo.PassFail, one=umo.PassFail.FAIL),
+        switch=umo.BinarySensor(umo.states.PassFail, one=umo.states.PassFail.FAIL),
         motor=umo.DigitalActuator("V", default=0.0, minimum=-10.0, maximum=10.0, resolution=0.01),
-        valve=umo.BinaryActuator(umo.OnOff, one=umo.OnOff.ON, default=umo.OnOff.OFF),
+        valve=umo.BinaryActuator(umo.states.OnOff, one=umo.states.OnOff.ON, default=umo.states.OnOff.OFF),
     )
 
 
 async def drive(m: Machine, periods: int = 4) -> str:
     """Outputs on for some periods."""
     m.motor.write(5.0)
-    m.valve.write(umo.OnOff.ON)
+    m.valve.write(umo.states.OnOff.ON)
     for _ in range(periods):
         await next_period()
     return "driven"
@@ -363,7 +363,7 @@ class HalfDead(Box):
 
     def initialize(self, channel: Channel, default: int | None) -> None:
         if channel.text == "valve" and self._called()[STRUCK]:
-            raise umo.DeviceTimeout("no answer")
+            raise umo.errors.DeviceTimeout("no answer")
         super().initialize(channel, default)
 
 
@@ -427,7 +427,7 @@ class Silent(Box):
 
     def _put(self, channel: Channel, raw: int | None) -> None:
         if channel.text != "motor":
-            raise umo.DeviceTimeout("slot gone")
+            raise umo.errors.DeviceTimeout("slot gone")
         super()._put(channel, raw)
 
 

@@ -15,8 +15,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from umo import BinaryActuator, BinarySensor, Compound, DeviceTimeout, DigitalActuator, DriverError, OnOff, connect
+from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, connect
 from umo.drivers.i2c import I2c
+from umo.errors import DeviceTimeout, DriverError
+from umo.states import OnOff
 from umo.testing.conformance import Input, Output, Subject
 
 from .i2c_stub import i2c_bus
@@ -219,7 +221,8 @@ def test_the_driver_keeps_the_contract(bus: str, auto_increment: bool) -> None:
 
 
 OBJECTS = """
-from umo import BinaryActuator, Compound, DigitalSensor, OnOff
+from umo import BinaryActuator, Compound, DigitalSensor
+from umo.states import OnOff
 
 
 class Bench(Compound):
@@ -236,7 +239,7 @@ def machine() -> Bench:
     )
 """
 APPLICATION = """
-from umo import OnOff
+from umo.states import OnOff
 from umo.control import wait
 
 

@@ -13,19 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from umo import (
-    ChannelError,
-    Compound,
-    DeviceTimeout,
-    DigitalActuator,
-    DigitalSensor,
-    DriverError,
-    WiringError,
-    check,
-    connect,
-)
+from umo import Compound, DigitalActuator, DigitalSensor, check, connect
 from umo.drivers.contract import PhysicalScale
 from umo.drivers.iio import Iio
+from umo.errors import ChannelError, DeviceTimeout, DriverError, WiringError
 from umo.testing.conformance import Input, Output, Subject
 
 from .proof import proved

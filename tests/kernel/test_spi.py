@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from umo import DriverError
 from umo.drivers import spi
 from umo.drivers.spi import Spi
+from umo.errors import DriverError
 from umo.testing.conformance import Input, Output, Subject
 
 from .gpio_sim import Trace, fixed

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from good import Gripper, Manipulator, ServoAxis, axis, gripper
 
-from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, EnableDisable, OnOff, PassFail, UpDown
+from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator
+from umo.states import EnableDisable, OnOff, PassFail, UpDown
 
 
 def wrong_values(m: Manipulator) -> None:

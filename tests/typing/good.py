@@ -6,19 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import assert_type, reveal_type
 
 import umo
-from umo import (
-    BinaryActuator,
-    BinarySensor,
-    Compound,
-    DigitalActuator,
-    DigitalSensor,
-    EnableDisable,
-    OnOff,
-    PassFail,
-    Quality,
-    Vector,
-)
+from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, Quality, Vector
 from umo.control import next_period, together, until, wait
+from umo.states import EnableDisable, OnOff, PassFail
 from umo.testing import Scripted, VirtualTimer, periods, put
 
 

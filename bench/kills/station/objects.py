@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, OnOff, Quality, ZeroOne
+from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, Quality
+from umo.states import OnOff, ZeroOne
 
 from .cells import PERIODS, WRONG
 

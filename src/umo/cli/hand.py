@@ -14,7 +14,7 @@ from typing import Any
 from umo.cycle import connect
 from umo.errors import BadInput, FramesError, OptionError, PathError, RangeError
 from umo.frames import Reader
-from umo.objects import Atomic, Binary, BinaryActuator, Compound, DigitalActuator, DigitalSensor, TwoState
+from umo.objects import Atomic, Binary, BinaryActuator, Compound, DigitalActuator, DigitalSensor
 from umo.objects.description import converted, described, row_of
 from umo.objects.paths import children
 from umo.objects.paths import find as object_at
@@ -23,6 +23,7 @@ from umo.presentation.rows import TableRow, quality_of, raw_of, sentence_of, val
 from umo.process.start import LINUX
 from umo.process.station import Station, StationError, find
 from umo.remote.search import is_path, meant_by, several_runs
+from umo.states import TwoState
 from umo.system.packages import MARK
 from umo.text import printable, some
 from umo.wiring import Wired, resolve

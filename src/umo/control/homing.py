@@ -10,8 +10,9 @@ from umo.control.axis import STILL, Axis, Met
 from umo.control.checks import check_numbers
 from umo.control.inputs import state_of
 from umo.errors import DeclarationError, HomingError
-from umo.objects import BinaryActuator, BinarySensor, TwoState
+from umo.objects import BinaryActuator, BinarySensor
 from umo.presentation.in_words import measure
+from umo.states import TwoState
 
 
 @dataclass(kw_only=True)

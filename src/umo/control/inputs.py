@@ -12,8 +12,9 @@ from typing import Any, TypeAlias, TypeVar, overload
 import numpy as np
 
 from umo.errors import BadInput
-from umo.objects import BinarySensor, DigitalSensor, Quality, TwoState, Vector
+from umo.objects import BinarySensor, DigitalSensor, Quality, Vector
 from umo.objects.scaling import BoolArray, FloatArray
+from umo.states import TwoState
 
 S = TypeVar("S", bound=TwoState)
 

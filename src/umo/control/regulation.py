@@ -10,8 +10,9 @@ from typing import Generic, TypeVar
 from umo.control.checks import check_numbers
 from umo.control.inputs import Accept, value_of
 from umo.errors import DeclarationError, RangeError
-from umo.objects import BinaryActuator, DigitalSensor, Number, TwoState
+from umo.objects import BinaryActuator, DigitalSensor, Number
 from umo.presentation.digits import number_text
+from umo.states import TwoState
 
 S = TypeVar("S", bound=TwoState)
 

@@ -8,9 +8,10 @@ from umo.control.inputs import value_of
 from umo.control.stepping import STEPS_PER_PERIOD, Stepping
 from umo.cycle.sequences import wait
 from umo.errors import AxisError
-from umo.objects import BinaryActuator, Rotation, UpDown
+from umo.objects import BinaryActuator
 from umo.presentation.digits import number_text
 from umo.presentation.in_words import measure
+from umo.states import Rotation, UpDown
 
 CORRECTIONS = 3
 """The largest number of times that a motion makes up lost steps."""

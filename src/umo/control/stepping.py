@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from umo.errors import RangeError
-from umo.objects import BinaryActuator, Rotation, UpDown
+from umo.objects import BinaryActuator
+from umo.states import Rotation, UpDown
 
 STEPS_PER_PERIOD = 0.4
 """Largest step rate of a profile, in steps per period: a step takes two periods, a reversal one more."""

@@ -95,9 +95,9 @@ class Driver(ABC, Generic[C]):
 
     The constructor takes the options of the circuit (the keys of its `[drivers.NAME]` table) and must not access
     hardware. Required: `channel`, `read` if there are inputs, `write` if there are outputs. Every call returns
-    within `timeout` and does not retry. Errors: any OSError (such as `umo.DriverError`) if a call fails, a
-    TimeoutError (such as `umo.DeviceTimeout`) if it timed out. A raw value beyond the channel's bits and a write to an
-    input are such failures, and change nothing. Use `Driver[MyChannel]` for a derived channel class.
+    within `timeout` and does not retry. Errors: any OSError (such as DriverError) if a call fails, a
+    TimeoutError (such as DeviceTimeout) if it timed out. A raw value beyond the channel's bits and a write to an input
+    are such failures, and change nothing. Use `Driver[MyChannel]` for a derived channel class.
     """
 
     timeout: float = LONGEST_TIMEOUT

@@ -21,7 +21,8 @@ from umo.cycle.rehearsal import rise_early
 from umo.drivers.timerfd import Ticker
 from umo.errors import DriverError
 from umo.latency.native import Slice
-from umo.objects import BinaryActuator, Compound, DigitalActuator, DigitalSensor, OnOff, atoms
+from umo.objects import BinaryActuator, Compound, DigitalActuator, DigitalSensor, atoms
+from umo.states import OnOff
 from umo.system import realtime
 
 

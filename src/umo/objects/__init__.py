@@ -13,20 +13,6 @@ from umo.objects.paths import atoms, children, find, path_of, walk
 from umo.objects.quality import Quality
 from umo.objects.range import Number, Range
 from umo.objects.sensors import BinarySensor, DigitalSensor
-from umo.objects.states import (
-    CompleteIncomplete,
-    EnableDisable,
-    FrontBack,
-    HighLow,
-    LeftRight,
-    OnOff,
-    OpenClosed,
-    PassFail,
-    Rotation,
-    TwoState,
-    UpDown,
-    ZeroOne,
-)
 from umo.objects.thermocouple import Thermocouple
 from umo.objects.vector import Vector
 
@@ -36,32 +22,20 @@ __all__ = [
     "Binary",
     "BinaryActuator",
     "BinarySensor",
-    "CompleteIncomplete",
     "Compound",
     "Digital",
     "DigitalActuator",
     "DigitalSensor",
-    "EnableDisable",
-    "FrontBack",
-    "HighLow",
     "Interlock",
-    "LeftRight",
     "LookupTable",
     "MachineNumber",
     "Node",
     "Number",
-    "OnOff",
-    "OpenClosed",
-    "PassFail",
     "Polynomial",
     "Quality",
     "Range",
-    "Rotation",
     "Thermocouple",
-    "TwoState",
-    "UpDown",
     "Vector",
-    "ZeroOne",
     "action",
     "actions_of",
     "atoms",

@@ -14,11 +14,11 @@ from umo.objects.linearization import Linearization, fitted
 from umo.objects.link import Unconnected
 from umo.objects.node import Node
 from umo.objects.quality import Quality
-from umo.objects.states import TwoState
 from umo.objects.units import check_unit, convert
 from umo.presentation.digits import digits_of, number_text
 from umo.presentation.in_words import measure, span
 from umo.presentation.qualities import quality_text
+from umo.states import TwoState
 
 if TYPE_CHECKING:
     from umo.objects.link import Image

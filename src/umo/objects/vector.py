@@ -15,8 +15,8 @@ from umo.objects.actuators import BinaryActuator, DigitalActuator
 from umo.objects.atomic import Atomic, Binary, Digital
 from umo.objects.scaling import BoolArray, ByteArray, FloatArray, IntArray
 from umo.objects.sensors import BinarySensor, DigitalSensor
-from umo.objects.states import TwoState
 from umo.presentation.in_words import measure, span
+from umo.states import TwoState
 
 if TYPE_CHECKING:
     from umo.objects.link import Image

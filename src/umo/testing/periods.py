@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any, Protocol, cast, runtime_checkable
 
 from umo.drivers.faults.wrapper import bare
 from umo.errors import DeclarationError
-from umo.objects import Atomic, Binary, BinarySensor, Compound, DigitalSensor, TwoState, children
+from umo.objects import Atomic, Binary, BinarySensor, Compound, DigitalSensor, children
+from umo.states import TwoState
 
 if TYPE_CHECKING:
     from umo.cycle.image import Image

@@ -1,7 +1,7 @@
 """Sort parts by length."""
 
-from umo import RangeError
 from umo.control import until
+from umo.errors import RangeError
 
 from .control import Conveyor, Part
 

@@ -13,21 +13,9 @@ from itertools import count
 from math import inf, nan
 from typing import Annotated
 
-from umo import (
-    BinaryActuator,
-    BinarySensor,
-    Compound,
-    DigitalActuator,
-    DigitalSensor,
-    Interlock,
-    Number,
-    OnOff,
-    OpenClosed,
-    Range,
-    TwoState,
-    action,
-)
+from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, Interlock, Number, Range, action
 from umo.control import state_of, until, value_of, wait
+from umo.states import OnOff, OpenClosed, TwoState
 
 from .errors import BarrierStuck, DriveError, EmergencyStop, Jam, PartMissing
 

@@ -1,6 +1,7 @@
 """The 8 objects of the conveyor. How they group and act is in `control.py`."""
 
-from umo import BinaryActuator, BinarySensor, DigitalActuator, DigitalSensor, OnOff, OpenClosed
+from umo import BinaryActuator, BinarySensor, DigitalActuator, DigitalSensor
+from umo.states import OnOff, OpenClosed
 
 from .control import Beam, Belt, Conveyor
 

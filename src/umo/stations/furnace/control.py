@@ -14,15 +14,14 @@ from umo import (
     DigitalSensor,
     Interlock,
     Number,
-    OnOff,
     Quality,
     Range,
-    RangeError,
-    TimeExpired,
     Vector,
     action,
 )
 from umo.control import VectorServo, until, value_of, wait
+from umo.errors import RangeError, TimeExpired
+from umo.states import OnOff
 
 from .errors import HeatingError, OverTemperature, TooManyFaults
 

@@ -1,6 +1,8 @@
 """The objects of the tunnel furnace: a heater, a fan and a thermocouple for each zone, and the timer."""
 
-from umo import BinaryActuator, DeclarationError, DigitalActuator, DigitalSensor, OnOff, Thermocouple
+from umo import BinaryActuator, DigitalActuator, DigitalSensor, Thermocouple
+from umo.errors import DeclarationError
+from umo.states import OnOff
 
 from .control import Furnace, Zone
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from umo import BinaryActuator, EnableDisable, UpDown
+from umo import BinaryActuator
 from umo.control import IndexPulse, ServoAxis, StepperAxis, until
+from umo.states import EnableDisable, UpDown
 
 
 class ZAxis(ServoAxis):

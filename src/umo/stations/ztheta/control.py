@@ -7,19 +7,10 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from umo import (
-    BinaryActuator,
-    BinarySensor,
-    Compound,
-    DigitalSensor,
-    Number,
-    OnOff,
-    PassFail,
-    Range,
-    TimeExpired,
-    action,
-)
+from umo import BinaryActuator, BinarySensor, Compound, DigitalSensor, Number, Range, action
 from umo.control import Hysteresis, state_of, together, until, value_of, wait
+from umo.errors import TimeExpired
+from umo.states import OnOff, PassFail
 
 from .axes import StepOutput, ThetaAxis, ZAxis
 from .errors import CounterweightError, GripError

@@ -4,17 +4,8 @@ Departures from the listing: keywords, the lost minus sign of the z motor's mini
 counterweight's pressure (docs/paper.md says why). How the objects group and act is in `control.py`.
 """
 
-from umo import (
-    BinaryActuator,
-    BinarySensor,
-    DigitalActuator,
-    DigitalSensor,
-    EnableDisable,
-    OnOff,
-    PassFail,
-    Rotation,
-    UpDown,
-)
+from umo import BinaryActuator, BinarySensor, DigitalActuator, DigitalSensor
+from umo.states import EnableDisable, OnOff, PassFail, Rotation, UpDown
 
 from .control import Counterweight, Gripper, Manipulator, StepOutput, ThetaAxis, ZAxis
 

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from time import monotonic
 from typing import ClassVar
 
-from umo import (
+from umo.drivers import (
     Channel,
     ChannelError,
     DeviceTimeout,

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
-from umo import ChannelError, DeviceTimeout, WiringError
+from umo.errors import ChannelError, DeviceTimeout, WiringError
 from umo.testing.conformance import Input, Output, Subject, conform
 
 from my_card import CHANNELS, Device, MyCard

@@ -22,7 +22,7 @@ from struct import Struct
 from time import monotonic
 
 import numpy as np
-from umo import (
+from umo.drivers import (
     Channel,
     ChannelError,
     ChannelsFailed,
@@ -30,8 +30,8 @@ from umo import (
     Direction,
     Driver,
     DriverError,
+    IntArray,
 )
-from umo.drivers import IntArray
 from umo.drivers.streams import Host, Lost, Stream, TimedOut
 
 CHANNELS = {

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from umo import ChannelError, ChannelsFailed
+from umo.errors import ChannelError, ChannelsFailed
 from umo.testing.conformance import Input, Output, Subject, TcpTap, conform
 
 from my_card import CHANNELS, GET, MyCard, found, framed

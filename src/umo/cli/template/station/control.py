@@ -2,19 +2,9 @@
 
 from typing import Annotated
 
-from umo import (
-    BinaryActuator,
-    BinarySensor,
-    Compound,
-    DigitalSensor,
-    Number,
-    OpenClosed,
-    PassFail,
-    Range,
-    TaskFailed,
-    action,
-)
+from umo import BinaryActuator, BinarySensor, Compound, DigitalSensor, Number, Range, TaskFailed, action
 from umo.control import Hysteresis, state_of, until, value_of
+from umo.states import OpenClosed, PassFail
 
 
 class Tank(Compound, stop_order=("inlet", "drain"), max_period="200 ms"):

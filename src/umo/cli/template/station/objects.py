@@ -2,7 +2,8 @@
 
 from .control import Tank
 
-from umo import BinaryActuator, BinarySensor, DigitalSensor, OpenClosed, PassFail
+from umo import BinaryActuator, BinarySensor, DigitalSensor
+from umo.states import OpenClosed, PassFail
 
 
 def machine() -> Tank:

@@ -3,8 +3,7 @@
 For the real circuit only the wiring changes, as in `wiring/modbus.toml`.
 """
 
-from umo import Channel, Direction, Driver
-from umo.errors import ChannelError, DriverError
+from umo.drivers import Channel, ChannelError, Direction, Driver, DriverError
 
 CHANNELS = {
     "out:inlet": Channel("out:inlet", Direction.OUTPUT, 1),

@@ -5,7 +5,8 @@ from typing import Any
 
 import pytest
 
-from umo import OpenClosed, PassFail, TaskFailed, check, connect, drive, run
+from umo import TaskFailed, check, connect, drive, run
+from umo.states import OpenClosed, PassFail
 from umo.testing import periods, put, station
 
 TANK = station(__file__)
