@@ -207,7 +207,7 @@ def test_a_trace_keeps_extremes_without_values_that_are_missing() -> None:
     low, high = traces.of([0, 1])
     assert (low.tolist(), high.tolist()) == (list(range(24, 40)), [second + 0.5 for second in range(24, 40)])
     assert traced_span((low, high), {}) == "24 to 39.5"
-    assert traced_span((low, high), {"resolution": 0.25}) == "24.0 to 39.5"
+    assert traced_span((low, high), {"resolution": 0.25}) == "24.00 to 39.50"
     assert spark((low, high), {}) == "▁▁▂▂▃▃▄▄▅▅▆▆▇▇██"
     assert len(traces.of([1])[0]) == 0
 
