@@ -204,7 +204,8 @@ def test_several_stations_are_a_list_and_a_choice_in_each_view(page: Any) -> Non
     with running("press"), running("oven"), serving() as served:
         page.goto(served.url)
         choice = page.get_by_label("Station", exact=True)
-        assert choice.locator("option").all_inner_texts() == ["All stations", "press (rig)", "oven (rig)"]
+        names = ["All stations", "press (rig)", "oven (rig)"]
+        eventually(lambda: choice.locator("option").all_inner_texts() == names)
         page.get_by_role("button", name=re.compile("oven")).click()
         page.locator(".legend").wait_for()
         assert choice.input_value() == "oven"
