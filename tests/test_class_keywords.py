@@ -150,3 +150,16 @@ def test_a_stop_order_that_names_nothing_is_refused_when_the_object_is_made(path
 
     with pytest.raises(PathError, match=r"no object .* in Wrong"):
         Wrong(motor=actuator(), racks={}, pairs=[pair()], lamps=[relay()])
+
+
+def test_a_mixin_cannot_hide_what_the_cycle_offers() -> None:
+    class Clocked:
+        now = 3.0
+
+    with pytest.raises(DeclarationError, match="now"):
+        type("Press", (Clocked, Compound), {})
+
+
+def test_a_constant_with_a_name_like_a_setting_is_the_classs_own() -> None:
+    press = type("Press", (Compound,), {"number": {"one": 1}, "signal": {}})
+    assert press.number == {"one": 1}

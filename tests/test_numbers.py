@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 from math import inf
+from operator import attrgetter
 from typing import Annotated, Any
 
 import pytest
@@ -254,3 +255,44 @@ def test_every_number_of_a_station_that_ships_can_be_read_and_has_its_own_value_
         if number.settable and number.value not in (inf, -inf):
             value = getattr(number.value, "name", number.value)
             assert number.checked(value) == number.value, number.path
+
+
+def test_a_number_in_a_list_or_dict_is_none_of_its_attributes() -> None:
+    class Oven(Compound, numbers={"gains.0": Number("V", 0.0, 3.0, tunable=True)}):
+        motor: DigitalActuator
+
+        def setup(self) -> None:
+            self.gains = [1.0]
+
+    with pytest.raises(DeclarationError, match=r"number gains\.0: list has no attribute '0'"):
+        numbers_of(Oven(motor=actuator()))
+
+
+def test_a_property_without_annotations_is_a_number_too() -> None:
+    class Oven(Compound, numbers={"gain": Number("", 0.0, 3.0, tunable=True)}):
+        motor: DigitalActuator
+        gain = property(attrgetter("_gain"), lambda self, value: setattr(self, "_gain", value))
+
+        def setup(self) -> None:
+            self._gain = 1.0
+
+    oven = Oven(motor=actuator())
+    numbers_of(oven)["gain"].set(2.0)
+    assert oven.gain == 2.0
+
+
+def test_a_law_with_a_field_that_cannot_be_read_is_no_reason_not_to_connect() -> None:
+    @dataclass
+    class Law:
+        share: float = 0.5
+
+        def __getattribute__(self, name: str) -> Any:
+            return 1 / 0 if name == "share" else object.__getattribute__(self, name)
+
+    class Oven(Compound):
+        motor: DigitalActuator
+
+        def setup(self) -> None:
+            self.law = Law()
+
+    assert numbers_of(Oven(motor=actuator())) == {}

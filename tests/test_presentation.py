@@ -27,7 +27,7 @@ from umo.objects.scaling import to_raw, to_value
 from umo.objects.units import check_unit, same_unit
 from umo.presentation.digits import digits_of, number_text, setting_text
 from umo.presentation.durations import duration, lasting
-from umo.presentation.in_words import as_shown, file_form, span, value_text
+from umo.presentation.in_words import as_shown, file_form, measure, span, value_text
 from umo.presentation.qualities import SIGNS, WHY, WORDS
 from umo.presentation.rows import TableRow
 from umo.presentation.run_facts import facts_of
@@ -178,10 +178,15 @@ def test_from_a_trace_every_raw_integer_comes_back(read: list[int]) -> None:
     [
         ("mm/s**2", "mm/s²"), ("m*s^-1", "m·s⁻¹"), ("percent", "%"), ("degC", "°C"), ("um", "µm"), ("deg/s", "°/s"),
         ("uV/degC", "µV/°C"), ("kohm", "kΩ"), ("rpm", "rpm"), ("m/s**0.5", "m/s**0.5"), ("sampling_period", ""),
+        ("um/sampling_period", "µm/sampling_period"),
     ],
 )  # fmt: skip
 def test_units_look_as_in_print(unit: str, text: str) -> None:
     assert shown_unit(check_unit(unit)) == text
+
+
+def test_a_message_names_what_is_no_number() -> None:
+    assert [measure(value, "V") for value in (math.nan, math.inf, 2.0)] == ["nan V", "inf V", "2 V"]
 
 
 def test_the_unit_that_is_shown_is_one_that_can_be_typed() -> None:

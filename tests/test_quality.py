@@ -152,6 +152,17 @@ def test_a_reference_of_one_sensor_leaves_its_neighbours(box):
         assert (m.one.read(), m.two.read()) == (7.0, PassFail.PASS)
 
 
+@pytest.mark.parametrize("place", [1e308, -1e300])
+def test_a_reference_beyond_all_raw_integers_is_refused(box, place):
+    machine = inputs(sensor(incremental=True))
+    with connect(machine, wired(machine, box)) as m:
+        period(m)
+        with pytest.raises(RangeError, match="one"):
+            m.one.referenced(at=place)
+        m.one.referenced(at=7.0)
+        assert m.one.read() == 7.0
+
+
 def test_what_was_not_read_cannot_be_referenced_to_a_value(box):
     machine = inputs(sensor(incremental=True, synchronous=False))
     with connect(machine, wired(machine, box)) as m:

@@ -9,8 +9,21 @@ from typing import Any, Self
 import pytest
 
 from helpers.machines import Bench, actuator, bench, relay, sensor, switch, timer, wired
-from umo import Frame, Interlock, Number, Quality, TaskFailed, connect, published, run
+from umo import (
+    Compound,
+    DigitalActuator,
+    DigitalSensor,
+    Frame,
+    Interlock,
+    Number,
+    Quality,
+    TaskFailed,
+    connect,
+    published,
+    run,
+)
 from umo.control import next_period
+from umo.cycle.columns import Source
 from umo.errors import DeclarationError, DriverError, RangeError
 from umo.frames import Reader, Stage
 from umo.objects import numbers_of
@@ -180,6 +193,84 @@ def test_a_linearization_that_fails_is_told_of_its_actuators_and_the_others_are_
             periods(m, 1)
         periods(m, 2)  # expired: the default
         assert (boxes["motor"].get("motor"), m.motor.read(), m.motor.quality) == (2, 1.0, Quality.GOOD)
+
+
+class Cell(Compound):
+    bent: DigitalActuator
+    plain: DigitalActuator
+    gauge: DigitalSensor
+    level: DigitalSensor
+    timer: DigitalSensor
+
+
+def cell(curve: Linearization) -> Cell:
+    return Cell(
+        bent=actuator(default=1.0, linearization=curve),
+        plain=actuator(expires="3 ms"),
+        gauge=sensor(linearization=curve, on_error="mark"),
+        level=sensor(),
+        timer=timer(),
+    )
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_linearization_that_fails_keeps_no_neighbour_of_its_block_from_being_sent(whole: bool) -> None:
+    curve, box = Compensated(), Scripted()
+    machine = cell(curve)
+    with connect(machine, wired(machine, box)) as m:
+        m.bent.write(5.0)
+        m.plain.write(3.0)
+        periods(m)
+        curve.broken = True
+        for _ in range(5):
+            m.bent.write(4.0)
+            with pytest.raises(DriverError, match="its linearization failed") as caught:
+                if whole:
+                    periods(m)
+                else:
+                    m.timer.read()
+                    m.sample()
+                    m.update()
+            assert [failure.path for failure in caught.value.failures] == ["bent"]
+        assert (m.plain.read(), m.plain.quality, m.bent.quality) == (0.0, Quality.GOOD, Quality.BAD)  # expired
+        assert m.bent.read() == 5.0
+        curve.broken = False
+        periods(m)
+        assert (m.bent.read(), m.bent.quality) == (4.0, Quality.GOOD)
+
+
+def test_a_clients_write_is_refused_by_a_linearization_that_fails() -> None:
+    curve = Compensated()
+    machine = cell(curve)
+    connection = connect(machine, wired(machine, Scripted()))
+    with connection as m:
+        curve.broken = True
+        with pytest.raises(ZeroDivisionError):
+            connection.image.command(m.bent._slot, 5.0, Source.HAND)
+        periods(m)
+        assert m.bent.read() == 1.0
+
+
+class Failing(Compensated):
+    """A curve of the user's own that cannot be read either."""
+
+    def to_value(self, x: float) -> float:
+        return x / (0.0 if self.broken else 1.0)
+
+
+def test_a_linearization_that_fails_is_a_failure_of_its_sensor_alone() -> None:
+    curve = Failing()
+    machine = cell(curve)
+    with connect(machine, wired(machine, Scripted({"gauge": [4], "level": [6, 8]}))) as m:
+        periods(m)
+        assert m.gauge.quality is Quality.GOOD
+        curve.broken = True
+        periods(m)
+        assert (m.gauge.quality, m.level.quality) == (Quality.BAD, Quality.GOOD)
+        assert m.level.read() == 8 * m.level.resolution
+        curve.broken = False
+        periods(m)
+        assert m.gauge.quality is Quality.GOOD
 
 
 @pytest.mark.parametrize("error", RAISED)

@@ -39,7 +39,11 @@ def hints_of(cls: Any) -> dict[str, Any]:
     cannot be evaluated (a class declared inside a function, a type that is imported for type checkers only)."""
     hints: dict[str, Any] = {}
     for base in reversed(cls.__mro__):
-        names, own = vars(sys.modules.get(base.__module__, object)), inspect.get_annotations(base)
+        names = vars(sys.modules.get(base.__module__, object))
+        try:
+            own = inspect.get_annotations(base)
+        except NameError:  # Python 3.14 evaluates them here
+            continue
         hints |= {name: evaluated(each, names, vars(base), extras=True) for name, each in own.items()}
     return hints
 

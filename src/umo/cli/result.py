@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -97,7 +98,7 @@ def rows(name: str, data: Any) -> Iterator[tuple[str, str]]:
 def _text(value: Any) -> str:
     if value is None:
         return "-"
-    text = number_text(value) if isinstance(value, float) else printable(str(value))
+    text = number_text(value) if isinstance(value, float) and isfinite(value) else printable(str(value))
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
 
 

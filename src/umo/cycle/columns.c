@@ -164,7 +164,7 @@ static PyObject *Outputs_new(PyTypeObject *type, PyObject *args, PyObject *named
     return (PyObject *)self;
 }
 
-/* As conversion.step, of one output. */
+/* As conversion._next, of one output. */
 static double step(Block *self, Py_ssize_t i, double now, double dt)
 {
     double pending = column(self, PENDING)[i], rate = column(self, RATE)[i], *stepped = &column(self, STEPPED)[i];

@@ -8,7 +8,7 @@ column `restrictions`, which is the command stage's own, says that it is to be a
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from math import inf, nan
 from typing import Any, Protocol, cast
 
@@ -19,7 +19,7 @@ from umo.cycle.columns import Block, Columns, Scales, Source
 from umo.cycle.conversion import convert_inputs, convert_outputs, send
 from umo.cycle.transfer import FAILURES, Transfer, cause_of_failure
 from umo.drivers.contract import UNREAD, Direction, WaitEnded
-from umo.errors import BadInput, DriverError, Failure
+from umo.errors import BadInput, DriverError, Failure, RangeError
 from umo.objects import Binary, BinaryActuator, BinarySensor, DigitalActuator, DigitalSensor, Quality, link
 from umo.objects.atomic import Digital
 from umo.objects.linearization import Linearizations
@@ -29,8 +29,11 @@ from umo.wiring.resolved import Wire, Wired
 log = logging.getLogger("umo")
 TELL_AGAIN = 10.0
 """Time in s for which a sensor that is marked BAD again is not logged again."""
+NONE: Set[int] = frozenset()
 NO_TICK = -1.0
 """Result of reading the timer when a stop has ended the wait."""
+LARGEST_RAW = 2.0**62
+"""Size of raw integers up to which a zero offset is one."""
 Actuator = BinaryActuator[Any] | DigitalActuator
 Sensor = BinarySensor[Any] | DigitalSensor
 
@@ -137,7 +140,11 @@ class Image:
             except FAILURES as error:
                 self._sample_rest(block, error, now, failures)
                 continue
-            outside = block.convert(now)
+            try:
+                outside = block.convert(now)
+            except Exception:  # of a linearization of the user's
+                self._accept_each(block, {}, failures)
+                continue
             if outside or block.unsettled:
                 self._settle(block, outside, now, failures)
         if failures or self.sampled_good is None:
@@ -152,11 +159,11 @@ class Image:
         failures: list[Failure] = []
         now, dt = self.clock.now, self.clock.dt
         for block in self.outputs:
+            unconverted: Set[int] = NONE
             try:
                 block.give(now, dt)
-            except Exception as error:  # of a linearization of the user's
-                self._unconverted(range(block.start, block.stop), error, failures)
-                continue
+            except Exception:  # of a linearization of the user's
+                unconverted = self._give_each(range(block.start, block.stop), failures)
             try:
                 block.transfer(block.channels, block.buffer)
             except FAILURES as error:
@@ -164,16 +171,19 @@ class Image:
                 continue
             block.commit(now)
             if block.unsettled:
-                for slot in block.unsettled:
+                for slot in block.unsettled - unconverted:
                     self._set_quality(slot, Quality.GOOD)
-                block.unsettled.clear()
+                block.unsettled &= unconverted
         if failures:
             raise DriverError("could not be written", failures)
         return True
 
     def _sample_rest(self, block: Block, error: BaseException, now: float, failures: list[Failure]) -> None:
         """A block of which at least some failed: the others stand."""
-        causes = dict(self.transfer.block_failed(block, error, inputs=True))
+        self._accept_each(block, dict(self.transfer.block_failed(block, error, inputs=True)), failures)
+
+    def _accept_each(self, block: Block, causes: Mapping[int, str], failures: list[Failure]) -> None:
+        """The readings of a block one by one; `causes` are those of the slots that failed."""
         for slot, raw in zip(range(block.start, block.stop), block.view, strict=True):
             if slot in causes:
                 self._fail_input(slot, causes[slot], failures)
@@ -230,13 +240,13 @@ class Image:
 
     def update_some(self, slots: Sequence[int]) -> bool:
         failures: list[Failure] = []
-        linearizations = Linearizations([self.scales.linearizations[slot] for slot in slots])
+        unconverted: Set[int] = NONE
         try:
-            send(self.columns, self.scales, np.array(slots, np.int64), linearizations, self.clock.now, self.clock.dt)
-        except Exception as error:  # of a linearization of the user's
-            self._unconverted(slots, error, failures)
-            raise DriverError("could not be written", failures) from None
-        for slot, cause in self.transfer.write_some(slots, self.columns.sent_raws):
+            self._convert(slots)
+        except Exception:  # of a linearization of the user's
+            unconverted = self._give_each(slots, failures)
+        ready = [slot for slot in slots if slot not in unconverted]
+        for slot, cause in self.transfer.write_some(ready, self.columns.sent_raws):
             if cause is None:
                 self._accepted(slot)
             else:
@@ -248,6 +258,8 @@ class Image:
     def command(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
         """A value within its range was written to an actuator for which the command stage is to be asked; or by a
         hand."""
+        if source is Source.HAND and value != cast(Actuator, self.items[slot])._default_value():
+            self.wires[slot].raw(value)  # a linearization of the user's that raises refuses the command
         if not self.commands.take(slot, value, source):
             return False
         self.pending[slot] = value
@@ -263,7 +275,7 @@ class Image:
             try:
                 raw = self.wires[slot].raw(value)
             except Exception as error:  # of a linearization of the user's
-                self._unconverted([slot], error, failures)
+                self._unconverted(slot, error, failures)
                 return failures
         self.sent[slot], self.sent_raws[slot] = value, raw
         try:
@@ -328,6 +340,8 @@ class Image:
         resolution = float(self.scales.resolution[slot])
         raw = self.nearest(slot, self.values[slot])  # `raws` may be of a reading that failed
         zero_offset = value - raw * resolution
+        if not abs(zero_offset / resolution) < LARGEST_RAW:
+            raise RangeError(f"{item.path}: {value:g} {item.units} is no place that it can have")
         item._calibrate(item.calibration._replace(zero_offset=zero_offset))
         self.scales.zero_offset[slot] = zero_offset
         self.values[slot] = to_value(raw, resolution, zero_offset)
@@ -378,7 +392,11 @@ class Image:
 
     def _accept(self, slot: int, raw: int, failures: list[Failure]) -> None:
         """One sensor was read."""
-        value = self.value_of(slot, raw)
+        try:
+            value = self.value_of(slot, raw)
+        except Exception as error:  # of a linearization of the user's
+            self._fail_input(slot, f"its linearization failed: {cause_of_failure(error)}", failures)
+            return
         inside = self._is_inside(slot, value)
         if (slot in self.invalid_raws or not inside) and (cause := self._refused(slot)):
             self._fail_input(slot, cause, failures)
@@ -441,11 +459,25 @@ class Image:
             log.warning("%s", DriverError("marked BAD", self._marked))
             self._marked = []
 
-    def _unconverted(self, slots: Iterable[int], error: Exception, failures: list[Failure]) -> None:
-        """Actuators that are not sent, as what is pending has no raw integers."""
-        cause = f"its linearization failed: {cause_of_failure(error)}"
+    def _convert(self, slots: Sequence[int]) -> None:
+        """Set what is sent next of some actuators; whatever a linearization of the user's raises."""
+        linearizations = Linearizations([self.scales.linearizations[slot] for slot in slots])
+        send(self.columns, self.scales, np.array(slots, np.int64), linearizations, self.clock.now, self.clock.dt)
+
+    def _give_each(self, slots: Iterable[int], failures: list[Failure]) -> set[int]:
+        """The same one by one. The slots of those that failed: they keep what was sent last."""
+        failed = set()
         for slot in slots:
-            self._fail_output(slot, cause, failures)
+            try:
+                self._convert([slot])
+            except Exception as error:
+                self._unconverted(slot, error, failures)
+                failed.add(slot)
+        return failed
+
+    def _unconverted(self, slot: int, error: Exception, failures: list[Failure]) -> None:
+        """What is pending has no raw integer."""
+        self._fail_output(slot, f"its linearization failed: {cause_of_failure(error)}", failures)
 
     def _fail_output(self, slot: int, cause: str, failures: list[Failure]) -> None:
         self._keep_unsent(slot)

@@ -1,4 +1,4 @@
-"""Mistake a driver's class by name: entry points of the group `umo.drivers`, or `module:Class`.
+"""Find a driver's class by name: entry points of the group `umo.drivers`, or `module:Class`.
 
 A driver is imported only if a wiring names it. A driver that is missing is not replaced by another one.
 """

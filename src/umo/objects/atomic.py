@@ -15,7 +15,7 @@ from umo.objects.link import Unconnected
 from umo.objects.node import Node
 from umo.objects.quality import Quality
 from umo.objects.units import check_unit, convert
-from umo.presentation.digits import digits_of, number_text
+from umo.presentation.digits import NO_VALUE, digits_of, number_text
 from umo.presentation.in_words import measure, span
 from umo.presentation.qualities import quality_text
 from umo.states import TwoState
@@ -255,7 +255,8 @@ class Digital(Atomic):
 
     def _shown(self) -> str:
         digits = digits_of(self._resolution, self._zero_offset) if self._linearization is None else None
-        return measure(self._image.values[self._slot], self._units, digits)
+        value: float = self._image.values[self._slot]
+        return measure(value, self._units, digits) if math.isfinite(value) else NO_VALUE
 
 
 def _finite(name: str, number: float) -> float:

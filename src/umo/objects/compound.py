@@ -102,7 +102,8 @@ class Compound(Node):
         for name in names:
             if name in RESERVED or name.startswith("_"):
                 raise _reserved(cls, name)
-        for name in SERVICES & vars(cls).keys():
+        own = (each for each in cls.__mro__ if each not in Compound.__mro__)  # mixins too
+        for name in (name for each in own for name in SERVICES & vars(each).keys()):
             raise _reserved(cls, name)
 
     @final

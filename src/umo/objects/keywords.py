@@ -84,4 +84,8 @@ def _similar(name: str, value: Any) -> str:
     """The keyword of which this is a misspelling, "" if it is none."""
     near = get_close_matches(name, [*KEYWORDS, *FORMER], n=1, cutoff=SIMILAR)
     meant = FORMER.get(near[0], near[0]) if near else ""
-    return meant if meant and _is_valid(meant, value) else ""
+    if meant == "numbers":
+        declared = isinstance(value, Mapping) and any(isinstance(each, Range | str) for each in value.values())
+    else:
+        declared = bool(meant) and _is_valid(meant, value)
+    return meant if declared else ""

@@ -73,7 +73,7 @@ class MachineNumber(NamedTuple):
         number = self.declared.checked(self.path, value)
         if self.kind is int:
             return self.declared.check_whole(self.path, value)
-        if self.kind is None and isinstance(getattr(self.owner, self.name), int) and number == int(number):
+        if self.kind is None and isinstance(self.value, int) and number == int(number):
             return int(number)
         return float(number)
 
@@ -89,7 +89,7 @@ class MachineNumber(NamedTuple):
     def set(self, value: object) -> None:
         """Tune it. RangeError if the value is not a number within the range, or its owner does not accept it; then the
         number is what it was."""
-        number, before = self.checked(value), getattr(self.owner, self.name)
+        number, before = self.checked(value), self.value
         _, error = attempt(self._set, number)
         if error is not None:
             attempt(self.assign, before)
@@ -154,7 +154,7 @@ def _laws(node: Compound) -> Iterator[tuple[str, Any]]:
 def _fields(owner: Any, path: str) -> Iterator[MachineNumber]:
     """The fields of a compound, or of a law that is a dataclass, whose values a wiring can set."""
     for name, (kind, limits) in _fields_of(owner.__class__).items():
-        value = getattr(owner, name, None)
+        value, _ = attempt(getattr, owner, name)
         full = f"{path}.{name}".lstrip(".")
         if isinstance(limits, str):
             raise DeclarationError(f"number {full}: its annotation {limits!r} cannot be evaluated")
@@ -221,7 +221,7 @@ def _at(path: str, declared: Number, owner: Any, way: str, name: str) -> Machine
     fields = _fields_of(cls)
     static = inspect.getattr_static(cls, name, _MISSING)  # not of the object: looking into its dict makes it slower
     only_shown = declared.shown and not declared.tunable and name not in fields
-    value = None if only_shown and static is not _MISSING else _step(owner, name, path)  # it may need the machine
+    value = None if only_shown and static is not _MISSING else _attribute(owner, name, path)  # it may need the machine
     if only_shown:
         return MachineNumber(path, declared, owner, name, None, False, False)
     if not isinstance(value, PLAIN):
@@ -247,6 +247,10 @@ def _step(owner: Any, name: str, path: str) -> Any:
         return owner[keys[name]]
     if isinstance(owner, list | tuple) and name.isdigit() and int(name) < len(owner):
         return owner[int(name)]
+    return _attribute(owner, name, path)
+
+
+def _attribute(owner: Any, name: str, path: str) -> Any:
     value, error = attempt(getattr, owner, name)
     if error is None:
         return value
@@ -261,8 +265,8 @@ def _returned(static: Any) -> type | None:
     if not isinstance(static, property) or static.fget is None:
         return None
     function: Any = static.fget
-    annotation = function.__annotations__.get("return")
-    return None if annotation is None else _annotated(evaluated(annotation, function.__globals__))[0]
+    annotation = getattr(function, "__annotations__", {}).get("return")
+    return None if annotation is None else _annotated(evaluated(annotation, getattr(function, "__globals__", {})))[0]
 
 
 def _kind_of(value: Any) -> type | None:

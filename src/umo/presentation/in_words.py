@@ -19,8 +19,9 @@ def digits_in(about: About) -> int | None:
 
 
 def measure(value: float, unit: str, digits: int | None = None) -> str:
-    """A number with its unit: `12.5 mm/s²`."""
-    return f"{number_text(value, digits)} {shown_unit(unit)}".rstrip()
+    """A number with its unit, for messages: `12.5 mm/s²`, `nan mm`."""
+    text = number_text(value, digits) if isfinite(value) else str(float(value))
+    return f"{text} {shown_unit(unit)}".rstrip()
 
 
 def span(minimum: float | None, maximum: float | None, unit: str = "") -> str:

@@ -17,10 +17,10 @@ NAMES = {
     "ohm": "Ω",
     "kohm": "kΩ",
     "Mohm": "MΩ",
-    "sampling_period": "",
-    "dimensionless": "",
     **{f"u{unit}": f"µ{unit}" for unit in ("m", "s", "V", "A", "W", "N", "g", "F", "H", "J", "T", "L", "l", "rad")},
 }
+NOTHING = ("sampling_period", "dimensionless")
+"""Units that say nothing where they are the whole unit."""
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _NAME = re.compile(r"[^\W\d]\w*")
 _POWER = re.compile(r"\s*(?:\*\*|\^)\s*\+?(-?\d+)(?![.\d])")
@@ -30,5 +30,7 @@ _TIMES = re.compile(r"\s*(?<!\*)\*(?!\*)\s*")
 @lru_cache(maxsize=1024)
 def shown_unit(unit: str) -> str:
     """A declared unit as it is shown; empty for one that says nothing."""
+    if unit in NOTHING:
+        return ""
     text = _POWER.sub(lambda power: power[1].translate(SUPERSCRIPTS), unit)
     return _NAME.sub(lambda name: NAMES.get(name[0], name[0]), _TIMES.sub("·", text))

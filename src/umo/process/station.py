@@ -1,4 +1,4 @@
-"""Mistake a station: a directory, or a package that ships with umo."""
+"""Find a station: a directory, or a package that ships with umo."""
 
 from __future__ import annotations
 
