@@ -25,7 +25,8 @@ def walk(node: Node) -> Iterator[Node]:
     """Every object below this one, in declared order, a compound before its parts."""
     for child in node._children.values():
         yield child
-        yield from walk(child)
+        if child._children:  # not a generator for each atomic object
+            yield from walk(child)
 
 
 def atoms(node: Node) -> Iterator[Atomic]:
