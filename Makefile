@@ -50,7 +50,7 @@ bench: $(STAMP)
 docs: $(STAMP)
 	$(BIN)/python -m pytest tests/test_docs.py
 	$(BIN)/python tools/count.py
-	$(BIN)/python -m sphinx -q -j auto docs site
+	$(BIN)/python -m sphinx -q -W -j auto docs site
 
 # One wheel for every Python from 3.11 on, in dist/. The audit fails if its binary uses more than the stable interface.
 wheel: $(STAMP)

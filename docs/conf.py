@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from importlib.metadata import version as version_of
 from typing import Any
 
@@ -26,9 +27,16 @@ autodoc_preserve_defaults = True
 
 
 def as_restructured_text(app: object, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
-    """Docstrings have their examples indented, without a mark before them."""
+    """Docstrings have their examples indented, without a mark before them, and `name: meaning` in lists of names."""
     found: list[str] = []
-    for line in lines:
+    named = False
+    for line, following in zip(lines, [*lines[1:], ""], strict=False):
+        if line.strip():
+            is_name = re.match(r"[a-z_]+: ", line) is not None and (named or following.startswith("    "))
+            named = is_name or (named and line.startswith("    "))
+            if is_name:
+                found.append(f":{line}")
+                continue
         begins = line.startswith("    ") and found and not found[-1].strip()
         before = next((each for each in reversed(found) if each.strip()), "")
         if begins and not before.startswith(" ") and not before.endswith("::"):

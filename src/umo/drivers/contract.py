@@ -151,9 +151,10 @@ class Driver(ABC, Generic[C]):
         return None
 
     def read_many(self, channels: Sequence[C], out: IntArray) -> None:
-        """Read all channels into `out`, in place: the sensors of one period, if possible in one bus transfer. `channels`
-        is a tuple without repetitions, for the whole machine the same object in every period: a plan may be kept by it.
-        Raises ChannelsFailed if only some channels failed. A place of `out` that is not filled counts as failed."""
+        """Read all channels into `out`, in place: the sensors of one period, if possible in one bus transfer.
+        `channels` is a tuple without repetitions, for the whole machine the same object in every period: a plan may be
+        kept by it. Raises ChannelsFailed if only some channels failed. A place of `out` that is not filled counts as
+        failed."""
         failed: dict[str, str] = {}  # texts: a frame that keeps its own errors is never freed
         for i, channel in enumerate(channels):
             try:
