@@ -28,6 +28,9 @@ autodoc_preserve_defaults = True
 
 def as_restructured_text(app: object, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
     """Docstrings have their examples indented, without a mark before them, and `name: meaning` in lists of names."""
+    if what == "module" and any(line.startswith("|-- ") for line in lines):  # the tree of umo.errors
+        tree = lines.index("") + 1
+        lines[tree:] = [f"    {line}" for line in lines[tree:]]
     found: list[str] = []
     named = False
     for line, following in zip(lines, [*lines[1:], ""], strict=False):

@@ -248,10 +248,10 @@ class Cancelled(BaseException):
 def text_of(error: BaseException) -> str:
     """The one text of an exception, in one line. One of umo, of the operating system or of a device explains itself;
     any other comes from a mistake in code: its type is before its text, the place where it was raised behind it."""
-    text = in_a_line(str_of(error))
-    if text and isinstance(error, UmoError | OSError):
-        return text
-    first = str_of(error).strip().partition("\n")[0]
+    said = str_of(error).strip()
+    if said and isinstance(error, UmoError | OSError):
+        return in_a_line(said)
+    first = said.partition("\n")[0]
     return ": ".join(filter(None, (type(error).__name__, first))) + in_brackets(place_of(error))
 
 

@@ -43,7 +43,7 @@ def show_drivers() -> None:
             tree.add(label((known, "bold"), (str(error), "red")))
             continue
         branch = tree.add(label((known, "bold"), (_doc(cls).partition("\n")[0], "")))
-        brief = [_brief(each) for each in _parameters(cls).values()]
+        brief = [_brief(each) for each in parameters_of(cls).values()]
         branch.add(Text(f"options: {', '.join([*brief, *_of_all(cls)])}"))
         if forms := _forms(cls, {}):
             branch.add(Text(f"channels: {forms}"))
@@ -60,7 +60,7 @@ def show_driver(name: str, arguments: Sequence[str]) -> None:
     tree = Tree(label((cls.__name__, "bold"), (" ".join(first.split()), "")))
     options = tree.add("options")
     described = options_in(doc)
-    for key, parameter in _parameters(cls).items():
+    for key, parameter in parameters_of(cls).items():
         options.add(label((_written(parameter), "cyan"), (described.get(key, ""), "")))
     for key, (kind, text) in _of_all(cls).items():
         options.add(label((f"{key}: {kind}", "cyan"), (text, "")))
@@ -85,10 +85,6 @@ def _find(name: str) -> type[Driver]:
 def _doc(cls: type[Driver]) -> str:
     """Its own docstring: that of `Driver` says nothing of it."""
     return inspect.cleandoc(cls.__doc__ or "")
-
-
-def _parameters(cls: type[Driver]) -> dict[str, inspect.Parameter]:
-    return parameters_of(cls)
 
 
 def _of_all(cls: type[Driver]) -> dict[str, tuple[str, str]]:

@@ -51,29 +51,31 @@ class Columns:
         self.values = wide[5]
         self.quality, self.restrictions = memory[8 * WIDE * count :].reshape(NARROW, count)
         self.times.fill(nan)
-        self.shown = memory[40 * count :].data
+        self.shown = memory[wide[:5].nbytes :].data
         """The bytes of `values`, `raws`, `quality` and `restrictions`, in this order: what a frame shows."""
 
 
 class Scales:
     """What converts each object: value = raw * resolution + zero_offset. It changes only by homing."""
 
-    def __init__(self, wires: Sequence[Wire]) -> None:
+    def __init__(self, wires: Sequence[Wire], default_raws: Sequence[int | None]) -> None:
+        """`default_raws`: the raw integer of each actuator's default, None for a sensor."""
         count = len(wires)
         self.resolution, self.zero_offset = np.array([wire.scale for wire in wires], float).reshape(count, 2).T.copy()
         self.low, self.high = np.array([wire.bounds for wire in wires], float).reshape(count, 2).T.copy()
         """Bounds within which a sensor's value is GOOD."""
         self.least, self.greatest = np.array([_raw_bounds(wire) for wire in wires], float).reshape(count, 2).T.copy()
         """The least and the greatest raw integer of an actuator."""
-        self.exact = np.array([_is_exact(wire) for wire in wires], bool)
+        exact = [wire.item.direction is Direction.INPUT or wire.exact for wire in wires]
+        self.exact = np.array(exact, bool) & (np.maximum(np.abs(self.least), np.abs(self.greatest)) < 2.0**51)
         """Whether the raw integer nearest to any value of an actuator's range lies within these two, and is not so
         great that floats near it are whole numbers."""
         self.rate = np.array([_rate(wire) for wire in wires], float)
         """The largest rate of an actuator in units per s; infinite: it is not limited."""
         self.defaults = np.array([_default(wire) for wire in wires], float)
         """The default of an actuator."""
-        self.default_raws = np.array([0 if (raw := wire.default) is None else raw for wire in wires], np.int64)
-        """Its raw integer: worked out once, as no reset may depend on a linearization of the user's."""
+        self.default_raws = np.array([raw or 0 for raw in default_raws], np.int64)
+        """Its raw integer."""
         self.linearizations: list[Linearization | None] = [wire.linearization for wire in wires]
 
 
@@ -84,12 +86,6 @@ def _raw_bounds(wire: Wire) -> tuple[float, float]:
     least, greatest = wire.raw_bounds
     low, high = float(least), float(greatest)
     return low if low >= least else nextafter(low, inf), high if high <= greatest else nextafter(high, -inf)
-
-
-def _is_exact(wire: Wire) -> bool:
-    if wire.item.direction is Direction.INPUT:
-        return True
-    return wire.exact and max(map(abs, wire.raw_bounds)) < 2**51
 
 
 def _rate(wire: Wire) -> float:

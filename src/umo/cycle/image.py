@@ -30,6 +30,7 @@ log = logging.getLogger("umo")
 TELL_AGAIN = 10.0
 """Time in s for which a sensor that is marked BAD again is not logged again."""
 NONE: Set[int] = frozenset()
+"""No slots."""
 NO_TICK = -1.0
 """Result of reading the timer when a stop has ended the wait."""
 LARGEST_RAW = 2.0**62
@@ -73,9 +74,9 @@ class Image:
         self.raws: Any = columns.raws.data
         self.quality: Any = columns.quality.data
         self.restrictions: Any = columns.restrictions.data
-        self.scales = scales = Scales(self.wires)
-        self._low, self._high = scales.low.data, scales.high.data
         self.transfer = Transfer(self.wires, wired, self.timer, columns.raws)
+        self.scales = scales = Scales(self.wires, self.transfer.defaults)
+        self._low, self._high, self._defaults = scales.low.data, scales.high.data, scales.defaults.data
         self.commands: Gate
         self.unsent: set[int] = set()
         """Asynchronous actuators whose default the device did not accept. The defaults of the others are sent by every
@@ -258,7 +259,7 @@ class Image:
     def command(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
         """A value within its range was written to an actuator for which the command stage is to be asked; or by a
         hand."""
-        if source is Source.HAND and value != cast(Actuator, self.items[slot])._default_value():
+        if source is Source.HAND and value != self._defaults[slot]:
             self.wires[slot].raw(value)  # a linearization of the user's that raises refuses the command
         if not self.commands.take(slot, value, source):
             return False
@@ -271,7 +272,7 @@ class Image:
         """Send the pending value of one asynchronous actuator to the hardware, now."""
         failures: list[Failure] = []
         value, raw = self.pending[slot], self.transfer.defaults[slot]
-        if value != cast(Actuator, self.items[slot])._default_value():
+        if value != self._defaults[slot]:
             try:
                 raw = self.wires[slot].raw(value)
             except Exception as error:  # of a linearization of the user's
@@ -489,7 +490,7 @@ class Image:
         written."""
         item = self.items[slot]
         if item.direction is Direction.OUTPUT and not item.synchronous:
-            at_default = self.pending[slot] == cast(Actuator, item)._default_value()
+            at_default = self.pending[slot] == self._defaults[slot]
             (self.unsent.add if at_default else self.unsent.discard)(slot)
 
     def _set_quality(self, slot: int, quality: Quality) -> None:
@@ -507,7 +508,7 @@ class Image:
 
     def set_default(self, slot: int) -> None:
         """Its default is pending."""
-        self.pending[slot] = cast(Actuator, self.items[slot])._default_value()
+        self.pending[slot] = self._defaults[slot]
 
     def _blocks(self, direction: Direction) -> list[Block]:
         inputs = direction is Direction.INPUT
