@@ -14,7 +14,7 @@ from typing import Any
 
 from umo import Compound
 from umo.cycle import connect
-from umo.cycle.rehearsal import rise_early
+from umo.cycle.cache_warming import wait_busily
 from umo.drivers.contract import Channel, IntArray
 from umo.drivers.simulated import Simulated
 from umo.latency import Samples, native
@@ -79,7 +79,7 @@ def serve() -> None:
         realtime.prepare()
         priority, core = realtime.granted()
         ticker = connection.wired.drivers["timerfd"].ticker  # type: ignore[attr-defined]
-        rise_early(connection.wired, realtime.early_by_itself(PERIOD))
+        wait_busily(connection.wired, realtime.default_busy_wait(PERIOD))
         sys.stdout.buffer.write(GRANTED.pack(priority, -1 if core is None else core))
         sys.stdout.buffer.flush()
         slice_of(m, ticker, 1, lambda: box.handed)  # in the first period nothing is sent

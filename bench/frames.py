@@ -16,7 +16,7 @@ from bench.machine import machine, wiring
 from bench.mix import layout
 from umo import Compound, connect, published
 from umo.cycle import Frame
-from umo.cycle.hands import Hands
+from umo.cycle.client_control import ClientControl
 from umo.frames import Reader, Ring
 from umo.frames.cells import HEAD, Cells
 from umo.remote.queue import Receiver
@@ -100,10 +100,10 @@ def looking(batches: int) -> tuple[tuple[float, float], tuple[float, float]]:
         assert reader.ends is not None
         file = reader.ends.cells
         cells = Cells(file, reader.layout)
-        hands = Hands(connection.machine, Receiver(cells), cells)
+        clients = ClientControl(connection.machine, Receiver(cells), cells)
         looks, reads = [], []
         for _ in range(batches):
-            looks.append(_batch(lambda _: hands.look(), None))
+            looks.append(_batch(lambda _: clients.look(), None))
             reads.append(_batch(lambda _: os.pread(file, 8, HEAD), None))
         cells.close()
     return (min(looks), float(np.median(looks))), (min(reads), float(np.median(reads)))

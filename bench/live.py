@@ -98,12 +98,12 @@ def _realtime(periods: int) -> Iterator[Target]:
     count = len(found.umo.total) + found.umo.missed
     yield _row(f"z-theta, 1 ms, {count:,} periods: waking up + execution", found.umo)
     yield Target("  waking up alone", "-", _two(found.umo, "wake"), "")
-    yield _row("  a process that sleeps until the tick (early = 0)", found.asleep)
-    if found.c is None or found.c_early is None:
+    yield _row("  a process that sleeps until the tick (busy_wait = 0)", found.asleep)
+    if found.c is None or found.c_busy is None:
         yield Target("  the C loop", "-", "-", "not measured: no compiler")
         return
     yield _row("  the C loop, which sleeps until the tick, in turns", found.c)
-    yield _row("  the C loop, rising as early", found.c_early)
+    yield _row("  the C loop, waiting busily as long", found.c_busy)
     c = np.percentile(found.c.total, [50, 99])
     both, wake = (np.percentile(values, [50, 99]) for values in (found.umo.total, found.umo.wake))
     against = "against the C loop that sleeps"

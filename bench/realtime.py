@@ -22,7 +22,7 @@ from umo.frames import Reader
 from umo.latency import Samples, native
 from umo.latency.loop import Loop, example, slice_of
 from umo.latency.measure import BUSY
-from umo.system.realtime import early_for
+from umo.system.realtime import busy_wait_for
 
 PERIOD = 0.001
 NAIVE_PERIODS = 5000
@@ -41,12 +41,12 @@ while True:
 @dataclass
 class Loops:
     """z-theta as `umo run` runs it, and with a process that sleeps until the tick; the C loop, which sleeps, and one
-    that rises as early as umo's. None without a compiler."""
+    that waits busily as long as umo's. None without a compiler."""
 
     umo: Samples
     asleep: Samples
     c: Samples | None
-    c_early: Samples | None
+    c_busy: Samples | None
 
 
 def measure(periods: int) -> Loops:
@@ -56,14 +56,14 @@ def measure(periods: int) -> Loops:
     found = Loops(Samples(), Samples(), None, None)
     with native.compiled() as program, _busy():
         if program is not None:
-            found.c, found.c_early = Samples(), Samples()
+            found.c, found.c_busy = Samples(), Samples()
         while (count := _count(found.umo)) < periods:
             with _station(found.umo, "auto"):
-                if program is not None and found.c is not None and found.c_early is not None:
+                if program is not None and found.c is not None and found.c_busy is not None:
                     as_long, loop = _count(found.umo) - count, _granted()
-                    early = early_for(PERIOD) if loop.granted else 0.0
+                    busy_wait = busy_wait_for(PERIOD) if loop.granted else 0.0
                     found.c.add(native.run(program, PERIOD, as_long, loop.priority, loop.cpu))
-                    found.c_early.add(native.run(program, PERIOD, as_long, loop.priority, loop.cpu, early))
+                    found.c_busy.add(native.run(program, PERIOD, as_long, loop.priority, loop.cpu, busy_wait))
             with _station(found.asleep, 0, most=5000):
                 pass
     return found
@@ -74,9 +74,9 @@ def _count(samples: Samples) -> int:
 
 
 @contextmanager
-def _station(found: Samples, early: str | int, most: int = 10**9) -> Iterator[None]:
+def _station(found: Samples, busy_wait: str | int, most: int = 10**9) -> Iterator[None]:
     """One part, from homing to placing, or so many periods; then the block, in which its readers are still there."""
-    wiring = tomllib.loads(_wiring().read_text("utf-8")) | {"process": {"early": early}}
+    wiring = tomllib.loads(_wiring().read_text("utf-8")) | {"process": {"busy_wait": busy_wait}}
     with umo.start("ztheta", wiring, parts=1, realtime=True, acknowledge=True) as started:
         while started.frames is None and started.outcome is None:
             started.poll(0.1)

@@ -438,7 +438,7 @@ def test_holding_takes_the_time_of_the_wall_clock_whatever_the_timer_does(
     wiring = tank / "wiring" / "virtual.toml"
     wires = [f'"{path}" = {{ driver = "simulated" }}' for path in ("inlet", "drain", "level", "overflow")]
     wiring.write_text("\n".join(["[wire]", *wires, '"timer" = { driver = "simulated", period = "10 ms" }']))
-    monkeypatch.setattr("umo.cli.hand.time", SimpleNamespace(monotonic=lambda: clock[0], sleep=sleep))
+    monkeypatch.setattr("umo.cli.get_set.time", SimpleNamespace(monotonic=lambda: clock[0], sleep=sleep))
     result = umo("set", "tank", "inlet", "OPEN", "-w", "virtual", "--hold", "0.5")
     assert result.exit_code == 0, said(result)
     assert clock[0] == pytest.approx(100.5, abs=0.02)

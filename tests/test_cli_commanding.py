@@ -80,7 +80,7 @@ def test_the_actions_are_listed_with_units_and_ranges(conveyor: umo.Started) -> 
     result = run("call", "conveyor")
     assert result.exit_code == 0, said(result)
     assert "speed=0 to 1 m/s" in result.stdout
-    assert "as long as it is kept up" in result.stdout
+    assert "as long as it is held" in result.stdout
     assert "Push whatever is before the diverter onto the chute." in result.stdout
 
 
@@ -108,7 +108,7 @@ def test_an_action_is_called_with_units_and_waited_for(conveyor: umo.Started) ->
         (["tune", "conveyor", "window", "-5 1/h"], "'1/h' cannot be converted to 'mm'"),
         (["set", "conveyor", "belt.setpoint", "-.5"], "belt.setpoint: -0.5 m/s is outside 0 to 1"),
         (["call", "conveyor", "belt.run_at", "speed=-3"], "belt.run_at: speed: -3 m/s is outside 0 to 1"),
-        (["call", "conveyor", "push", "--hold", "1"], "push ends by itself; --hold is for actions that are kept up"),
+        (["call", "conveyor", "push", "--hold", "1"], "push ends by itself; --hold is for dead-man actions"),
         (["set", "conveyor", "belt.setpont", "1"], "no object 'belt.setpont' (did you mean 'belt.setpoint'?)"),
         (["acknowledge", "conveior"], "'conveior' neither runs nor stands stopped"),
         (["call", "conveyor", "belt.run_at", "-3"], "'-3' is not one of its arguments: speed=..."),
@@ -178,7 +178,7 @@ def test_an_actuator_of_a_running_station_is_taken_and_given_back(conveyor: umo.
 
 
 @pytest.mark.parametrize("words", HELD)
-@pytest.mark.parametrize("how", ["another hand takes the lease", "it gives no sign of life"])
+@pytest.mark.parametrize("how", ["another client takes the lease", "it gives no sign of life"])
 def test_a_command_ends_with_status_2_when_the_machine_holds_no_longer_what_it_holds(
     conveyor: umo.Started, monkeypatch: pytest.MonkeyPatch, words: list[str], how: str
 ) -> None:
@@ -221,7 +221,7 @@ def test_what_was_never_held_has_not_ended(conveyor: umo.Started) -> None:
         assert lease.ended("diverter") == ""
 
 
-def test_the_lease_of_another_hand_is_shown_and_taken_over_only_on_demand(conveyor: umo.Started) -> None:
+def test_the_lease_of_another_client_is_shown_and_taken_over_only_on_demand(conveyor: umo.Started) -> None:
     with umo.attach(conveyor.pid) as station, station.lease("somebody else"):
         assert "lease: somebody else" in run("mode", "conveyor").stdout
         result = run("call", "conveyor", "push")

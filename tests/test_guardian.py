@@ -15,7 +15,7 @@ import pytest
 
 import umo
 from helpers import process_box
-from helpers.machines import Board, bench, on, relay, wired
+from helpers.machines import ResetState, bench, on, relay, wired
 from helpers.process_box import Cells
 from helpers.runs import Run, assert_safe, standing
 from umo import connect
@@ -25,14 +25,14 @@ from umo.errors import DeviceTimeout, DriverError
 from umo.process import control_process, reset, silence
 from umo.process import life as life_module
 from umo.process import outcome as outcome_module
-from umo.process.board import Board as ResetBoard
-from umo.process.board import Reached
 from umo.process.control_process import Control
 from umo.process.job import Job, Plan
-from umo.process.life import LARGEST, Life
+from umo.process.life import MAX_TEXT, Life
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome, plain
 from umo.process.reset import Resetter
+from umo.process.reset_state import Reached
+from umo.process.reset_state import ResetState as ResetBoard
 from umo.process.share import Share
 from umo.process.silence import LOOK, Silence
 from umo.process.start import vanished
@@ -102,7 +102,7 @@ def test_an_exception_with_an_endless_message_is_reported_in_a_bounded_one(tmp_p
     outcome = Run(process_box.wiring(tmp_path / "box"), "fails_at_length").outcome()
     assert outcome.failure is not None
     assert outcome.failure.message.startswith("ValueError: xxxxx")
-    assert len(outcome.encode()) < LARGEST
+    assert len(outcome.encode()) < MAX_TEXT
     assert (outcome.status, outcome.unsafe) == (1, False)
 
 
@@ -115,8 +115,8 @@ def test_plain_results_pass_as_they_are() -> None:
 )
 def test_however_long_an_outcome_is_it_arrives_with_some_of_its_unreached_actuators(text: str, name: str) -> None:
     outcome = Outcome(Failed("StopError", text, 3, text), unreached=[name.format(i) for i in range(4000)], result=text)
-    assert len(outcome.encode()) <= outcome_module.LARGEST < LARGEST
-    assert len(json.dumps(outcome.dump())) <= outcome_module.LARGEST
+    assert len(outcome.encode()) <= outcome_module.MAX_BYTES < MAX_TEXT
+    assert len(json.dumps(outcome.dump())) <= outcome_module.MAX_BYTES
     again = Outcome.decode(outcome.encode())
     assert again is not None
     assert again.status == 3
@@ -553,7 +553,7 @@ def test_a_report_that_fails_is_told_and_changes_nothing_else(tmp_path: Path, ce
 
 def test_after_a_write_that_failed_everything_is_reset_a_second_time_later(tmp_path: Path) -> None:
     """A device that stalled carried out the abandoned write after the reset had been confirmed."""
-    machine, box = bench(), Board(f"test {tmp_path}")
+    machine, box = bench(), ResetState(f"test {tmp_path}")
     connection = connect(machine, on(box, machine))
     waited: list[float] = []
     connection.pause = waited.append
@@ -581,7 +581,7 @@ def test_a_write_that_failed_on_a_simulated_circuit_costs_no_waiting() -> None:
 
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, value in {"GRACE": 0.4, "PATIENCE": 0.05, "PAUSE": 0.01, "BURIAL": 0.2}.items():
+    for name, value in {"GRACE": 0.4, "PATIENCE": 0.05, "PAUSE": 0.01, "DEATH_TIMEOUT": 0.2}.items():
         monkeypatch.setattr(reset, name, value)
 
 
@@ -705,13 +705,13 @@ def test_a_silent_device_gets_more_time_from_attempt_to_attempt(tmp_path: Path) 
 
 
 def test_a_board_keeps_what_was_reached_and_why_not() -> None:
-    board = ResetBoard(["a", "b", "c"])
-    board.note(0, Reached.YES)
-    board.note(1, Reached.NO, "no route ü" * 100)
-    assert [board.reached(i) for i in range(3)] == [Reached.YES, Reached.NO, Reached.UNTRIED]
-    assert board.cause(1).startswith("no route ü")
-    board.clear()
-    assert board.reached(0) is Reached.UNTRIED
+    state = ResetBoard(["a", "b", "c"])
+    state.note(0, Reached.YES)
+    state.note(1, Reached.NO, "no route ü" * 100)
+    assert [state.reached(i) for i in range(3)] == [Reached.YES, Reached.NO, Reached.UNTRIED]
+    assert state.cause(1).startswith("no route ü")
+    state.clear()
+    assert state.reached(0) is Reached.UNTRIED
 
 
 @pytest.mark.parametrize(

@@ -26,11 +26,11 @@ from umo.system.realtime import Refusal
 
 
 def measured(total_us: list[float], missed: int = 0, refusals: tuple[Refusal, ...] = ()) -> Measured:
-    """A loop of 1 ms with these wake-ups, and 5 us of work; rising early it is always quicker."""
+    """A loop of 1 ms with these wake-ups, and 5 us of work; waiting busily it is always quicker."""
     umo = Samples(np.array(total_us) - 5.0, np.full(len(total_us), 5.0), missed, 1e6, 1e7)
-    early = Samples(np.zeros(max(len(total_us), 1)), np.full(max(len(total_us), 1), 5.0), 0, 2e6, 1e7)
+    awake = Samples(np.zeros(max(len(total_us), 1)), np.full(max(len(total_us), 1), 5.0), 0, 2e6, 1e7)
     c = Samples(np.array([20.0]), np.array([0.5]))
-    return Measured(0.001, 200e-6, list(refusals), umo=umo, umo_early=early, c=c, c_early=c)
+    return Measured(0.001, 200e-6, list(refusals), umo=umo, umo_busy=awake, c=c, c_busy=c)
 
 
 @pytest.mark.parametrize(
@@ -66,10 +66,10 @@ BETTER = "99 % of the periods that begin in time end within 5 µs instead of 90 
 @pytest.mark.parametrize(
     ("granted", "better", "said"),
     [
-        (True, True, f"umo run rises 200 µs early here: {BETTER}"),
-        (False, True, f'`early = "200 us"` in [process]: {BETTER}'),
-        (True, False, "`early = 0` in [process]: rising 200 µs early does not help here"),
-        (False, False, "rising early does not help here"),
+        (True, True, f"umo run waits busily for 200 µs here: {BETTER}"),
+        (False, True, f'`busy_wait = "200 us"` in [process]: {BETTER}'),
+        (True, False, "`busy_wait = 0` in [process]: busy waiting for 200 µs does not help here"),
+        (False, False, "busy waiting does not help here"),
     ],
 )
 def test_early_rising_is_recommended_where_it_helps_and_its_cost_is_said(
@@ -125,7 +125,7 @@ def test_a_short_run_leaves_figures_of_both_loops(
     assert result.exit_code == 0, result.output + result.stderr
     found = json.loads(file.read_text())
     assert found["umo"]["periods"] + found["umo"]["missed"] == 100
-    assert found["umo_early"]["periods"] + found["umo_early"]["missed"] == 100
+    assert found["umo_busy"]["periods"] + found["umo_busy"]["missed"] == 100
     assert (found["c"] is None) == (not compiler) or "no C compiler" in result.stderr
     assert found["verdict"] in ("yes", "with care", "no")
     assert f"5 ms: {found['verdict']}. " in result.stdout
@@ -137,7 +137,7 @@ def test_the_loop_has_a_process_of_one_thread_which_is_not_a_fork(monkeypatch: p
     with closing(Loop(0.005, 0, None)) as loop:
         status = Path(f"/proc/{loop._process.pid}/status").read_text()
         assert "Threads:\t1\n" in status
-        assert len(loop.run(3, early=0.001).times) == 3
+        assert len(loop.run(3, busy_wait=0.001).times) == 3
     assert loop._process.returncode == 0
 
 

@@ -1,4 +1,4 @@
-"""The Modbus driver against a device made with libmodbus (tests/helpers/peers/modbus_peer.c): another hand wrote the
+"""The Modbus driver against a device made with libmodbus (tests/helpers/peers/modbus_peer.c): another client wrote the
 other end. Its channels and plans as pure functions are in test_modbus_plan.py."""
 
 from __future__ import annotations

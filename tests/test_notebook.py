@@ -25,8 +25,8 @@ from helpers.machines import bench, relay, sensor, switch, wired
 from helpers.patient import conveyor
 from helpers.waiting import until
 from umo import Compound, DigitalSensor, Number, Vector, connect, published
-from umo.cycle.hand_commands import Mode
-from umo.cycle.hands import Hands
+from umo.cycle.client_commands import Mode
+from umo.cycle.client_control import Clients
 from umo.errors import FramesError, PathError, RangeError
 from umo.frames import Reader
 from umo.frames.cells import Cells
@@ -234,8 +234,8 @@ def test_mode_lease_and_tunable_numbers_are_shown() -> None:
         reader = Reader(ring.path)
         assert reader.ends is not None
         cells = Cells(reader.ends.cells, reader.layout)
-        connection.machine.hands = hands = Hands(connection.machine, Receiver(cells), cells, Mode.MANUAL)
-        hands.lease.take("anna & bert", "key", 60.0, 0.0)
+        connection.machine.clients = clients = Clients(connection.machine, Receiver(cells), cells, Mode.MANUAL)
+        clients.lease.acquire("anna & bert", "key", 60.0, 0.0)
         periods(m)
         with reader:
             assert "mode: manual · lease: anna & bert" in shown(reader).heading
@@ -244,7 +244,7 @@ def test_mode_lease_and_tunable_numbers_are_shown() -> None:
                 == shown(reader).rows["speed"]
             )
         assert "mode: manual · lease: anna & bert" in shown(m).heading
-        hands.lease.end()
+        clients.lease.end()
         assert "lease: free" in shown(m).heading
         cells.close()
 

@@ -210,6 +210,6 @@ def test_a_machine_without_a_timer_has_no_next_tick() -> None:
         motor: DigitalActuator
 
     machine = Timeless(motor=actuator())
-    for process in ({"outputs": "at next tick"}, {"early": "10 us"}):
+    for process in ({"outputs": "at next tick"}, {"busy_wait": "10 us"}):
         with pytest.raises(WiringError, match="the machine has no timer"):
             resolve(machine, {"wire": {"motor": {"driver": "simulated"}}, "process": process})

@@ -48,7 +48,7 @@ class Plant(Driver):
 
 @pytest.fixture
 def ticker(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """The wall clock in the test's hand: it misses `MISSED`, and logs."""
+    """The wall clock in the test's client: it misses `MISSED`, and logs."""
     answers: Iterator[int] = iter(MISSED)
     log: list[Any] = []
 

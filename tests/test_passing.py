@@ -10,7 +10,7 @@ import pytest
 
 from helpers.publishing import running
 from umo.frames import Reader
-from umo.process.messages import MOST, MessageSocket
+from umo.process.messages import MAX_BYTES, MessageSocket
 from umo.system import passing
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="machines run in other processes on Linux")
@@ -20,7 +20,7 @@ def test_a_message_that_nobody_reads_is_not_waited_for() -> None:
     """The guardian has something else to do, such as watching."""
     here, there = MessageSocket.pair()
     for _ in range(100):
-        here.send("notice", text="x" * (MOST // 10))
+        here.send("notice", text="x" * (MAX_BYTES // 10))
     peer = MessageSocket(there)
     messages = 0
     while peer.receive() is not None:

@@ -64,8 +64,8 @@ def test_a_level_is_reached_as_soon_as_with_conditional_integration(
     """Two stacked anti-windups led the integral down, 88 s in place of 32 s."""
     law = PID(gain=0.3, integral_time=integral_time)
     path = fill(lambda level, dt: law.step(goal, level, dt, **LIMITS), goal, start=start, seconds=900)
-    by_hand = fill(conditional(0.3, integral_time, goal), goal, start=start, seconds=900)
-    assert 0 < reached(path, goal, 2.0) <= 1.1 * reached(by_hand, goal, 2.0)
+    by_client = fill(conditional(0.3, integral_time, goal), goal, start=start, seconds=900)
+    assert 0 < reached(path, goal, 2.0) <= 1.1 * reached(by_client, goal, 2.0)
 
 
 @pytest.mark.parametrize(("goal", "limit"), [(1e6, 10.0), (-1e6, 0.0)])

@@ -242,7 +242,7 @@ def test_a_machine_without_a_timer_is_refused() -> None:
         register_maps(resolve(lamp, None), resolve(lamp, bus))
 
 
-# The boxes, with time in the test's hand ----------------------------------------------------------
+# The boxes, with time in the test's client ----------------------------------------------------------
 
 
 class Bench:

@@ -55,7 +55,7 @@ def test_a_run_that_ends_by_itself_is_reported_with_what_the_application_returne
 
 
 def test_a_process_that_rises_early_and_sends_at_the_next_tick_ends_as_well(tmp_path: Path, cells: Cells) -> None:
-    process = {"early": "500 us", "outputs": "at next tick"}
+    process = {"busy_wait": "500 us", "outputs": "at next tick"}
     outcome = Run(process_box.wiring(tmp_path / "box", process=process)).outcome()
     assert (outcome.status, outcome.result) == (0, "driven")
     assert_safe(cells)

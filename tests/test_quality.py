@@ -28,7 +28,7 @@ from umo.testing import Scripted, VirtualTimer, put
 
 GOOD, OUT_OF_RANGE, STALE, BAD = Quality.GOOD, Quality.OUT_OF_RANGE, Quality.STALE, Quality.BAD
 UNREF = Quality.UNREFERENCED
-HOLD = {"on_error": "hold", "max_age": "3 ms"}
+DEAD_MAN_TIME = {"on_error": "hold", "max_age": "3 ms"}
 
 
 pytestmark = pytest.mark.usefixtures("each_way")
@@ -198,7 +198,7 @@ def test_unreferenced_outranks_the_range_which_referenced_brings_to_light(box):
 
 
 def test_referenced_while_held_is_stale_until_the_device_is_back(box):
-    machine = inputs(sensor(incremental=True, **HOLD))
+    machine = inputs(sensor(incremental=True, **DEAD_MAN_TIME))
     with connect(machine, wired(machine, box)) as m:
         box.broken = OSError("cut")
         with pytest.raises(DriverError):  # the switch does not hold
@@ -312,7 +312,7 @@ def test_a_failed_output_block_does_not_keep_the_others_from_being_written():
 
 
 def test_a_holding_sensor_is_stale_until_its_age_is_exceeded_then_raises_and_recovers(box):
-    machine = inputs(sensor(**HOLD), switch(**HOLD))
+    machine = inputs(sensor(**DEAD_MAN_TIME), switch(**DEAD_MAN_TIME))
     box.set("one", 20)
     with connect(machine, wired(machine, box)) as m:
         box.broken = OSError("cut")
@@ -333,7 +333,7 @@ def test_a_holding_sensor_is_stale_until_its_age_is_exceeded_then_raises_and_rec
 
 
 def test_missed_periods_count_in_the_age(box):
-    machine = inputs(sensor(**HOLD), switch(**HOLD))
+    machine = inputs(sensor(**DEAD_MAN_TIME), switch(**DEAD_MAN_TIME))
     with connect(machine, wired(machine, box, clock=VirtualTimer(missed=[0, 3]))) as m:
         box.broken = OSError("cut")
         assert period(m) is False
@@ -343,7 +343,7 @@ def test_missed_periods_count_in_the_age(box):
 
 
 def test_an_asynchronous_holding_sensor_gives_its_last_value_then_raises(box):
-    machine = inputs(sensor(synchronous=False, **HOLD))
+    machine = inputs(sensor(synchronous=False, **DEAD_MAN_TIME))
     box.set("one", 20)
     with connect(machine, wired(machine, box)) as m:
         assert m.one.read() == 10.0
@@ -386,7 +386,7 @@ def test_a_binary_channel_that_reads_neither_0_nor_1_is_a_driver_error(box, raw,
 
 
 def test_a_garbled_binary_sensor_may_hold(box):
-    machine = inputs(two=switch(**HOLD))
+    machine = inputs(two=switch(**DEAD_MAN_TIME))
     box.set("two", 1)
     with connect(machine, wired(machine, box)) as m:
         box.set("two", 7)
@@ -482,7 +482,7 @@ def test_many_marked_failures_are_one_line_of_the_log_and_not_again_at_each_flap
 
 
 def test_a_software_reference_during_a_held_failure_takes_the_held_value(box):
-    machine = inputs(sensor(incremental=True, invalid_raws=[0x7FFF], **HOLD))
+    machine = inputs(sensor(incremental=True, invalid_raws=[0x7FFF], **DEAD_MAN_TIME))
     with connect(machine, wired(machine, box)) as m:
         box.set("one", [100, 100, 0x7FFF, 200])
         period(m)

@@ -69,7 +69,7 @@ def test_what_is_granted_is_used() -> None:
 
 
 @pytest.mark.parametrize(
-    ("granted", "period", "early"),
+    ("granted", "period", "busy_wait"),
     [
         ((80, 1), 1.0, 200e-6),
         ((80, 1), 1e-4, 50e-6),
@@ -79,10 +79,10 @@ def test_what_is_granted_is_used() -> None:
     ],
 )
 def test_a_process_rises_early_by_itself_where_it_has_priority_and_a_core(
-    monkeypatch: pytest.MonkeyPatch, granted: tuple[int, int | None], period: float, early: float
+    monkeypatch: pytest.MonkeyPatch, granted: tuple[int, int | None], period: float, busy_wait: float
 ) -> None:
     monkeypatch.setattr(realtime, "granted", lambda: granted)
-    assert realtime.early_by_itself(period) == pytest.approx(early)
+    assert realtime.default_busy_wait(period) == pytest.approx(busy_wait)
 
 
 def test_a_process_is_sent_its_signal_also_where_its_parent_has_died_before_it_asked() -> None:

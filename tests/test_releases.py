@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from helpers.letters import Letters
 from helpers.machines import stations
 from umo import BinaryActuator, Compound, DigitalActuator, connect
-from umo.cycle.hand_commands import HandCommand, Mode
-from umo.cycle.hands import Hands
+from umo.cycle.client_commands import ClientCommand, Mode
+from umo.cycle.client_control import ClientControl
 from umo.objects import actions_of, atoms, find
 from umo.states import OpenClosed
 from umo.testing import periods, put
@@ -42,16 +42,16 @@ def test_what_is_switched_off_stays_off_whatever_is_released(station: str, path:
             put(m.emergency_stop, OpenClosed.CLOSED)
         letters = Letters()
         clock = m._machine.clock
-        hands = m._machine.hands = Hands(m._machine, letters, letters, Mode.MANUAL, lambda: 1.0 + clock.now)
+        clients = m._machine.clients = ClientControl(m._machine, letters, letters, Mode.MANUAL, lambda: 1.0 + clock.now)
 
         def send(do: str, path: str = "", **more: Any) -> None:
-            letters.waiting.append(HandCommand(1, "hand", "key", do, path, **more))
+            letters.waiting.append(ClientCommand(1, "client", "key", do, path, **more))
             periods(m, 3)
 
         part = find(m, path.rpartition(".")[0])
         send("lease", seconds=0.4)
         for step in [*steps, "switch off", *steps_that_release(steps)]:
-            if not hands.lease.holder:
+            if not clients.lease.holder:
                 send("lease", seconds=0.4)
             if step in ("hold", "hold the other way"):
                 sign = -1.0 if step == "hold the other way" and path.endswith("jog") else 1.0
@@ -63,11 +63,11 @@ def test_what_is_switched_off_stays_off_whatever_is_released(station: str, path:
             elif step == "give back":
                 send("give back")
             elif step == "keep":
-                letters.signs |= dict.fromkeys(("", path), (hands.lease.number, 1.0 + clock.now))
+                letters.signs |= dict.fromkeys(("", path), (clients.lease.number, 1.0 + clock.now))
                 periods(m, 3)
             else:
                 periods(m, 50)
-        periods(m, 600)  # the lease has ended, and nothing is kept up
+        periods(m, 600)  # the lease has ended, and nothing is held
         assert at_defaults(part) == [], part
         assert not getattr(part, "enabled", False)
 

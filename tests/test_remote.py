@@ -20,14 +20,14 @@ import umo
 from helpers.patient import conveyor
 from helpers.publishing import running
 from helpers.waiting import until
-from umo.cycle.hand_commands import Mode
-from umo.cycle.hands import HOLD, TAKEN_PER_PERIOD, Hands
+from umo.cycle.client_commands import Mode
+from umo.cycle.client_control import DEAD_MAN_TIME, TAKEN_PER_PERIOD, Clients
 from umo.errors import CommandRefused, FramesError, RangeError
 from umo.frames import Reader
 from umo.frames.cells import ASKED, HEAD, QUEUE, SLOT, SLOTS, STOP, Cells
 from umo.process.start import LINUX
 from umo.remote import RemoteStation
-from umo.remote.queue import LONGEST, Receiver, Sender
+from umo.remote.queue import MAX_COMMAND_BYTES, Receiver, Sender
 from umo.testing import periods
 
 pytestmark = pytest.mark.skipif(not LINUX, reason="machines run in other processes on Linux only")
@@ -96,7 +96,7 @@ def test_a_full_queue_refuses_after_a_while_and_delays_neither_a_stop_nor_signs_
 
 def test_a_command_that_is_too_long_is_refused(queue: Queue) -> None:
     with pytest.raises(CommandRefused, match="too long"):
-        queue.sender.send({"do": "call", "path": "x" * LONGEST})
+        queue.sender.send({"do": "call", "path": "x" * MAX_COMMAND_BYTES})
 
 
 def test_clients_take_turns_and_the_lock_of_one_that_is_stopped_is_waited_for(
@@ -200,7 +200,7 @@ def test_a_flood_of_a_client_costs_a_few_commands_in_each_period() -> None:
     with running() as (m, ring, connection), Reader(ring.path) as reader:
         assert reader.ends is not None
         cells = Cells(reader.ends.cells, reader.layout)
-        connection.machine.hands = Hands(connection.machine, Receiver(cells), cells, Mode.MANUAL)
+        connection.machine.clients = Clients(connection.machine, Receiver(cells), cells, Mode.MANUAL)
         periods(m)
         with closing(Sender(reader, cells)) as sender:
             for _ in range(SLOTS):
@@ -213,7 +213,7 @@ def test_a_flood_of_a_client_costs_a_few_commands_in_each_period() -> None:
             assert {each.event.text for each in reader.events()} == {
                 "CommandRefused: nobody has the lease; take it first"
             }
-        connection.machine.hands = None
+        connection.machine.clients = None
         cells.close()
 
 
@@ -245,7 +245,7 @@ def test_a_program_commands_a_running_station(tmp_path: Path) -> None:
                 assert station.window == 30.0  # at once
                 station.diverter.write("ON")
                 until(lambda: station.diverter.read() == "ON")
-                assert station.diverter.inhibited == "taken by hand: a test"
+                assert station.diverter.inhibited == "taken by client: a test"
                 station.diverter.release()
                 until(lambda: station.diverter.read() == "OFF")
                 station.belt.run_at(0.2)
@@ -288,7 +288,7 @@ def test_what_a_killed_client_held_goes_to_its_default_and_its_lease_ends(tmp_pa
             until(lambda: station.diverter.read() == "OFF" and station.belt.setpoint.read() == 0.0, 5.0)
             until(lambda: station.reader.holder == "", 5.0)
             texts = [event.text for event in station.events]
-            assert "not kept up" in texts
+            assert "dead-man timeout" in texts
             assert any("it was not renewed" in text for text in texts)
 
 
@@ -298,7 +298,7 @@ def test_what_is_held_lasts_under_a_lease_that_is_seldom_renewed(tmp_path: Path)
         with umo.attach(started.pid) as station, station.lease(seconds=30.0) as lease:
             station.diverter.write("ON")
             now = station.frames(0.01)["time"][-1]
-            until(lambda: station.frames(0.01)["time"][-1] > now + 3 * HOLD)
+            until(lambda: station.frames(0.01)["time"][-1] > now + 3 * DEAD_MAN_TIME)
             assert station.diverter.read() == "ON"
             started.stop()  # a lease that ends with its station ends without a word
             until(lambda: lease.lost)

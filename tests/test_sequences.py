@@ -1070,10 +1070,10 @@ def test_an_error_that_the_application_handles_keeps_nothing_alive():
     left = []
 
     async def fails():
-        at_hand = Large()
-        left.append(weakref.ref(at_hand))
+        at_client = Large()
+        left.append(weakref.ref(at_client))
         await next_period()
-        raise ValueError(type(at_hand).__name__)
+        raise ValueError(type(at_client).__name__)
 
     async def again_and_again():
         while True:
@@ -1083,14 +1083,14 @@ def test_an_error_that_the_application_handles_keeps_nothing_alive():
                 async with timeout(0.002):
                     await fails_late()
             with contextlib.suppress(TimeExpired):
-                at_hand = Large()
-                left.append(weakref.ref(at_hand))
-                await until(lambda at_hand=at_hand: at_hand is None, 0.002)
-            at_hand = None
+                at_client = Large()
+                left.append(weakref.ref(at_client))
+                await until(lambda at_client=at_client: at_client is None, 0.002)
+            at_client = None
 
     async def fails_late():
-        at_hand = Large()
-        left.append(weakref.ref(at_hand))
+        at_client = Large()
+        left.append(weakref.ref(at_client))
         await wait(10.0)
 
     gc.disable()

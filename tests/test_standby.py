@@ -204,7 +204,7 @@ def test_a_guardian_killed_when_all_was_reset_changes_nothing_of_the_end(
         *{
             "record": (guardian.Custody, "finish", lethal(guardian.Custody.finish)),
             "tell": (guardian.Watcher, "finish", lethal(guardian.Watcher.finish)),
-            "end": (conclusion, "say_last", lethal(conclusion.say_last)),
+            "end": (conclusion, "tell_final_message", lethal(conclusion.tell_final_message)),
         }[step]
     )
     outcome = Run(process_box.wiring(tmp_path / "box"), application).outcome()

@@ -218,7 +218,7 @@ def test_a_stream_that_nobody_reads_or_that_is_closed_holds_up_no_last_words() -
             process.kill()
 
 
-def test_last_words_are_added_to_what_a_file_holds(tmp_path: Path) -> None:
+def test_final_message_are_added_to_what_a_file_holds(tmp_path: Path) -> None:
     file = tmp_path / "log"
     with file.open("wb") as log:
         log.write(b"before\n")

@@ -1,4 +1,4 @@
-"""The text driver against devices by another hand: firmware in C on an emulated AVR, and a SCPI supply behind socat."""
+"""The text driver against foreign devices: firmware in C on an emulated AVR, and a SCPI supply behind socat."""
 
 from __future__ import annotations
 

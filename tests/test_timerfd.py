@@ -26,10 +26,10 @@ PERIOD = 1_000 * US
 
 
 class Kernel:
-    """A clock in ns, and a timer that expires once per period, `early` before each tick. A look at the clock takes
+    """A clock in ns, and a timer that expires once per period, `busy_wait` before each tick. A look at the clock takes
     1 us; a wake-up is late by the next number of `late`, in us."""
 
-    def __init__(self, late: Iterable[int] = (), early: int = 0, period: int = PERIOD) -> None:
+    def __init__(self, late: Iterable[int] = (), busy_wait: int = 0, period: int = PERIOD) -> None:
         self.now = 0
         self.period = period
         self.late = iter(late)
@@ -40,7 +40,7 @@ class Kernel:
         self.asleep = 0
         """ns, in sleeps and naps and where something else runs"""
         self._expired = 0
-        self._offset = early
+        self._offset = busy_wait
 
     def clock(self) -> int:
         self.now += US
@@ -80,7 +80,7 @@ class Kernel:
     def ticker(self) -> Ticker:
         self.now = -US  # the first tick is due at PERIOD
         ticker = Ticker(self.period * 1e-9, self.clock, self.sleep, self.nap, lambda: self.now - self.asleep)
-        ticker.rise_early(self._offset * 1e-9)
+        ticker.wait_busily(self._offset * 1e-9)
         return ticker
 
 
@@ -96,9 +96,9 @@ def test_it_returns_at_once_with_the_ticks_that_have_passed_then_blocks_again(pa
 
 
 @given(st.lists(st.tuples(st.integers(0, 4000), st.integers(0, 3000)), max_size=30), st.integers(0, 500))
-def test_every_tick_is_counted_once_and_none_is_early(plan: list[tuple[int, int]], early: int) -> None:
-    """The grid stays where it was, whatever works long and wakes late, and however early the thread rises."""
-    kernel, consumed = Kernel((late for _, late in plan), early * US), 0
+def test_every_tick_is_counted_once_and_none_comes_too_soon(plan: list[tuple[int, int]], busy_wait: int) -> None:
+    """The grid stays where it was, whatever works long and wakes late, and however long the thread waits busily."""
+    kernel, consumed = Kernel((late for _, late in plan), busy_wait * US), 0
     ticker = kernel.ticker()
     for work, _ in plan:
         kernel.work(work)
@@ -107,8 +107,8 @@ def test_every_tick_is_counted_once_and_none_is_early(plan: list[tuple[int, int]
         assert ticker.woke >= ticker.due
 
 
-def test_it_rises_early_and_looks_at_the_clock_until_the_tick() -> None:
-    kernel = Kernel(late=[70, 70], early=100 * US)
+def test_it_wakes_before_the_tick_and_looks_at_the_clock_until_the_tick() -> None:
+    kernel = Kernel(late=[70, 70], busy_wait=100 * US)
     ticker = kernel.ticker()
     for number in (1, 2):
         assert ticker.wait() == 0
@@ -116,8 +116,8 @@ def test_it_rises_early_and_looks_at_the_clock_until_the_tick() -> None:
     assert len(kernel.slept) == 2
 
 
-def test_a_wait_that_begins_between_the_early_rising_and_the_tick_does_not_sleep() -> None:
-    kernel = Kernel(early=100 * US)
+def test_a_wait_that_begins_between_waking_up_and_the_tick_does_not_sleep() -> None:
+    kernel = Kernel(busy_wait=100 * US)
     ticker = kernel.ticker()
     kernel.work(950)
     assert ticker.wait() == 0
@@ -127,9 +127,9 @@ def test_a_wait_that_begins_between_the_early_rising_and_the_tick_does_not_sleep
 
 
 @pytest.mark.parametrize("work", [600, 880, 920, 960])
-def test_a_thread_that_rises_early_sleeps_a_sixteenth_of_the_time_or_what_its_work_leaves(work: int) -> None:
+def test_a_thread_that_waits_busily_sleeps_a_sixteenth_of_the_time_or_what_its_work_leaves(work: int) -> None:
     """The kernel holds up a real-time thread that sleeps less than 5 %."""
-    kernel = Kernel(early=100 * US)
+    kernel = Kernel(busy_wait=100 * US)
     ticker = kernel.ticker()
     slept = 0
     for number in range(1, 201):
@@ -146,7 +146,7 @@ def test_a_thread_that_rises_early_sleeps_a_sixteenth_of_the_time_or_what_its_wo
 
 @pytest.mark.parametrize("works", [(600, 1100), (600, 600, 1050)])
 def test_a_thread_that_misses_ticks_sleeps_no_less(works: tuple[int, ...]) -> None:
-    kernel = Kernel(early=500 * US)
+    kernel = Kernel(busy_wait=500 * US)
     ticker = kernel.ticker()
     for work in works * 700:
         kernel.work(work)
@@ -159,7 +159,7 @@ def test_a_thread_that_misses_ticks_sleeps_no_less(works: tuple[int, ...]) -> No
 @pytest.mark.parametrize("idle", [0, 5])
 def test_no_second_is_used_up(period: int, work: float, idle: int) -> None:
     """Nor when much work begins after some periods without any. `period` is in ms, `work` a share of it."""
-    kernel = Kernel(early=period * 500 * US, period=period * 1000 * US)
+    kernel = Kernel(busy_wait=period * 500 * US, period=period * 1000 * US)
     ticker = kernel.ticker()
     times, used = [], []
     for number in range(idle + max(3000 // period, 30)):
@@ -175,7 +175,7 @@ def test_no_second_is_used_up(period: int, work: float, idle: int) -> None:
 
 
 def test_a_thread_that_is_tired_sleeps_no_more_than_it_owes() -> None:
-    kernel = Kernel(early=500 * US)
+    kernel = Kernel(busy_wait=500 * US)
     ticker = kernel.ticker()
     for _ in range(1000):
         kernel.work(480)
@@ -184,8 +184,8 @@ def test_a_thread_that_is_tired_sleeps_no_more_than_it_owes() -> None:
 
 
 def test_a_thread_that_stood_still_owes_no_sleep() -> None:
-    """After a blocking call, or beside a process that took the processor: it rises early again at once."""
-    kernel = Kernel(early=100 * US)
+    """After a blocking call, or beside a process that took the processor: it waits busily again at once."""
+    kernel = Kernel(busy_wait=100 * US)
     ticker = kernel.ticker()
     ticker.wait()
     kernel.stand_still(500_000)
@@ -197,7 +197,7 @@ def test_a_thread_that_stood_still_owes_no_sleep() -> None:
 
 
 def test_what_is_done_meanwhile_is_done_once_before_each_tick() -> None:
-    kernel, called = Kernel(early=100 * US), []
+    kernel, called = Kernel(busy_wait=100 * US), []
     ticker = kernel.ticker()
     ticker.meanwhile = WhileWaiting(lambda: (called.append(kernel.now), kernel.work(50)), kernel.clock)
     for _ in range(3):
@@ -207,7 +207,7 @@ def test_what_is_done_meanwhile_is_done_once_before_each_tick() -> None:
 
 
 def test_what_took_too_long_once_meanwhile_is_left_out_for_eight_periods() -> None:
-    kernel, called = Kernel(early=100 * US), []
+    kernel, called = Kernel(busy_wait=100 * US), []
     ticker = kernel.ticker()
     ticker.meanwhile = WhileWaiting(
         lambda: (called.append(kernel.now // PERIOD), kernel.work(400 if len(called) == 3 else 50)), kernel.clock
@@ -218,7 +218,7 @@ def test_what_took_too_long_once_meanwhile_is_left_out_for_eight_periods() -> No
 
 
 def test_what_took_long_a_few_calls_ago_is_not_begun_when_less_time_is_left() -> None:
-    kernel, called = Kernel(late=[0, 30, *[0] * 20, 30], early=100 * US), []
+    kernel, called = Kernel(late=[0, 30, *[0] * 20, 30], busy_wait=100 * US), []
     ticker = kernel.ticker()
     ticker.meanwhile = WhileWaiting(
         lambda: (called.append(kernel.now // PERIOD), kernel.work(80 if len(called) == 1 else 50)), kernel.clock
@@ -230,7 +230,7 @@ def test_what_took_long_a_few_calls_ago_is_not_begun_when_less_time_is_left() ->
 
 
 def test_one_long_time_does_not_keep_it_from_being_done_for_good() -> None:
-    kernel, called = Kernel(late=[0, *[40] * 400], early=100 * US), []
+    kernel, called = Kernel(late=[0, *[40] * 400], busy_wait=100 * US), []
     ticker = kernel.ticker()
     ticker.meanwhile = kernel.noting(called, lambda: 95 if len(called) == 1 else 40)
     for _ in range(400):
@@ -241,7 +241,7 @@ def test_one_long_time_does_not_keep_it_from_being_done_for_good() -> None:
 
 @pytest.mark.parametrize("long", [110, 250, 2500])
 def test_what_always_takes_too_long_meanwhile_makes_fewer_and_fewer_ticks_late(long: int) -> None:
-    kernel, called = Kernel(early=100 * US), []
+    kernel, called = Kernel(busy_wait=100 * US), []
     ticker = kernel.ticker()
     ticker.meanwhile = kernel.noting(called, lambda: long)
     for _ in range(1000):
@@ -249,8 +249,8 @@ def test_what_always_takes_too_long_meanwhile_makes_fewer_and_fewer_ticks_late(l
     assert len(called) <= 8
 
 
-def test_nothing_is_done_meanwhile_when_the_tick_has_passed_or_the_thread_does_not_rise_early() -> None:
-    kernel = Kernel(late=[150], early=100 * US)
+def test_nothing_is_done_meanwhile_when_the_tick_has_passed_or_the_thread_does_not_wait_busily() -> None:
+    kernel = Kernel(late=[150], busy_wait=100 * US)
     ticker = kernel.ticker()
     ticker.meanwhile = WhileWaiting(lambda: pytest.fail("called after the tick"), kernel.clock)
     assert ticker.wait() == 0
@@ -267,14 +267,14 @@ def test_a_timer_that_does_not_run_is_a_driver_error():
 
 
 @given(st.integers(0, 900), st.sampled_from([0, 200 * US]))
-def test_a_stop_ends_the_wait_once_and_a_loop_that_goes_on_keeps_its_grid(at: int, early: int):
+def test_a_stop_ends_the_wait_once_and_a_loop_that_goes_on_keeps_its_grid(at: int, busy_wait: int):
     """It comes while the thread sleeps, or while it works."""
-    kernel = Kernel(early=early)
+    kernel = Kernel(busy_wait=busy_wait)
     ticker = kernel.ticker()
     assert ticker.wait() == 0
 
     def interrupted() -> None:
-        kernel.now += at * US * (kernel.period - early) // PERIOD
+        kernel.now += at * US * (kernel.period - busy_wait) // PERIOD
         ticker.stop_waiting()
 
     sleep, ticker._sleep = ticker._sleep, interrupted
@@ -294,7 +294,7 @@ def test_a_stop_ends_the_wait_once_and_a_loop_that_goes_on_keeps_its_grid(at: in
 
 def test_a_stop_ends_a_nap_within_a_slice():
     """Of a thread that owes much sleep in a long period."""
-    kernel = Kernel(early=200 * US, period=10_000 * PERIOD)
+    kernel = Kernel(busy_wait=200 * US, period=10_000 * PERIOD)
     ticker = kernel.ticker()
     ticker.wait()
     kernel.work(9_990_000)

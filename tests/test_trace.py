@@ -143,7 +143,7 @@ def test_an_observer_that_fails_is_disabled_and_the_run_goes_on(caplog: pytest.L
 
 
 def test_a_trace_of_many_objects_is_bounded_in_bytes_and_grows_as_it_is_filled(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("umo.cycle.trace.MOST", most := 16_000_000)
+    monkeypatch.setattr("umo.cycle.trace.MAX_BYTES", most := 16_000_000)
     frame: Any = SimpleNamespace(
         progress=Progress(),
         signals=(),

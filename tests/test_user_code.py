@@ -246,7 +246,7 @@ def test_a_clients_write_is_refused_by_a_linearization_that_fails() -> None:
     with connection as m:
         curve.broken = True
         with pytest.raises(ZeroDivisionError):
-            connection.image.command(m.bent._slot, 5.0, Source.HAND)
+            connection.image.command(m.bent._slot, 5.0, Source.CLIENT)
         periods(m)
         assert m.bent.read() == 1.0
 

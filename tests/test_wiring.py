@@ -832,11 +832,11 @@ def test_a_limit_for_a_hang_that_a_period_may_spend_in_timeouts_is_a_fault() -> 
         ({"priority": True}, "whole number"),
         ({"cpu": -1}, "whole number"),
         ({"hang": "1 s"}, "did you mean 'hang_timeout'"),
-        ({"early": "soon"}, 'neither "auto", nor a duration'),
-        ({"early": "600 us"}, "more than half of the period"),
-        ({"early": "-10 us"}, 'neither "auto", nor a duration'),
-        ({"early": False}, 'neither "auto", nor a duration'),
-        ({"early": "0"}, 'neither "auto", nor a duration'),
+        ({"busy_wait": "soon"}, 'neither "auto", nor a duration'),
+        ({"busy_wait": "600 us"}, "more than half of the period"),
+        ({"busy_wait": "-10 us"}, 'neither "auto", nor a duration'),
+        ({"busy_wait": False}, 'neither "auto", nor a duration'),
+        ({"busy_wait": "0"}, 'neither "auto", nor a duration'),
     ],
 )
 def test_a_process_table_that_makes_no_sense_is_a_fault(table: dict[str, Any], said: str) -> None:
@@ -845,17 +845,17 @@ def test_a_process_table_that_makes_no_sense_is_a_fault(table: dict[str, Any], s
 
 
 @pytest.mark.parametrize(
-    ("given", "early"),
+    ("given", "busy_wait"),
     [
         ({}, None),
-        ({"early": "auto"}, None),
-        ({"early": 0}, 0.0),
-        ({"early": "0 us"}, 0.0),
-        ({"early": "120 us"}, pytest.approx(120e-6)),
+        ({"busy_wait": "auto"}, None),
+        ({"busy_wait": 0}, 0.0),
+        ({"busy_wait": "0 us"}, 0.0),
+        ({"busy_wait": "120 us"}, pytest.approx(120e-6)),
     ],
 )
-def test_how_early_the_process_rises_is_a_time_or_left_to_it(given: dict[str, Any], early: float | None) -> None:
-    assert process_of(given).process.early == early
+def test_busy_waiting_lasts_a_given_time_or_the_default(given: dict[str, Any], busy_wait: float | None) -> None:
+    assert process_of(given).process.busy_wait == busy_wait
 
 
 def test_real_time_is_what_the_timers_driver_says() -> None:

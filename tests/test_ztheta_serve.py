@@ -103,7 +103,7 @@ def of(plant: Driver, port: int = 0, **changes: Any) -> tuple[Wired, list[Regist
 
 
 class Bench:
-    """A box over a fake plant, its clock in the test's hand."""
+    """A box over a fake plant, its clock in the test's client."""
 
     def __init__(self, *, watchdog: float = 0.2) -> None:
         self.plant = FakePlant()
@@ -406,7 +406,7 @@ def test_a_client_that_speaks_no_modbus_is_cut_off_and_the_others_are_served(
 
 
 class Wire(asyncio.Transport):
-    """A connection's other side, in the test's hand; `full` answers are in the way of more."""
+    """A connection's other side, in the test's client; `full` answers are in the way of more."""
 
     def __init__(self, full: int = 1_000_000) -> None:
         super().__init__()

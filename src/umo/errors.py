@@ -16,7 +16,7 @@ UmoError
 |-- BadInput (RuntimeError)          the input of a control law has no accepted quality, or a state was never read
 |-- Interlocked (RuntimeError)       an interlock with effect="stop" forbids the write
 |-- CommandRefused (RuntimeError)    a command from outside: without the lease, or not in this mode
-|   `-- LeaseHeld                    another hand has the lease
+|   `-- LeaseHeld                    another client has the lease
 |-- Busy (RuntimeError)              a motion was started on an axis in motion
 |-- TaskFailed                       the machine could not do its work: base of a station's own errors
 |   |-- TimeExpired (TimeoutError)   a condition was not true within its timeout
@@ -201,12 +201,12 @@ class Interlocked(UmoError, RuntimeError):
 
 
 class CommandRefused(UmoError, RuntimeError):
-    """A command from outside was refused: nobody or another hand has the lease, or the mode does not allow it; nothing
-    was changed. Or what it held was ended, as by an interlock or another hand."""
+    """A client's command was refused: nobody or another client has the lease, or the mode does not allow it; nothing
+    was changed. Or what it held has ended, as by an interlock or another client."""
 
 
 class LeaseHeld(CommandRefused):
-    """Another hand has the lease."""
+    """Another client has the lease."""
 
 
 class Busy(UmoError, RuntimeError):

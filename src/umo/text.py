@@ -13,8 +13,8 @@ from itertools import islice
 from pathlib import Path
 from traceback import walk_tb
 
-MOST = 2000
-"""Known names that are compared: more take too long for a message."""
+COMPARED_NAMES = 2000
+"""Number of known names that are compared at most: more take too long for a message."""
 LIBRARY = os.path.dirname(os.__file__) + os.sep
 """The folder of Python's own modules."""
 INSTALLED = (f"{os.sep}site-packages{os.sep}", f"{os.sep}dist-packages{os.sep}")
@@ -139,5 +139,5 @@ def options_in(doc: str) -> dict[str, str]:
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """The nearest of the known names, as text to append to a message; empty if none is similar."""
-    near = difflib.get_close_matches(name[:200], list(islice(known, MOST)), n=1, cutoff=0.5)
+    near = difflib.get_close_matches(name[:200], list(islice(known, COMPARED_NAMES)), n=1, cutoff=0.5)
     return f" (did you mean {near[0]!r}?)" if near else ""

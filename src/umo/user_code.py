@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 
 from umo.errors import Cancelled, TaskFailed, UmoError, forget_frames, text_of
 
-LONGEST = 2000
-"""Characters of an error that are told."""
+MAX_LENGTH = 2000
+"""Length of an error's text at most, characters."""
 
 
 class Raised(NamedTuple):
@@ -53,7 +53,7 @@ def told(error: BaseException) -> Raised:
         raise error
     text = text_of(error)
     forget_frames(error)
-    return Raised(type(error), text if len(text) <= LONGEST else f"{text[:LONGEST]}...")
+    return Raised(type(error), text if len(text) <= MAX_LENGTH else f"{text[:MAX_LENGTH]}...")
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from umo.testing.conformance import Certificate, Judgement, all_rules, conform, 
 ENOUGH_TO_GROW = 300
 HANGING = 1.0
 """s after which a call counts as hanging: it costs this time only where it hangs."""
-OFTEN = (
+SIGNS_OF_LIFE = (
     "two channels of a block are exchanged",
     "readings above 127 are negative",
     "a refused write to an input is what it reads from then on",
@@ -69,7 +69,7 @@ def test_there_are_more_than_a_hundred_broken_drivers_for_all_rules_that_a_drive
     assert {rule.id for rule in all_rules()} - found == {"errors are named", "time"}  # umo takes care of the names
 
 
-@pytest.mark.parametrize("words", OFTEN)
+@pytest.mark.parametrize("words", SIGNS_OF_LIFE)
 def test_a_rule_that_is_broken_fails(words: str) -> None:
     mutant = MUTANTS[words]
     certificate = tried(mutant.driver(), mutant.cycles, [mutant.rule])

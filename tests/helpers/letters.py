@@ -1,17 +1,17 @@
-"""The other end of the hands of a machine, filled by a test."""
+"""The other end of the clients of a machine, filled by a test."""
 
 from __future__ import annotations
 
 from collections import deque
 
-from umo.cycle.hand_commands import HandCommand
+from umo.cycle.client_commands import ClientCommand
 
 
 class Letters:
-    """An inbox that a test fills, and the levels of its hands."""
+    """An inbox that a test fills, and the levels of its clients."""
 
     def __init__(self) -> None:
-        self.waiting: deque[HandCommand] = deque()
+        self.waiting: deque[ClientCommand] = deque()
         self.taken = self.dropped = 0
         self.stop: tuple[int, str] | None = None
         self.asked = [0]
@@ -22,6 +22,6 @@ class Letters:
         number, seen = self.signs.get(path, (0, 0.0))
         return seen if number == lease else 0.0
 
-    def take(self) -> HandCommand | None:
+    def get(self) -> ClientCommand | None:
         self.taken += bool(self.waiting)
         return self.waiting.popleft() if self.waiting else None

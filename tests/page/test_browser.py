@@ -237,7 +237,7 @@ LONG = "the emergency stop at the door of the second hall was pressed, and the g
 def test_a_long_reason_in_the_red_line_can_be_read_to_its_end(
     page: Any, size: tuple[int, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("umo.page.watched.Watched._hands", lambda watched: {"inhibited": {"valve": LONG}})
+    monkeypatch.setattr("umo.page.watched.Watched._clients", lambda watched: {"inhibited": {"valve": LONG}})
     page.set_viewport_size({"width": size[0], "height": size[1]})
     cut = "document.querySelector('#forbidden').scrollHeight > document.querySelector('#forbidden').clientHeight + 1"
     with running(), serving() as served:
@@ -258,12 +258,12 @@ def test_a_station_without_a_twin_is_not_asked_for_it(page: Any) -> None:
     assert not [url for url in asked if "/twin/press" in url]
 
 
-def test_who_works_an_actuator_by_hand_is_named_beside_it(page: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    told = {"by_hand": ["valve"], "mode": "manual", "tuned": {}, "lease": {"number": 1, "holder": "Ann (page, ::1)"}}
-    monkeypatch.setattr("umo.page.watched.Watched._hands", lambda watched: told)
+def test_who_works_an_actuator_by_client_is_named_beside_it(page: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    told = {"by_client": ["valve"], "mode": "manual", "tuned": {}, "lease": {"number": 1, "holder": "Ann (page, ::1)"}}
+    monkeypatch.setattr("umo.page.watched.Watched._clients", lambda watched: told)
     with running(), serving() as served:
         page.goto(served.url + "#view=machine")
-        page.locator('tr[data-path="valve"]').get_by_text("by hand: Ann (page, ::1)").wait_for()
+        page.locator('tr[data-path="valve"]').get_by_text("by client: Ann (page, ::1)").wait_for()
 
 
 @pytest.mark.smoke

@@ -87,7 +87,7 @@ def touching(client: Client, held: list[str], until: Callable[[], bool]) -> None
 
 @pytest.mark.parametrize("do", ["lease", "stop"])
 def test_a_read_only_server_takes_no_command(do: str) -> None:
-    with running(), serving(hands=False) as served, opened(served.socket) as client:
+    with running(), serving(clients=False) as served, opened(served.socket) as client:
         client.get("description")
         client.send(type="command", id=1, do=do)
         assert client.get("error")["text"] == "this page is read-only"
@@ -156,7 +156,7 @@ def test_what_a_page_jogs_ends_when_its_server_is_killed(station: umo.RemoteStat
         eventually(lambda: station.belt.setpoint.read() == 0.0)
         eventually(lambda: not station.reader.holder)
         texts = [event.text for event in station.events]
-        assert texts.index("not kept up") < texts.index(
+        assert texts.index("dead-man timeout") < texts.index(
             "the lease of Ann (page, 127.0.0.1) has ended: it was not renewed"
         )
 
@@ -176,7 +176,7 @@ def test_a_touch_that_answers_an_old_state_does_not_count(station: umo.RemoteSta
 
 
 @pytest.mark.full
-def test_more_paths_are_kept_up_than_one_command_can_carry(station: umo.RemoteStation, served: Served) -> None:
+def test_more_paths_are_held_than_one_command_can_carry(station: umo.RemoteStation, served: Served) -> None:
     others = [f"{'a' * 40}.{i}" for i in range(100)]
     with opened(served.socket) as client:
         client.get("description")
@@ -212,7 +212,7 @@ def test_a_page_that_looks_at_another_run_gives_its_lease_back(station: umo.Remo
 def test_a_flood_of_commands_is_refused_in_part_and_all_are_answered(
     station: umo.RemoteStation, served: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("umo.page.page_hand.MOST_ASKED", 2)
+    monkeypatch.setattr("umo.page.page_client.MOST_ASKED", 2)
     with opened(served.socket) as client:
         client.get("description")
         command(client, 1, "lease")
@@ -248,8 +248,8 @@ def test_a_touch_without_meaning_is_answered_by_an_error(station: umo.RemoteStat
 @pytest.fixture
 def page(page: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
     """Of a server that is patient: a busy computer may stop the browser for a second."""
-    monkeypatch.setattr("umo.page.page_hand.TOUCH", 3.0)
-    monkeypatch.setattr("umo.page.page_hand.OLDEST", 30)
+    monkeypatch.setattr("umo.page.page_client.TOUCH", 3.0)
+    monkeypatch.setattr("umo.page.page_client.OLDEST", 30)
     return page
 
 
@@ -296,7 +296,7 @@ def test_an_actuator_is_written_and_released(page: Any, station: umo.RemoteStati
     eventually(lambda: station.diverter.read() == "ON")
     diverter.locator('[data-state="ON"][aria-pressed="true"]').wait_for()
     eventually(ran_on(station, 1.5))
-    assert station.diverter.read() == "ON"  # kept up by the page
+    assert station.diverter.read() == "ON"  # held by the page
     diverter.get_by_role("button", name="Release").click()
     eventually(lambda: station.diverter.read() == "OFF")
 
@@ -495,7 +495,7 @@ def test_the_stop_button_is_in_every_view_and_ends_the_run_without_the_lease(pag
 def test_a_read_only_page_has_no_stop_button_and_says_why_its_controls_are_off(
     page: Any, station: umo.RemoteStation
 ) -> None:
-    with serving(hands=False) as served:
+    with serving(clients=False) as served:
         page.goto(served.url + "#view=operate")
         page.get_by_text("This page is read-only.").wait_for()
         assert not page.get_by_role("button", name="Stop", exact=True).is_visible()

@@ -25,7 +25,7 @@ from umo.page import feed
 from umo.page.box_words import BoxInWords
 from umo.page.feed import Feed
 from umo.page.live import Live
-from umo.page.page_hand import PageHand
+from umo.page.page_client import PageClient
 from umo.page.server import Options, listen, server
 from umo.page.session import MOST_ASKED, First
 from umo.page.watched import Watched
@@ -228,16 +228,16 @@ def test_a_page_that_nothing_can_be_sent_to_any_longer_is_closed(monkeypatch: py
             again.get("description")
 
 
-def test_a_page_whose_hand_cannot_be_closed_harms_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_page_whose_client_cannot_be_closed_harms_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
     closed: list[bool] = []
 
-    class Stuck(PageHand):
+    class Stuck(PageClient):
         async def close(self) -> None:
             await super().close()
             closed.append(True)
             raise ZeroDivisionError
 
-    monkeypatch.setattr("umo.page.session.PageHand", Stuck)
+    monkeypatch.setattr("umo.page.session.PageClient", Stuck)
     with running(), serving() as served:
         with opened(served.socket) as client:
             client.get("description")

@@ -94,7 +94,7 @@ def test_the_address_that_it_prints_opens_the_page_until_ctrl_c() -> None:
         assert process.returncode == 0
 
 
-def test_its_help_names_the_hands(umo: Umo) -> None:
+def test_its_help_names_the_clients(umo: Umo) -> None:
     text = " ".join(umo("view", "--help").stdout.split())
     assert "scope, machine, twin, operate" in text
     assert "At another address (--host) the token must be given" in text

@@ -69,7 +69,9 @@ def view(
     host: Annotated[
         str, typer.Option(help="Address to listen at. Any other than this computer's own loopback needs a token.")
     ] = "127.0.0.1",
-    hands: Annotated[bool, typer.Option("--hands", help="Let other computers command too, not only see.")] = False,
+    operate: Annotated[
+        bool, typer.Option("--operate", help="Let other computers operate machines, not only see them.")
+    ] = False,
     token: Annotated[
         str | None,
         typer.Option(
@@ -89,13 +91,13 @@ def view(
 
     The page is served by a process of its own, which reads the frames: it does not disturb the station. It listens
     on loopback, where pages may command (tab Operate), and needs the token everywhere. At another address (--host) the
-    token must be given, and the page is read-only unless --hands is given; give a certificate there, or the token can
+    token must be given, and the page is read-only unless --operate is given; give a certificate there, or the token can
     be read on the network. Ctrl-C ends it; the stations go on.
     """
     from .page import ViewOptions
     from .page import view as show
 
-    guarded(lambda: show(ViewOptions(station, host, port, token, open_, hands, certificate, key)))
+    guarded(lambda: show(ViewOptions(station, host, port, token, open_, operate, certificate, key)))
 
 
 @command(
@@ -109,7 +111,7 @@ def mode(
     """Show the mode of a running station and who has its lease, or change the mode.
 
     automatic: the application runs; numbers can be tuned. manual: the application waits, and no time passes for it;
-    control laws go on; actuators can be set and actions called. What a hand has begun ends when the mode changes.
+    control laws go on; actuators can be set and actions called. What a client has begun ends when the mode changes.
     """
     from .commanding import mode as work
 
@@ -120,7 +122,7 @@ def mode(
     epilog="Examples: umo call ztheta  |  umo call ztheta home  |  umo call ztheta z.move_to 'position=100 mm'  |  "
     "umo call ztheta z.jog velocity=-5000 --hold 2",
     status="0 done; 1 the machine, a device or code failed; 2 a mistake, or it is held no longer, told on stderr; "
-    "130 Ctrl-C, but 0 where it is kept up until Ctrl-C",
+    "130 Ctrl-C, but 0 where it is held until Ctrl-C",
 )
 def call(
     station: Running,
@@ -130,7 +132,7 @@ def call(
     ] = None,
     hold: Annotated[
         float | None,
-        typer.Option(min=0.0, callback=finite, help="Of a jog: how long it is kept up in s; default: until Ctrl-C."),
+        typer.Option(min=0.0, callback=finite, help="Of a jog: how long it is held in s; default: until Ctrl-C."),
     ] = None,
     take: Take = False,
 ) -> None:

@@ -11,7 +11,9 @@ from .shared import OF_THE_MACHINE, Acknowledge, HelpPanel, StationName, Take, W
 
 command = HelpPanel("Machines, wirings, drivers")
 command_of_new = HelpPanel("New stations and drivers")
-BY_HAND = "0 done; 1 a device failed; 2 a mistake, told on stderr; 3 an actuator is not at its default; 130 Ctrl-C"
+STATUS_OF_DEVICES = (
+    "0 done; 1 a device failed; 2 a mistake, told on stderr; 3 an actuator is not at its default; 130 Ctrl-C"
+)
 """Exit statuses of the commands that open devices."""
 
 
@@ -65,7 +67,7 @@ def tree(
 
 @command(
     epilog="Examples: umo get ztheta z.encoder  |  umo get ztheta z.encoder gripper.pressure --unit mm",
-    status=BY_HAND,
+    status=STATUS_OF_DEVICES,
     context_settings={"ignore_unknown_options": True},
 )
 def get(
@@ -81,7 +83,7 @@ def get(
     Otherwise its devices are opened for this reading: every actuator goes to its default before and after it. Options
     of the machine follow the station's name.
     """
-    from .hand import get_values
+    from .get_set import get_values
 
     guarded(lambda: get_values(station, wiring, paths, unit, acknowledge))
 
@@ -107,11 +109,12 @@ def set_(
 ) -> None:
     """Write and hold one actuator, show its value, then reset it.
 
-    Of a station that runs, the actuator is taken by hand; that needs its manual mode (`umo mode`). Of one that does
-    not run, its devices are opened for this write: every actuator goes to its default before and after it, and no
-    control code runs. Where several runs of it go on, give the pid of one. Options of the machine follow the value.
+    Of a station that runs, the actuator is taken from the application; that needs its manual mode (`umo mode`). Of one
+    that does not run, its devices are opened for this write: every actuator goes to its default before and after it,
+    and no control code runs. Where several runs of it go on, give the pid of one. Options of the machine follow the
+    value.
     """
-    from .hand import set_value
+    from .get_set import set_value
 
     guarded(lambda: set_value(station, wiring, path, value, hold, acknowledge, take, context.args))
 

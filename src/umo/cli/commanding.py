@@ -46,7 +46,7 @@ def station_of(name: str) -> Iterator[RemoteStation]:
 
 @contextmanager
 def leased(station: RemoteStation, over: bool) -> Iterator[HeldLease]:
-    """The lease for a command; while another hand has it, the message names the option that takes it over."""
+    """The lease for a command; while another client has it, the message names the option that takes it over."""
     with ExitStack() as stack:
         try:
             lease = stack.enter_context(station.lease(over=over))
@@ -110,8 +110,8 @@ def call(name: str, path: str | None, words: list[str], over: bool, hold: float 
         if path not in actions:
             raise PathError(f"no action {path!r}{did_you_mean(path, actions)}; `umo call {name}` lists them")
         given = _arguments(actions[path], words)
-        if hold is not None and not actions[path]["kept_up"]:
-            raise RangeError(f"{path} ends by itself; --hold is for actions that are kept up, such as a jog")
+        if hold is not None and not actions[path]["dead_man"]:
+            raise RangeError(f"{path} ends by itself; --hold is for dead-man actions, such as a jog")
         status = 0
         with leased(station, over) as lease:
             try:
@@ -166,7 +166,7 @@ def _hold(lease: HeldLease, path: str, seconds: float | None) -> int:
     """Let the thread of the lease keep it up. CommandRefused as soon as the machine does not hold it any longer. The
     exit status: that of a Ctrl-C before the end of `seconds`, else 0."""
     if seconds is None:
-        err.print("kept up until Ctrl-C; --hold SECONDS ends it", soft_wrap=True)
+        err.print("held until Ctrl-C; --hold SECONDS ends it", soft_wrap=True)
     end = time.monotonic() + (inf if seconds is None else seconds)
     try:
         while not (ended := lease.ended(path)) and (left := end - time.monotonic()) > 0:
@@ -183,7 +183,7 @@ def _actions(reader: Reader) -> Table:
     table = Table("action", "arguments", "", header_style="bold")
     for entry in reader.layout.actions:
         remarks = " (in automatic mode too)" if entry["harmless"] else ""
-        remarks += " (as long as it is kept up)" if entry["kept_up"] else ""
+        remarks += " (dead-man: as long as it is held)" if entry["dead_man"] else ""
         table.add_row(entry["path"], "\n".join(map(_described, entry["arguments"])), entry["help"] + remarks)
     return table
 

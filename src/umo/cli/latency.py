@@ -70,7 +70,7 @@ def _table(found: Measured, load: bool) -> Table:
         for name, samples in found.loops.items():
             last = [str(samples.missed), f"{samples.busy:.0%}"] if pick == "total" else ["", ""]
             table.add_row(f"{title}, {name}", *(f"{value:.1f}" for value in _quantiles(getattr(samples, pick))), *last)
-    for name, umo in (("", found.umo), (", early", found.umo_early)):
+    for name, umo in (("", found.umo), (", busy waiting", found.umo_busy)):
         if found.c is not None and len(found.c.total) and len(umo.total):
             ratios = _quantiles(umo.total) / _quantiles(found.c.total)
             table.add_row(f"umo{name} / C", *(f"{ratio:.2f}" for ratio in ratios), "", "", style="bold")
@@ -107,12 +107,12 @@ def _bar(count: int, total: int) -> str:
 
 def _as_json(found: Measured, load: bool) -> dict[str, Any]:
     answer = judge(found)
-    loops = {"umo": found.umo, "umo_early": found.umo_early, "c": found.c, "c_early": found.c_early}
+    loops = {"umo": found.umo, "umo_busy": found.umo_busy, "c": found.c, "c_busy": found.c_busy}
     return {
         "period_us": found.period * 1e6,
         "load": load,
-        "early_us": found.early * 1e6,
-        "early_by_itself": found.granted,
+        "busy_wait_us": found.busy_wait * 1e6,
+        "default_busy_wait": found.granted,
         **{name: None if samples is None else _figures(samples) for name, samples in loops.items()},
         "verdict": answer.word,
         "why": answer.text,

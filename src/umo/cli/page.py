@@ -42,7 +42,7 @@ class ViewOptions:
     port: int | None = None
     token: str | None = None
     open: bool = False
-    hands: bool = False
+    operate: bool = False
     certificate: Path | None = None
     key: Path | None = None
 
@@ -62,15 +62,15 @@ def view(choice: ViewOptions) -> int:
     listening = _listening(choice)
     port = listening.getsockname()[1]
     token = choice.token or new_token(folder() / "page.token")
-    hands = local or choice.hands
+    operate = local or choice.operate
     first = None if named is None else First(*named)
-    options = Options(choice.host, port, token, first, hands, choice.certificate, choice.key)
+    options = Options(choice.host, port, token, first, operate, choice.certificate, choice.key)
     address = f"http{'s' if choice.certificate else ''}://{_shown_host(choice.host)}:{port}/"
 
     def ready() -> None:
         out.print(address if choice.token else f"{address}?token={quote(token)}", soft_wrap=True, highlight=False)
         if not local:
-            _warn(choice, hands)
+            _warn(choice, operate)
         if choice.open:
             _open(f"{address}?token={quote(token)}")
 
@@ -146,8 +146,8 @@ def _shown_host(host: str) -> str:
     return f"[{host}]" if ":" in host else host
 
 
-def _warn(choice: ViewOptions, hands: bool) -> None:
-    may = "see and command the machine" if hands else "see the machine (read-only; --hands to command)"
+def _warn(choice: ViewOptions, operate: bool) -> None:
+    may = "see and operate the machine" if operate else "see the machine (read-only; --operate to operate it)"
     err.print(f"umo: warning: whoever reaches {choice.host} and has the token can {may}", soft_wrap=True)
     if choice.certificate is None:
         err.print("umo: warning: without --certificate and --key the token can be read on the network", soft_wrap=True)

@@ -19,9 +19,9 @@ from umo.objects.linearization import Linearization
 from umo.objects.scaling import IntArray
 from umo.wiring.resolved import Wire
 
-FREE, ASKED, IN_HAND = 0, 254, 255
+FREE, ASKED, TAKEN_BY_CLIENT = 0, 254, 255
 """Values of the column `restrictions`: a write goes straight into the image; the command stage is asked, as the
-actuator has an expiry or is asynchronous; the actuator is in a client's hand. 1 to 253: the number of the reason for
+actuator has an expiry or is asynchronous; the actuator is in a client's client. 1 to 253: the number of the reason for
 which it is inhibited."""
 WIDE, NARROW = 7, 2
 """Columns of 8 bytes a row and of 1 byte a row."""
@@ -31,7 +31,7 @@ class Source(Enum):
     """The origin of a command."""
 
     PROGRAM = "program"
-    HAND = "hand"
+    CLIENT = "client"
 
 
 class Columns:
@@ -111,7 +111,7 @@ class Block:
         self.count = len(channels)
         self.raws = raws
         self.buffer = self.raws.view()
-        """What the driver is given: of inputs to fill, of outputs to read."""
+        """Array that the driver is given: of inputs to fill, of outputs to read."""
         self.buffer.flags.writeable = inputs
         self.view = self.buffer.data
         """The same as a memoryview: between two of these a copy takes a third of numpy's time."""

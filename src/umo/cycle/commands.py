@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from umo.cycle.columns import ASKED, IN_HAND, Source
+from umo.cycle.columns import ASKED, TAKEN_BY_CLIENT, Source
 from umo.cycle.events import Event, Events
 from umo.cycle.image import Image
 from umo.cycle.inhibition import Inhibition, inhibitions_of, latched, unevaluated
@@ -33,9 +33,9 @@ A_TICK = 1e-9
 """Tolerance in s of a sum of periods (rounding)."""
 
 
-def reason_of_hand(who: str) -> str:
+def reason_of_client(who: str) -> str:
     """Why the program cannot write an actuator that somebody has taken."""
-    return f"taken by hand: {who}"
+    return f"taken by client: {who}"
 
 
 @dataclass
@@ -52,7 +52,7 @@ class Command:
     """The interlocks that name this actuator."""
     written: float | None = None
     """Time of the last write that was admitted, in s on the cycle's clock; None after it has expired."""
-    hand: str = ""
+    client: str = ""
     """The client that has taken the actuator: the program cannot write it meanwhile."""
 
     @property
@@ -67,11 +67,11 @@ class Command:
     @property
     def reason(self) -> str | None:
         """Why the program cannot write another value than the default."""
-        return self.interlocked or (reason_of_hand(self.hand) if self.hand else None)
+        return self.interlocked or (reason_of_client(self.client) if self.client else None)
 
     def admits(self, value: float, source: Source) -> bool:
         """Whether a value may be taken now; Interlocked where an interlock is declared to stop the program."""
-        if self.hand and source is not Source.HAND:
+        if self.client and source is not Source.CLIENT:
             return False
         if value == self.default:
             return True
@@ -84,7 +84,7 @@ class Command:
         return free
 
     def has_expired(self, now: float) -> bool:
-        return self.written is not None and not self.hand and now - self.written >= self.expires - A_TICK
+        return self.written is not None and not self.client and now - self.written >= self.expires - A_TICK
 
 
 class Commands:
@@ -102,13 +102,13 @@ class Commands:
         self._expiring = [command for command in commands if command.expires < inf]
         self._inhibiting: list[tuple[Inhibition, str]] = []
         """The interlocks that inhibit actuators, with their reasons, as last evaluated."""
-        self._in_hand: set[int] = set()
-        """The actuators that a hand has taken."""
+        self._taken_by_clients: set[int] = set()
+        """The actuators that a client has taken."""
         self._numbers = {reason: number for number, reason in enumerate(self.reasons, 1)}
         outputs = ((slot, item) for slot, item in enumerate(image.items) if item.direction is Direction.OUTPUT)
         asked = (slot for slot, item in outputs if not item.synchronous)
         self._unrestricted = np.zeros(len(image.items), np.uint8)
-        """The column `restrictions` while nothing is inhibited and nobody has anything in hand."""
+        """The column `restrictions` while nothing is inhibited and nobody has anything in client."""
         self._unrestricted[[*asked, *(command.slot for command in self._expiring)]] = ASKED
         self._restrict()
 
@@ -119,7 +119,7 @@ class Commands:
 
     # From the source -----------------------------------------------------------------------------------
 
-    def take(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
+    def accept(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
         """A value within the range was written; whether the image takes it. False: inhibited."""
         command = self.by_slot.get(slot)
         if command is not None:
@@ -128,7 +128,7 @@ class Commands:
             command.written = self._image.clock.now
         return True
 
-    def take_many(self, slots: Sequence[int], values: FloatArray, source: Source = Source.PROGRAM) -> list[bool]:
+    def accept_many(self, slots: Sequence[int], values: FloatArray, source: Source = Source.PROGRAM) -> list[bool]:
         """The same for many at once, each with its answer; where it raises Interlocked, none was taken."""
         commands = [self.by_slot.get(slot) for slot in slots]
         numbers = values.tolist()
@@ -138,31 +138,31 @@ class Commands:
                 command.written = self._image.clock.now
         return free
 
-    # By hand -------------------------------------------------------------------------------------------
+    # Clients -------------------------------------------------------------------------------------------
 
-    def hand_of(self, slot: int) -> str:
+    def client_of(self, slot: int) -> str:
         """The client that has taken the actuator; empty: nobody."""
         command = self.by_slot.get(slot)
-        return "" if command is None else command.hand
+        return "" if command is None else command.client
 
-    def take_in_hand(self, slot: int, who: str) -> bool:
+    def take_for_client(self, slot: int, who: str) -> bool:
         """Give the actuator to this client alone. False while an interlock inhibits it."""
         command = self.by_slot.get(slot)
         if command is None:
             command = self.by_slot[slot] = self._command(self._image.items[slot])  # type: ignore[arg-type]
         if command.interlocked is not None:
             return False
-        command.hand = who
-        if slot not in self._in_hand:
-            self._in_hand.add(slot)
+        command.client = who
+        if slot not in self._taken_by_clients:
+            self._taken_by_clients.add(slot)
             self._restrict()
         return True
 
-    def leave_hand(self, slot: int) -> None:
+    def release_from_client(self, slot: int) -> None:
         """The program may write the actuator again. Its default is sent, within its rate."""
         command = self.by_slot[slot]
-        command.hand, command.written = "", None
-        self._in_hand.discard(slot)
+        command.client, command.written = "", None
+        self._taken_by_clients.discard(slot)
         self._restrict()
         self._image.set_default(slot)
         if not command.synchronous:
@@ -196,7 +196,7 @@ class Commands:
         for each in reversed(self._inhibitions):
             if each.reason is not None:
                 found[each.slots] = self._numbers.get(each.brief, len(self._numbers))
-        found[[*self._in_hand]] = IN_HAND
+        found[[*self._taken_by_clients]] = TAKEN_BY_CLIENT
         self._image.columns.restrictions[:] = found
 
     @property
@@ -234,11 +234,11 @@ class Commands:
             inhibiting = [(each, each.reason) for each in self._inhibitions if each.reason is not None]
             if begun or inhibiting != self._inhibiting:
                 self._inhibiting = inhibiting
-                self._in_hand.difference_update(*(each.slots for each in begun))
+                self._taken_by_clients.difference_update(*(each.slots for each in begun))
                 self._restrict()
         for each in begun:
             for slot in each.slots:
-                self.by_slot[slot].hand = ""  # it does not start again by itself
+                self.by_slot[slot].client = ""  # it does not start again by itself
                 self._happened(self.by_slot[slot], f"inhibited: {each.reason}", Kind.INTERLOCKED)
         return {slot for each in begun for slot in each.slots}
 

@@ -72,7 +72,7 @@ class connect(Generic[C]):
         self.reached = True
         """Whether every initialised actuator is at its default, as far as is known."""
         self.reports: dict[str, Mapping[str, Any]] = {}
-        """After the run, what each driver reports of its circuit or plant (Driver.report), by the driver's name."""
+        """Reports of the drivers on their circuits or plants (Driver.report), by driver; empty before the end."""
         self.afterwards: list[Callable[[], object]] = []
         """Called when the actuators have been reset and the last period has been shown."""
         self.custody: Custody | None = None

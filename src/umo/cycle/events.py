@@ -1,4 +1,4 @@
-"""Events: what guards, hands and the machine itself did, one after another."""
+"""Events: what guards, clients and the machine itself did, one after another."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ class Event(NamedTuple):
     text: str
     """The words; for a command that has ended its result as JSON, or its error."""
     who: str = ""
-    """The hand; empty: the machine itself."""
+    """The client; empty: the machine itself."""
     command: int = 0
-    """The number of a hand's command, from 1."""
+    """The number of a client's command, from 1."""
     state: CommandState = CommandState.NONE
     asked: str = ""
     """The command in words."""

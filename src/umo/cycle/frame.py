@@ -20,7 +20,7 @@ class Signal(NamedTuple):
     """A number that is shown beside the objects."""
 
     path: str
-    """Such as `z.servo.error`."""
+    """Path of the signal, such as `z.servo.error`."""
     unit: str
     owner: Any
     name: str

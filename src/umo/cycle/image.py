@@ -42,10 +42,10 @@ Sensor = BinarySensor[Any] | DigitalSensor
 class Gate(link.Commands, Protocol):
     """The command stage, asked for what the column `restrictions` restricts (`umo.cycle.commands`)."""
 
-    def take(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
+    def accept(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
         """Whether a value within the range may be written; Interlocked where an interlock is to stop the program."""
 
-    def take_many(self, slots: Sequence[int], values: FloatArray) -> list[bool]:
+    def accept_many(self, slots: Sequence[int], values: FloatArray) -> list[bool]:
         """The same for many at once, each with its answer; where it raises Interlocked, none was taken."""
 
     def rest(self, slot: int) -> None:
@@ -258,10 +258,10 @@ class Image:
 
     def command(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
         """A value within its range was written to an actuator for which the command stage is to be asked; or by a
-        hand."""
-        if source is Source.HAND and value != self._defaults[slot]:
+        client."""
+        if source is Source.CLIENT and value != self._defaults[slot]:
             self.wires[slot].raw(value)  # a linearization of the user's that raises refuses the command
-        if not self.commands.take(slot, value, source):
+        if not self.commands.accept(slot, value, source):
             return False
         self.pending[slot] = value
         if not self.items[slot].synchronous and (failures := self.try_send(slot)):
@@ -294,7 +294,7 @@ class Image:
         if not np.count_nonzero(self.columns.restrictions[slots]):
             pending[slots] = values
             return True
-        taken = np.array(self.commands.take_many(each, values))
+        taken = np.array(self.commands.accept_many(each, values))
         pending[slots] = np.where(taken, values, pending[slots])
         return bool(taken.all())
 

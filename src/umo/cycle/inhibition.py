@@ -29,7 +29,7 @@ class Inhibition:
     held: bool = False
     """The last result of its condition."""
     _latched: bool = False
-    """It inhibits until it is acknowledged."""
+    """Whether it inhibits until it is acknowledged."""
 
     def ask(self, latch: bool) -> bool:
         """Evaluate the condition. True if it starts to inhibit now. `latch`: a latched interlock stays from now on."""

@@ -7,11 +7,11 @@ from functools import cached_property, partial
 from time import monotonic_ns
 from typing import Any, NamedTuple, NoReturn, Protocol, cast
 
+from umo.cycle.client_commands import Inbox, Lease, Mode
 from umo.cycle.clock import Clock, WallClock
 from umo.cycle.commands import Commands
 from umo.cycle.events import Events
 from umo.cycle.frame import Frame, Observer, Signal, show, signals_of
-from umo.cycle.hand_commands import Inbox, Lease, Mode
 from umo.cycle.image import Image
 from umo.cycle.sequences import Sequences, Task
 from umo.cycle.stage import Stage
@@ -30,7 +30,7 @@ INJECTED = "injected_faults"
 
 
 class Commanding(Protocol):
-    """The clients that command a machine (`umo.cycle.hands`), as far as it needs them."""
+    """The clients that command a machine (`umo.cycle.client_control`), as far as it needs them."""
 
     mode: Mode
     lease: Lease
@@ -61,7 +61,7 @@ class ConnectedMachine:
         self.clock: Clock = image.clock
         self.stop = stop
         self.sequences = Sequences()
-        self.hands: Commanding | None = None
+        self.clients: Commanding | None = None
         """The commands from outside, where there may be any."""
         self.observers: list[Observer] = []
         """Called after every period with its frame."""
@@ -98,8 +98,8 @@ class ConnectedMachine:
         """Cancel the sequences of clients and of the application, the last started first; the first error of their
         cleaning up is raised."""
         try:
-            if self.hands is not None:
-                self.hands.cancel()
+            if self.clients is not None:
+                self.clients.cancel()
         finally:
             self.sequences.cancel()
 
@@ -144,14 +144,14 @@ class ConnectedMachine:
 
     @property
     def events(self) -> Events:
-        """The last 1,000 actions of guards and hands."""
+        """The last 1,000 actions of guards and clients."""
         return self.commands.events
 
     def control(self, part: Node) -> None:
         """Sequences first (the root's alone), then each overridden `control`, a parent before its parts."""
         if part is self.root:
-            if self.hands is not None:
-                self.hands.look()
+            if self.clients is not None:
+                self.clients.look()
             self.sequences.advance(self.clock)
             acts = self._root_acts
         else:
@@ -212,13 +212,13 @@ class ConnectedMachine:
     def facts(self) -> dict[str, str]:
         """The state of the machine in words."""
         stage = Stage.RUNNING if self.running else Stage.STOPPING
-        mode, holder = (None, "") if self.hands is None else (self.hands.mode, self.hands.lease.holder)
+        mode, holder = (None, "") if self.clients is None else (self.clients.mode, self.clients.lease.holder)
         now, missed = self.clock.now, self.clock.missed_in_all
         return facts_of(stage, mode, holder, self.frame.progress, time=now, missed=missed)
 
     def start(self, sequence: Coroutine[Any, Any, Any]) -> Task:
-        by_hand = None if self.hands is None else self.hands.at_work
-        return (self.sequences if by_hand is None else by_hand).start(sequence)
+        by_client = None if self.clients is None else self.clients.at_work
+        return (self.sequences if by_client is None else by_client).start(sequence)
 
     def skip_ticks(self) -> None:
         """Read the timer before the first period: the ticks until here belong to no period, and none is missed."""
@@ -269,11 +269,11 @@ class _PartSlots(NamedTuple):
     """The slots of a part."""
 
     inputs: list[int]
-    """To sample."""
+    """Slots to sample."""
     outputs: list[int]
-    """To update."""
+    """Slots to update."""
     all: list[int]
-    """To reset: the actuators in stop order, then the sensors."""
+    """Slots to reset: the actuators in stop order, then the sensors."""
 
 
 def _go_on(failed: DriverError, then: Callable[[], object], what: str) -> NoReturn:

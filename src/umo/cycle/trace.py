@@ -16,12 +16,12 @@ from umo.objects.description import described
 from umo.presentation.in_words import file_form
 
 ROWS = 100_000
-MOST = 32_000_000
-"""Bytes that a trace may take, with the copy that is made while it grows or is thinned."""
+MAX_BYTES = 32_000_000
+"""Size of a trace at most, with the copy that is made while it grows or is thinned."""
 NOTES = 4096
 """The most texts of the progress that are kept; of more, every second one is dropped."""
 HALVINGS = 6
-"""It begins with a 64th of its rows."""
+"""Number of times that its room is doubled: it begins with a 64th of its rows."""
 
 
 class Statistics:
@@ -50,7 +50,7 @@ class Trace:
 
     When the rows are full every second one is dropped and from then on only every second period kept, and so
     on: the whole run stays in view. There are as many rows as asked for, fewer where the objects are so many that
-    those would take more than `MOST` bytes.
+    those would take more than `MAX_BYTES` bytes.
     """
 
     def __init__(self, rows: int = ROWS) -> None:
@@ -88,7 +88,7 @@ class Trace:
     def _begin(self, frame: Frame) -> npt.NDArray[np.float64]:
         self.items, self.signals = list(frame.items), frame.signals
         columns = 3 + len(self.items) + len(self.signals)
-        most = MOST * 2 // 3 // (columns * 8)  # all rows and half as many again, which is the copy
+        most = MAX_BYTES * 2 // 3 // (columns * 8)  # all rows and half as many again, which is the copy
         self._capacity = max(2, min(self._capacity, most))
         self._rows = np.empty((max(1, self._capacity >> HALVINGS), columns))
         return self._rows

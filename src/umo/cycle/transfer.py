@@ -26,7 +26,7 @@ SETTLE = 0.25
 """Minimum time in s for a device to carry out requests that are still pending."""
 LONGEST_SETTLE = 1.0
 FAILURES = (Exception, SystemExit)
-"""What a call of a driver fails by: a SystemExit would end the program as if all were well."""
+"""Errors of a driver's call: a SystemExit would end the program as if all were well."""
 PATIENCE = 3.0
 """s that a driver may take for a call while nothing is controlled: when connecting, and for the guardian's resets. A
 device that serves one connection at a time may need long to let go of the one before."""

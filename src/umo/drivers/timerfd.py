@@ -15,7 +15,7 @@ from umo.errors import DriverError
 CLOCK_MONOTONIC = 1
 TFD_TIMER_ABSTIME = 1
 MOST_AWAKE = 15 / 16
-"""Of the time: how much a thread that rises early uses of its processor at most. The kernel holds up a real-time thread
+"""Share of its processor that a thread which waits busily uses at most. The kernel holds up a real-time thread
 that uses more than 95 % (sched(7), sched_rt_runtime_us)."""
 LOOK_EVERY = 10, 30_000_000
 """Periods, and ns at most, between two looks at the processor time: a system call, which in each period made the period
@@ -106,11 +106,11 @@ class Ticker:
         """ns that the thread should have slept by then and had not."""
         self._napped = 0
         """ns that it has slept since then for this reason."""
-        self._early = 0
+        self._busy_wait = 0
         self._ended = False
         """The wait is to end, or the next one."""
         self.meanwhile: WhileWaiting | None = None
-        """Between the early rising and its tick."""
+        """What is done between the waking up and the tick."""
         self.due = 0
         """When the tick that ended the last `wait` was due, in ns of CLOCK_MONOTONIC."""
         self.woke = 0
@@ -128,12 +128,12 @@ class Ticker:
         if self._fd < 0 or self._arm(self._next) < 0:
             self._refused()
 
-    def rise_early(self, seconds: float) -> None:
+    def wait_busily(self, seconds: float) -> None:
         """Sleep until so many seconds before each tick, and look at the clock from then on until it comes: the thread
         is awake, and its processor too. Costs this share of a processor. Where this and the work of the periods exceed
         `MOST_AWAKE`, some ticks are waited for asleep."""
-        self._early = round(seconds * 1e9)
-        if self._arm(self._next - self._early) < 0:
+        self._busy_wait = round(seconds * 1e9)
+        if self._arm(self._next - self._busy_wait) < 0:
             self._refused()
 
     def wait(self) -> int:
@@ -147,16 +147,16 @@ class Ticker:
             self._next = due + passed * self._nanoseconds
             self.due, self.woke = self._next - self._nanoseconds, now
             return passed
-        early = due - self._early
-        if self._early and self._is_tired(now):
+        wake_at = due - self._busy_wait
+        if self._busy_wait and self._is_tired(now):
             self._napped += due - now
             while now < due and not self._ended:
                 self._nap(min(due - now, NAP) * 1e-9)
                 now = clock()
-        while now < early:
+        while now < wake_at:
             if self._ended:  # this once: a loop that goes on all the same keeps its pace
                 self._ended = False
-                self._arm(self._next - self._early)
+                self._arm(self._next - self._busy_wait)
                 raise WaitEnded
             self._sleep()
             now = clock()

@@ -6,7 +6,7 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from umo.cycle.hand_commands import Mode
+from umo.cycle.client_commands import Mode
 from umo.cycle.stage import Progress, Stage
 from umo.presentation import run_facts
 from umo.presentation.in_words import span

@@ -43,8 +43,8 @@ HEAD, STATE, MISSED, JOURNAL, DESCRIBED = 64, 72, 80, 88, 96
 """Offsets of the live numbers, 8 bytes each: frames finished, state (`umo.cycle.stage`), missed periods in all, number
 of the next entry (moved on before the entries are written); and of the CRC-32 of the description, which stays."""
 EVENT, MODE, TAKEN, DROPPED, LEASE = 104, 112, 120, 128, 136
-"""More of them: number of the next event, mode (`umo.cycle.hand_commands`; -1: no hands), commands of hands taken and
-dropped, number of the lease, which is below 0 while its holder is being written."""
+"""More of them: number of the next event, mode (`umo.cycle.client_commands`; -1: no clients), commands of clients taken
+and dropped, number of the lease, which is below 0 while its holder is being written."""
 HOLDER = 144
 """Offset of the text of who has the lease, UTF-8, `NAME` bytes; empty: nobody."""
 DESCRIPTION = 256
@@ -112,7 +112,7 @@ FIXED: list[Column] = [
     ("total", "<i8", 1, "0: not known"),
     ("progress", f"S{NOTE}", 1, "UTF-8: what the machine is doing"),
 ]
-RESTRICTIONS = "0 and 254 free, 255 taken by hand, else the number of the reason of its inhibition, from 1"
+RESTRICTIONS = "0 and 254 free, 255 taken by a client, else the number of the reason of its inhibition, from 1"
 STATES = "numbers of the states that the description names"
 SELDOM = struct.Struct(f"<{len(USAGE)}q12q{NOTE}s")
 """The fields from `USAGE` on, which change seldom."""

@@ -16,10 +16,10 @@ from weakref import finalize
 import numpy as np
 import numpy.typing as npt
 
-from umo.cycle.columns import ASKED, FREE, IN_HAND
-from umo.cycle.commands import reason_of_hand
+from umo.cycle.client_commands import Mode
+from umo.cycle.columns import ASKED, FREE, TAKEN_BY_CLIENT
+from umo.cycle.commands import reason_of_client
 from umo.cycle.events import CommandState, Event
-from umo.cycle.hand_commands import Mode
 from umo.cycle.stage import Stage
 from umo.errors import FramesError, PathError
 from umo.frames.frame_server import is_socket, receive
@@ -211,7 +211,7 @@ class Reader:
         return self.lease[1]
 
     def lease_held(self, number: int) -> bool:
-        """Whether the lease of this number still lasts: it has not ended, and no other hand has taken it over."""
+        """Whether the lease of this number still lasts: it has not ended, and no other client has taken it over."""
         last, holder = self.lease
         return last == number and bool(holder)
 
@@ -281,12 +281,12 @@ class Reader:
         return {entry["path"]: _shown(entry, value) for entry, value in zip(self.layout.objects, numbers, strict=True)}
 
     def inhibited(self, frame: Any, number: int) -> str | None:
-        """Why only the default of an object could be sent in a frame, or who had it by hand; None: it was free."""
+        """Why only the default of an object could be sent in a frame, or which client had taken it; None: neither."""
         state = int(frame["restrictions"][number])
         if state in (FREE, ASKED):
             return None
-        if state == IN_HAND:
-            return reason_of_hand(self.holder)
+        if state == TAKEN_BY_CLIENT:
+            return reason_of_client(self.holder)
         return self.layout.interlocks[state - 1] if state <= len(self.layout.interlocks) else "an unknown interlock"
 
     # In words ------------------------------------------------------------------------------------------
@@ -314,7 +314,7 @@ class Reader:
             return TableRow(about)
         if place >= objects:
             return TableRow(about, float(frame["signals"][place - objects]))
-        note = restriction(self.inhibited(frame, place), frame["restrictions"][place] == IN_HAND)
+        note = restriction(self.inhibited(frame, place), frame["restrictions"][place] == TAKEN_BY_CLIENT)
         value, quality, raw = frame["values"][place], frame["quality"][place], frame["raws"][place]
         return TableRow(about, float(value), int(quality), int(raw), note)
 

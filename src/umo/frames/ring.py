@@ -140,8 +140,8 @@ class Ring:
             live[MISSED // 8] = self.missed
         if self._tunables:  # one in each period
             self._refresh(index % len(self._tunables))
-        if self._machine.hands is not None:
-            self.show(self._machine.hands)
+        if self._machine.clients is not None:
+            self.show(self._machine.clients)
         if self._told != self._events.number:  # last: whoever sees an answer finds the lease and the mode as told
             self._tell()
 
@@ -163,10 +163,10 @@ class Ring:
             self._words[at >> 3] = number + 1
             self._live[EVENT // 8] = number + 1
 
-    def show(self, hands: Commanding) -> None:
+    def show(self, clients: Commanding) -> None:
         """Mode, lease, and what became of the queue."""
-        live, lease = self._live, hands.lease
-        live[MODE // 8], live[TAKEN // 8], live[DROPPED // 8] = hands.mode, hands.inbox.taken, hands.inbox.dropped
+        live, lease = self._live, clients.lease
+        live[MODE // 8], live[TAKEN // 8], live[DROPPED // 8] = clients.mode, clients.inbox.taken, clients.inbox.dropped
         if self._shown_lease != (lease.number, lease.holder):
             self._shown_lease = lease.number, lease.holder
             live[LEASE // 8] = -1
@@ -197,7 +197,7 @@ class Ring:
             or not self.index % COUNTED_EVERY
         )
         old = frame.began - self._utc_read >= UTC_EVERY
-        taken = 0 if self._machine.hands is None else self._machine.hands.inbox.taken
+        taken = 0 if self._machine.clients is None else self._machine.clients.inbox.taken
         told = taken == self._told_taken and progress is self._told_progress
         stands = told and not (counted or old or journal.count or journal.sampled or journal.updated)
         if stands and self._seldom_stands:

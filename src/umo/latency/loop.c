@@ -25,7 +25,7 @@ int main(int count, char **words) {
     if (count != 6) return 2;
     int64_t period = atoll(words[1]), periods = atoll(words[2]);
     int priority = atoi(words[3]), cpu = atoi(words[4]);
-    int64_t early = atoll(words[5]);
+    int64_t busy_wait = atoll(words[5]);
     int64_t *times = calloc(2 * periods + 2, sizeof *times);
     if (!times) return 1;
     prctl(PR_SET_PDEATHSIG, 9);
@@ -43,14 +43,14 @@ int main(int count, char **words) {
     }
     for (int64_t i = 0; i < 2 * periods; i++) times[i] = -1; /* touched before the loop */
     int timer = timerfd_create(CLOCK_MONOTONIC, 0);
-    int64_t began = now(), due = began + period, first = due - early;
+    int64_t began = now(), due = began + period, first = due - busy_wait;
     struct itimerspec spec = {{period / 1000000000, period % 1000000000}, {first / 1000000000, first % 1000000000}};
     timerfd_settime(timer, TFD_TIMER_ABSTIME, &spec, NULL);
     volatile double values[13];
     volatile int64_t raws[13] = {0};
     for (int64_t i = 0; i < periods;) {
         int64_t woke;
-        while ((woke = now()) < due - early) {
+        while ((woke = now()) < due - busy_wait) {
             uint64_t expired;
             if (read(timer, &expired, sizeof expired) != sizeof expired) return 1;
         }

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from umo.cycle import connect
-from umo.cycle.rehearsal import rise_early
+from umo.cycle.cache_warming import wait_busily
 from umo.drivers.timerfd import Ticker
 from umo.errors import DriverError
 from umo.latency.native import Slice
@@ -61,7 +61,7 @@ def example() -> Example:
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment of a control process; numpy's own threads would be started with it."""
 REQUEST = struct.Struct("<qd")
-"""Periods, and s of rising early."""
+"""Periods, and s of busy waiting."""
 START = "import sys; from umo.latency.loop import serve; serve(*sys.argv[1:])"
 
 
@@ -99,9 +99,9 @@ class Loop:
         """SCHED_FIFO and a core of its own."""
         return self.priority > 0 and self.cpu is not None
 
-    def run(self, periods: int, early: float = 0.0) -> Slice:
+    def run(self, periods: int, busy_wait: float = 0.0) -> Slice:
         """Measure one slice, as `native.run`."""
-        self._here.send_bytes(REQUEST.pack(periods, early))
+        self._here.send_bytes(REQUEST.pack(periods, busy_wait))
         return Slice.of(self._here.recv_bytes())
 
     def close(self) -> None:
@@ -122,8 +122,8 @@ def serve(file: str, period: str, priority: str, cpu: str) -> None:
         ticker = connection.wired.drivers["timerfd"].ticker  # type: ignore[attr-defined]
         there.send((realtime.prepare(wanted, None if int(cpu) < 0 else int(cpu)), *realtime.granted()))
         while True:
-            periods, early = REQUEST.unpack(there.recv_bytes())
-            rise_early(connection.wired, early)
+            periods, busy_wait = REQUEST.unpack(there.recv_bytes())
+            wait_busily(connection.wired, busy_wait)
             there.send_bytes(slice_of(m, ticker, periods).tobytes())
 
 

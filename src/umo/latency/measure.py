@@ -57,30 +57,30 @@ class Samples:
 
 @dataclass
 class Measured:
-    """The results: of umo's loop and of the C loop, each as it sleeps until the tick and as it rises early."""
+    """The results: of umo's loop and of the C loop, each as it sleeps until the tick and as it waits busily."""
 
     period: float
-    early: float
+    busy_wait: float
     """s before the tick."""
     refusals: list[Refusal]
     granted: bool = False
     """SCHED_FIFO and a core."""
     umo: Samples = field(default_factory=Samples)
-    umo_early: Samples = field(default_factory=Samples)
+    umo_busy: Samples = field(default_factory=Samples)
     c: Samples | None = None
     """None without a compiler."""
-    c_early: Samples | None = None
+    c_busy: Samples | None = None
 
     @property
     def loops(self) -> dict[str, Samples]:
         """The loops that were measured, by name."""
-        found = {"umo": self.umo, "umo, early": self.umo_early, "C": self.c, "C, early": self.c_early}
+        found = {"umo": self.umo, "umo, busy waiting": self.umo_busy, "C": self.c, "C, busy waiting": self.c_busy}
         return {name: samples for name, samples in found.items() if samples is not None}
 
     @property
     def by_itself(self) -> Samples:
         """The one of umo's two loops that `umo run` has on this computer unless the wiring says otherwise."""
-        return self.umo_early if self.granted else self.umo
+        return self.umo_busy if self.granted else self.umo
 
 
 def measure(
@@ -98,9 +98,9 @@ def measure(
     busy = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in range(os.cpu_count() or 1)] if load else []
     try:
         with closing(Loop(period, priority, cpu)) as loop, native.compiled() as program:
-            found = Measured(period, realtime.early_for(period), loop.refusals, loop.granted)
+            found = Measured(period, realtime.busy_wait_for(period), loop.refusals, loop.granted)
             if program is not None:
-                found.c, found.c_early = Samples(), Samples()
+                found.c, found.c_busy = Samples(), Samples()
             try:
                 for number in range(slices):
                     _slice(found, loop, program, periods)
@@ -116,7 +116,7 @@ def measure(
 
 def _slice(found: Measured, loop: Loop, program: Path | None, periods: int) -> None:
     found.umo.add(loop.run(periods))
-    found.umo_early.add(loop.run(periods, found.early))
-    if program is not None and found.c is not None and found.c_early is not None:
+    found.umo_busy.add(loop.run(periods, found.busy_wait))
+    if program is not None and found.c is not None and found.c_busy is not None:
         found.c.add(native.run(program, found.period, periods, loop.priority, loop.cpu))
-        found.c_early.add(native.run(program, found.period, periods, loop.priority, loop.cpu, found.early))
+        found.c_busy.add(native.run(program, found.period, periods, loop.priority, loop.cpu, found.busy_wait))

@@ -52,7 +52,7 @@ class Slice(NamedTuple):
         return cls(rows[:-1], int(rows[-1, 0]), int(rows[-1, 1]))
 
 
-def run(program: Path, period: float, periods: int, priority: int, cpu: int | None, early: float = 0.0) -> Slice:
-    """Once, with so many periods; `early` in s before the tick it stops to sleep."""
-    words = [round(period * 1e9), periods, priority, -1 if cpu is None else cpu, round(early * 1e9)]
+def run(program: Path, period: float, periods: int, priority: int, cpu: int | None, busy_wait: float = 0.0) -> Slice:
+    """Once, with so many periods; It stops to sleep `busy_wait` s before the tick."""
+    words = [round(period * 1e9), periods, priority, -1 if cpu is None else cpu, round(busy_wait * 1e9)]
     return Slice.of(subprocess.run([str(program), *map(str, words)], capture_output=True, check=True).stdout)

@@ -49,25 +49,25 @@ def judge(found: Measured) -> Answer:
 
 
 def recommend(found: Measured) -> str:
-    """The advice of the measurement on rising early: `early` in the wiring's `[process]`."""
-    asleep, early = found.umo, found.umo_early
-    if not (len(asleep.total) and len(early.total)):
+    """The advice of the measurement on busy waiting: `busy_wait` in the wiring's `[process]`."""
+    asleep, awake = found.umo, found.umo_busy
+    if not (len(asleep.total) and len(awake.total)):
         return ""
-    late = [float(np.percentile(samples.total, 99)) for samples in (asleep, early)]
-    us, cost = f"{found.early * 1e6:.0f} µs", f"{max(early.busy - asleep.busy, 0.0):.0%} more of a processor"
+    late = [float(np.percentile(samples.total, 99)) for samples in (asleep, awake)]
+    us, cost = f"{found.busy_wait * 1e6:.0f} µs", f"{max(awake.busy - asleep.busy, 0.0):.0%} more of a processor"
     compared = (
         f"99 % of the periods that begin in time end within {late[1]:.0f} µs instead of {late[0]:.0f} µs, "
-        f"{early.missed:,} instead of {asleep.missed:,} are missed"
+        f"{awake.missed:,} instead of {asleep.missed:,} are missed"
     )
-    better = late[1] < late[0] and early.missed <= asleep.missed + len(early.total) / 1000
+    better = late[1] < late[0] and awake.missed <= asleep.missed + len(awake.total) / 1000
     if better and found.granted:
-        return f"umo run rises {us} early here: {compared}, for {cost}; `early = 0` in [process] turns it off"
+        return f"umo run waits busily for {us} here: {compared}, for {cost}; `busy_wait = 0` in [process] turns it off"
     if better:
-        where = f'`early = "{found.early * 1e6:.0f} us"` in [process]'
+        where = f'`busy_wait = "{found.busy_wait * 1e6:.0f} us"` in [process]'
         return f"{where}: {compared}, for {cost}; by itself umo run does so on a core of its own"
     if found.granted:
-        return f"`early = 0` in [process]: rising {us} early does not help here, and takes {cost}"
-    return f"rising early does not help here: {compared}"
+        return f"`busy_wait = 0` in [process]: busy waiting for {us} does not help here, and takes {cost}"
+    return f"busy waiting does not help here: {compared}"
 
 
 def _release() -> tuple[int, ...]:

@@ -122,12 +122,12 @@ class Action:
     """An action of one compound of a machine."""
 
     path: str
-    """Such as `z.move_to`."""
+    """Path of the action, such as `z.move_to`."""
     call: Callable[..., Any]
     arguments: tuple[Argument, ...]
     harmless: bool
     release: Callable[[], Any] | None
-    """Ends what the action began; None: the action need not be kept up."""
+    """Ends what the action began, under dead-man control; None: the action ends by itself."""
     help: str
 
     def converted(self, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -149,7 +149,7 @@ class Action:
             "help": self.help,
             "arguments": [each.describe() for each in self.arguments],
             "harmless": self.harmless,
-            "kept_up": self.release is not None,
+            "dead_man": self.release is not None,
         }
 
 

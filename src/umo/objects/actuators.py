@@ -46,7 +46,7 @@ class BinaryActuator(Binary[S]):
     @property
     def inhibited(self) -> str | None:
         """Why writes of the program are not accepted: the reason of the interlock that keeps it at its default, or who
-        has it by hand. None: they are accepted."""
+        has taken it. None: they are accepted."""
         return self._image.commands.inhibited(self._slot)
 
     def describe(self) -> str:
@@ -139,7 +139,7 @@ class DigitalActuator(Digital):
     @property
     def inhibited(self) -> str | None:
         """Why writes of the program are not accepted: the reason of the interlock that keeps it at its default, or who
-        has it by hand. None: they are accepted."""
+        has taken it. None: they are accepted."""
         return self._image.commands.inhibited(self._slot)
 
     @property

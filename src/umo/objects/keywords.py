@@ -23,7 +23,7 @@ class ClassSettings(NamedTuple):
     stop_order: Sequence[str] = ()
     max_period: str | float | None = None
     numbers: tuple[ByAttribute, ...] = ()
-    """Those of the class, then of its bases."""
+    """Numbers of the class, then of its bases."""
 
 
 def settings_of(cls: type, given: Mapping[str, Any]) -> ClassSettings:

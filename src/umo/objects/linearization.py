@@ -64,7 +64,7 @@ class LookupTable(Linearization):
     inputs: Sequence[float]
     """The electrical quantities."""
     values: Sequence[float]
-    """In the units of the object."""
+    """Values in the unit of the object."""
 
     def __post_init__(self) -> None:
         for name in ("inputs", "values"):

@@ -34,7 +34,7 @@ class MachineNumber(NamedTuple):
     """One number of a machine: an attribute of a compound, or of something that a compound has, such as a law."""
 
     path: str
-    """Such as `z.servo.gain`."""
+    """Path of the number, such as `z.servo.gain`."""
     declared: Number
     owner: Any
     name: str

@@ -93,8 +93,8 @@ class Number(Range):
     maximum: float = inf
     _: KW_ONLY
     tunable: bool = False
-    """It may be changed while the machine runs: `umo tune`, `umo.attach`, the page."""
+    """Whether it may be changed while the machine runs: `umo tune`, `umo.attach`, the page."""
     shown: bool = False
-    """It is shown beside the objects: in frames, trace, plot and `umo watch`."""
+    """Whether it is shown beside the objects: in frames, trace, plot and `umo watch`."""
     kept: bool = False
-    """Its last value is kept over a restart. Nothing does so yet."""
+    """Whether its last value is kept over a restart. Nothing does so yet."""

@@ -35,10 +35,10 @@ _FACTOR = rf"(?:1|{_NAME}{_POWER})"
 _PRODUCT = rf"{_FACTOR}(?:(?:\s*[*/·⋅]\s*|\s+){_FACTOR})*"
 _UNIT = re.compile(rf"\s*(?:{_PRODUCT}(?:\s*/\s*\({_PRODUCT}\))?)?\s*")
 """Names, their products and quotients and small powers: pint would calculate "9**9**9 mm" for hours."""
-LONGEST = 100
-"""Characters of a unit."""
+MAX_LENGTH = 100
+"""Length of a unit at most, characters."""
 DIGITS = 12
-"""To which a way over logarithms is good: 30 dBm are 1000 mW, not 1000.0000000000007."""
+"""Number of digits to which a way over logarithms is good: 30 dBm are 1000 mW, not 1000.0000000000007."""
 
 
 @lru_cache(maxsize=1024)
@@ -46,9 +46,9 @@ def check_unit(unit: str) -> str:
     """The unit itself when pint knows it; DeclarationError otherwise."""
     if not unit:
         return unit
-    if len(unit) > LONGEST or not _UNIT.fullmatch(unit):
+    if len(unit) > MAX_LENGTH or not _UNIT.fullmatch(unit):
         form = "allowed: names, *, / and small powers"
-        raise DeclarationError(f"{unit[:LONGEST]!r} is not a unit that pint knows ({form})")
+        raise DeclarationError(f"{unit[:MAX_LENGTH]!r} is not a unit that pint knows ({form})")
     try:
         registry().parse_units(unit)
     except Exception as error:  # pint raises a dozen types, some of them tokenizer errors

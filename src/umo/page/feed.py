@@ -138,7 +138,7 @@ class Feed:
         self._refused[path.name] = time.monotonic() + AGAIN
 
     async def _look_around(self) -> None:
-        """Read what each run has on the disk, in a thread: pages and hands never wait for that."""
+        """Read what each run has on the disk, in a thread: pages and clients never wait for that."""
         while True:
             for watched in list(self.watched.values()):
                 try:

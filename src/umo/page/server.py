@@ -49,13 +49,13 @@ ATTACHMENT = {"content-disposition": "attachment"}
 
 @dataclass(frozen=True)
 class Options:
-    """How to serve. `first` is shown first; `hands`: pages may command."""
+    """How to serve. `first` is shown first; `operate`: pages may command."""
 
     host: str
     port: int
     token: str
     first: First | None = None
-    hands: bool = True
+    operate: bool = True
     certificate: Path | None = None
     key: Path | None = None
 
@@ -63,7 +63,7 @@ class Options:
 def application(options: Options, feed: Feed, ended: Callable[[asyncio.Task[None]], None]) -> ASGIApp:
     """The page of a feed, behind its guard. `ended` is called when the feed has ended."""
     name = None if options.first is None else options.first.station
-    about = {"station": name, "hands": options.hands, "version": version("umo")}
+    about = {"station": name, "operate": options.operate, "version": version("umo")}
 
     async def index(request: Request) -> Response:
         return FileResponse(STATIC / "index.html")

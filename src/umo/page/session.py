@@ -22,7 +22,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from umo.errors import FramesError
 from umo.page.feed import Feed
 from umo.page.live import BadRequest, Live, Stretch, made, number, pixels
-from umo.page.page_hand import PageHand
+from umo.page.page_client import PageClient
 from umo.page.watched import Watched
 
 MOST_LIVE = 16
@@ -68,7 +68,7 @@ class Session:
         self._stations = ""
         self._sending = asyncio.Lock()
         self._asked: asyncio.Queue[Callable[[], str | bytes]] = asyncio.Queue(MOST_ASKED)
-        self._hand: PageHand | None = None
+        self._client: PageClient | None = None
 
     async def run(self) -> None:
         """Until the page is closed."""
@@ -82,7 +82,7 @@ class Session:
         finally:
             self._feed.pages -= 1
             sending.cancel()
-            await self._drop_hand()
+            await self._drop_client()
             with suppress(asyncio.CancelledError):
                 await sending
 
@@ -183,10 +183,10 @@ class Session:
         if kind == "watch":
             await self._watch(message.get("name"), message.get("place"))
         elif kind == "command":
-            await (await self._hand_on(watched)).carry_out(message)
+            await (await self._client_on(watched)).carry_out(message)
         elif kind == "touch":
-            if self._hand is not None:
-                self._hand.touch(_held(message), int(number(message, "number")))
+            if self._client is not None:
+                self._client.touch(_held(message), int(number(message, "number")))
         elif kind == "stop":
             self._live.pop(_key(message), None)
         elif watched is None:
@@ -209,24 +209,24 @@ class Session:
         except asyncio.QueueFull:
             raise BadRequest(f"up to {MOST_ASKED} answers at once") from None
 
-    async def _hand_on(self, watched: Watched | None) -> PageHand:
-        """The hand of this page on the run that it shows; made for its first command."""
-        if not self._server.get("hands"):
+    async def _client_on(self, watched: Watched | None) -> PageClient:
+        """The client of this page on the run that it shows; made for its first command."""
+        if not self._server.get("operate"):
             raise BadRequest(READ_ONLY)
         if watched is None:
             raise BadRequest("no station is chosen")
-        if self._hand is None or self._hand.watched is not watched:
-            await self._drop_hand()
+        if self._client is None or self._client.watched is not watched:
+            await self._drop_client()
             try:
-                self._hand = PageHand(watched, self._feed, self._address(), self._tell)
+                self._client = PageClient(watched, self._feed, self._address(), self._tell)
             except FramesError as error:
                 raise BadRequest(str(error)) from None
-        return self._hand
+        return self._client
 
-    async def _drop_hand(self) -> None:
-        hand, self._hand = self._hand, None
-        if hand is not None:
-            await hand.close()
+    async def _drop_client(self) -> None:
+        client, self._client = self._client, None
+        if client is not None:
+            await client.close()
 
     def _address(self) -> str:
         return self._socket.client.host if self._socket.client else "unknown"
@@ -234,7 +234,7 @@ class Session:
     async def _watch(self, name: Any, place: Any) -> None:
         if not isinstance(name, str) or not isinstance(place, str | None):
             raise BadRequest("name and place are texts")
-        await self._drop_hand()
+        await self._drop_client()
         self._name, self._place, self._watched, self._state = name, place, None, 0
         self._live.clear()
 

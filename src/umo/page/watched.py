@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from umo.cycle.columns import IN_HAND
+from umo.cycle.columns import TAKEN_BY_CLIENT
 from umo.cycle.events import Event
 from umo.frames import Reader, Stage
 from umo.frames.last_event import end_of
@@ -163,7 +163,7 @@ class Watched:
         }  # fmt: skip
         if frame is not None:
             told["time"] = float(frame["time"])
-        return told | {"facts": self._facts()} | self._hands()
+        return told | {"facts": self._facts()} | self._clients()
 
     def _facts(self) -> dict[str, str]:
         """What is said of the run; empty: there is nothing to say."""
@@ -179,16 +179,18 @@ class Watched:
             }
         )
 
-    def _hands(self) -> dict[str, Any]:
-        """Mode, lease and tunable numbers, if the station takes commands; which actuators are inhibited, or in hand."""
+    def _clients(self) -> dict[str, Any]:
+        """Mode, lease and tunable numbers, if the station takes commands; which actuators are inhibited or taken."""
         reader, frame = self.reader, self._frame
         told: dict[str, Any] = {}
         if frame is not None:
             restrictions = frame["restrictions"]
             reasons = {slot: reader.inhibited(frame, slot) for slot in np.flatnonzero(restrictions).tolist()}
-            told["by_hand"] = [reader.paths[slot] for slot in reasons if restrictions[slot] == IN_HAND]
+            told["by_client"] = [reader.paths[slot] for slot in reasons if restrictions[slot] == TAKEN_BY_CLIENT]
             told["inhibited"] = {
-                reader.paths[slot]: why for slot, why in reasons.items() if why and restrictions[slot] != IN_HAND
+                reader.paths[slot]: why
+                for slot, why in reasons.items()
+                if why and restrictions[slot] != TAKEN_BY_CLIENT
             }
         if reader.mode is not None:
             tuned = {path: value if np.isfinite(value) else None for path, value in reader.tunables().items()}

@@ -12,7 +12,7 @@ from umo.presentation.in_words import measure, span, value_text
 from umo.presentation.qualities import WHY, quality_text
 from umo.text import printable
 
-INHIBITED, BY_HAND = "inhibited", "by hand"
+INHIBITED, BY_CLIENT = "inhibited", "by client"
 
 
 class TableRow(NamedTuple):
@@ -39,9 +39,9 @@ def lines(paths: Sequence[str]) -> list[list[int]]:
     return [line for part in parts.values() for line in part]
 
 
-def restriction(reason: str | None, by_hand: bool = False) -> str:
+def restriction(reason: str | None, by_client: bool = False) -> str:
     """A note on an actuator that the program cannot write, and why: by whom; empty if it is free."""
-    return f"⊘ {BY_HAND if by_hand else INHIBITED}: {reason}" if reason else ""
+    return f"⊘ {BY_CLIENT if by_client else INHIBITED}: {reason}" if reason else ""
 
 
 def value_of(line: LikeRows) -> str:

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from umo.process.control_watch import ControlWatch
+from umo.process.final_message import tell_final_message
 from umo.process.job import Plan
-from umo.process.last_words import say_last
 from umo.process.life import Life, Who
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome
@@ -101,4 +101,4 @@ class Conclusion:
         with suppress(Exception):
             self._watcher.finish()
         self._channel.send("ended", outcome=outcome.dump())
-        say_last(self._channel, self._plan.name, outcome)
+        tell_final_message(self._channel, self._plan.name, outcome)

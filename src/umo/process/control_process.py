@@ -14,10 +14,10 @@ from time import monotonic, sleep
 from typing import IO, Any, NoReturn
 
 from umo.cycle import Frame, connect, drive
+from umo.cycle.cache_warming import wait_busily
+from umo.cycle.client_commands import Mode
+from umo.cycle.client_control import ClientControl
 from umo.cycle.events import CommandState
-from umo.cycle.hand_commands import Mode
-from umo.cycle.hands import Hands
-from umo.cycle.rehearsal import rise_early
 from umo.cycle.stage import Stage
 from umo.cycle.stopping import SIGNALS, TimeLimit, request_stop
 from umo.errors import FramesError, StopError, text_of
@@ -28,8 +28,8 @@ from umo.frames.last_event import tell
 from umo.frames.memory import Ends
 from umo.objects.stop_order import stop_sequence
 from umo.process.control_watch import WHERE
+from umo.process.final_message import tell_final_message
 from umo.process.job import Plan
-from umo.process.last_words import say_last
 from umo.process.life import Life, Who
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome, plain, plain_reports, status_of
@@ -125,7 +125,7 @@ class Control:
             if not self.orphaned:  # the guardian was stopped
                 os.kill(self._guardian, signal.SIGKILL)
             if self._life.gone(0.0, Who.STANDBY):
-                say_last(self._channel, self._plan.name, outcome)
+                tell_final_message(self._channel, self._plan.name, outcome)
 
     def run(self) -> Outcome:
         """Connect, drive, leave; whatever ends it is in the outcome."""
@@ -190,9 +190,9 @@ class Control:
         plan = self._plan
         process = plan.wired.process
         refusals = realtime.prepare(process.priority, process.cpu)
-        early = process.early
-        if early is None:  # asked now: connecting may take so long that the guardian makes this an ordinary process
-            early = realtime.early_by_itself(plan.wired.period or 0.0)
+        busy_wait = process.busy_wait
+        if busy_wait is None:  # asked now: connecting may take so long that the guardian makes this an ordinary process
+            busy_wait = realtime.default_busy_wait(plan.wired.period or 0.0)
         self._connection = connection = connect(plan.machine, plan.wired)
         connection.custody = self._custody
         connection.on_step = self._life.beat
@@ -202,7 +202,7 @@ class Control:
                     connection.machine.observers.append(self.each_period)
                     if plan.job.until is not None:
                         connection.machine.observers.append(TimeLimit(plan.job.until, connection.stop))
-                    self._ready(connection, ring, refusals, early)
+                    self._ready(connection, ring, refusals, busy_wait)
                     try:
                         outcome.result = drive(machine, plan.application)
                     finally:
@@ -246,14 +246,14 @@ class Control:
             return
         machine, cells = connection.machine, Cells(self._frames[0].cells, ring.layout)
         mode = Mode.MANUAL if self._plan.job.manual else Mode.AUTOMATIC
-        machine.hands = hands = Hands(machine, Receiver(cells), cells, mode)
-        ring.show(hands)
+        machine.clients = clients = ClientControl(machine, Receiver(cells), cells, mode)
+        ring.show(clients)
         self._open_to_clients(self._frames[1])
         try:
             yield
         finally:
-            hands.look_for_stop()  # a signal may have been quicker
-            self._stopped_by = hands.stopped_by
+            clients.look_for_stop()  # a signal may have been quicker
+            self._stopped_by = clients.stopped_by
 
     def _open_to_clients(self, server: FrameServer) -> None:
         """Let clients find this run: the guardian's looks answer them."""
@@ -283,10 +283,10 @@ class Control:
         request_stop()
 
     def _ready(
-        self, connection: connect[Any], ring: Ring | None, refusals: list[realtime.Refusal], early: float
+        self, connection: connect[Any], ring: Ring | None, refusals: list[realtime.Refusal], busy_wait: float
     ) -> None:
         gc.freeze()
-        rise_early(self._plan.wired, early)
+        wait_busily(self._plan.wired, busy_wait)
         self._stop_if_asked()
         if connection.machine.running:
             connection.machine.skip_ticks()

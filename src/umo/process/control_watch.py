@@ -10,12 +10,12 @@ from time import monotonic, sleep
 
 from umo.cycle.stopping import SIGNALS, signal_name
 from umo.process.life import Life
-from umo.process.reset import BURIAL
+from umo.process.reset import DEATH_TIMEOUT
 from umo.system.processes import ProcessHandle, is_stopped, state
 from umo.text import in_brackets, place_among
 
 WHERE = signal.SIGUSR2
-"""At this signal the control process writes down where its Python code stands."""
+"""Signal at which the control process writes down where its Python code stands."""
 UNABLE = "TtDX"
 """States in which it cannot: stopped, in a call of the kernel that no signal ends, gone."""
 TOLD_WITHIN = 0.05
@@ -38,7 +38,7 @@ class ControlWatch:
         """Whether it has ended: its connections are closed then. One that sticks in the kernel, in a call of its
         device, counts as dead after a while: it cannot be waited for. Gives the guardian's signs of life meanwhile."""
         until = monotonic() + within
-        self._given_up = self._given_up or monotonic() + BURIAL
+        self._given_up = self._given_up or monotonic() + DEATH_TIMEOUT
         while not self._has_ended():
             self._life.watch()
             if monotonic() >= until:

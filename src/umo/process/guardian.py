@@ -22,12 +22,12 @@ from umo.latency.blackbox import ON_DEMAND
 from umo.process.conclusion import Conclusion
 from umo.process.control_process import Control, drive_and_report
 from umo.process.control_watch import ControlWatch
+from umo.process.final_message import tell_final_message
 from umo.process.job import Job, Plan
-from umo.process.last_words import say_last
 from umo.process.life import Life, Who
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome
-from umo.process.reset import BURIAL
+from umo.process.reset import DEATH_TIMEOUT
 from umo.process.share import Share
 from umo.process.silence import LOOK, Silence, guardian_limit
 from umo.process.standby import Standby
@@ -72,7 +72,7 @@ def main(file: int, job_file: int) -> int:
         elif custody is not None:  # nothing was driven
             custody.abandon()
     channel.send("ended", outcome=outcome.dump())
-    say_last(channel, name, outcome)
+    tell_final_message(channel, name, outcome)
     return outcome.status
 
 
@@ -86,7 +86,7 @@ class Guardian:
         self._core: int | None = None
         """The core of its own that the control process has under SCHED_FIFO."""
         self._place = self._take_core()
-        """Taken as long as this process lives."""
+        """The core that is taken as long as this process lives."""
         self._process = plan.wired.process
         self._life = Life()
         self._stop: int | None = None
@@ -190,7 +190,7 @@ class Guardian:
             return self._end.step_in(control, why, self._say)
         if hung:  # in code of the application's, when the machine had been reset
             control.process.send(signal.SIGKILL)
-        control.is_dead(BURIAL)
+        control.is_dead(DEATH_TIMEOUT)
         return self._end.settle(control, outcome, self._say)
 
     # While it runs -------------------------------------------------------------------------------------

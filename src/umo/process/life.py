@@ -38,13 +38,13 @@ class Who(IntEnum):
 STAGE, BEAT, ASKED, WATCH, ADMITTED, CONCLUDING, REPORT_LENGTH, OUTCOME_LENGTH, EXCUSED = range(9)
 CELLS = 16
 TABLE = MUTEX * len(Who)
-LARGEST = 1 << 16
+MAX_TEXT = 1 << 16
 """Bytes of a report."""
 HOLD_LIMIT = 1.0
 """Timeout in s for a lock of one's own; others hold it for microseconds to see whether it is free."""
 REPORT_AT = TABLE + 8 * CELLS
-OUTCOME_AT = REPORT_AT + LARGEST
-LENGTH = OUTCOME_AT + LARGEST
+OUTCOME_AT = REPORT_AT + MAX_TEXT
+LENGTH = OUTCOME_AT + MAX_TEXT
 
 
 class _Timespec(ctypes.Structure):
@@ -229,8 +229,8 @@ class Life:
         return self._get(OUTCOME_AT, OUTCOME_LENGTH)
 
     def _put(self, at: int, length: int, text: bytes) -> None:
-        self._memory[at : at + min(len(text), LARGEST)] = text[:LARGEST]
+        self._memory[at : at + min(len(text), MAX_TEXT)] = text[:MAX_TEXT]
         self._cells[length] = len(text)
 
     def _get(self, at: int, length: int) -> bytes:
-        return bytes(self._memory[at : at + min(max(self._cells[length], 0), LARGEST)])
+        return bytes(self._memory[at : at + min(max(self._cells[length], 0), MAX_TEXT)])

@@ -11,7 +11,8 @@ from typing import Any
 
 from umo.system import passing
 
-MOST = 1 << 18
+MAX_BYTES = 1 << 18
+"""Size of a message at most, bytes."""
 
 
 class MessageSocket:
@@ -28,7 +29,7 @@ class MessageSocket:
         """An end to keep and one to hand on."""
         here, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         for end in (here, there):
-            end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, MOST)
+            end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, MAX_BYTES)
         return cls(here), there
 
     def send(self, kind: str, files: Sequence[int] = (), **content: Any) -> None:
@@ -58,7 +59,7 @@ class MessageSocket:
         """A peer that ended with messages of ours unread makes one call fail; its own last messages come after that."""
         for _ in range(2):
             try:
-                return passing.receive(self._socket, MOST, 4)
+                return passing.receive(self._socket, MAX_BYTES, 4)
             except ConnectionResetError:
                 continue
             except OSError:

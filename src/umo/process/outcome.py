@@ -42,11 +42,11 @@ USER_ERRORS = (
 FAILED, MISTAKE, UNREACHED, NOT_RECORDED = 1, 2, 3, 4
 TIME_OVER = 124
 """Exit status at a time limit, as that of timeout(1)."""
-LONGEST = 12_000
-"""Characters of a traceback, of a message or of a result that are passed on."""
-LARGEST = 60_000
-"""Bytes of an outcome on its way to another process."""
-BOUNDS = ((100_000, LONGEST), (1000, 4000), (100, 400), (1, 40))
+MAX_LENGTH = 12_000
+"""Length of a traceback, a message or a result at most, characters."""
+MAX_BYTES = 60_000
+"""Size of an outcome at most, bytes, on its way to another process."""
+BOUNDS = ((100_000, MAX_LENGTH), (1000, 4000), (100, 400), (1, 40))
 """The number of unreached actuators and the characters of each text that are passed on: the first that fits."""
 
 
@@ -69,7 +69,7 @@ class Failed:
             lines = "".join(traceback.format_exception(error))
         except BaseException:  # of an exception that cannot be shown
             lines = type(error).__name__
-        return cls(type(error).__name__, message_of(error), status_of(error), lines).cut(LONGEST)
+        return cls(type(error).__name__, message_of(error), status_of(error), lines).cut(MAX_LENGTH)
 
 
 @dataclass
@@ -80,7 +80,7 @@ class Outcome:
     stopped_by: int | None = None
     """The signal that requested the stop."""
     stopped_who: str = ""
-    """Who has requested it from outside: the page, `umo stop`, a program that is attached."""
+    """Client that has requested it: the page, `umo stop`, a program that is attached."""
     time_over: bool = False
     """Whether its time limit (`umo run --until`) ended it."""
     driven: bool = False
@@ -107,8 +107,8 @@ class Outcome:
         return TIME_OVER if self.time_over else 0
 
     def dump(self) -> dict[str, Any]:
-        """As plain data, at most `LARGEST` bytes as JSON, whatever the application returned. Long texts are cut, and of
-        very many unreached actuators only the first are named."""
+        """As plain data, at most `MAX_BYTES` bytes as JSON, whatever the application returned. Long texts are cut, and
+        of very many unreached actuators only the first are named."""
         for most, longest in BOUNDS:
             data = vars(self) | {
                 "failure": self.failure and asdict(self.failure.cut(longest)),
@@ -116,7 +116,7 @@ class Outcome:
                 "reports": plain_reports(self.reports, longest),
                 "result": plain(self.result, longest),
             }
-            if len(json.dumps(data)) <= LARGEST:
+            if len(json.dumps(data)) <= MAX_BYTES:
                 break
         return data
 
@@ -139,12 +139,12 @@ class Outcome:
         return cls(failure=failure and Failed(**failure), **data)
 
 
-def plain(result: Any, longest: int = LONGEST) -> Any:
+def plain(result: Any, longest: int = MAX_LENGTH) -> Any:
     """A copy of plain data as JSON has them, if it is of a moderate size; else its text, cut."""
     return json.loads(as_json(result, longest))
 
 
-def plain_reports(reports: Mapping[str, Any], longest: int = LONGEST) -> dict[str, Any]:
+def plain_reports(reports: Mapping[str, Any], longest: int = MAX_LENGTH) -> dict[str, Any]:
     """The same for the report of each driver that has one; together of a moderate size."""
     return {name: plain(report, longest // len(reports)) for name, report in reports.items() if report}
 

@@ -22,7 +22,7 @@ from umo.cycle.transfer import PATIENCE, Transfer, settling, wait_for
 from umo.errors import DeviceTimeout, text_of
 from umo.objects import Compound
 from umo.objects.stop_order import stop_sequence
-from umo.process.board import Board, Reached
+from umo.process.reset_state import Reached, ResetState
 from umo.system import realtime
 from umo.system.processes import carry_out, name_process
 from umo.text import some
@@ -33,7 +33,7 @@ GRACE = 1.0
 PAUSE = 0.2
 """s between two attempts."""
 LOOK = 0.0005
-BURIAL = 5.0
+DEATH_TIMEOUT = 5.0
 """Time in s that a killed process may take to end."""
 SPARES = 16
 """Descriptors that the child on standby keeps free for the drivers."""
@@ -51,7 +51,7 @@ class Resetter:
         self._guard = guard
         self._timeouts = {name: driver.timeout for name, driver in wired.drivers.items()}
         self.paths = [wire.item.path for wire in self._wires]
-        self._board = Board(self.paths)
+        self._state = ResetState(self.paths)
         self._attempt = 0
         self._each = False
         """Whether every actuator is tried, also after a timeout of its driver."""
@@ -144,19 +144,19 @@ class Resetter:
 
     def _run(self, numbers: list[int], is_dead: Callable[[], bool], until: float = inf) -> None:
         """One attempt: in one child, and in one more for each driver that hung or crashed before."""
-        self._board.clear()
+        self._state.clear()
         limit = self._limit()
         for group in self._groups(numbers):
-            self._board.begin(-1)
+            self._state.begin(-1)
             if self._begin(group):
                 self._follow(is_dead, limit, until)
             else:
                 self._work_here(group, is_dead, limit)
         self._attempt += 1
         for number in numbers:
-            reached = self._board.reached(number)
+            reached = self._state.reached(number)
             if reached is not Reached.UNTRIED:
-                self._known[number] = reached, self._board.cause(number)
+                self._known[number] = reached, self._state.cause(number)
                 self._misses[number] += reached is Reached.NO
 
     def _groups(self, numbers: list[int]) -> list[list[int]]:
@@ -199,11 +199,11 @@ class Resetter:
             if pid or monotonic() > given_up:  # it cannot be killed: blocked in a kernel call
                 break
             if is_dead():
-                self._board.declare_dead()
-            silent = self._board.silence > limit
+                self._state.declare_dead()
+            silent = self._state.silence > limit
             if not why and (silent or monotonic() > until):
                 why = f"a call did not return within {limit:g} s" if silent else "no time was left"
-                given_up = monotonic() + BURIAL
+                given_up = monotonic() + DEATH_TIMEOUT
                 os.kill(self._child, signal.SIGKILL)
             sleep(LOOK)
         self._child = 0
@@ -215,9 +215,9 @@ class Resetter:
     def _blame(self, why: str) -> None:
         """The call that was under way did it; what comes after it was not tried."""
         self._why = why
-        if self._board.at >= 0:
-            self._stuck.add(id(self._wires[self._board.at].driver))
-            self._board.note(self._board.at, Reached.NO, why)
+        if self._state.at >= 0:
+            self._stuck.add(id(self._wires[self._state.at].driver))
+            self._state.note(self._state.at, Reached.NO, why)
 
     def _work_here(self, numbers: list[int], is_dead: Callable[[], bool], limit: float) -> None:
         """No child can be had: in this process; a call that does not return is interrupted by an alarm."""
@@ -228,7 +228,7 @@ class Resetter:
         def look() -> None:
             signal.setitimer(signal.ITIMER_REAL, limit, limit)
             if is_dead():
-                self._board.declare_dead()
+                self._state.declare_dead()
 
         before = signal.signal(signal.SIGALRM, interrupt)
         try:
@@ -281,26 +281,26 @@ class Resetter:
     def _bring_to_defaults(self, numbers: Sequence[int], look: Callable[[], object]) -> None:
         """Open, initialise at the defaults, reset once the old process is dead, and again when what was under way has
         been carried out; then give all back."""
-        board = self._board
+        state = self._state
         transfer = self._transfer
         names = {id(driver): name for name, driver in self._wired.drivers.items()}
 
         def call() -> None:
-            board.beat()
+            state.beat()
             look()
 
         transfer.on_call = call
         opened = self._open(numbers, transfer, names)
         ready = [number for number in numbers if names[id(self._wires[number].driver)] in opened]
         reached = self._pass(transfer, ready, "initialize")
-        while not board.dead:
+        while not state.dead:
             call()
             sleep(LOOK)
         reached = self._pass(transfer, reached, "reset")
         if reached:
             wait_for(settling(self._wired), sleep, call)
             reached = self._pass(transfer, reached, "reset", Reached.YES)
-        board.begin(-1)  # whatever happens from here on, they are at their defaults
+        state.begin(-1)  # whatever happens from here on, they are at their defaults
         for number in reversed(reached):
             transfer.finalize(number)
         for name in reversed(opened):
@@ -313,12 +313,12 @@ class Resetter:
         for name in dict.fromkeys(names[id(self._wires[number].driver)] for number in numbers):
             mine = [number for number in numbers if names[id(self._wires[number].driver)] == name]
             self._wired.drivers[name].timeout = self._timeout(name)
-            self._board.begin(mine[0])
+            self._state.begin(mine[0])
             try:
                 transfer.open(name)
             except BaseException as error:
                 for number in mine:
-                    self._board.note(number, Reached.NO, text_of(error))
+                    self._state.note(number, Reached.NO, text_of(error))
                 with suppress(BaseException):
                     transfer.close(name)
                 continue
@@ -335,13 +335,13 @@ class Resetter:
         """One segment for each; those that were reached. This counts only if the old process is dead. What was not
         tried, as its driver had timed out, stays so."""
         done = []
-        for number, failure in transfer.bring_to_default(numbers, segment, self._board.begin, patient=self._each):
+        for number, failure in transfer.bring_to_default(numbers, segment, self._state.begin, patient=self._each):
             if failure is not None:
-                self._board.note(number, Reached.NO, f"{failure.driver}: {failure.cause}")
+                self._state.note(number, Reached.NO, f"{failure.driver}: {failure.cause}")
                 continue
             done.append(number)
-            if self._board.dead:
-                self._board.note(number, reached)
+            if self._state.dead:
+                self._state.note(number, reached)
         return done
 
 

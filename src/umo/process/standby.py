@@ -16,7 +16,7 @@ from time import monotonic, sleep
 from umo.errors import text_of
 from umo.process.life import Life, Who
 from umo.process.messages import MessageSocket
-from umo.process.reset import BURIAL, IGNORED
+from umo.process.reset import DEATH_TIMEOUT, IGNORED
 from umo.system.processes import ProcessHandle, carry_out, name_process
 
 LOOK = 0.1
@@ -112,6 +112,6 @@ class Standby:
     def _make_sure(self) -> None:
         """End the guardian, and wait for it and its child: only the control process may still write to a device."""
         self._guardian.send(signal.SIGKILL)
-        until = monotonic() + BURIAL
+        until = monotonic() + DEATH_TIMEOUT
         while not (self._guardian.ended and self._life.gone(0.0, Who.RESET)) and monotonic() < until:
             sleep(0.0005)

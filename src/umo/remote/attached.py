@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from umo.cycle.client_control import DEAD_MAN_TIME
 from umo.cycle.events import CommandState, Event
-from umo.cycle.hands import HOLD
 from umo.cycle.stage import Progress, Stage
 from umo.errors import FramesError, TaskFailed, UmoError
 from umo.frames import Reader
@@ -124,7 +124,7 @@ class RemoteStation(RemotePart):
     def lease(self, who: str = "", *, seconds: float = 2.0, over: bool = False) -> HeldLease:
         """The right to command, for a `with` block. `who` is shown to everybody; default: user and program.
 
-        CommandRefused while another hand has it, unless it is deliberately taken over (`over`). It is renewed
+        CommandRefused while another client has it, unless it is deliberately taken over (`over`). It is renewed
         meanwhile, and ends `seconds` (0.2 to 60) after this process has died or hangs.
         """
         return HeldLease(self, who or _myself(), seconds, over)
@@ -135,7 +135,7 @@ class RemoteStation(RemotePart):
         self._open_cells().ask_to_stop(signal.SIGTERM, who or _myself())
 
     def sign(self, lease: int, *paths: str) -> None:
-        """Give a sign of life of the holder of this lease, for all that it keeps up at these paths; "": for the lease.
+        """Give a sign of life of the holder of this lease, for all that it holds at these paths; "": for the lease.
         It is written, and not answered."""
         cells, now = self._open_cells(), time.monotonic_ns()
         for path in paths:
@@ -187,13 +187,13 @@ class RemoteStation(RemotePart):
         return json.loads(event.text) if event.text else None
 
     @contextmanager
-    def keeping_up(self, path: str, lasts: float = HOLD) -> Iterator[None]:
-        """Keep up what the block writes or jogs as long as the lease lasts; if it fails, only what was kept up
+    def holding(self, path: str, lasts: float = DEAD_MAN_TIME) -> Iterator[None]:
+        """Hold what the block writes or jogs as long as the lease lasts; if it fails, only what was held
         before."""
         lease = self.held_lease
         before = lease is not None and path in lease.held
         if lease is not None:
-            lease.keep_up(path, lasts)
+            lease.hold(path, lasts)
         try:
             yield
         except BaseException:
@@ -202,7 +202,7 @@ class RemoteStation(RemotePart):
             raise
 
     def let_go(self, path: str) -> None:
-        """Keep up no longer what is written or jogged."""
+        """Release what is written or jogged."""
         if self.held_lease is not None:
             self.held_lease.held.pop(path, None)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import AbstractContextManager
 from typing import Any, Protocol
 
-from umo.cycle.hands import HOLD
+from umo.cycle.client_control import DEAD_MAN_TIME
 from umo.frames import Reader
 
 
@@ -24,8 +24,8 @@ class Commanded(Protocol):
     def sign(self, lease: int, *paths: str) -> None:
         """A sign of life for these paths."""
 
-    def keeping_up(self, path: str, lasts: float = HOLD) -> AbstractContextManager[None]:
-        """What is begun in the block is kept up from then on."""
+    def holding(self, path: str, lasts: float = DEAD_MAN_TIME) -> AbstractContextManager[None]:
+        """What is begun in the block is held from then on."""
 
     def let_go(self, path: str) -> None:
-        """What was kept up at this path is not any longer."""
+        """What was held at this path is released."""

@@ -8,16 +8,16 @@ import time
 from contextlib import suppress
 from types import TracebackType
 
+from umo.cycle.client_commands import LONGEST_LEASE, SHORTEST_LEASE
 from umo.cycle.events import CommandState
-from umo.cycle.hand_commands import LONGEST, SHORTEST
 from umo.errors import FramesError, LeaseHeld, RangeError, UmoError
 from umo.frames.cells import LEASE
 from umo.remote.commanded import Commanded
 
 AFTER = 0.05
 """s within which the machine's words follow the end of a lease."""
-OFTEN = 5
-"""Signs of life that a client gives in the time for which a lease, or what is held, lasts."""
+SIGNS_OF_LIFE = 5
+"""Number of signs of life that a client gives in the time of a lease, or the dead-man time of what it holds."""
 
 
 class HeldLease:
@@ -29,14 +29,14 @@ class HeldLease:
     """
 
     def __init__(self, station: Commanded, who: str, seconds: float, over: bool) -> None:
-        if not SHORTEST <= seconds <= LONGEST:
-            raise RangeError(f"a lease can last from {SHORTEST:g} to {LONGEST:g} s, not {seconds:g} s")
+        if not SHORTEST_LEASE <= seconds <= LONGEST_LEASE:
+            raise RangeError(f"a lease can last from {SHORTEST_LEASE:g} to {LONGEST_LEASE:g} s, not {seconds:g} s")
         self.who = who
         self.key = secrets.token_hex(8)
         self.held: dict[str, float] = {}
-        """The paths that are kept up, each with the s for which it lasts."""
+        """The paths that are held, each with the s for which it lasts."""
         self._since: dict[str, int] = {}
-        """The number of the next event when a path was kept up."""
+        """The number of the next event when a path was held first."""
         self._station = station
         self._seconds = seconds
         self._over = over
@@ -47,7 +47,7 @@ class HeldLease:
 
     @property
     def lost(self) -> bool:
-        """Whether it has ended, with the station or by itself, or another hand has taken it over."""
+        """Whether it has ended, with the station or by itself, or another client has taken it over."""
         return not (self._station.running and self._station.reader.lease_held(self._number))
 
     def __enter__(self) -> HeldLease:
@@ -87,15 +87,15 @@ class HeldLease:
             ) from error
         return number
 
-    def keep_up(self, path: str, lasts: float) -> None:
-        """Keep up this path from now on: the thread may be waiting longer than it lasts."""
+    def hold(self, path: str, lasts: float) -> None:
+        """Hold this path from now on: the thread may be waiting longer than it lasts."""
         self._since[path] = self._station.reader.next_event
         self._station.sign(self._number, path)
         self.held[path] = lasts
         self._wake.set()
 
     def ended(self, path: str) -> str:
-        """Why what was kept up at this path has ended, in the machine's words; "": it lasts, or was not kept up."""
+        """Why what was held at this path has ended, in the machine's words; "": it lasts, or was not held."""
         station, lost = self._station, self.lost  # before the events: the last of them may tell why
         if not (told := self._told(path)) and lost and station.running:
             time.sleep(AFTER)
@@ -115,5 +115,5 @@ class HeldLease:
         with suppress(FramesError):  # the station has just ended
             while not (self._ended or self.lost):
                 self._station.sign(self._number, LEASE, *self.held.copy())
-                self._wake.wait(min([self._seconds, *self.held.copy().values()]) / OFTEN)
+                self._wake.wait(min([self._seconds, *self.held.copy().values()]) / SIGNS_OF_LIFE)
                 self._wake.clear()

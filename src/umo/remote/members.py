@@ -8,7 +8,7 @@ from inspect import Parameter, Signature
 from math import isnan
 from typing import Any
 
-from umo.cycle.hands import HOLD
+from umo.cycle.client_control import DEAD_MAN_TIME
 from umo.errors import BadInput, PathError, RangeError
 from umo.frames import Reader
 from umo.objects import Quality
@@ -161,15 +161,15 @@ class RemoteObject:
 
     @property
     def inhibited(self) -> str | None:
-        """Why only the default is sent to this actuator, or who has taken it by hand; None: it is free."""
+        """Why only the default is sent to this actuator, or which client has taken it; None: it is free."""
         return self._station.reader.inhibited(self._frame(), self._number)
 
     def write(self, value: Any) -> None:
-        """Take the actuator by hand and write it: a number in its unit, or a state's name. Under the lease, in manual
+        """Take the actuator and write it: a number in its unit, or a state's name. Under the lease, in manual
         mode. It lasts until `release`, or until the lease ends."""
         lasts = self._entry.get("expires")
         text = getattr(value, "name", value)  # a state of the declaration
-        with self._station.keeping_up(self.path, min(HOLD, lasts or HOLD)):
+        with self._station.holding(self.path, min(DEAD_MAN_TIME, lasts or DEAD_MAN_TIME)):
             self._station.ask("write", self.path, value=text)
 
     def release(self) -> None:
@@ -192,23 +192,23 @@ def call_action(
     given: dict[str, Any],
     while_running: Callable[[], object] = lambda: None,
 ) -> Any:
-    """Call an action, as described in the frames, and wait for its end; its result. One that lasts only as long as it
-    is kept up is kept up from now on, until `release_action`."""
+    """Call an action, as described in the frames, and wait for its end; its result. A dead-man action is held from
+    now on, until `release_action`."""
     path = action["path"]
-    if not action["kept_up"]:
+    if not action["dead_man"]:
         return station.ask("call", path, arguments=given, while_running=while_running)
-    with station.keeping_up(path):
+    with station.holding(path):
         return station.ask("call", path, arguments=given, while_running=while_running)
 
 
 def release_action(station: Commanded, path: str) -> None:
-    """End what is kept up: the machine calls the action's release."""
+    """End what is held: the machine calls the action's release."""
     station.let_go(path)
     station.ask("let go", path)
 
 
 def _caller(station: Commanded, action: dict[str, Any]) -> Callable[..., Any]:
-    """A function that calls an action and waits for its end. If the action is kept up, `release` of the function ends
+    """A function that calls an action and waits for its end. If it is a dead-man action, `release` of the function ends
     it: `station.z.jog.release()`."""
     arguments = action["arguments"]
     path = action["path"]
@@ -225,7 +225,7 @@ def _caller(station: Commanded, action: dict[str, Any]) -> Callable[..., Any]:
     call.__name__ = call.__qualname__ = path.rpartition(".")[2]
     call.__doc__ = action["help"]
     call.__signature__ = signature  # type: ignore[attr-defined]
-    if action["kept_up"]:
+    if action["dead_man"]:
         call.release = partial(release_action, station, path)  # type: ignore[attr-defined]
     return call
 

@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from umo.cycle.hand_commands import HandCommand
+from umo.cycle.client_commands import ClientCommand
 from umo.errors import CommandRefused, FramesError
 from umo.frames import Reader
 from umo.frames.cells import QUEUE, SLOT, SLOTS, Cells
@@ -28,8 +28,8 @@ except ImportError:  # not on this platform: no machine runs in another process 
     fcntl = None  # type: ignore[assignment]
 
 ENTRY = struct.Struct("<IIQ")
-LONGEST = SLOT - ENTRY.size
-"""Bytes of a command's text."""
+MAX_COMMAND_BYTES = SLOT - ENTRY.size
+"""Size of a command's text at most, bytes."""
 DROPS = 4
 """The most entries that are dropped at one look."""
 PATIENCE = 1.0
@@ -47,7 +47,7 @@ class Receiver:
         self._doubted = 0
         """The last command that was not whole when it was looked at."""
 
-    def take(self) -> HandCommand | None:
+    def get(self) -> ClientCommand | None:
         """The next command; None if there is none. Whatever is not a command is counted and dropped."""
         head = self._head[0]
         if head == self.taken:
@@ -74,12 +74,16 @@ class Receiver:
         slot = bytes(self._memory[at : at + SLOT])  # a copy: others may write there at any time
         checksum, size, found = ENTRY.unpack_from(slot)
         text = slot[ENTRY.size : ENTRY.size + size]
-        return text if size <= LONGEST and found == number and checksum == _checksum(size, number, text) else None
+        return (
+            text
+            if size <= MAX_COMMAND_BYTES and found == number and checksum == _checksum(size, number, text)
+            else None
+        )
 
     @staticmethod
-    def _parsed(number: int, text: bytes) -> HandCommand | None:
+    def _parsed(number: int, text: bytes) -> ClientCommand | None:
         try:
-            return HandCommand.parse(number, text)
+            return ClientCommand.parse(number, text)
         except (ValueError, TypeError, AttributeError, RecursionError, OverflowError):
             return None
 
@@ -100,8 +104,8 @@ class Sender:
     def send(self, command: dict[str, Any]) -> int:
         """Its number. CommandRefused if the queue stays full: the machine does not take commands, or too many come."""
         text = json.dumps(command).encode()
-        if len(text) > LONGEST:
-            raise CommandRefused(f"a command of {len(text)} bytes is too long; the most are {LONGEST}")
+        if len(text) > MAX_COMMAND_BYTES:
+            raise CommandRefused(f"a command of {len(text)} bytes is too long; the most are {MAX_COMMAND_BYTES}")
         until = time.monotonic() + PATIENCE
         while True:
             with self._alone, self._turn(until):

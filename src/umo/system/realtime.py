@@ -24,8 +24,8 @@ IDLE_LIBRARIES = ("blas", "gfortran", "quadmath", "pydantic", "libcrypto", "libs
 """Parts of the names of libraries that no loop calls."""
 LARGE_LIBRARIES = ("_multiarray_umath", "libstdc++")
 """The same of libraries of which a loop calls a small part."""
-RISE_EARLY = 200e-6
-"""s, for waking up and a rehearsal (docs/decisions/0018)."""
+BUSY_WAIT = 200e-6
+"""s, for waking up and cache warming (docs/decisions/0018)."""
 PR_SET_PDEATHSIG = 1
 PR_SET_TIMERSLACK = 29
 CAP_IPC_LOCK = 14
@@ -74,17 +74,17 @@ def granted() -> tuple[int, int | None]:
     return os.sched_getparam(0).sched_priority if fifo else 0, next(iter(cores)) if alone else None
 
 
-def early_for(period: float) -> float:
-    """How long before each tick a loop of this period may rise, in s, in whole us: `RISE_EARLY`, at most half of the
-    period."""
-    return min(RISE_EARLY, floor(period / 2 * 1e6 + 1e-6) * 1e-6)
+def busy_wait_for(period: float) -> float:
+    """Time of busy waiting before each tick for a loop of this period, in s, in whole us: `BUSY_WAIT`, at most half of
+    the period."""
+    return min(BUSY_WAIT, floor(period / 2 * 1e6 + 1e-6) * 1e-6)
 
 
-def early_by_itself(period: float) -> float:
+def default_busy_wait(period: float) -> float:
     """The same for a process that was told nothing: 0 without SCHED_FIFO and a core, where it would take the time from
     others, and they from it."""
     priority, core = granted()
-    return early_for(period) if priority and core is not None else 0.0
+    return busy_wait_for(period) if priority and core is not None else 0.0
 
 
 def guard(priority: int, cpu: int | None = None) -> None:

@@ -28,7 +28,7 @@ def process_of(source: WiringSource, wired: Wired) -> Process:
         source.duration("process.reset_for", table.get("reset_for")) or Process().reset_for,
         source.whole("process.priority", table.get("priority", Process().priority), 1, 98),
         None if cpu is None else source.whole("process.cpu", cpu, 0, 4095),
-        _early(source, table.get("early", AUTO), wired),
+        _busy_wait(source, table.get("busy_wait", AUTO), wired),
         _outputs(source, table.get("outputs", AT_ONCE), wired),
     )
 
@@ -48,21 +48,21 @@ def _hang_timeout(source: WiringSource, given: Any, wired: Wired) -> float:
     return hang
 
 
-def _early(source: WiringSource, given: Any, wired: Wired) -> float | None:
+def _busy_wait(source: WiringSource, given: Any, wired: Wired) -> float | None:
     """A process that never sleeps keeps others from its core, and is throttled (sched(7))."""
     if given == AUTO:
         return None
     try:
-        early = seconds(given)
+        busy_wait = seconds(given)
     except DeclarationError:
-        source.mistake("process.early", f'{given!r} is neither "{AUTO}", nor a duration such as "120 us", nor 0')
+        source.mistake("process.busy_wait", f'{given!r} is neither "{AUTO}", nor a duration such as "120 us", nor 0')
         return None
-    if early and wired.period is None:
-        source.mistake("process.early", "the machine has no timer")
-    elif early > (wired.period or 0.0) / 2:
+    if busy_wait and wired.period is None:
+        source.mistake("process.busy_wait", "the machine has no timer")
+    elif busy_wait > (wired.period or 0.0) / 2:
         period = duration(wired.period or 0.0)
-        source.mistake("process.early", f"{duration(early)} is more than half of the period, {period}")
-    return early
+        source.mistake("process.busy_wait", f"{duration(busy_wait)} is more than half of the period, {period}")
+    return busy_wait
 
 
 def _outputs(source: WiringSource, given: Any, wired: Wired) -> str:

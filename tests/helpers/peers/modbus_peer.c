@@ -1,4 +1,4 @@
-/* A Modbus device made with libmodbus, for the tests of umo's driver: another hand at the other end.
+/* A Modbus device made with libmodbus, for the tests of umo's driver: an independent counterpart.
  *
  *     modbus_peer [PORT | rtu | quiet | quiet-rtu] [N:FAULT[=VALUE] ...]
  *

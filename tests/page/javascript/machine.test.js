@@ -32,7 +32,7 @@ const actuator = (path) => ({ path, actuator: true });
 const description = {
   station: "furnace",
   objects: [actuator("conveyor.motor"), ...zones(1000).map((path) => (path.endsWith("heater") ? actuator(path) : { path, unit: "degC" }))],
-  actions: [{ path: "soak", help: "", arguments: [], harmless: true, kept_up: false }],
+  actions: [{ path: "soak", help: "", arguments: [], harmless: true, dead_man: false }],
   tunables: [{ path: "zones.3.controller.gain" }, { path: "limit" }],
 };
 

@@ -17,7 +17,7 @@ from zipfile import BadZipFile, ZipFile
 
 from umo.drivers.contract import Channel, Direction
 from umo.errors import ChannelError, DriverError, WiringError
-from umo.text import MOST
+from umo.text import COMPARED_NAMES
 
 TICK = "tick"
 WIDTH = 48
@@ -241,7 +241,7 @@ def _direction(variable: Any, text: str) -> Direction:
 
 def _nearest(name: str, variables: Mapping[str, Any]) -> list[str]:
     """Some variables: those that are most alike, then those that contain the name, then the first."""
-    known = list(variables)[:MOST]
+    known = list(variables)[:COMPARED_NAMES]
     near = difflib.get_close_matches(name[:200], known, n=MOST_LISTED, cutoff=0.5)
     within = [each for each in known if name.lower() in each.lower()]
     return list(dict.fromkeys([*near, *within, *known]))[:MOST_LISTED]

@@ -2,7 +2,7 @@
 
 import { address, el, setText, store } from "./dom.js";
 import { Feed } from "./feed.js";
-import { Hand, words } from "./hand.js";
+import { Client, words } from "./client.js";
 import { list, nameOf, offer, runAfter } from "./stations.js";
 import { forbidden, statusOf } from "./status.js";
 import { nextTab } from "./tabs.js";
@@ -17,7 +17,7 @@ const VIEWS = {
 const byName = (selector) => /** @type {T} */ (document.querySelector(selector));
 
 const feed = new Feed();
-const hand = new Hand(feed);
+const client = new Client(feed);
 const main = byName("#view");
 const status = byName("#status");
 const notice = byName("#notice");
@@ -72,7 +72,7 @@ async function show() {
     main.setAttribute("aria-labelledby", `tab-${name}`);
   }
   mounted = { name, run: feed.run, view };
-  view.mount(element, feed, hand);
+  view.mount(element, feed, client);
 }
 
 /** @param {string} name  "": the list. */
@@ -119,14 +119,14 @@ function onState() {
   if (!state) return;
   const { progress, missed, mode } = state.facts;
   const parts = [progress, `missed ${missed}`, mode];
-  if (hand.holder) parts.push(`lease: ${hand.leased ? "you" : hand.holder}`);
+  if (client.holder) parts.push(`lease: ${client.leased ? "you" : client.holder}`);
   setText(summary, parts.filter(Boolean).join(" · "));
   const why = forbidden(state.inhibited).map((reason) => `⊘ ${reason}`).join("; ");
   setText(reasons, why);
-  acknowledge.hidden = !why || !hand.possible || feed.ended;
-  acknowledge.disabled = !hand.leased;
+  acknowledge.hidden = !why || !client.possible || feed.ended;
+  acknowledge.disabled = !client.leased;
   document.title = `${feed.station} · umo`;
-  stop.hidden = !hand.possible || feed.ended;
+  stop.hidden = !client.possible || feed.ended;
   say();
 }
 
@@ -184,8 +184,8 @@ whole.onclick = () => {
 
 /** A command from the header; what comes of it is said. @param {{do: string, path?: string}} message @param {string} what */
 async function command(message, what) {
-  const answer = await hand.ask(message, what);
-  if (answer.state !== "done") announce(words(hand.asked[0]));
+  const answer = await client.ask(message, what);
+  if (answer.state !== "done") announce(words(client.asked[0]));
 }
 
 stop.onclick = () => command({ do: "stop" }, `stop ${feed.station}`);

@@ -1,14 +1,14 @@
 /** Controls made from the declarations: actuators, actions, jogs, tunable numbers, sensors. */
 
 import { breakable, el, setText } from "./dom.js";
-import { unquoted } from "./hand.js";
+import { unquoted } from "./client.js";
 import { NumberInput } from "./number.js";
 import { isBinary, numberText, unitOf, valueText } from "./presentation.js";
 import { shownQuality } from "./quality.js";
 
 /**
  * @typedef {import("./feed.js").Feed} Feed
- * @typedef {import("./hand.js").Hand} Hand
+ * @typedef {import("./client.js").Client} Client
  */
 
 const OFTEN = 100;  // ms between two values of a slider that is moved
@@ -20,11 +20,11 @@ const name = (path) => path.slice(path.lastIndexOf(".") + 1);
 /** @param {string} text */
 const sentence = (text) => text.split(/(?<=\.) /)[0].replaceAll("`", "");
 
-/** One actuator: named states, or a number; kept up until it is released. */
+/** One actuator: named states, or a number; held until it is released. */
 export class ActuatorControl {
-  /** @param {Hand} hand @param {Page.Entry} entry */
-  constructor(hand, entry) {
-    this._hand = hand;
+  /** @param {Client} client @param {Page.Entry} entry */
+  constructor(client, entry) {
+    this._client = client;
     this._entry = entry;
     this.path = entry.path;
     /** @type {ReturnType<typeof setTimeout> | null} */
@@ -56,24 +56,24 @@ export class ActuatorControl {
     this._newest = value;
     this._timer ??= setTimeout(() => {
       this._timer = null;
-      if (this._hand.leased && this.element.isConnected) this._write(this._newest);
+      if (this._client.leased && this.element.isConnected) this._write(this._newest);
     }, OFTEN);
   }
 
   /** @param {number | string} value */
   async _write(value) {
-    const before = this._hand.holds(this.path);
-    this._hand.hold(this.path);
+    const before = this._client.holds(this.path);
+    this._client.hold(this.path);
     this._number?.taken();
-    const answer = await this._hand.ask({ do: "write", path: this.path, value }, `${this.path} = ${value}`);
-    if (answer.state !== "done" && !before) this._hand.letGo(this.path);
+    const answer = await this._client.ask({ do: "write", path: this.path, value }, `${this.path} = ${value}`);
+    if (answer.state !== "done" && !before) this._client.letGo(this.path);
   }
 
   _letGo() {
     if (this._timer) clearTimeout(this._timer);
     this._timer = null;
-    this._hand.letGo(this.path);
-    this._hand.ask({ do: "let go", path: this.path }, `release ${this.path}`);
+    this._client.letGo(this.path);
+    this._client.ask({ do: "let go", path: this.path }, `release ${this.path}`);
   }
 
   /** @param {Feed} feed */
@@ -84,10 +84,10 @@ export class ActuatorControl {
     this._reason.title = reason;
     setText(this._word, lastOf(feed));
     this.element.classList.toggle("inhibited", Boolean(reason));
-    const enabled = this._hand.leased && this._hand.manual;
+    const enabled = this._client.leased && this._client.manual;
     for (const button of this._buttons) button.disabled = !enabled;
     this._number?.enable(enabled);
-    this._release.disabled = !(enabled && this._hand.holds(this.path));
+    this._release.disabled = !(enabled && this._client.holds(this.path));
     for (const button of this._number ? [] : this._buttons) {
       const on = value !== null && button.dataset.state === (value > 0.5 ? this._entry.one : this._entry.zero);
       button.setAttribute("aria-pressed", String(on));
@@ -150,13 +150,13 @@ class Arguments {
 
 /** An action that is called: its button, its arguments, and a way to cancel it while it runs. */
 export class ActionControl {
-  /** @param {Hand} hand @param {Page.Action} action */
-  constructor(hand, action) {
-    this._hand = hand;
+  /** @param {Client} client @param {Page.Action} action */
+  constructor(client, action) {
+    this._client = client;
     this._action = action;
     this._arguments = new Arguments(action);
     this._call = el("button", { textContent: name(action.path), title: action.help, type: "submit" });
-    this._cancel = el("button", { textContent: "Cancel", type: "button", className: "cancel", onclick: () => hand.ask({ do: "cancel", path: action.path }) });
+    this._cancel = el("button", { textContent: "Cancel", type: "button", className: "cancel", onclick: () => client.ask({ do: "cancel", path: action.path }) });
     this.element = el("form", { className: "control action", "data-control": action.path, noValidate: true, onsubmit: (/** @type {Event} */ event) => this._submitted(event) },
       this._call, ...this._arguments.elements, this._cancel, el("small", { textContent: sentence(action.help), title: action.help }));
   }
@@ -166,24 +166,24 @@ export class ActionControl {
     event.preventDefault();
     const given = this._arguments.values();
     const words = Object.entries(given).map(([key, value]) => `${key}=${value}`);
-    this._hand.ask({ do: "call", path: this._action.path, arguments: given }, [this._action.path, ...words].join(" "));
+    this._client.ask({ do: "call", path: this._action.path, arguments: given }, [this._action.path, ...words].join(" "));
   }
 
   refresh() {
-    const enabled = this._hand.allows(this._action);
+    const enabled = this._client.allows(this._action);
     this._call.disabled = !enabled;
     this._arguments.enable(enabled);
-    const begun = this._hand.asked.some(({ path, state }) => path === this._action.path && state === "begun");
+    const begun = this._client.asked.some(({ path, state }) => path === this._action.path && state === "begun");
     this._cancel.classList.toggle("away", !begun);  // its room stays: nothing moves under a button that is held
-    this._cancel.disabled = !begun || !this._hand.leased;
+    this._cancel.disabled = !begun || !this._client.leased;
   }
 }
 
 /** An action that lasts while its button is held. With a range on both sides of 0: one button for each direction. */
 export class JogControl {
-  /** @param {Hand} hand @param {Page.Action} action */
-  constructor(hand, action) {
-    this._hand = hand;
+  /** @param {Client} client @param {Page.Action} action */
+  constructor(client, action) {
+    this._client = client;
     this._action = action;
     this._about = action.arguments.find(({ kind }) => kind === "number") ?? null;
     this._others = new Arguments(action, (about) => about !== this._about);
@@ -218,28 +218,28 @@ export class JogControl {
   /** @param {number} sign */
   async _start(sign) {
     const { path } = this._action;
-    if (this._hand.holds(path)) return;
+    if (this._client.holds(path)) return;
     const press = ++this._presses;
     const given = this._others.values();
     const speed = this._speed?.value ?? null;
     if (this._about && speed !== null) given[this._about.name] = sign * Math.abs(speed);
-    this._hand.hold(path, { jog: this._stop, lost: () => this._mark(null) });
+    this._client.hold(path, { jog: this._stop, lost: () => this._mark(null) });
     this._mark(sign);
     for (const kind of LET_GO) window.addEventListener(kind, this._stop);
-    const answer = await this._hand.ask({ do: "call", path, arguments: given }, path);
+    const answer = await this._client.ask({ do: "call", path, arguments: given }, path);
     if (answer.state !== "done" && press === this._presses) this._ended();  // not of a press before, which ends late
   }
 
   _stop = () => {
     const { path } = this._action;
-    if (!this._hand.holds(path)) return;
+    if (!this._client.holds(path)) return;
     this._ended();
-    this._hand.ask({ do: "let go", path }, `release ${path}`);
+    this._client.ask({ do: "let go", path }, `release ${path}`);
   };
 
   _ended() {
     for (const kind of LET_GO) window.removeEventListener(kind, this._stop);
-    this._hand.letGo(this._action.path);
+    this._client.letGo(this._action.path);
     this._mark(null);
   }
 
@@ -247,7 +247,7 @@ export class JogControl {
   _mark(sign) { for (const button of this._buttons) button.classList.toggle("held", Number(button.dataset.sign) === sign); }
 
   refresh() {
-    const enabled = this._hand.allows(this._action);
+    const enabled = this._client.allows(this._action);
     for (const button of this._buttons) button.disabled = !enabled;
     this._speed?.enable(enabled);
     this._others.enable(enabled);
@@ -259,9 +259,9 @@ const first = ({ maximum }) => (maximum !== undefined && Number.isFinite(maximum
 
 /** A tunable number, and the way back to what it was before. */
 export class TunableControl {
-  /** @param {Hand} hand @param {Page.Tunable} about */
-  constructor(hand, about) {
-    this._hand = hand;
+  /** @param {Client} client @param {Page.Tunable} about */
+  constructor(client, about) {
+    this._client = client;
     this._about = about;
     this._number = new NumberInput(about, about.path, { slide: (value, done) => { if (done) this._tune(value); }, unit: false });
     this._set = setButton();
@@ -280,30 +280,30 @@ export class TunableControl {
   /** @param {number} value */
   async _tune(value) {
     const { path } = this._about;
-    const { state, text } = await this._hand.ask({ do: "tune", path, value }, `${path} = ${numberText(value)}`);
+    const { state, text } = await this._client.ask({ do: "tune", path, value }, `${path} = ${numberText(value)}`);
     if (state !== "done") return;
     this._number.taken();
     const before = parseFloat(unquoted(text ?? ""));  // the machine's answer: "25 -> 31"; the last state may be older
-    if (Number.isFinite(before) && before !== value) this._hand.tuned.push(path, before);
+    if (Number.isFinite(before) && before !== value) this._client.tuned.push(path, before);
   }
 
   /** To the value before the last change by this page. */
   async _back() {
     const { path } = this._about;
-    const value = this._hand.tuned.last(path);
+    const value = this._client.tuned.last(path);
     if (value === null) return;
-    const { state } = await this._hand.ask({ do: "tune", path, value }, `${path} = ${numberText(value)} (undo)`);
-    if (state === "done") this._hand.tuned.pop(path);
+    const { state } = await this._client.ask({ do: "tune", path, value }, `${path} = ${numberText(value)} (undo)`);
+    if (state === "done") this._client.tuned.pop(path);
   }
 
   /** @param {Feed} feed */
   refresh(feed) {
     this._number.show(feed.state?.tuned?.[this._about.path] ?? null);
     setText(this._word, lastOf(feed));
-    const enabled = this._hand.leased;
+    const enabled = this._client.leased;
     this._set.disabled = !enabled;
     this._number.enable(enabled);
-    const before = this._hand.tuned.last(this._about.path);
+    const before = this._client.tuned.last(this._about.path);
     this._undo.disabled = !enabled || before === null;
     this._undo.title = before === null ? "Nothing to undo" : `Back to ${numberText(before)}`;
   }

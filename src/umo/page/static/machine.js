@@ -1,4 +1,4 @@
-/** The machine: every object with value, quality, age, raw and wiring; what guards, hands and the loop did. */
+/** The machine: every object with value, quality, age, raw and wiring; what guards, clients and the loop did. */
 
 import { address, el, setText, tracesOfAddress } from "./dom.js";
 import { generalised, linesOf } from "./folding.js";
@@ -141,7 +141,7 @@ class Machine {
   _refresh(all = false) {
     const { state, ended } = this.feed;
     if (!state) return;
-    const forbidden = JSON.stringify([state.inhibited, state.by_hand]);
+    const forbidden = JSON.stringify([state.inhibited, state.by_client]);
     const others = all || state.full || forbidden !== this._forbidden || ended !== this._ended;
     this._forbidden = forbidden;
     this._ended = ended;

@@ -2,13 +2,13 @@
 
 import { ActionControl, ActuatorControl, JogControl, SensorControl, TunableControl } from "./controls.js";
 import { address, el, setText, store } from "./dom.js";
-import { words } from "./hand.js";
+import { words } from "./client.js";
 import { filtered, groupsOf, isActuator, partsOf } from "./parts.js";
 import { forbidden } from "./status.js";
 
 /**
  * @typedef {import("./feed.js").Feed} Feed
- * @typedef {import("./hand.js").Hand} Hand
+ * @typedef {import("./client.js").Client} Client
  * @typedef {{element: HTMLElement, refresh: (feed: Feed) => void}} Control
  */
 
@@ -19,8 +19,8 @@ const MODES = ["automatic", "manual"];
 /** @type {Operate | null} */
 let operate = null;
 
-/** @param {HTMLElement} element @param {Feed} feed @param {Hand} hand */
-export function mount(element, feed, hand) { operate = new Operate(element, feed, hand); }
+/** @param {HTMLElement} element @param {Feed} feed @param {Client} client */
+export function mount(element, feed, client) { operate = new Operate(element, feed, client); }
 
 export function unmount() {
   operate?.close();
@@ -28,10 +28,10 @@ export function unmount() {
 }
 
 class Operate {
-  /** @param {HTMLElement} element @param {Feed} feed @param {Hand} hand */
-  constructor(element, feed, hand) {
+  /** @param {HTMLElement} element @param {Feed} feed @param {Client} client */
+  constructor(element, feed, client) {
     this.feed = feed;
-    this.hand = hand;
+    this.client = client;
     this._all = feed.description ? partsOf(feed.description) : [];
     /** @type {(Part | Family)[]} */
     this._shownParts = [];
@@ -45,27 +45,27 @@ class Operate {
     this._holder = el("span", { className: "holder" });
     this._name = el("input", { type: "text", placeholder: "Your name", maxLength: 40, "aria-label": "Your name", value: store.get("name"), onchange: () => store.set("name", this._name.value) });
     this._take = el("button", { onclick: () => this._taken() });
-    this._give = el("button", { textContent: "Give the lease back", onclick: () => this.hand.giveBack() });
-    this._mode = MODES.map((mode) => el("button", { textContent: mode, "data-mode": mode, onclick: () => this.hand.ask({ do: "mode", value: mode }, `mode ${mode}`) }));
+    this._give = el("button", { textContent: "Give the lease back", onclick: () => this.client.giveBack() });
+    this._mode = MODES.map((mode) => el("button", { textContent: mode, "data-mode": mode, onclick: () => this.client.ask({ do: "mode", value: mode }, `mode ${mode}`) }));
     element.append(
       el("div", { className: "bar lease" }, this._holder, this._name, this._take, this._give,
         el("span", { className: "modes", role: "group", "aria-label": "Mode" }, ...this._mode), this._filter, this._why),
       this._answers, this._parts);
-    this._off = hand.on(() => this._refresh());  // after each state too
+    this._off = client.on(() => this._refresh());  // after each state too
     this._filtered();
     this._refresh();
   }
 
-  /** Taking over from another hand needs a second click. */
+  /** Taking over from another client needs a second click. */
   _taken() {
-    const { holder } = this.hand;
+    const { holder } = this.client;
     if (holder && this._sure !== holder) {
       this._sure = holder;
       this._refresh();
       return;
     }
     this._sure = null;
-    this.hand.take(this._name.value, Boolean(holder));
+    this.client.take(this._name.value, Boolean(holder));
   }
 
   /** Only what is open is made: a machine may have thousands of parts. */
@@ -73,7 +73,7 @@ class Operate {
     const wanted = this._filter.value.trim().toLowerCase();
     address.set({ filter: wanted || null });
     const groups = groupsOf(filtered(this._all, wanted));
-    this._shownParts = groups.map((group) => (group.family ? new Family(group.title, group.parts, this.feed, this.hand) : new Part(group.parts[0], this.feed, this.hand)));
+    this._shownParts = groups.map((group) => (group.family ? new Family(group.title, group.parts, this.feed, this.client) : new Part(group.parts[0], this.feed, this.client)));
     this._parts.replaceChildren(...this._shownParts.map(({ element }) => element));
     this._shownParts.forEach((part, number) => {
       if (part instanceof Part) part.element.open = number === 0 || groups.length <= OPEN;
@@ -82,25 +82,25 @@ class Operate {
   }
 
   _refresh() {
-    const { hand, feed } = this;
+    const { client, feed } = this;
     if (!feed.state) return;
     const { ended } = feed;
-    setText(this._holder, ended ? `${feed.station} has ended.` : hand.leased ? "You have the lease." : hand.holder ? `${hand.holder} has the lease.` : "Nobody has the lease.");
-    setText(this._take, !hand.holder ? "Take the lease" : this._sure === hand.holder ? `Yes, take it over from ${hand.holder}` : "Take it over");
-    this._take.hidden = this._name.hidden = hand.leased || !hand.possible || ended;
-    this._give.hidden = !hand.leased;
+    setText(this._holder, ended ? `${feed.station} has ended.` : client.leased ? "You have the lease." : client.holder ? `${client.holder} has the lease.` : "Nobody has the lease.");
+    setText(this._take, !client.holder ? "Take the lease" : this._sure === client.holder ? `Yes, take it over from ${client.holder}` : "Take it over");
+    this._take.hidden = this._name.hidden = client.leased || !client.possible || ended;
+    this._give.hidden = !client.leased;
     for (const button of this._mode) {
       button.setAttribute("aria-pressed", String(button.dataset.mode === feed.state.mode));
-      button.disabled = !hand.leased;
+      button.disabled = !client.leased;
     }
-    setText(this._why, ended ? "" : why(feed, hand));
+    setText(this._why, ended ? "" : why(feed, client));
     this._show();
     for (const part of this._shownParts) part.refresh();
   }
 
   /** The last commands of this page, the newest first. Their room stays the same: nothing moves under a held button. */
   _show() {
-    const shown = this.hand.asked.slice(0, ANSWERS);
+    const shown = this.client.asked.slice(0, ANSWERS);
     const text = shown.map(words).join("\n");
     if (text === this._answered) return;
     this._answered = text;
@@ -108,26 +108,26 @@ class Operate {
   }
 
   close() {
-    this.hand.letGoOfJogs();
+    this.client.letGoOfJogs();
     this._off();
   }
 }
 
-/** What keeps the controls from being used. @param {Feed} feed @param {Hand} hand */
-function why(feed, hand) {
-  if (!feed.server?.hands) return "This page is read-only. `umo view --hands` lets it command.";
+/** What keeps the controls from being used. @param {Feed} feed @param {Client} client */
+function why(feed, client) {
+  if (!feed.server?.operate) return "This page is read-only. `umo view --operate` lets it operate.";
   if (!feed.state?.mode) return `${feed.station} takes no commands.`;
-  if (!hand.leased) return "The controls need the lease.";
-  return hand.manual ? "" : "Automatic mode: numbers can be tuned, and actions called that are harmless beside the application.";
+  if (!client.leased) return "The controls need the lease.";
+  return client.manual ? "" : "Automatic mode: numbers can be tuned, and actions called that are harmless beside the application.";
 }
 
 /** Like parts of a list: their panels are made when the group is unfolded. */
 class Family {
-  /** @param {string} title @param {import("./parts.js").Part[]} parts @param {Feed} feed @param {Hand} hand */
-  constructor(title, parts, feed, hand) {
+  /** @param {string} title @param {import("./parts.js").Part[]} parts @param {Feed} feed @param {Client} client */
+  constructor(title, parts, feed, client) {
     this._parts = parts;
     this._feed = feed;
-    this._hand = hand;
+    this._client = client;
     /** @type {Part[] | null} */
     this._made = null;
     this.element = el("details", { className: "part family", "data-part": title }, el("summary", { textContent: `${title} (${parts.length})` }));
@@ -137,7 +137,7 @@ class Family {
   refresh() {
     if (!this.element.open) return;
     if (!this._made) {
-      this._made = this._parts.map((part) => new Part(part, this._feed, this._hand));
+      this._made = this._parts.map((part) => new Part(part, this._feed, this._client));
       this.element.append(...this._made.map(({ element }) => element));
     }
     for (const part of this._made) part.refresh();
@@ -146,11 +146,11 @@ class Family {
 
 /** A part: filled when it is unfolded for the first time. */
 class Part {
-  /** @param {import("./parts.js").Part} part @param {Feed} feed @param {Hand} hand */
-  constructor(part, feed, hand) {
+  /** @param {import("./parts.js").Part} part @param {Feed} feed @param {Client} client */
+  constructor(part, feed, client) {
     this._part = part;
     this._feed = feed;
-    this._hand = hand;
+    this._client = client;
     /** @type {Control[] | null} */
     this._controls = null;
     this._reasons = el("p", { className: "reasons" });
@@ -160,14 +160,14 @@ class Part {
 
   _fill() {
     const { objects, actions, tunables } = this._part;
-    const hold = actions.filter((action) => action.kept_up);
-    const plain = actions.filter((action) => !action.kept_up);
+    const hold = actions.filter((action) => action.dead_man);
+    const plain = actions.filter((action) => !action.dead_man);
     /** @type {Record<string, Control[]>} */
     const sections = {
       "": objects.filter((entry) => !isActuator(entry) && entry.unit !== "sampling_period").map((entry) => new SensorControl(entry)),
-      Actions: [...hold.map((action) => new JogControl(this._hand, action)), ...plain.map((action) => new ActionControl(this._hand, action))],
-      Actuators: objects.filter(isActuator).map((entry) => new ActuatorControl(this._hand, entry)),
-      "Tunable numbers": tunables.map((entry) => new TunableControl(this._hand, entry)),
+      Actions: [...hold.map((action) => new JogControl(this._client, action)), ...plain.map((action) => new ActionControl(this._client, action))],
+      Actuators: objects.filter(isActuator).map((entry) => new ActuatorControl(this._client, entry)),
+      "Tunable numbers": tunables.map((entry) => new TunableControl(this._client, entry)),
     };
     if (objects.some(isActuator)) this.element.append(this._reasons);
     const shown = Object.entries(sections).filter(([, controls]) => controls.length);

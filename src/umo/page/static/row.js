@@ -74,10 +74,10 @@ export class Row {
 
   /** Why an actuator stands at its default, or who works it. */
   _forbidden() {
-    const { inhibited = {}, by_hand: byHand = [], lease } = this._feed.state ?? {};
+    const { inhibited = {}, by_client: byClient = [], lease } = this._feed.state ?? {};
     const path = this._paths.find((each) => each in inhibited);
-    const hand = !path && this._paths.some((each) => byHand.includes(each));
-    setText(this._reason, path ? `⊘ inhibited: ${inhibited[path]}` : hand ? `by hand: ${lease?.holder ?? ""}` : "");
+    const client = !path && this._paths.some((each) => byClient.includes(each));
+    setText(this._reason, path ? `⊘ inhibited: ${inhibited[path]}` : client ? `by client: ${lease?.holder ?? ""}` : "");
     this.element.classList.toggle("inhibited", Boolean(path));
   }
 

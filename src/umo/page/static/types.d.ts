@@ -32,7 +32,7 @@ declare namespace Page {
     required?: boolean;
   }
 
-  interface Action { path: string; help: string; arguments: Argument[]; harmless: boolean; kept_up: boolean }
+  interface Action { path: string; help: string; arguments: Argument[]; harmless: boolean; dead_man: boolean }
 
   interface Tunable { path: string; name: string; unit?: string; look?: string; minimum?: number; maximum?: number }
 
@@ -73,7 +73,7 @@ declare namespace Page {
     /** By name, in the order in which they are shown. */
     facts: Record<string, string>;
     inhibited?: Record<string, string>;
-    by_hand?: string[];
+    by_client?: string[];
     mode?: string;
     tuned?: Record<string, number | null>;
     lease?: { number: number; holder: string };
@@ -83,7 +83,7 @@ declare namespace Page {
     values: Record<number, number[]>;
   }
 
-  interface Server { station: string | null; hands: boolean; version: string }
+  interface Server { station: string | null; operate: boolean; version: string }
 
   interface Line { name: string; station: string; place: string; stage: string; wiring: string; ending?: Ending }
 
@@ -141,7 +141,7 @@ declare namespace Page {
   /** A value with its quality, 0 good ... 4 bad. `last`: of a run that has ended. */
   interface TwinSample { value: number; quality: number; last?: boolean }
 
-  interface View { mount(element: HTMLElement, feed: import("./feed.js").Feed, hand: import("./hand.js").Hand): void; unmount(): void }
+  interface View { mount(element: HTMLElement, feed: import("./feed.js").Feed, client: import("./client.js").Client): void; unmount(): void }
 }
 
 interface Window { uPlot: typeof import("uplot") }

@@ -1,4 +1,4 @@
-"""Hands, in virtual time: the lease, the modes, and every guard for hand and program alike."""
+"""ClientControl, in virtual time: the lease, the modes, and every guard for client and program alike."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ from umo import (
     connect,
 )
 from umo.control import next_period, state_of, wait
-from umo.cycle.columns import ASKED, FREE, IN_HAND
+from umo.cycle.client_commands import ClientCommand, Mode
+from umo.cycle.client_control import DEAD_MAN_TIME, TAKEN_PER_PERIOD, ClientControl
+from umo.cycle.columns import ASKED, FREE, TAKEN_BY_CLIENT
 from umo.cycle.events import TEXT, CommandState, Event
-from umo.cycle.hand_commands import HandCommand, Mode
-from umo.cycle.hands import HOLD, TAKEN_PER_PERIOD, Hands
 from umo.errors import DeclarationError
 from umo.objects import actions_of, find
 from umo.states import OnOff, PassFail
@@ -77,7 +77,7 @@ class Press(Compound):
 
     @action(velocity=Range("mm/s", -5.0, 5.0), release="halt")
     def jog(self, velocity: float) -> None:
-        """Move as long as it is kept up."""
+        """Move as long as it is held."""
         self.jogging = velocity
 
     def halt(self) -> None:
@@ -110,7 +110,7 @@ BOOT = 1000.0
 
 
 class Rig:
-    """A connected press with hands."""
+    """A connected press with clients."""
 
     def __init__(
         self, mode: Mode = Mode.MANUAL, kind: type[Press] = Press, period: float = PERIOD, **changes: Any
@@ -127,12 +127,12 @@ class Rig:
         self.mode = mode
         self.number = 0
         self.leases: dict[str, int] = {}
-        """The number of the last lease of each hand, by its key."""
+        """The number of the last lease of each client, by its key."""
 
     def __enter__(self) -> Rig:
         self.connection.__enter__()
         machine = self.connection.machine
-        self.hands = machine.hands = Hands(machine, self.letters, self.letters, self.mode, lambda: self.now)
+        self.clients = machine.clients = ClientControl(machine, self.letters, self.letters, self.mode, lambda: self.now)
         return self
 
     @property
@@ -146,7 +146,9 @@ class Rig:
     def send(self, do: str, path: str = "", value: Any = None, key: str = "a", **more: Any) -> int:
         self.number += 1
         arguments = more.pop("arguments", {})
-        self.letters.waiting.append(HandCommand(self.number, f"hand {key}", key, do, path, value, arguments, **more))
+        self.letters.waiting.append(
+            ClientCommand(self.number, f"client {key}", key, do, path, value, arguments, **more)
+        )
         return self.number
 
     def do(self, do: str, path: str = "", value: Any = None, key: str = "a", **more: Any) -> Event:
@@ -160,8 +162,8 @@ class Rig:
         return event
 
     def sign(self, *paths: str, key: str = "a") -> None:
-        """A hand is there, for its lease and for these paths."""
-        if key in self.leases and self.leases[key] == self.hands.lease.number:
+        """A client is there, for its lease and for these paths."""
+        if key in self.leases and self.leases[key] == self.clients.lease.number:
             self.letters.signs |= dict.fromkeys(("", *paths), (self.leases[key], self.now))
 
     def keep(self, *paths: str, key: str = "a") -> None:
@@ -205,17 +207,17 @@ def test_only_the_holder_of_the_lease_commands() -> None:
             "CommandRefused: nobody has the lease; take it first",
         )
         assert rig.do("lease").state is CommandState.DONE
-        assert rig.do("tune", "speed", 3.0, key="b").text == "LeaseHeld: hand a has the lease"
+        assert rig.do("tune", "speed", 3.0, key="b").text == "LeaseHeld: client a has the lease"
         assert rig.m.speed == 2.0
         assert rig.do("tune", "speed", 3.0).text == '"2 -> 3"'
         assert rig.m.speed == 3.0
 
 
-def test_a_second_hand_gets_the_lease_only_by_taking_it_over(rig: Rig) -> None:
-    assert "hand a has the lease" in rig.do("lease", key="b").text
-    assert rig.hands.lease.holder == "hand a"
+def test_a_second_client_gets_the_lease_only_by_taking_it_over(rig: Rig) -> None:
+    assert "client a has the lease" in rig.do("lease", key="b").text
+    assert rig.clients.lease.holder == "client a"
     assert rig.do("lease", key="b", over=True).state is CommandState.DONE
-    assert rig.hands.lease.holder == "hand b"
+    assert rig.clients.lease.holder == "client b"
     assert rig.do("tune", "speed", 3.0).state is CommandState.REFUSED
 
 
@@ -227,7 +229,7 @@ def test_a_lease_that_is_not_renewed_ends_with_all_that_its_holder_had_begun(rig
     for _ in range(3):
         rig.keep("heater")
     rig.periods(102)
-    assert rig.hands.lease.holder == ""
+    assert rig.clients.lease.holder == ""
     assert rig.m.heater.read() == rig.m.heater.default
     assert any("was not renewed" in event.text for event in rig.events)
 
@@ -303,14 +305,14 @@ def _refused(mode: Mode, do: str, path: str = "", **more: Any) -> str:
 
 @pytest.mark.usefixtures("each_way")
 @pytest.mark.parametrize("synchronous", [True, False])
-def test_an_actuator_in_a_hand_refuses_the_program_and_is_given_back_at_its_default(synchronous: bool) -> None:
+def test_an_actuator_in_a_client_refuses_the_program_and_is_given_back_at_its_default(synchronous: bool) -> None:
     with Rig(ram=actuator(synchronous=synchronous)) as rig:
         rig.do("lease")
         rig.periods()
         assert rig.m.ram.read() == 1.0
         rig.do("write", "ram", 4.0)
         rig.periods(2)
-        assert (rig.m.ram.read(), rig.m.taken, rig.m.ram.inhibited) == (4.0, False, "taken by hand: hand a")
+        assert (rig.m.ram.read(), rig.m.taken, rig.m.ram.inhibited) == (4.0, False, "taken by client: client a")
         rig.m.wanted = 0.0
         rig.do("let go", "ram")
         rig.periods()
@@ -320,7 +322,7 @@ def test_an_actuator_in_a_hand_refuses_the_program_and_is_given_back_at_its_defa
         assert (rig.m.ram.read(), rig.m.taken, rig.m.ram.inhibited) == (2.0, True, None)
 
 
-def test_what_a_hand_does_not_keep_up_goes_to_its_default(rig: Rig) -> None:
+def test_what_a_client_holds_without_a_sign_of_life_goes_to_its_default(rig: Rig) -> None:
     rig.do("write", "heater", 5.0)
     for _ in range(5):
         rig.periods(40)
@@ -330,10 +332,10 @@ def test_what_a_hand_does_not_keep_up_goes_to_its_default(rig: Rig) -> None:
         rig.periods(20)
         rig.keep()
     assert rig.m.heater.read() == rig.m.heater.default
-    assert rig.last() == (CommandState.CANCELLED, "not kept up")
+    assert rig.last() == (CommandState.CANCELLED, "dead-man timeout")
 
 
-def test_an_actuator_that_expires_sooner_ends_sooner_in_a_hand_too() -> None:
+def test_an_actuator_that_expires_sooner_ends_sooner_in_a_client_too() -> None:
     with Rig(heater=actuator(expires="50 ms")) as rig:
         rig.do("lease")
         rig.do("write", "heater", 5.0)
@@ -343,7 +345,7 @@ def test_an_actuator_that_expires_sooner_ends_sooner_in_a_hand_too() -> None:
         assert rig.m.heater.read() == rig.m.heater.default
 
 
-def test_an_interlock_takes_the_actuator_out_of_the_hand(rig: Rig) -> None:
+def test_an_interlock_takes_the_actuator_out_of_the_client(rig: Rig) -> None:
     rig.do("write", "lamp", "ON")
     assert rig.m.lamp.read() is OnOff.ON
     put(rig.m.door, PassFail.FAIL)
@@ -364,7 +366,7 @@ def test_an_interlock_takes_the_actuator_out_of_the_hand(rig: Rig) -> None:
 @pytest.mark.parametrize("what", ["heater", "jog"])
 @given(st.floats(0.0, 3.0))
 @settings(max_examples=20)
-def test_what_a_dead_hand_held_ends_after_its_time_and_a_period_however_long_that_is(
+def test_what_a_dead_client_held_ends_after_its_time_and_a_period_however_long_that_is(
     what: str, period: float, lived: float
 ) -> None:
     """It wrote, lived on for so many periods, giving signs of life, and died. The machine looks once a period; the
@@ -376,7 +378,7 @@ def test_what_a_dead_hand_held_ends_after_its_time_and_a_period_however_long_tha
         send = {"do": "write", "value": 5.0} if what == "heater" else {"do": "call", "arguments": {"velocity": 2.0}}
         rig.letters.signs = dict.fromkeys(("", what), (1, min(died, begun + period)))
         rig.send(path=what, **send)
-        while rig.now < died + HOLD + period:
+        while rig.now < died + DEAD_MAN_TIME + period:
             rig.letters.signs = dict.fromkeys(("", what), (1, min(died, rig.now + period)))
             rig.periods()
             held = rig.m.heater.read() == 5.0 if what == "heater" else rig.m.jogging == 2.0
@@ -386,10 +388,10 @@ def test_what_a_dead_hand_held_ends_after_its_time_and_a_period_however_long_tha
         assert rig.m.jogging == 0.0
         while rig.now < died + 2.0 + period:
             rig.periods()
-        assert rig.hands.lease.holder == ""
+        assert rig.clients.lease.holder == ""
 
 
-def test_a_command_of_a_hand_that_has_died_since_begins_nothing() -> None:
+def test_a_command_of_a_client_that_has_died_since_begins_nothing() -> None:
     with Rig(period=6.0) as rig:
         rig.do("lease")
         rig.sign("heater", "jog")
@@ -402,7 +404,7 @@ def test_a_command_of_a_hand_that_has_died_since_begins_nothing() -> None:
         rig.sign("heater")
         rig.send("write", "heater", 5.0)
         rig.periods()
-        assert rig.last()[1] == "CommandRefused: heater is not kept up: nobody has been there for it for 0.5 s"
+        assert rig.last()[1] == "CommandRefused: heater: dead-man timeout: no sign of life from its client for 0.5 s"
         assert rig.m.heater.read() == rig.m.heater.default
 
 
@@ -419,11 +421,11 @@ def test_a_sign_of_life_of_a_wrong_time_or_another_lease_keeps_nothing_up(lease:
         while rig.now < written + 2.2:
             rig.letters.signs = dict.fromkeys(("", "heater"), (lease, rig.now if seen is None else seen))
             rig.periods()
-            assert (rig.m.heater.read() == 5.0) <= (rig.now <= written + HOLD)
-        assert rig.hands.lease.holder == ""
+            assert (rig.m.heater.read() == 5.0) <= (rig.now <= written + DEAD_MAN_TIME)
+        assert rig.clients.lease.holder == ""
 
 
-def test_a_rate_holds_for_a_hand() -> None:
+def test_a_rate_holds_for_a_client() -> None:
     with Rig(heater=actuator(slew_rate=10.0)) as rig:
         rig.do("lease")
         rig.do("write", "heater", 5.0)
@@ -636,7 +638,7 @@ def test_what_a_held_action_drives_ends_with_it_however_it_ends(path: str, end: 
         rig.periods(3)
         assert rig.m.ram.read() == 5.0
         if end == "nothing":
-            for _ in range(int(HOLD / PERIOD) + 2):
+            for _ in range(int(DEAD_MAN_TIME / PERIOD) + 2):
                 rig.keep()  # the lease alone
                 rig.periods()
         else:
@@ -650,10 +652,10 @@ def test_a_held_sequence_that_has_ended_is_told_to_be_held_no_longer() -> None:
     with Rig(kind=Mischief) as rig:
         rig.do("lease")
         number = rig.call("tapping").command
-        rig.periods(3 + int(HOLD / PERIOD))
+        rig.periods(3 + int(DEAD_MAN_TIME / PERIOD))
         told = [(event.state, event.text) for event in rig.events if event.command == number]
         assert [state for state, _ in told] == [CommandState.BEGUN, CommandState.DONE, CommandState.CANCELLED]
-        assert told[-1][1] == "not kept up"
+        assert told[-1][1] == "dead-man timeout"
 
 
 @pytest.mark.parametrize("deed", ["raises", "starts a sequence", "is a sequence"])
@@ -733,10 +735,10 @@ def test_an_action_that_has_failed_keeps_nothing_alive() -> None:
     left: list[weakref.ref[Large]] = []
 
     def deed() -> None:
-        at_hand = Large()
-        left.append(weakref.ref(at_hand))
+        at_client = Large()
+        left.append(weakref.ref(at_client))
         try:
-            raise KeyError(at_hand.__class__)
+            raise KeyError(at_client.__class__)
         except KeyError as error:
             raise ValueError("of a chain") from error
 
@@ -774,7 +776,7 @@ class Guarded(Press):
             yield dataclasses.replace(each, latched=True)
 
 
-def test_a_latched_interlock_is_acknowledged_by_hand_under_the_lease_when_its_cause_is_gone() -> None:
+def test_a_latched_interlock_is_acknowledged_by_client_under_the_lease_when_its_cause_is_gone() -> None:
     with Rig(Mode.AUTOMATIC, kind=Guarded) as rig:
         put(rig.m.door, PassFail.FAIL)
         rig.periods()
@@ -795,12 +797,12 @@ def test_a_latched_interlock_is_acknowledged_by_hand_under_the_lease_when_its_ca
         assert rig.m.taken
 
 
-def test_a_jog_ends_when_it_is_not_kept_up(rig: Rig) -> None:
+def test_a_jog_ends_without_a_sign_of_life(rig: Rig) -> None:
     rig.call("jog", velocity=2.0)
-    rig.periods(int(HOLD / PERIOD) - 2)
+    rig.periods(int(DEAD_MAN_TIME / PERIOD) - 2)
     assert rig.m.jogging == 2.0
     rig.keep("jog")
-    rig.periods(int(HOLD / PERIOD) - 2)
+    rig.periods(int(DEAD_MAN_TIME / PERIOD) - 2)
     assert rig.m.jogging == 2.0
     rig.periods(5)
     assert rig.m.jogging == 0.0
@@ -824,7 +826,7 @@ def test_anybody_may_stop_the_machine() -> None:
         rig.periods()
         assert not rig.m.cycle.running
         assert rig.connection.stop.signal == signal.SIGINT
-        assert rig.hands.stopped_by == "ann, a test"
+        assert rig.clients.stopped_by == "ann, a test"
         rig.periods()
         asked = [(event.who, event.asked) for event in rig.events if event.state is CommandState.DONE]
         assert asked == [("ann, a test", "stop")]
@@ -902,7 +904,7 @@ STEPS = st.lists(
 
 @settings(max_examples=150, deadline=None)
 @given(STEPS, st.booleans())
-def test_guards_hold_for_any_interleaving_of_program_and_hands(steps: list[tuple[Any, ...]], slow: bool) -> None:
+def test_guards_hold_for_any_interleaving_of_program_and_clients(steps: list[tuple[Any, ...]], slow: bool) -> None:
     rate = 100.0
     with Rig(ram=actuator(slew_rate=rate) if slow else actuator(), heater=actuator(expires="100 ms")) as rig:
         kept: dict[str, int] = {}
@@ -911,15 +913,15 @@ def test_guards_hold_for_any_interleaving_of_program_and_hands(steps: list[tuple
             match step:
                 case "lease", key, over:
                     done = rig.do("lease", key=key, over=over).state is CommandState.DONE
-                    assert done == (holder in ("", f"hand {key}") or over)
+                    assert done == (holder in ("", f"client {key}") or over)
                 case "write", key, path, value:
                     if rig.do("write", path, value, key=key).state is CommandState.DONE:
-                        assert rig.hands.lease.holder == f"hand {key}"
-                        assert rig.hands.mode is Mode.MANUAL
+                        assert rig.clients.lease.holder == f"client {key}"
+                        assert rig.clients.mode is Mode.MANUAL
                         kept[path] = rig.connection.machine.clock.number
                 case "keep", key, held:
                     rig.keep(*held, key=key)
-                    if rig.hands.lease.holder == f"hand {key}":
+                    if rig.clients.lease.holder == f"client {key}":
                         kept |= dict.fromkeys(held, rig.connection.machine.clock.number)
                 case "mode", key, mode:
                     rig.do("mode", value=mode, key=key)
@@ -935,28 +937,28 @@ def test_guards_hold_for_any_interleaving_of_program_and_hands(steps: list[tuple
                         rig.periods()
                         if slow and rig.m.ram.read() != rig.m.ram.default:
                             assert abs(rig.m.ram.read() - ram) <= rate * PERIOD * 1.001
-            holder = rig.hands.lease.holder
+            holder = rig.clients.lease.holder
             if rig.m.door.read() is PassFail.FAIL:
                 assert rig.m.lamp.read() is OnOff.OFF
                 assert rig.m.ram.read() == rig.m.ram.default
             commands = rig.connection.machine.commands
             for actuator_ in (rig.m.ram, rig.m.heater, rig.m.lamp):
-                state, hand = rig.connection.image.restrictions[actuator_._slot], commands.hand_of(actuator_._slot)
-                assert (state == IN_HAND, state in (FREE, ASKED)) == (bool(hand), actuator_.inhibited is None)
+                state, client = rig.connection.image.restrictions[actuator_._slot], commands.client_of(actuator_._slot)
+                assert (state == TAKEN_BY_CLIENT, state in (FREE, ASKED)) == (bool(client), actuator_.inhibited is None)
             now = rig.connection.machine.clock.number
-            for path in ("heater", "lamp"):  # only hands write them
+            for path in ("heater", "lamp"):  # only clients write them
                 item: Any = find(rig.m, path)
                 if item.read() != item.default:
-                    lasts = 0.1 if path == "heater" else HOLD
+                    lasts = 0.1 if path == "heater" else DEAD_MAN_TIME
                     assert (now - kept[path]) * PERIOD <= lasts + 2 * PERIOD
                     assert holder
-                    assert rig.hands.mode is Mode.MANUAL
+                    assert rig.clients.mode is Mode.MANUAL
 
 
 # A station ----------------------------------------------------------------------------------------------
 
 
-def test_an_axis_whose_motor_a_hand_takes_goes_on_from_where_it_then_stands() -> None:
+def test_an_axis_whose_motor_a_client_takes_goes_on_from_where_it_then_stands() -> None:
     pytest.importorskip("mujoco")
     from umo.process.station import find
 
@@ -968,7 +970,7 @@ def test_an_axis_whose_motor_a_hand_takes_goes_on_from_where_it_then_stands() ->
     def send(do: str, path: str = "", **more: Any) -> None:
         nonlocal number
         number += 1
-        letters.waiting.append(HandCommand(number, "a test", "a", do, path, **more))
+        letters.waiting.append(ClientCommand(number, "a test", "a", do, path, **more))
 
     def periods(count: int) -> None:
         for _ in range(count):
@@ -983,7 +985,7 @@ def test_an_axis_whose_motor_a_hand_takes_goes_on_from_where_it_then_stands() ->
 
     with connection:
         machine = connection.machine
-        machine.hands = Hands(machine, letters, letters, Mode.MANUAL, lambda: BOOT + machine.clock.now)
+        machine.clients = ClientControl(machine, letters, letters, Mode.MANUAL, lambda: BOOT + machine.clock.now)
         send("lease")
         send("call", "home")
         for _ in range(100):

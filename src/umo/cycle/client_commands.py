@@ -23,8 +23,9 @@ class Mode(IntEnum):
 
 
 @dataclass(frozen=True)
-class HandCommand:
-    """One command of a hand. `do` is a name of `Hands.COMMANDS`; which of the others it takes depends on it."""
+class ClientCommand:
+    """One command of a client. `do` is a name of `umo.cycle.client_control.COMMANDS`; which of the others it takes
+    depends on it."""
 
     number: int
     who: str = ""
@@ -38,7 +39,7 @@ class HandCommand:
     over: bool = False
 
     @classmethod
-    def parse(cls, number: int, data: bytes) -> HandCommand:
+    def parse(cls, number: int, data: bytes) -> ClientCommand:
         """ValueError, TypeError or RecursionError if it is not one."""
         text = json.loads(data)
         for name, kind in (("who", str), ("key", str), ("do", str), ("path", str), ("arguments", dict)):
@@ -62,12 +63,12 @@ class Inbox(Protocol):
     dropped: int
     """The number of these that were not commands."""
 
-    def take(self) -> HandCommand | None:
+    def get(self) -> ClientCommand | None:
         """The next one, None if there is none now. Quick; raises nothing."""
 
 
 class Levels(Protocol):
-    """The levels that hands keep up. Quick; raises nothing."""
+    """The levels that clients set. Quick; raises nothing."""
 
     @property
     def asked(self) -> Sequence[int]:
@@ -78,12 +79,12 @@ class Levels(Protocol):
         """The signal as after which the run is to end, and who asks for it; None: nobody does."""
 
     def signed(self, path: str, lease: int) -> float:
-        """The time at which the holder of this lease was last there for what it keeps up at this path, in s on the
-        clock of the hands; "": for the lease itself. 0: never. Any number."""
+        """The time of the last sign of life of the holder of this lease for what it holds at this path, in s on the
+        clock of the clients; "": for the lease itself. 0: never. Any number."""
 
 
-SHORTEST, LONGEST = 0.2, 60.0
-"""s for which a lease may be taken."""
+SHORTEST_LEASE, LONGEST_LEASE = 0.2, 60.0
+"""Durations of a lease, s."""
 
 
 class Lease:
@@ -98,13 +99,13 @@ class Lease:
         self._seconds = 0.0
         self._seen = 0.0
 
-    def take(self, who: str, key: str, seconds: float, now: float, *, over: bool = False) -> bool:
-        """Whether it was taken over from another hand. LeaseHeld while another hand has it, unless `over`."""
+    def acquire(self, who: str, key: str, seconds: float, now: float, *, over: bool = False) -> bool:
+        """Whether it was taken over from another client. LeaseHeld while another client has it, unless `over`."""
         others = bool(self.holder) and key != self._key
         if others and not over:
             raise LeaseHeld(f"{self.holder} has the lease")
         self.number += 1
-        self.holder, self._key, self._seconds = who, key, min(max(seconds, SHORTEST), LONGEST)
+        self.holder, self._key, self._seconds = who, key, min(max(seconds, SHORTEST_LEASE), LONGEST_LEASE)
         self._seen = now
         return others
 
@@ -115,7 +116,7 @@ class Lease:
         if key != self._key:
             raise LeaseHeld(f"{self.holder} has the lease")
 
-    def seen(self, then: float, now: float) -> None:
+    def renew(self, then: float, now: float) -> None:
         """Its holder was there then. A time that is still to come does not count."""
         if self._seen < then <= now:
             self._seen = then

@@ -1,4 +1,4 @@
-"""Rising early: the thread is awake before its tick, and uses the time to rehearse the period.
+"""Cache warming: what the thread does while it waits busily for its tick.
 
 A period of 1 ms finds the processor's caches cold and takes several times as long as one that follows at once. So umo's
 own part of the period is carried out on a copy of the machine's objects, whose driver does nothing: sampled, read,
@@ -27,29 +27,29 @@ from umo.objects.atomic import Calibration
 from umo.wiring.resolved import Wire, Wired
 
 log = logging.getLogger("umo")
-MOST = 50
-"""Objects that are rehearsed: a machine of thousands would not be through before its tick."""
+COPIED_OBJECTS = 50
+"""Number of objects copied at most: a machine of thousands would not be through before its tick."""
 
 
-def rise_early(wired: Wired, seconds: float) -> None:
+def wait_busily(wired: Wired, seconds: float) -> None:
     """From now on the timer of this connected machine, if it runs in real time, wakes its thread so many s before each
-    tick, and the period is rehearsed; 0: at the tick."""
+    tick, and warms the caches; 0: at the tick."""
     ticker = None if wired.timer_wire is None else getattr(bare(wired.timer_wire.driver), "ticker", None)
     if ticker is None:
         return
-    ticker.rise_early(seconds)
+    ticker.wait_busily(seconds)
     if seconds and ticker.meanwhile is None:
         try:
-            ticker.meanwhile = WhileWaiting(Rehearsal(wired))
+            ticker.meanwhile = WhileWaiting(CacheWarming(wired))
         except Exception as error:
             _give_up(error)
 
 
-class Rehearsal:
-    """Each call is one period of a copy of the machine's objects, at most `MOST` of them."""
+class CacheWarming:
+    """Each call is one period of a copy of the machine's objects, at most `COPIED_OBJECTS` of them."""
 
     def __init__(self, wired: Wired) -> None:
-        """Rehearsals of a machine with a timer."""
+        """Warms the caches for a machine with a timer."""
         nowhere = Simulated(history=1)
         timer_first = sorted(wired.wires, key=lambda wire: wire.item is not wired.timer)
         wires = [
@@ -60,7 +60,7 @@ class Rehearsal:
                 channel=nowhere.channel(str(number)),
                 calibration=_calibration(wire),
             )
-            for number, wire in enumerate(timer_first[:MOST])
+            for number, wire in enumerate(timer_first[:COPIED_OBJECTS])
         ]
         for wire in wires[1:]:  # the timer reads 0: no tick has been missed
             nowhere.set(wire.channel.text, _good_raw(wire))
@@ -75,7 +75,7 @@ class Rehearsal:
         self._actuators: list[Any] = [item for item in synchronous if item.direction is Direction.OUTPUT]
 
     def __call__(self) -> None:
-        """Whatever goes wrong does not disturb the machine: from then on nothing is rehearsed."""
+        """Whatever goes wrong does not disturb the machine: from then on the caches are not warmed."""
         if self._sound:
             try:
                 self._period()
@@ -94,7 +94,7 @@ class Rehearsal:
 
 
 def _give_up(error: Exception) -> None:
-    log.warning("periods are not rehearsed: %s", text_of(error))
+    log.warning("caches are not warmed: %s", text_of(error))
 
 
 def _good_raw(wire: Wire) -> int:

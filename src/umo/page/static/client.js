@@ -1,4 +1,4 @@
-/** The hand of this page: its lease, what it holds, and what it has asked for. */
+/** The client of this page: its lease, what it holds, and what it has asked for. */
 
 import { ConnectionLost } from "./feed.js";
 import { Undo } from "./undo.js";
@@ -10,7 +10,7 @@ const HOLDING = ["write", "call"];  // commands that hold their path
 const UNANSWERED = "no answer: the connection was lost; whether it was carried out is not known";
 const ENDS = ["done", "refused", "failed", "cancelled"];
 
-export class Hand {
+export class Client {
   /** @param {import("./feed.js").Feed} feed */
   constructor(feed) {
     this.feed = feed;
@@ -39,7 +39,7 @@ export class Hand {
   }
 
   /** Whether pages of this server may command, and the station takes commands. */
-  get possible() { return Boolean(this.feed.server?.hands && this.feed.state?.mode); }
+  get possible() { return Boolean(this.feed.server?.operate && this.feed.state?.mode); }
 
   get holder() { return this.feed.state?.lease?.holder ?? ""; }
 

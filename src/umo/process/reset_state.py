@@ -29,7 +29,7 @@ class Reached(IntEnum):
     NO = 3
 
 
-class Board:
+class ResetState:
     """A line for each actuator, by number."""
 
     def __init__(self, paths: Sequence[str]) -> None:

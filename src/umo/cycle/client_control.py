@@ -1,9 +1,10 @@
-"""Hands: commands from outside a running machine, under one lease, through the same guards as the program's.
+"""Clients: commands from outside a running machine, under one lease, through the same guards as the program's.
 
 Once per period, before the sequences, `look` takes what has come in. Nothing of it can end the run: what is wrong is
 refused, what fails is answered. In automatic mode the application runs, numbers can be tuned and harmless actions
 called. In manual mode the sequences of the application are not advanced; actuators can be written and all actions
-called. What a hand keeps up (a written actuator, a jog) ends when the hand does not keep it up, or loses the lease.
+called. What a client holds (a written actuator, a jog) is under dead-man control: it ends when the client gives no
+sign of life for it, or loses the lease.
 
 Signs of life and a stop are levels, not commands: they are looked up in each period, however full the queue is, and
 their times are compared with the computer's clock, however long the period is.
@@ -18,9 +19,9 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, cast
 
+from umo.cycle.client_commands import ClientCommand, Inbox, Lease, Levels, Mode
 from umo.cycle.columns import Source
 from umo.cycle.events import TEXT, CommandState, Event
-from umo.cycle.hand_commands import HandCommand, Inbox, Lease, Levels, Mode
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.sequences import Sequences, Task
 from umo.errors import CommandRefused, DriverError, PathError, StateError, TaskFailed, UmoError
@@ -29,19 +30,22 @@ from umo.presentation.digits import setting_text
 from umo.text import did_you_mean
 from umo.user_code import Raised, as_json, attempt
 
-HOLD = 0.5
-"""s for which a written actuator and a jog last unless they are kept up; shorter where the actuator expires sooner."""
+DEAD_MAN_TIME = 0.5
+"""Time without a sign of life after which a written actuator or a jog ends, s; shorter where the actuator expires
+sooner."""
+DEAD_MAN = "dead-man timeout"
+"""Reason of such an end."""
 TAKEN_PER_PERIOD = 4
 """The most commands that are carried out in one period."""
 RUNNING = 32
-"""The most actions of hands that run at once."""
+"""The most actions of clients that run at once."""
 
 
 @dataclass(eq=False)
 class _Action:
     """An action that has begun, and the sequences that it has started."""
 
-    command: HandCommand
+    command: ClientCommand
     task: Task | None = None
     """None: it has ended, or it is no sequence itself."""
     started: Sequences = field(default_factory=Sequences)
@@ -60,12 +64,12 @@ class _Action:
 
 @dataclass
 class _Held:
-    """An actuator or action that lasts as long as it is kept up."""
+    """An actuator or action under dead-man control."""
 
-    command: HandCommand
+    command: ClientCommand
     lasts: float
-    seen: float
-    """The time at which it was last kept up, in s on the clock of the hands."""
+    signed: float
+    """The time of the last sign of life for it, in s on the clock of the clients."""
     release: Callable[[], object]
     slot: int = -1
     """The actuator; -1 for an action."""
@@ -73,7 +77,7 @@ class _Held:
     """A sequence that has not ended: its end is told by itself."""
 
 
-class Hands:
+class ClientControl:
     """Carries out the commands of one connected machine. `clock` is that of the signs of life, s."""
 
     def __init__(
@@ -96,7 +100,7 @@ class Hands:
         actuators = (item for item in atoms(machine.root) if isinstance(item, BinaryActuator | DigitalActuator))
         self._actuators: dict[str, BinaryActuator[Any] | DigitalActuator] = {item.path: item for item in actuators}
         self.at_work: Sequences | None = None
-        """An action of a hand is being carried out at this moment: what it starts belongs here."""
+        """An action of a client is being carried out at this moment: what it starts belongs here."""
         self._running: list[_Action] = []
         self._held: dict[str, _Held] = {}
         self._active = False
@@ -111,7 +115,7 @@ class Hands:
         if self._active:
             self._look_for_life()
         for _ in range(TAKEN_PER_PERIOD):
-            command = self.inbox.take()
+            command = self.inbox.get()
             if command is None:
                 break
             self._answer(command)
@@ -129,21 +133,21 @@ class Hands:
             self._machine.events.add(Event(now, "", "", self.stopped_by, state=CommandState.DONE, asked="stop"))
 
     def _look_for_life(self) -> None:
-        """End what is not kept up any longer, and a lease whose holder is not there."""
+        """End what is held without a sign of life, and a lease whose holder gives none."""
         signed = {path: self._levels.signed(path, self.lease.number) for path in ("", *self._held)}
         now = self._clock()  # afterwards: no sign of life is of a later time, but a wrong one
-        self.lease.seen(signed[""], now)
+        self.lease.renew(signed[""], now)
         if self.lease.expired(now):
             self._end_lease(f"the lease of {self.lease.holder} has ended: it was not renewed")
         commands = self._machine.commands
         for path, held in list(self._held.items()):
-            if held.seen < signed[path] <= now:
-                held.seen = signed[path]
-            if held.slot >= 0 and not commands.hand_of(held.slot):  # an interlock has reset it
+            if held.signed < signed[path] <= now:
+                held.signed = signed[path]
+            if held.slot >= 0 and not commands.client_of(held.slot):  # an interlock has reset it
                 del self._held[path]
                 self._tell(held.command, CommandState.CANCELLED, commands.inhibited(held.slot) or "it was reset")
-            elif now - held.seen > held.lasts:
-                self._release(path, "not kept up")
+            elif now - held.signed > held.lasts:
+                self._release(path, DEAD_MAN)
 
     def _go_on(self) -> None:
         self._advance()
@@ -191,7 +195,7 @@ class Hands:
 
     # Commands ------------------------------------------------------------------------------------------
 
-    def _answer(self, command: HandCommand) -> None:
+    def _answer(self, command: ClientCommand) -> None:
         answer, error = attempt(self._obey, command)
         if error is not None:
             refused = issubclass(error.kind, UmoError) and not issubclass(error.kind, DriverError)
@@ -200,31 +204,31 @@ class Hands:
         self._active = True
         self._tell(command, state, text)
 
-    def _obey(self, command: HandCommand) -> tuple[CommandState, str]:
+    def _obey(self, command: ClientCommand) -> tuple[CommandState, str]:
         if command.do not in COMMANDS:
             raise CommandRefused(f"there is no command {command.do!r}{did_you_mean(command.do, COMMANDS)}")
         return COMMANDS[command.do](self, command)
 
-    def _take_lease(self, command: HandCommand) -> tuple[CommandState, str]:
-        if self.lease.take(command.who, command.key, command.seconds, self._clock(), over=command.over):
+    def _take_lease(self, command: ClientCommand) -> tuple[CommandState, str]:
+        if self.lease.acquire(command.who, command.key, command.seconds, self._clock(), over=command.over):
             self._drop(f"{command.who} has taken the lease over")
         return CommandState.DONE, str(self.lease.number)
 
-    def _give_lease(self, command: HandCommand) -> tuple[CommandState, str]:
+    def _give_lease(self, command: ClientCommand) -> tuple[CommandState, str]:
         self.lease.check(command.key)
         self._drop("the lease was given back")
         self.lease.end()
         return CommandState.DONE, ""
 
-    def _kept_up(self, path: str, lasts: float) -> float:
-        """The time at which it was last kept up. CommandRefused if that is too long ago: in a long period its hand may
-        have died since it has sent the command."""
-        seen = self._levels.signed(path, self.lease.number)
-        if not 0.0 <= self._clock() - seen <= lasts:
-            raise CommandRefused(f"{path} is not kept up: nobody has been there for it for {lasts:g} s")
-        return seen
+    def _last_sign(self, path: str, lasts: float) -> float:
+        """The time of the last sign of life for it. CommandRefused if that is too long ago: in a long period its client
+        may have died since it sent the command."""
+        signed = self._levels.signed(path, self.lease.number)
+        if not 0.0 <= self._clock() - signed <= lasts:
+            raise CommandRefused(f"{path}: {DEAD_MAN}: no sign of life from its client for {lasts:g} s")
+        return signed
 
-    def _change_mode(self, command: HandCommand) -> tuple[CommandState, str]:
+    def _change_mode(self, command: ClientCommand) -> tuple[CommandState, str]:
         self.lease.check(command.key)
         try:
             mode = Mode[str(command.value).upper()]
@@ -235,36 +239,36 @@ class Hands:
         self._set_mode(mode)
         return CommandState.DONE, ""
 
-    def _tune(self, command: HandCommand) -> tuple[CommandState, str]:
+    def _tune(self, command: ClientCommand) -> tuple[CommandState, str]:
         self.lease.check(command.key)
         tunable = _known(self._machine.tunables, command.path, "tunable number")
         before = tunable.value
         tunable.set(command.value)
         return CommandState.DONE, json.dumps(" -> ".join(map(setting_text, (before, tunable.value))))
 
-    def _write(self, command: HandCommand) -> tuple[CommandState, str]:
+    def _write(self, command: ClientCommand) -> tuple[CommandState, str]:
         self.lease.check(command.key)
-        self._need_manual("an actuator can be written by hand")
+        self._need_manual("an actuator can be written by a client")
         item = _known(self._actuators, command.path, "actuator")
         value = _level(item, command.value)
-        lasts = min(HOLD, item.expires or HOLD)
-        seen = self._kept_up(item.path, lasts)
+        lasts = min(DEAD_MAN_TIME, item.expires or DEAD_MAN_TIME)
+        seen = self._last_sign(item.path, lasts)
         slot, commands = item._slot, self._machine.commands
-        if not commands.take_in_hand(slot, command.who):
+        if not commands.take_for_client(slot, command.who):
             raise CommandRefused(f"{item.path} is inhibited: {commands.inhibited(slot)}")
-        self._held[item.path] = _Held(command, lasts, seen, lambda: commands.leave_hand(slot), slot)
-        self._machine.image.command(slot, value, Source.HAND)
+        self._held[item.path] = _Held(command, lasts, seen, lambda: commands.release_from_client(slot), slot)
+        self._machine.image.command(slot, value, Source.CLIENT)
         return CommandState.DONE, ""
 
-    def _let_go(self, command: HandCommand) -> tuple[CommandState, str]:
-        """End what is held by hand."""
+    def _let_go(self, command: ClientCommand) -> tuple[CommandState, str]:
+        """End what a client holds."""
         self.lease.check(command.key)
         if command.path not in self._held:
-            raise PathError(f"{command.path} is not held by hand")
+            raise PathError(f"{command.path} is not held")
         self._release(command.path, "")
         return CommandState.DONE, ""
 
-    def _call(self, command: HandCommand) -> tuple[CommandState, str]:
+    def _call(self, command: ClientCommand) -> tuple[CommandState, str]:
         self.lease.check(command.key)
         action = _known(self._machine.actions, command.path, "action")
         if not action.harmless:
@@ -274,8 +278,8 @@ class Hands:
             raise CommandRefused(f"{RUNNING} actions are running already")
         begun = _Action(command)
         if action.release is not None:
-            seen = self._kept_up(action.path, HOLD)
-            self._held[action.path] = _Held(command, HOLD, seen, action.release)
+            seen = self._last_sign(action.path, DEAD_MAN_TIME)
+            self._held[action.path] = _Held(command, DEAD_MAN_TIME, seen, action.release)
         try:
             result = self._begin(begun, partial(action.call, **arguments))
         except BaseException:  # what it has begun until then ends with it
@@ -289,7 +293,7 @@ class Hands:
             self._running.append(begun)
         return (CommandState.BEGUN, "") if begun.task is not None else (CommandState.DONE, _plain(result))
 
-    def _cancel(self, command: HandCommand) -> tuple[CommandState, str]:
+    def _cancel(self, command: ClientCommand) -> tuple[CommandState, str]:
         """The action of this path, or all."""
         self.lease.check(command.key)
         held = [path for path, each in self._held.items() if each.slot < 0]
@@ -302,7 +306,7 @@ class Hands:
                 self._release(path, why)
         return CommandState.DONE, ""
 
-    def _acknowledge(self, command: HandCommand) -> tuple[CommandState, str]:
+    def _acknowledge(self, command: ClientCommand) -> tuple[CommandState, str]:
         """The latched interlocks of an object, "": of the machine; said if there was none. CommandRefused while one of
         its actuators is still inhibited."""
         self.lease.check(command.key)
@@ -342,7 +346,7 @@ class Hands:
         self.lease.end()
 
     def _drop(self, why: str) -> None:
-        """End what the hand has begun, and what that has started."""
+        """End what the client has begun, and what that has started."""
         self._cancel_running(why)
         for path in list(self._held):
             self._release(path, why)
@@ -381,7 +385,7 @@ class Hands:
 
     # What is told --------------------------------------------------------------------------------------
 
-    def _tell(self, command: HandCommand, state: CommandState, text: str) -> None:
+    def _tell(self, command: ClientCommand, state: CommandState, text: str) -> None:
         now = self._machine.clock.now
         self._machine.events.add(Event(now, command.path, text, command.who, command.number, state, asked=str(command)))
 
@@ -389,18 +393,18 @@ class Hands:
         self._machine.events.add(Event(self._machine.clock.now, "", text))
 
 
-COMMANDS: Mapping[str, Callable[[Hands, HandCommand], tuple[CommandState, str]]] = {
-    "lease": Hands._take_lease,
-    "give back": Hands._give_lease,
-    "mode": Hands._change_mode,
-    "tune": Hands._tune,
-    "write": Hands._write,
-    "let go": Hands._let_go,
-    "call": Hands._call,
-    "cancel": Hands._cancel,
-    "acknowledge": Hands._acknowledge,
+COMMANDS: Mapping[str, Callable[[ClientControl, ClientCommand], tuple[CommandState, str]]] = {
+    "lease": ClientControl._take_lease,
+    "give back": ClientControl._give_lease,
+    "mode": ClientControl._change_mode,
+    "tune": ClientControl._tune,
+    "write": ClientControl._write,
+    "let go": ClientControl._let_go,
+    "call": ClientControl._call,
+    "cancel": ClientControl._cancel,
+    "acknowledge": ClientControl._acknowledge,
 }
-"""The commands of hands, by name."""
+"""The commands of clients, by name."""
 
 
 def _known(table: Mapping[str, Any], path: str, what: str) -> Any:
@@ -410,7 +414,7 @@ def _known(table: Mapping[str, Any], path: str, what: str) -> Any:
 
 
 def _level(item: BinaryActuator[Any] | DigitalActuator, value: Any) -> float:
-    """The value of the image for what a hand gave: the name of a state, or a number within the range."""
+    """The value of the image for what a client gave: the name of a state, or a number within the range."""
     if isinstance(item, Binary):
         names = {state.name: state for state in item.states}
         if not isinstance(value, str) or value not in names:

@@ -71,7 +71,7 @@ def set_value(
     arguments: Sequence[str] = (),
 ) -> int:
     """Write one actuator, keep the loop going for `hold` s or until a signal, show what is read, reset. Of a station
-    that runs, take the actuator by hand. What will be refused is refused before a device is opened."""
+    that runs, the actuator is taken under a lease. What will be refused is refused before a device is opened."""
     if (running := _running(name, wiring, arguments)) is not None:
         return set_running(running, path, text, hold, over)
     station = _station(name)
@@ -182,7 +182,7 @@ def _remark(item: Any, taken: bool) -> str:
 
 
 def _loop(m: Compound, hold: float | None, pause: float, again: Callable[[], object] | None) -> None:
-    """The machine's periods without its control, so that watchdogs are fed; a command that expires is kept up. They
+    """The machine's periods without its control, so that watchdogs are fed; a command that expires is repeated. They
     take the time of the wall clock: `pause` is for machines without a timer in real time."""
     timer = children(m).get("timer")
     end = inf if hold is None else time.monotonic() + hold

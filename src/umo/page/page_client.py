@@ -1,4 +1,4 @@
-"""The hand of an open page: its commands, its lease, and what it keeps up while it is there.
+"""The client of an open page: its commands, its lease, and what it holds while it is there.
 
 A page shows that it is there by touching: it answers each state that it gets with what it holds. Without a touch, what
 it holds is let go of, and later its lease ends. When the page is closed, both happen at once.
@@ -17,8 +17,8 @@ from typing import Any, cast
 
 from starlette.websockets import WebSocketDisconnect
 
+from umo.cycle.client_control import DEAD_MAN_TIME
 from umo.cycle.events import CommandState
-from umo.cycle.hands import HOLD
 from umo.errors import CommandRefused, FramesError
 from umo.frames.cells import LEASE as THE_LEASE
 from umo.page.feed import Feed
@@ -26,7 +26,7 @@ from umo.page.watched import Watched
 from umo.remote import RemoteStation
 from umo.remote.answers import Answers
 from umo.remote.attached import user
-from umo.remote.held_lease import OFTEN
+from umo.remote.held_lease import SIGNS_OF_LIFE
 from umo.text import printable
 
 LEASE = 2.0
@@ -41,19 +41,19 @@ NAME = 40
 """The most characters of the name that a page gives."""
 TAKEN = ("path", "value", "arguments", "over")
 """Keys that are taken from a page's command besides `do`; the rest is this module's."""
-SENDERS = ThreadPoolExecutor(8, "umo hand")
-"""Threads that do nothing else, so that a hand never waits for a slow answer to another page."""
+SENDERS = ThreadPoolExecutor(8, "umo client")
+"""Threads that do nothing else, so that a client never waits for a slow answer to another page."""
 Tell = Callable[[dict[str, Any]], Awaitable[None]]
 
 
-class PageHand:
-    """The hand of one page, for one run. `client` is the page's address; `tell` sends a message to the page.
+class PageClient:
+    """The client of one page, for one run. `address` is the page's address; `tell` sends a message to the page.
     FramesError if the run has ended."""
 
-    def __init__(self, watched: Watched, feed: Feed, client: str, tell: Tell) -> None:
+    def __init__(self, watched: Watched, feed: Feed, address: str, tell: Tell) -> None:
         self.watched = watched
         self._feed = feed
-        self._client = client
+        self._address = address
         self._tell = tell
         self._who = self._named("")
         self._key = secrets.token_hex(8)
@@ -65,13 +65,13 @@ class PageHand:
         """The number of the lease that this page took; 0: none."""
         self._following: dict[asyncio.Task[None], str] = {}
         """Commands whose end is still to come, with the paths of those that the machine has not taken yet: in a long
-        period what they will begin is kept up already."""
+        period what they will begin is held already."""
         self._ended = False
         self._keeping = asyncio.create_task(self._keep())
 
     def _named(self, name: str) -> str:
         given = printable(" ".join(name.split()))[:NAME]
-        return f"{given or user()} (page, {self._client})"
+        return f"{given or user()} (page, {self._address})"
 
     # Commands ------------------------------------------------------------------------------------------
 
@@ -107,7 +107,7 @@ class PageHand:
             await self._answer(message, CommandState.DONE, "")
 
     async def _send(self, do: str, **more: Any) -> int:
-        """In a thread: the queue may be full, or it is another hand's turn."""
+        """In a thread: the queue may be full, or it is another client's turn."""
         send = partial(self._station.send, do, key=self._key, who=self._who, **more)
         return await asyncio.get_running_loop().run_in_executor(SENDERS, send)
 
@@ -153,13 +153,13 @@ class PageHand:
                 self._station.sign(self._leased, *paths)
 
     async def _keep(self) -> None:
-        """Renew the lease, and keep up what the page holds, as long as it touches."""
+        """Renew the lease, and give signs of life for what the page holds, as long as it touches."""
         while not self._ended:
             silent = time.monotonic() - self._touched
             if silent < LEASE:
                 begun = filter(None, self._following.values())
                 self._sign(THE_LEASE, *([*self._held, *begun] if silent < TOUCH else []))
-            await asyncio.sleep(HOLD / OFTEN)
+            await asyncio.sleep(DEAD_MAN_TIME / SIGNS_OF_LIFE)
 
     async def close(self) -> None:
         """The page is closed: the lease is given back, and the machine lets go of what it held."""

@@ -1,4 +1,4 @@
-"""The rehearsal before a tick: umo's own part of a period on copies, without the driver and the user's code."""
+"""Cache warming before a tick: umo's own part of a period on copies, without the driver and the user's code."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 from helpers.machines import Bench, actuator, bench, relay, sensor, switch, timer, wired
 from umo import Compound, DigitalActuator, DigitalSensor, Interlock, LookupTable, connect
-from umo.cycle.rehearsal import MOST, Rehearsal, rise_early
+from umo.cycle.cache_warming import COPIED_OBJECTS, CacheWarming, wait_busily
 from umo.states import PassFail
 from umo.testing import Scripted
 
@@ -53,18 +53,18 @@ def test_neither_driver_nor_user_code_is_called_and_nothing_of_the_machine_chang
     machine, box = full(own), Scripted({"encoder": 40})
     connection = connect(machine, wired(machine, box))
     with connection as m:
-        rehearsal, image = Rehearsal(connection.wired), connection.image
+        warming, image = CacheWarming(connection.wired), connection.image
         calls, events = len(box.calls), connection.machine.events.number
         before = state(image)
         for _ in range(20):
-            rehearsal()
+            warming()
         assert state(image) == before
         assert (len(box.calls), connection.machine.events.number, m.now) == (calls, events, 0.0)
         assert own.path == "motor"
 
 
 def test_the_copies_are_read_and_written_as_the_objects_are(caplog: pytest.LogCaptureFixture) -> None:
-    """All are GOOD, so that the usual way is rehearsed; and nothing is logged."""
+    """All are GOOD, so that the usual way is warmed; and nothing is logged."""
     machine = bench(
         encoder=sensor(incremental=True, invalid_raws=[100, 101]),
         limit=switch(),
@@ -72,31 +72,31 @@ def test_the_copies_are_read_and_written_as_the_objects_are(caplog: pytest.LogCa
     )
     connection = connect(machine, wired(machine, Scripted()))
     with connection:
-        rehearsal = Rehearsal(connection.wired)
+        warming = CacheWarming(connection.wired)
         for _ in range(10):
-            rehearsal()
-        copied = rehearsal._machine
+            warming()
+        copied = warming._machine
         assert copied.image.sampled_good
         assert copied.clock.number == 10
     assert caplog.text == ""
 
 
-def test_a_machine_of_thousands_is_rehearsed_in_part() -> None:
+def test_a_machine_of_thousands_is_copied_in_part() -> None:
     class Rack(Compound):
         motors: list[DigitalActuator]
         timer: DigitalSensor
 
-    machine = Rack(motors=[actuator(expires="5 ms") for _ in range(3 * MOST)], timer=timer())
+    machine = Rack(motors=[actuator(expires="5 ms") for _ in range(3 * COPIED_OBJECTS)], timer=timer())
     connection = connect(machine, wired(machine, Scripted()))
     with connection:
-        rehearsal = Rehearsal(connection.wired)
-        rehearsal()
-        assert len(rehearsal._machine.image.items) == MOST
-        assert rehearsal._machine.clock.number == 1, "the timer is one of them"
-        assert type(rehearsal._machine.image) is type(connection.image)
+        warming = CacheWarming(connection.wired)
+        warming()
+        assert len(warming._machine.image.items) == COPIED_OBJECTS
+        assert warming._machine.clock.number == 1, "the timer is one of them"
+        assert type(warming._machine.image) is type(connection.image)
 
 
-def test_a_linearization_of_the_user_s_own_is_not_rehearsed() -> None:
+def test_a_linearization_of_the_user_s_own_is_not_called() -> None:
     called = []
 
     class Table(LookupTable):
@@ -114,40 +114,40 @@ def test_a_linearization_of_the_user_s_own_is_not_rehearsed() -> None:
     connection = connect(machine, wired(machine, Scripted()))
     with connection:
         called.clear()
-        rehearsal = Rehearsal(connection.wired)
-        rehearsal()
+        warming = CacheWarming(connection.wired)
+        warming()
         assert called == []
-        assert rehearsal._machine.clock.number == 1
+        assert warming._machine.clock.number == 1
 
 
-def test_a_rehearsal_that_fails_is_told_once_and_left_out(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_warming_that_fails_is_told_once_and_left_out(caplog: pytest.LogCaptureFixture) -> None:
     machine = bench()
     connection = connect(machine, wired(machine, Scripted()))
     with connection:
-        rehearsal = Rehearsal(connection.wired)
-        rehearsal._actuators.append(None)
+        warming = CacheWarming(connection.wired)
+        warming._actuators.append(None)
         for _ in range(3):
-            rehearsal()
-    assert caplog.text.count("periods are not rehearsed") == 1
+            warming()
+    assert caplog.text.count("caches are not warmed") == 1
 
 
-def test_a_machine_that_cannot_be_copied_runs_without_a_rehearsal(
+def test_a_machine_that_cannot_be_copied_runs_without_a_warming(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     machine = bench()
     connection = connect(machine, wired(machine, Scripted()))
     with connection:
-        ticker = SimpleNamespace(rise_early=lambda seconds: None, meanwhile=None)
+        ticker = SimpleNamespace(wait_busily=lambda seconds: None, meanwhile=None)
         connection.wired.timer_wire.driver.ticker = ticker
-        monkeypatch.setattr("umo.cycle.rehearsal._copy", lambda item: None)
-        rise_early(connection.wired, 1e-4)
+        monkeypatch.setattr("umo.cycle.cache_warming._copy", lambda item: None)
+        wait_busily(connection.wired, 1e-4)
         assert ticker.meanwhile is None
-    assert "periods are not rehearsed" in caplog.text
+    assert "caches are not warmed" in caplog.text
 
 
 def test_only_a_timer_in_real_time_rises_early() -> None:
     machine: Any = bench()
     connection = connect(machine, wired(machine, Scripted()))
     with connection as m:
-        rise_early(connection.wired, 1e-4)
+        wait_busily(connection.wired, 1e-4)
         assert m.timer.read() == 0.0

@@ -13,7 +13,7 @@ globalThis.document = {
 };
 const { ActuatorControl, JogControl, TunableControl } = await import("../../../src/umo/page/static/controls.js");
 const { Feed } = await import("../../../src/umo/page/static/feed.js");
-const { Hand } = await import("../../../src/umo/page/static/hand.js");
+const { Client } = await import("../../../src/umo/page/static/client.js");
 const { Trigger } = await import("../../../src/umo/page/static/trigger.js");
 
 /** A page of a station whose action is held; `answer` is one of the machine's, `cancelled` the event of a command. */
@@ -24,14 +24,14 @@ function page() {
   feed.start = () => {};
   feed._send = (message) => sent.push(message);
   feed._text({ type: "description", name: "belt", run: "r1", objects: [], signals: [] });
-  const hand = new Hand(feed);
-  const control = new JogControl(hand, { path: "run", help: "", arguments: [], harmless: true, kept_up: true });
+  const client = new Client(feed);
+  const control = new JogControl(client, { path: "run", help: "", arguments: [], harmless: true, dead_man: true });
   const told = async (message) => {
     feed._text({ run: "r1", stage: "running", values: {}, ...message });
     await new Promise(setImmediate);
   };
   return {
-    feed, hand, sent, told,
+    feed, client, sent, told,
     press: () => control._buttons[0].onpointerdown({ button: 0, pointerId: 1 }),
     release: () => listeners.get("pointerup")?.(),
     answer: (id, state, command) => told({ type: "answer", id, state, text: "", command }),
@@ -40,7 +40,7 @@ function page() {
 }
 
 test("a press is held though the one before ends late, and is let go of when the button is", async () => {
-  const { hand, sent, press, release, answer, cancelled } = page();
+  const { client, sent, press, release, answer, cancelled } = page();
   press();
   await answer(1, "begun", 5);
   release();
@@ -48,35 +48,35 @@ test("a press is held though the one before ends late, and is let go of when the
   await answer(1, "cancelled", 5);
   await answer(3, "begun", 6);
   await cancelled(5);
-  assert.equal(hand.holds("run"), true);
+  assert.equal(client.holds("run"), true);
   release();
   assert.deepEqual(sent.map((each) => each.do), ["call", "let go", "call", "let go"]);
-  assert.equal(hand.holds("run"), false);
+  assert.equal(client.holds("run"), false);
 });
 
 test("what the machine has let go of by itself is held no longer", async () => {
-  const { hand, press, answer, cancelled } = page();
+  const { client, press, answer, cancelled } = page();
   press();
   await cancelled(4);
   await answer(1, "begun", 5);
-  assert.equal(hand.holds("run"), true);
+  assert.equal(client.holds("run"), true);
   await cancelled(5);
-  assert.equal(hand.holds("run"), false);
+  assert.equal(client.holds("run"), false);
 });
 
 test("of a command without an answer nobody knows whether it was carried out; one that was not sent is refused", async () => {
-  const { feed, hand } = page();
-  const asked = hand.ask({ do: "call", path: "home" });
+  const { feed, client } = page();
+  const asked = client.ask({ do: "call", path: "home" });
   feed._text({ type: "answer", id: 1, state: "begun", text: "" });
   feed._closed(1006);
   const { state, text } = await asked;
   assert.deepEqual([state, text], ["failed", "no answer: the connection was lost; whether it was carried out is not known"]);
-  assert.equal((await hand.ask({ do: "call", path: "home" })).state, "refused");
+  assert.equal((await client.ask({ do: "call", path: "home" })).state, "refused");
 });
 
 test("after the end of the run its values are marked as the last ones, and no trigger is waited for", async () => {
-  const { feed, hand, told } = page();
-  const controls = [new ActuatorControl(hand, { path: "lamp", one: "ON", zero: "OFF" }), new ActuatorControl(hand, { path: "motor" }), new TunableControl(hand, { path: "gain", name: "gain" })];
+  const { feed, client, told } = page();
+  const controls = [new ActuatorControl(client, { path: "lamp", one: "ON", zero: "OFF" }), new ActuatorControl(client, { path: "motor" }), new TunableControl(client, { path: "gain", name: "gain" })];
   const trigger = new Trigger(feed, () => {});
   trigger._path.value = "motor";
   const words = () => {
@@ -92,8 +92,8 @@ test("after the end of the run its values are marked as the last ones, and no tr
 });
 
 test("a jog has a button for each direction of its range, which may be without limits", () => {
-  const { hand } = page();
-  const directions = (range) => new JogControl(hand, { path: "run", help: "", arguments: range, harmless: true, kept_up: true })._buttons.length;
+  const { client } = page();
+  const directions = (range) => new JogControl(client, { path: "run", help: "", arguments: range, harmless: true, dead_man: true })._buttons.length;
   const about = { name: "speed", kind: "number" };
   const ranges = [[], [{ ...about, minimum: 0, maximum: 5 }], [{ ...about, minimum: -5, maximum: 5 }], [{ ...about, minimum: null, maximum: null }]];
   assert.deepEqual(ranges.map(directions), [1, 1, 2, 2]);

@@ -10,19 +10,19 @@ from umo.system.streams import say_without_waiting
 from umo.text import printable
 
 DYING = 0.3
-"""s that a starter which is killed together with another process may take to end: its memory is given back before its
-end of the channel is closed."""
-LONGEST = 1000
-"""Characters of the message."""
+"""Time in s that a starter which is killed together with another process may take to end: its memory is given back
+before its end of the channel is closed."""
+MAX_LENGTH = 1000
+"""Length of the message at most, characters."""
 
 
-def say_last(channel: MessageSocket, name: str, outcome: Outcome) -> None:
+def tell_final_message(channel: MessageSocket, name: str, outcome: Outcome) -> None:
     """If the process that started the run has ended, say on stderr how the run did. It waits for no terminal, and is
     called when the machine has been reset and everything is recorded; no error of it changes how the run ended."""
     with suppress(Exception):
         if channel.peer_is_gone(DYING if outcome.unsafe else 0.0):
             text = f"umo: {name}: the process that started it is gone; {how(outcome)}"
-            say_without_waiting(printable(text.replace("\n", "; "))[:LONGEST])
+            say_without_waiting(printable(text.replace("\n", "; "))[:MAX_LENGTH])
 
 
 def how(outcome: Outcome) -> str:
