@@ -7,7 +7,7 @@ import sys
 
 from setuptools import Extension, setup
 
-SEPARATE = [] if sys.platform == "win32" else ["-ffp-contract=off"]
+SEPARATE = [] if sys.platform == "win32" else ["-ffp-contract=off", "-O3"]
 """a * b + c is two operations, as in Python."""
 COLUMNS = Extension(
     "umo.cycle._columns",

@@ -21,7 +21,7 @@ from umo.wiring.resolved import Wire
 
 FREE, ASKED, TAKEN_BY_CLIENT = 0, 254, 255
 """Values of the column `restrictions`: a write goes straight into the image; the command stage is asked, as the
-actuator has an expiry or is asynchronous; the actuator is in a client's client. 1 to 253: the number of the reason for
+actuator has an expiry or is asynchronous; a client has taken the actuator. 1 to 253: the number of the reason for
 which it is inhibited."""
 WIDE, NARROW = 7, 2
 """Columns of 8 bytes a row and of 1 byte a row."""

@@ -94,7 +94,9 @@ def interlocks_of(root: Compound) -> list[Interlock]:
     """Every interlock of a machine, as declared; DeclarationError for anything else, and for one that forbids another
     machine's."""
     own = set(map(id, atoms(root)))
-    found = [each for node in (root, *walk(root)) if isinstance(node, Compound) for each in _declared_by(node)]
+    compounds = (node for node in (root, *walk(root)) if isinstance(node, Compound))
+    declaring = (node for node in compounds if getattr(node.interlocks, "__func__", None) is not Compound.interlocks)
+    found = [each for node in declaring for each in _declared_by(node)]
     for interlock in found:
         for item in interlock.actuators():
             if id(item) not in own:

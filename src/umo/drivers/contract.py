@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from enum import Flag
+from functools import cache
 from operator import index
 from typing import Any, Generic, NamedTuple
 
@@ -51,7 +52,7 @@ class Channel:
         """The places of the circuit that the channel uses. Two objects must not share one. Default: the direction and
         the fields of the derived class, so two texts for one output are found; without such fields the text. Drivers
         of one class share the places of a device: with several units, the channel needs a field for the unit."""
-        own = tuple(getattr(self, field.name) for field in fields(self)[len(fields(Channel)) :])
+        own = tuple(getattr(self, name) for name in _own_fields(type(self)))
         return ((self.direction, own),) if own else (self.text,)
 
     def check(self, raw: int) -> None:
@@ -72,6 +73,12 @@ class Channel:
     @property
     def highest(self) -> int:
         return (1 << (self.bits - 1 if self.signed else self.bits)) - 1
+
+
+@cache
+def _own_fields(cls: type[Channel]) -> list[str]:
+    """The names of the fields that a derived class adds."""
+    return [field.name for field in fields(cls)[len(fields(Channel)) :]]
 
 
 class PhysicalScale(NamedTuple):

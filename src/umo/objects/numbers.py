@@ -126,14 +126,15 @@ def check_settings(owner: Any) -> None:
 
 
 def _of(node: Compound) -> Iterator[MachineNumber]:
+    place = node._path
     for declared in node._settings.numbers:
-        yield from _declared(node, node._path, partial(declared, node) if callable(declared) else declared)
-    yield from _fields(node, node._path)
+        yield from _declared(node, place, partial(declared, node) if callable(declared) else declared)
+    yield from _fields(node, place)
     known: set[int] = set()  # a law that is in a list as well has its numbers once
     for name, law in _laws(node):
         if id(law) not in known:
             known.add(id(law))
-            path = f"{node._path}.{name}".lstrip(".")
+            path = f"{place}.{name}".lstrip(".")
             yield from _declared(law, path, partial(getattr, law, "numbers", None))
             yield from _fields(law, path)
 
@@ -141,7 +142,7 @@ def _of(node: Compound) -> Iterator[MachineNumber]:
 def _laws(node: Compound) -> Iterator[tuple[str, Any]]:
     """What else a compound has: its public attributes, of lists, tuples and dicts what is in them."""
     for name, value in vars(node).items():
-        if name.startswith("_"):
+        if name.startswith("_") or isinstance(value, NO_LAW):
             continue
         found: Iterable[tuple[str, Any]] = [(name, value)]
         if isinstance(value, list | tuple):

@@ -23,10 +23,15 @@ def children(node: Node) -> Mapping[str, Node]:
 
 def walk(node: Node) -> Iterator[Node]:
     """Every object below this one, in declared order, a compound before its parts."""
-    for child in node._children.values():
-        yield child
-        if child._children:  # not a generator for each atomic object
-            yield from walk(child)
+    waiting = [iter(node._children.values())]
+    while waiting:
+        for child in waiting[-1]:
+            yield child
+            if child._children:
+                waiting.append(iter(child._children.values()))
+                break
+        else:
+            waiting.pop()
 
 
 def atoms(node: Node) -> Iterator[Atomic]:
