@@ -76,7 +76,7 @@ class Channel:
 
 
 @cache
-def _own_fields(cls: type[Channel]) -> list[str]:
+def _own_fields(cls: Any) -> list[str]:
     """The names of the fields that a derived class adds."""
     return [field.name for field in fields(cls)[len(fields(Channel)) :]]
 
