@@ -52,7 +52,8 @@ class Channel:
         """The places of the circuit that the channel uses. Two objects must not share one. Default: the direction and
         the fields of the derived class, so two texts for one output are found; without such fields the text. Drivers
         of one class share the places of a device: with several units, the channel needs a field for the unit."""
-        own = tuple(getattr(self, name) for name in _own_fields(self.__class__))
+        kind: Any = type(self)
+        own = tuple(getattr(self, name) for name in _own_fields(kind))
         return ((self.direction, own),) if own else (self.text,)
 
     def check(self, raw: int) -> None:
