@@ -1,8 +1,8 @@
-"""Makes docs/fault-matrix.md: every station that ships, under every kind of fault, on every one of its objects.
+"""The fault matrix: every station that ships, under every kind of fault, on every one of its objects.
 
-    python tools/fault_matrix.py                     runs all of it on all cores and writes the page
-    python tools/fault_matrix.py conveyor            prints the table of one station, with what each cell ended in
-    python tools/fault_matrix.py ztheta z.encoder    prints that of one object
+    python -m tools.fault_matrix > matrix.md         runs all of it on all cores: a page of tables
+    python -m tools.fault_matrix conveyor            the cells of one station, with what each ended in
+    python -m tools.fault_matrix ztheta z.encoder    those of one object
 
 Each cell is a run in virtual time. What the run claims is compared with what the plant knows, which no control code can
 read. A run that takes ten times as long as one without faults counts as hanging. Until a fault begins, a run is the one
@@ -23,7 +23,6 @@ from dataclasses import dataclass, field, replace
 from datetime import date
 from itertools import groupby
 from multiprocessing import get_context
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -44,7 +43,6 @@ from umo.wiring import Wired, resolve, share
 from umo.wiring.patterns import generalised
 
 DRIVER = "plant"
-PAGE = Path(__file__).parents[1] / "docs" / "fault-matrix.md"
 SEED = 1
 LONGEST = 600.0
 """s of wall-clock time that a cell may take; the longest takes 20 s of processor time."""
@@ -512,9 +510,8 @@ def _tried(given: tuple[int, Sequence[Sequence[Cell]]]) -> list[Cell]:
 
 INTRODUCTION = """# The fault matrix
 
-Every station that ships, run in virtual time under every [kind of fault](howto-inject-faults.md) on every one of its
-objects and on its driver. What a run claims is compared with what the plant knows. `python tools/fault_matrix.py` makes
-this page; `tests/test_fault_matrix.py` runs the same cells.
+Every station that ships, run in virtual time under every kind of fault (docs/howto-inject-faults.md) on every one of
+its objects and on its driver. What a run claims is compared with what the plant knows.
 
 {words}
 
@@ -575,12 +572,13 @@ def main() -> int:
         [cell for name in names for cell in cells(name, *given.path)], os.cpu_count() or 1, sys.stderr.write
     )
     if given.station is None:
-        PAGE.write_text(page(done), encoding="utf-8")
+        print(page(done))
     for cell in done:
         if given.station is not None or cell.verdict in DEFECTS:
-            print(f"{cell.verdict:11} {cell.seconds:5.1f} s  {cell.fault}: {cell.detail}")
+            out = sys.stdout if given.station else sys.stderr
+            print(f"{cell.verdict:11} {cell.seconds:5.1f} s  {cell.fault}: {cell.detail}", file=out)
     bad = sum(cell.verdict in DEFECTS for cell in done)
-    print(f"{len(done)} runs in {time.perf_counter() - begun:.0f} s, {bad} defects")
+    print(f"{len(done)} runs in {time.perf_counter() - begun:.0f} s, {bad} defects", file=sys.stderr)
     return int(bad > 0)
 
 
