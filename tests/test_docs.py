@@ -54,6 +54,13 @@ def test_the_toml_of_a_page_is_toml(page: Path) -> None:
         assert tomllib.loads(text)
 
 
+def test_the_glossary_is_in_alphabetical_order() -> None:
+    rows = next(page for page in PAGES if page.name == "glossary.md").read_text("utf-8").splitlines()
+    terms = [row.split("|")[1].strip().lower() for row in rows if row.startswith("| ")][2:]
+    assert terms == sorted(terms)
+    assert len(terms) > 50
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("page", some(lambda page: page.name not in LONG, PAGES), ids=lambda page: page.name)
 def test_the_commands_of_a_page_do_what_they_say(page: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
