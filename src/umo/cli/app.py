@@ -21,7 +21,6 @@ from .shared import (
     WiringName,
     app,
     finite,
-    guarded,
 )
 
 __all__ = ["app"]
@@ -65,7 +64,7 @@ def run(
         bool, typer.Option("--traceback", help="Show the full traceback of an exception.")
     ] = False,
     help_: Help = False,
-) -> None:
+) -> int:
     """Run a station until its application returns.
 
     The options of the station are the parameters of its machine, its application and its drivers. They follow its
@@ -75,22 +74,18 @@ def run(
     Trace (CSV) and plot (PNG) go to runs/. Ctrl-C stops safely: every actuator goes to its default.
     """
     name = _named(context, help_, station, wiring)
+    from umo.process.job import Job
+    from umo.process.station import find
 
-    def work() -> int:
-        from umo.process.job import Job
-        from umo.process.station import find
+    from .run import Recording, run_station
+    from .station_options import parse
+    from .values import duration
 
-        from .run import Recording, run_station
-        from .station_options import parse
-        from .values import duration
-
-        options = parse(find(name), wiring, context.args) | _injected(fault, fault_seed)
-        options |= {"realtime": True} if realtime or manual else {}
-        end = None if until is None else duration("--until", until)
-        job = Job(name, wiring=wiring, options=options, acknowledge=acknowledge, manual=manual, until=end)
-        return run_station(job, Recording(not no_record, not no_plot, summary), full_traceback=full_traceback)
-
-    guarded(work)
+    options = parse(find(name), wiring, context.args) | _injected(fault, fault_seed)
+    options |= {"realtime": True} if realtime or manual else {}
+    end = None if until is None else duration("--until", until)
+    job = Job(name, wiring=wiring, options=options, acknowledge=acknowledge, manual=manual, until=end)
+    return run_station(job, Recording(not no_record, not no_plot, summary), full_traceback=full_traceback)
 
 
 def _injected(faults: list[str] | None, seed: int | None) -> dict[str, Any]:
@@ -104,20 +99,17 @@ def _named(
     """The station that is named. With --help: show the help and the options of the station, and exit."""
     if help_:
         typer.echo(context.get_help())
-        guarded(lambda: _show_options(station, wiring, application))
+        if station is not None:
+            from umo.process.station import find
+
+            from .console import out
+            from .station_options import help_panel
+
+            out.print(help_panel(find(station), wiring, application=application))
+        raise typer.Exit
     if station is None:
         raise typer.BadParameter(NO_STATION, param_hint="STATION")
     return station
-
-
-def _show_options(station: str | None, wiring: str | None, application: bool) -> None:
-    if station is not None:
-        from umo.process.station import find
-
-        from .console import out
-        from .station_options import help_panel
-
-        out.print(help_panel(find(station), wiring, application=application))
 
 
 @command(
@@ -153,16 +145,13 @@ def plant(
     """
     name = _named(context, help_, station, plant_wiring, application=False)
 
-    def work() -> None:
-        from umo.process.station import find
+    from umo.process.station import find
 
-        from .plant import serve_plant
+    from .plant import serve_plant
 
-        changes = {"host": host, "port": port, "watchdog": watchdog}
-        injected = _injected(fault, fault_seed)
-        serve_plant(find(name), wiring, plant_wiring, context.args, changes, report, injected)
-
-    guarded(work)
+    changes = {"host": host, "port": port, "watchdog": watchdog}
+    injected = _injected(fault, fault_seed)
+    serve_plant(find(name), wiring, plant_wiring, context.args, changes, report, injected)
 
 
 @command(epilog="Examples: umo latency  |  umo latency --period 500us --seconds 60 --load")
@@ -183,7 +172,7 @@ def latency(
     """
     from .latency import latency as answer
 
-    guarded(lambda: answer(period, seconds, load, json_file))
+    answer(period, seconds, load, json_file)
 
 
 from . import app_running, app_wiring  # noqa: E402, F401  (their commands)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .shared import HelpPanel, Take, finite, guarded
+from .shared import HelpPanel, Take, finite
 
 command = HelpPanel("Running stations")
 
@@ -21,7 +21,7 @@ def ps(as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False
     """List the stations that run in real time, and the devices whose last run ended unsafely."""
     from .running import ps as show
 
-    guarded(lambda: show(as_json))
+    show(as_json)
 
 
 @command(
@@ -47,7 +47,7 @@ def watch(
     """
     from .watch import watch as show
 
-    guarded(lambda: show(words or [], once, seconds))
+    show(words or [], once, seconds)
 
 
 @command(
@@ -97,7 +97,7 @@ def view(
     from .page import ViewOptions
     from .page import view as show
 
-    guarded(lambda: show(ViewOptions(station, host, port, token, open_, operate, certificate, key)))
+    show(ViewOptions(station, host, port, token, open_, operate, certificate, key))
 
 
 @command(
@@ -115,7 +115,7 @@ def mode(
     """
     from .commanding import mode as work
 
-    guarded(lambda: work(station, wanted, take))
+    work(station, wanted, take)
 
 
 @command(
@@ -135,14 +135,14 @@ def call(
         typer.Option(min=0.0, callback=finite, help="Of a jog: how long it is held in s; default: until Ctrl-C."),
     ] = None,
     take: Take = False,
-) -> None:
+) -> int:
     """Call an action of a running station and wait for its end; without an action, list them.
 
     Ctrl-C cancels the action.
     """
     from .commanding import call as work
 
-    guarded(lambda: work(station, action, arguments or [], take, hold))
+    return work(station, action, arguments or [], take, hold)
 
 
 @command(
@@ -157,7 +157,7 @@ def tune(
     """Change a tunable number of a running station, show it, or list them all."""
     from .commanding import tune as work
 
-    guarded(lambda: work(station, path, value, take))
+    work(station, path, value, take)
 
 
 @command(epilog="Examples: umo acknowledge conveyor  |  umo acknowledge conveyor belt")
@@ -180,7 +180,7 @@ def acknowledge(
     """
     from .commanding import acknowledge as work
 
-    guarded(lambda: work(station, path or "", take))
+    work(station, path or "", take)
 
 
 @command(epilog="Examples: umo stop ztheta  |  umo stop 4711")
@@ -188,7 +188,7 @@ def stop(station: Running) -> None:
     """End a run safely: every actuator goes to its default. It needs no lease."""
     from .commanding import stop as work
 
-    guarded(lambda: work(station))
+    work(station)
 
 
 @command(
@@ -206,4 +206,4 @@ def why(
     """Show why periods were missed: the newest black box, the duration of each phase, and the cause."""
     from .why import why as say_why
 
-    guarded(lambda: say_why(station, now, file))
+    say_why(station, now, file)

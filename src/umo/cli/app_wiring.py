@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .shared import OF_THE_MACHINE, Acknowledge, HelpPanel, StationName, Take, WiringName, finite, guarded
+from .shared import OF_THE_MACHINE, Acknowledge, HelpPanel, StationName, Take, WiringName, finite
 
 command = HelpPanel("Machines, wirings, drivers")
 command_of_new = HelpPanel("New stations and drivers")
@@ -28,7 +28,7 @@ def check(
     station: StationName,
     wiring: WiringName = None,
     every: Annotated[bool, typer.Option("--all", help="Look at every wiring of the station.")] = False,
-) -> None:
+) -> int:
     """Find every fault of a wiring, and wrong declarations of the machine, without touching hardware.
 
     Without -w it looks at the first wiring (simulated), and names those that it did not look at. Options of the machine
@@ -38,7 +38,7 @@ def check(
 
     from .show import check_station
 
-    guarded(lambda: check_station(find(station), wiring, every, context.args))
+    return check_station(find(station), wiring, every, context.args)
 
 
 @command(
@@ -52,7 +52,7 @@ def tree(
     ] = None,
     wiring: WiringName = None,
     everything: Annotated[bool, typer.Option("--all", help="Show every member of a list.")] = False,
-) -> None:
+) -> int:
     """Show the hierarchy of objects with units, ranges and wiring (the paper's Figure 4).
 
     Three or more like members of a list are shown once: with the parts of the first, and the wires of the first and
@@ -62,7 +62,7 @@ def tree(
 
     from .tree import show_tree
 
-    guarded(lambda: show_tree(find(station), wiring, words or [], everything))
+    return show_tree(find(station), wiring, words or [], everything)
 
 
 @command(
@@ -85,7 +85,7 @@ def get(
     """
     from .get_set import get_values
 
-    guarded(lambda: get_values(station, wiring, paths, unit, acknowledge))
+    get_values(station, wiring, paths, unit, acknowledge)
 
 
 @command(
@@ -106,7 +106,7 @@ def set_(
     ] = None,
     acknowledge: Acknowledge = False,
     take: Take = False,
-) -> None:
+) -> int:
     """Write and hold one actuator, show its value, then reset it.
 
     Of a station that runs, the actuator is taken from the application; that needs its manual mode (`umo mode`). Of one
@@ -116,7 +116,7 @@ def set_(
     """
     from .get_set import set_value
 
-    guarded(lambda: set_value(station, wiring, path, value, hold, acknowledge, take, context.args))
+    return set_value(station, wiring, path, value, hold, acknowledge, take, context.args)
 
 
 @command(
@@ -140,7 +140,10 @@ def drivers(
     """
     from .describe import show_driver, show_drivers
 
-    guarded(lambda: show_drivers() if name is None else show_driver(name, context.args))
+    if name is None:
+        show_drivers()
+    else:
+        show_driver(name, context.args)
 
 
 @command(
@@ -190,7 +193,7 @@ def conform(
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Drive the outputs without asking.")] = False,
     acknowledge: Acknowledge = False,
-) -> None:
+) -> int:
     """Prove that a driver keeps its contract, with its device.
 
     The outputs are driven over the ranges of their objects, after you have agreed to it; all go to their defaults at
@@ -212,7 +215,7 @@ def conform(
         yes=yes,
         acknowledge=acknowledge,
     )
-    guarded(lambda: conform_wiring(target, wiring, choice, context.args))
+    return conform_wiring(target, wiring, choice, context.args)
 
 
 @command_of_new(epilog="Examples: umo new my-machine && umo run my-machine")
@@ -222,7 +225,7 @@ def new(
     """Create a small working station with tests."""
     from .new import make_station
 
-    guarded(lambda: make_station(directory))
+    make_station(directory)
 
 
 @command_of_new(
@@ -242,4 +245,4 @@ def new_driver(
     """
     from .new import make_driver
 
-    guarded(lambda: make_driver(name, Path.cwd(), ["tcp"] * tcp + ["serial"] * serial))
+    make_driver(name, Path.cwd(), ["tcp"] * tcp + ["serial"] * serial)

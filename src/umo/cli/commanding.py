@@ -27,7 +27,7 @@ from umo.remote.search import meant_by
 from umo.system.custody import Custody
 from umo.text import did_you_mean, printable, some
 
-from .console import err, out
+from .console import err, out, say
 from .progress_line import OneLine
 from .running import attach, how_ended, readers, standing
 from .values import argument, number, state
@@ -233,7 +233,7 @@ def get_running(reader: Reader, paths: Sequence[str], unit: str | None) -> None:
         for row in rows:
             out.print(sentence_of(row, width), soft_wrap=True)
         about = reader.about
-        err.print(f"umo: read from the frames of {about['station']}, which is running (pid {about['pid']})")
+        say(f"read from the frames of {about['station']}, which is running (pid {about['pid']})")
 
 
 def _object(station: RemoteStation, path: str) -> RemoteObject:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -10,12 +9,10 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 from rich.table import Table
 
-from umo.cycle.stopping import SIGNALS, signal_name
 from umo.cycle.transfer import PATIENCE
 from umo.drivers import Direction, Driver
 from umo.drivers.faults.wrapper import bare
@@ -35,8 +32,9 @@ from umo.text import did_you_mean, in_brackets, some
 from umo.wiring import Wire, Wired, resolve
 from umo.wiring.options import maker_of
 
-from .console import err, out
+from .console import err, out, say
 from .progress_line import OneLine
+from .signals import handling, interrupt_once
 from .station_options import machine_of
 from .values import check_file
 
@@ -69,7 +67,7 @@ def conform_wiring(target: str, wiring: str | None, choice: Choice, arguments: S
     made = None if choice.json is None else choice.json.absolute()  # whatever folder a driver changes to
     station, wiring = _station(target, wiring)
     machine = machine_of(station, arguments)
-    with _signals():
+    with handling(interrupt_once):  # nothing interrupts the way to the defaults
         certificate = _proved(station, station.wiring(wiring), machine, choice)
     out.print(certificate.table())
     if made is not None:
@@ -349,7 +347,7 @@ def _driven(subject: Subject, minutes: float, before: State) -> Certificate:
         return _shown(subject, minutes, before)
     except KeyboardInterrupt:
         end = "every output is at its default" if subject.outputs else "no output was driven"
-        err.print(f"umo: stopped; {end}", soft_wrap=True)
+        say(f"stopped; {end}")
         raise
 
 
@@ -364,26 +362,8 @@ def _shown(subject: Subject, minutes: float, before: State) -> Certificate:
             only=only,
             minutes=minutes,
             before=before,
-            plan=lambda plan: err.print(f"umo: {plan}", soft_wrap=True),
+            plan=lambda plan: say(str(plan)),
             progress=(lambda rule, share: line.show(time.monotonic() - began, rule, share))
             if err.is_terminal
             else None,
         )
-
-
-@contextmanager
-def _signals() -> Iterator[None]:
-    """SIGTERM and SIGHUP end the kit as Ctrl-C does. Only the first signal counts, so that nothing interrupts the way
-    to the defaults."""
-
-    def caught(number: int, frame: FrameType | None) -> None:
-        for each in SIGNALS:
-            signal.signal(each, signal.SIG_IGN)
-        raise KeyboardInterrupt(signal_name(number))
-
-    before = {number: signal.signal(number, caught) for number in SIGNALS}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, signal.SIG_DFL if handler is None else handler)

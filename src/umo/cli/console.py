@@ -37,3 +37,8 @@ def _console(stderr: bool) -> Console:
 
 
 out, err = _console(stderr=False), _console(stderr=True)
+
+
+def say(text: str, style: str = "") -> None:
+    """A message of umo on stderr, in a line of its own."""
+    err.print(f"umo: {text}", style=style, soft_wrap=True)

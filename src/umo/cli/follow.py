@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import signal
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from types import FrameType
+from collections.abc import Callable
 from typing import Any
 
 from umo.cycle.frame import Signal
 from umo.cycle.stage import Progress
-from umo.cycle.stopping import SIGNALS
 from umo.errors import text_of
 from umo.frames import Reader
 from umo.frames.frames_table import progress_of
@@ -20,14 +16,15 @@ from umo.process import Started
 from umo.process.job import Job
 from umo.process.outcome import Outcome
 
-from .console import err
+from .console import say
 from .running import readers
+from .signals import handling
 
 LOOK = 0.05
 """s between two looks at the frames."""
 
 
-class Seen:
+class RingFrame:
     """A frame read from a ring, as observers see the live one (`umo.Frame`)."""
 
     def __init__(self, machine: Compound) -> None:
@@ -51,53 +48,53 @@ class Seen:
             Signal(each["path"], each["unit"], None, each["path"].rpartition(".")[2]) for each in reader.layout.signals
         ]
 
-    def take(self, row: Any) -> None:
+    def show(self, row: Any) -> None:
         self.number, self.missed = int(row["number"]), int(row["missed"])
         self.time, self.execution = float(row["time"]), float(row["execution"]) * 1e-9
         self.values, self.quality, self.signal_values = row["values"], row["quality"], row["signals"]
         self.progress = progress_of(row)
 
 
-def follow(job: Job, seen: Seen, observers: list[Callable[[Any], None]]) -> tuple[Outcome, float]:
+def follow(job: Job, frame: RingFrame, observers: list[Callable[[Any], None]]) -> tuple[Outcome, float]:
     """Start the job, show every frame to the observers until it ends: its outcome, and the s that it ran."""
-    with Started(job) as started, _passed_on(started):
+    with Started(job) as started, handling(lambda number, frame: started.ask_to_stop(number)):
         told, begun, lost = 0, None, 0
         while True:
             outcome = started.outcome
             if begun is None and started.frames is not None:
                 begun = time.perf_counter()
-                seen.order(started.frames)
+                frame.order(started.frames)
                 _name_other_runs(started)
                 for refusal in started.refusals:
-                    _say(str(refusal))
+                    say(str(refusal))
             for notice in started.notices[told:]:
-                _say(notice)
+                say(notice)
             told = len(started.notices)
-            if started.frames is not None and seen.whole:
-                _show(started.frames, seen, observers)
+            if started.frames is not None and frame.whole:
+                _show(started.frames, frame, observers)
                 lost = started.frames.lost
             if outcome is not None:
                 break
             started.poll(LOOK)
         elapsed = 0.0 if begun is None else time.perf_counter() - begun
     if outcome.unsafe:  # what the control process had no more time to say
-        outcome.simulated = seen.time
+        outcome.simulated = frame.time
     if lost:
-        _say(f"{lost} periods came too fast to be noted in the trace")
+        say(f"{lost} periods came too fast to be noted in the trace")
     return outcome, elapsed
 
 
-def _show(frames: Reader, seen: Seen, observers: list[Callable[[Any], None]]) -> None:
+def _show(frames: Reader, frame: RingFrame, observers: list[Callable[[Any], None]]) -> None:
     """Show the new frames to the observers, until what stands in them makes no sense or an observer fails: the machine
     runs on, and the record is not complete."""
     try:
         for row in frames.read():
-            seen.take(row)
+            frame.show(row)
             for observer in observers:
-                observer(seen)
+                observer(frame)
     except Exception as error:
-        _say(f"the periods of this run are neither shown nor recorded any longer: {text_of(error)}")
-        seen.whole = False
+        say(f"the periods of this run are neither shown nor recorded any longer: {text_of(error)}")
+        frame.whole = False
 
 
 def _name_other_runs(started: Started) -> None:
@@ -109,26 +106,7 @@ def _name_other_runs(started: Started) -> None:
             if reader.about["station"] == name and reader.about["pid"] != started.pid:
                 others.append(str(reader.about["pid"]))
     if others:
-        _say(
+        say(
             f"{name} runs already (pid {', '.join(others)}); each run has its own devices or simulation. "
             f"This run has pid {started.pid}: give commands the pid instead of the name, as in umo call {started.pid}"
         )
-
-
-@contextmanager
-def _passed_on(started: Started) -> Iterator[None]:
-    """Signals that would end this process ask the machine to stop."""
-
-    def ask(number: int, frame: FrameType | None) -> None:
-        started.ask_to_stop(number)
-
-    before = {number: signal.signal(number, ask) for number in SIGNALS}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-def _say(text: str) -> None:
-    err.print(f"umo: {text}", soft_wrap=True)

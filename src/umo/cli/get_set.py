@@ -29,7 +29,7 @@ from umo.text import printable, some
 from umo.wiring import Wired, resolve
 
 from .commanding import get_running, set_running
-from .console import err, out
+from .console import err, out, say
 from .running import attach, readers
 from .station_options import machine_and_words, machine_of
 from .values import number, state
@@ -149,7 +149,7 @@ def _announce(connection: connect[Any], station: Station, file: Path | None, wha
         wired = connection.wired
         opened = some(sorted(wired.devices) or [f"driver {each}" for each in wired.drivers])
         does = f"this {what} opens {opened}, and brings every actuator to its default before and after it"
-        err.print(f"umo: {printable(f'{name} is not running: {does}')}", soft_wrap=True)
+        say(printable(f"{name} is not running: {does}"))
 
     connection.on_step = say_once
 

@@ -19,7 +19,7 @@ from umo.latency.verdict import advice, recommend
 from umo.presentation.durations import duration
 from umo.process.start import LINUX
 
-from .console import err, out
+from .console import err, out, say
 from .values import check_file
 
 SHORTEST, LONGEST = 50e-6, 1.0
@@ -44,7 +44,7 @@ def latency(period: str, seconds: float, load: bool, file: Path | None) -> None:
             step, seconds, load=load, progress=lambda share: bar.update(task, completed=share, refresh=True)
         )
     if found.c is None:
-        err.print("umo: no C compiler found (cc, gcc, clang): the C loop is not measured")
+        say("no C compiler found (cc, gcc, clang): the C loop is not measured")
     out.print(_table(found, load))
     for line in _histogram(found):
         out.print(line)

@@ -19,7 +19,7 @@ from umo.remote.search import meant_by, several_runs, station_name
 from umo.system.realtime import stand_back
 from umo.text import did_you_mean, printable
 
-from .console import err, out
+from .console import out, say
 from .running import readers
 
 LIBRARIES = ("starlette", "uvicorn", "websockets")
@@ -80,7 +80,7 @@ def view(choice: ViewOptions) -> int:
     finally:
         if choice.open:
             _opening().unlink(missing_ok=True)
-    err.print("umo: the page has ended; stations that run go on", soft_wrap=True)
+    say("the page has ended; stations that run go on")
     return 0
 
 
@@ -124,7 +124,7 @@ def _station(choice: ViewOptions) -> tuple[str, str, int | None] | None:
         near = did_you_mean(name, [*running, *shipped()])
         known = f"running: {', '.join(running) or 'none'}; others: {', '.join(shipped())}, or a directory"
         raise PageError(f"no station {printable(choice.station)!r}{near}; {known}") from error
-    err.print(f"umo: {name} is not running yet; the page waits for it", soft_wrap=True)
+    say(f"{name} is not running yet; the page waits for it")
     return station.name, str(station.path), None
 
 
@@ -148,9 +148,9 @@ def _shown_host(host: str) -> str:
 
 def _warn(choice: ViewOptions, operate: bool) -> None:
     may = "see and operate the machine" if operate else "see the machine (read-only; --operate to operate it)"
-    err.print(f"umo: warning: whoever reaches {choice.host} and has the token can {may}", soft_wrap=True)
+    say(f"warning: whoever reaches {choice.host} and has the token can {may}")
     if choice.certificate is None:
-        err.print("umo: warning: without --certificate and --key the token can be read on the network", soft_wrap=True)
+        say("warning: without --certificate and --key the token can be read on the network")
 
 
 def _opening() -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,12 +17,12 @@ from umo.process.outcome import NOT_RECORDED, TIME_OVER, Failed, Outcome, plain,
 from umo.process.start import LINUX
 from umo.text import printable
 
-from .console import err, out
-from .follow import Seen, follow
-from .interruption import Interruptions
+from .console import err, out, say
+from .follow import RingFrame, follow
 from .progress_line import Shown
 from .result import Result
 from .run_folder import NotRecorded, RunFolder, TraceFile, whole
+from .signals import handling, interrupt_once
 from .stillness import Stillness
 from .values import check_file
 
@@ -45,7 +46,7 @@ def run_station(job: Job, recording: Recording, *, full_traceback: bool = False)
     check_file("--summary", recording.summary)
     plan = Plan(job)
     if job.options.get("realtime") and not plan.wired.paced and not job.manual:
-        err.print("umo: --realtime has no effect: the timer of this wiring is a real-time timer")
+        say("--realtime has no effect: the timer of this wiring is a real-time timer")
     try:
         folder = RunFolder.make(plan) if recording.record else None
     except NotRecorded as error:
@@ -57,7 +58,7 @@ def run_station(job: Job, recording: Recording, *, full_traceback: bool = False)
         if folder is not None and not len(trace.rows):
             folder.discard()
         raise
-    with Interruptions() as signals:
+    with handling(signal.SIG_IGN):  # the run is over: its record is written whole
         if result.outcome.failure is not None and not result.statistics.periods:
             if folder is not None:
                 folder.discard()
@@ -69,7 +70,7 @@ def run_station(job: Job, recording: Recording, *, full_traceback: bool = False)
         if folder is not None:
             how = result.failed or result.progress.text or "done"
             title = f"umo run {plan.name}: {how}" if recording.plot else ""
-            _leave_behind(folder, result, trace, title, signals)
+            _leave_behind(folder, result, trace, title)
             complete &= folder.complete
     status = result.outcome.status
     return status if complete or status not in (0, TIME_OVER) else NOT_RECORDED
@@ -85,11 +86,11 @@ def _run(plan: Plan, trace: Trace, folder: RunFolder | None) -> Result:
             return result
         if folder is not None:
             observers.append(TraceFile(trace, folder.path / "trace.csv"))
-        seen = Seen(plan.machine)
-        result.outcome, result.elapsed = follow(plan.job, seen, observers)
-        result.progress = seen.progress
+        frame = RingFrame(plan.machine)
+        result.outcome, result.elapsed = follow(plan.job, frame, observers)
+        result.progress = frame.progress
         if folder is not None:
-            folder.complete = seen.whole
+            folder.complete = frame.whole
     return result
 
 
@@ -98,15 +99,15 @@ def _say_how_it_ended(outcome: Outcome, full_traceback: bool) -> None:
         _fail(outcome.failure, full_traceback)
     elif outcome.stopped_by is not None:
         who = printable(outcome.stopped_who) or signal_name(outcome.stopped_by)
-        err.print(f"umo: stopped by {who}; every actuator is at its default", soft_wrap=True, highlight=False)
+        say(f"stopped by {who}; every actuator is at its default")
     elif outcome.time_over:
-        err.print(f"umo: ended at {outcome.simulated:g} s (--until); every actuator is at its default")
+        say(f"ended at {outcome.simulated:g} s (--until); every actuator is at its default")
 
 
 def _fail(failure: Failed, full_traceback: bool) -> int:
     if full_traceback:
         err.print(failure.traceback, soft_wrap=True)
-    err.print(f"umo: {failure.message}", style="red", soft_wrap=True)
+    say(failure.message, "red")
     return failure.status
 
 
@@ -120,7 +121,7 @@ def _drive(plan: Plan, result: Result, observers: list[Any]) -> None:
             if plan.job.until is not None:
                 connection.machine.observers.append(TimeLimit(plan.job.until, connection.stop))
             if not plan.wired.realtime:
-                connection.machine.observers.append(Stillness(_say, lambda: connection.machine.sequences.places))
+                connection.machine.observers.append(Stillness(say, lambda: connection.machine.sequences.places))
             begun = time.perf_counter()
             try:
                 outcome.result = plain(drive(machine, plan.application))
@@ -137,43 +138,39 @@ def _drive(plan: Plan, result: Result, observers: list[Any]) -> None:
     outcome.reports = plain_reports(connection.reports)
 
 
-def _say(text: str) -> None:
-    err.print(f"umo: {text}", soft_wrap=True)
-
-
 def _write_summary(result: Result, summary: Path) -> bool:
     try:
         result.save(summary)
     except OSError as error:
-        err.print(f"umo: the summary could not be written: {error}")
+        say(f"the summary could not be written: {error}")
         return False
     return True
 
 
-def _leave_behind(folder: RunFolder, result: Result, trace: Trace, title: str, signals: Interruptions) -> None:
+def _leave_behind(folder: RunFolder, result: Result, trace: Trace, title: str) -> None:
     """Fill the folder of the run; with a title draw the plot. Say what is in it."""
     folder.save(result, trace)
-    rest = _plot(title, trace, folder, signals) if title and len(trace.rows) else ""
+    rest = _plot(title, trace, folder) if title and len(trace.rows) else ""
     files = (("trace", "csv"), ("plot", "png"))
     kept = [name for name, end in files if (folder.path / f"{name}.{end}").exists()]
     out.print(f"{' and '.join(kept) or 'results'}: {folder.path}{rest}", soft_wrap=True)
 
 
-def _plot(title: str, trace: Trace, folder: RunFolder, signals: Interruptions) -> str:
+def _plot(title: str, trace: Trace, folder: RunFolder) -> str:
     """Draw the plot, which takes seconds; what it does not show. A failure, or Ctrl-C, costs the plot alone."""
     try:
-        with whole(folder.path / "plot.png") as file, signals.allowed():
-            err.print("umo: drawing the plot; Ctrl-C leaves it out (--no-plot: always)")
+        with whole(folder.path / "plot.png") as file, handling(interrupt_once):
+            say("drawing the plot; Ctrl-C leaves it out (--no-plot: always)")
             from .plot import save_plot
 
             rest = save_plot(trace, file, title)
         return f"; the plot does not show {rest}" if rest else ""
     except KeyboardInterrupt:
-        err.print("umo: the plot was left out")
+        say("the plot was left out")
     except ImportError:
-        err.print('umo: no plot: matplotlib is not installed (pip install "umo[plot]")')
+        say('no plot: matplotlib is not installed (pip install "umo[plot]")')
     except OSError as error:
         folder.lost("plot.png", error)
     except Exception as error:  # a name that it cannot show
-        err.print(f"umo: the plot could not be drawn: {text_of(error)}", soft_wrap=True)
+        say(f"the plot could not be drawn: {text_of(error)}")
     return ""

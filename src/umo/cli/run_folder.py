@@ -22,7 +22,7 @@ from umo.errors import UmoError, text_of
 from umo.process.job import Plan
 from umo.wiring.plain import as_plain
 
-from .console import err
+from .console import say
 from .result import Result
 
 RUNS = Path("runs")
@@ -92,7 +92,7 @@ class RunFolder:
     def lost(self, name: str, error: OSError) -> None:
         """Say that a file could not be written: the record is not complete."""
         self.complete = False
-        err.print(f"umo: {self.path / name} could not be written: {text_of(error)}", style="red", soft_wrap=True)
+        say(f"{self.path / name} could not be written: {text_of(error)}", "red")
 
 
 class TraceFile:
@@ -115,11 +115,10 @@ class TraceFile:
         except OSError as error:
             self._failed = True
             _remove(self._path)  # it may end in the middle of a row
-            err.print(
-                f"umo: {self._path} cannot be written: {text_of(error)}; the run goes on, and its trace is written at "
+            say(
+                f"{self._path} cannot be written: {text_of(error)}; the run goes on, and its trace is written at "
                 "its end, if it can be",
-                style="red",
-                soft_wrap=True,
+                "red",
             )
         self._written, self._next = frame.time, frame.time + EVERY
 

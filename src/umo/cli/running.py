@@ -23,7 +23,7 @@ from umo.system.record import Ended, all_standing
 from umo.text import printable
 from umo.wiring.patterns import chosen
 
-from .console import err, out
+from .console import out, say
 
 COLUMNS = ("station", "pid", "since", "state", "mode", "period", "periods", "missed", "lease", "progress")
 """Facts that `umo ps` shows."""
@@ -35,7 +35,7 @@ def ps(as_json: bool) -> None:
     found = list(_lines(unread.append))
     stopped = standing()
     for text in unread:
-        _say(text)
+        say(text)
     if as_json:
         listed = {"running": [run.data for run in found], "stopped": [vars(ended) for ended in stopped]}
         out.print_json(json.dumps(listed), ensure_ascii=True)
@@ -94,16 +94,12 @@ def _names(reader: Reader, word: str) -> bool:
 
 def readers() -> list[Reader]:
     """One for each living ring; one that cannot be read is named."""
-    return search.readers(_say)
+    return search.readers(say)
 
 
 def attach(name: str | None) -> Reader:
     """The frames of one running station, by name or pid; FramesError lists those that run."""
-    return search.find_running(name, _say)
-
-
-def _say(text: str) -> None:
-    err.print(f"umo: {text}", soft_wrap=True)
+    return search.find_running(name, say)
 
 
 def standing() -> list[Ended]:

@@ -6,6 +6,7 @@ import math
 import os
 import signal
 from collections.abc import Callable
+from functools import partial, wraps
 from typing import Annotated, Any, TypeVar
 
 import typer
@@ -30,7 +31,8 @@ USUAL = "0 done; 1 the machine, a device or code failed; 2 a mistake, told on st
 
 
 class HelpPanel:
-    """A panel of the help. Makes commands in it, whose own help ends with examples and exit statuses."""
+    """A panel of the help. Makes commands in it, whose own help ends with examples and exit statuses, and whose errors
+    are told as by `guarded`. A command returns its exit status, or None for 0."""
 
     def __init__(self, title: str) -> None:
         self._title = title
@@ -39,7 +41,13 @@ class HelpPanel:
         self, name: str | None = None, *, epilog: str, status: str = USUAL, **options: Any
     ) -> Callable[[F], F]:
         end = f"{epilog}\n\nExit status: {status}"
-        return app.command(name, cls=Subcommand, epilog=end, rich_help_panel=self._title, **options)
+        register = app.command(name, cls=Subcommand, epilog=end, rich_help_panel=self._title, **options)
+
+        def command(work: F) -> F:
+            register(wraps(work)(lambda **given: guarded(partial(work, **given))))
+            return work
+
+        return command
 
 
 _STATION = typer.Argument(
@@ -101,24 +109,24 @@ def guarded(work: Callable[[], int | None]) -> None:
     1 with file and line: any other exception. 130: Ctrl-C before a machine was started."""
     from umo.process.outcome import FAILED, message_of, status_of
 
+    from .console import say
+
     try:
         status = work() or 0
+    except (typer.Exit, typer.BadParameter):
+        raise
     except UmoError as error:
-        status = _said(message_of(error), status_of(error))
+        say(message_of(error))
+        status = status_of(error)
     except (OSError, UnicodeError) as error:  # of files and folders that were named
-        status = _said(_about_file(error), MISTAKE)
+        say(_about_file(error))
+        status = MISTAKE
     except KeyboardInterrupt:
         status = 128 + signal.SIGINT
     except BaseException as error:  # SystemExit too: whoever ends Python in the middle has not succeeded
-        status = _said(f"{text_of(error)}", FAILED)
+        say(text_of(error))
+        status = FAILED
     raise typer.Exit(status)
-
-
-def _said(text: str, status: int) -> int:
-    from .console import err
-
-    err.print(f"umo: {text}", soft_wrap=True)
-    return status
 
 
 def _about_file(error: OSError | UnicodeError) -> str:
