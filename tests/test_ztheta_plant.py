@@ -523,19 +523,3 @@ def test_after_close_the_machine_runs_on_and_a_second_open_finds_it_there() -> N
     machine.open()
     assert machine.z_um == rest
     assert read(machine, "counter:z") == 0
-
-
-# Pictures ------------------------------------------------------------------------------------------
-
-
-def test_a_picture_shows_the_station() -> None:
-    pytest.importorskip("OpenGL")
-    from umo.stations.ztheta.render import render
-
-    machine = opened(seed=BALANCED)
-    try:
-        picture = render(machine, 160, 120)
-    except DriverError as error:
-        pytest.skip(str(error))
-    assert picture.shape == (120, 160, 3) and picture.dtype == np.uint8
-    assert picture.std() > 20

@@ -4,6 +4,7 @@ and for those of page and notebook the extra `page`, Playwright and Chromium."""
 from __future__ import annotations
 
 import argparse
+import os
 import shutil
 import subprocess
 import sys
@@ -21,12 +22,12 @@ from umo.process.station import find
 from umo.scope.svg import Scope
 from umo.stations.ztheta.application import main
 from umo.stations.ztheta.objects import machine
-from umo.stations.ztheta.render import render
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
 PICTURES = Path(__file__).parents[1] / "docs" / "images"
+os.environ.setdefault("MUJOCO_GL", "egl")  # MuJoCo's pictures without a display; it looks when it is imported
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 
 
@@ -46,7 +47,12 @@ def while_turning(take: Callable[[umo.connect], None]) -> None:
 
 
 def photograph(connection: umo.connect) -> None:
-    Image.fromarray(render(connection.driver("plant"), 960, 640)).save(PICTURES / "ztheta.png", optimize=True)
+    import mujoco
+
+    physics = connection.driver("plant").physics
+    with mujoco.Renderer(physics.model, 640, 960) as renderer:
+        renderer.update_scene(physics.data, camera="station")
+        Image.fromarray(renderer.render()).save(PICTURES / "ztheta.png", optimize=True)
 
 
 def show_notebook(connection: umo.connect) -> None:
