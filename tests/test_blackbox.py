@@ -340,8 +340,8 @@ def test_the_cause_is_found_in_a_box_that_was_taken_over_the_rings_end(tmp_path:
             write(ring, frame, number, 0)
         with box_of(ring, tmp_path / "x.box") as box:
             frames = box.read()
-            (row,) = causes.missed_rows(frames)
-            assert causes.explain(frames, box.layout, row).missed == 2
+            (verdict,) = causes.explain_all(frames, box.layout)
+            assert verdict.missed == 2
 
 
 def test_a_guardian_that_waits_for_a_box_is_not_taken_for_dead(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,7 +20,7 @@ from umo.cli.why import why
 from umo.frames import Reader
 from umo.frames.layout import Layout
 from umo.latency import blackbox
-from umo.latency.causes import Cause, Verdict, explain, explain_all, missed_rows
+from umo.latency.causes import Cause, Evidence, Verdict, explain_all
 from umo.system import realtime
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux")
@@ -152,20 +152,20 @@ def frames_with(row: int, **changes: Any) -> Any:
     [
         ({"sample": 3_100_000}, Cause.DRIVER, "driver io took 3.1 ms (sample)"),
         ({"update": 3_100_000}, Cause.DRIVER, "driver io took 3.1 ms (update)"),
-        ({"control": 5 * MS}, Cause.CONTROL, "control code took 5.0 ms"),
+        ({"control": 5 * MS}, Cause.CONTROL, "control code took 5 ms"),
         ({"control": 5 * MS, "run_queue_wait": 4_900_000}, Cause.PREEMPTED, "preempted for 4.9 ms"),
-        ({"sample": 5 * MS, "collections": 1, "collecting": 4 * MS}, Cause.COLLECTION, "a collection ran for 4.0 ms"),
+        ({"sample": 5 * MS, "collections": 1, "collecting": 4 * MS}, Cause.COLLECTION, "a collection ran for 4 ms"),
         ({"control": 5 * MS, "minor_faults": 9000}, Cause.PAGE_FAULTS, "9000 page faults"),
         ({"control": 5 * MS, "minor_faults": 16, "in_kernel": 4 * MS}, Cause.PAGE_FAULTS, "16 page faults"),
         ({"control": 5 * MS, "in_kernel": 4 * MS}, Cause.CONTROL, "control code took"),
         ({"control": 5 * MS, "major_faults": 2}, Cause.PAGE_FAULTS, "2 page faults, 2 of them from disk"),
-        ({"wake": 5 * MS}, Cause.WAKE, "the timer woke 5.0 ms late"),
-        ({"wake": 5 * MS, "run_queue_wait": 5 * MS}, Cause.PREEMPTED, "preempted for 5.0 ms"),
+        ({"wake": 5 * MS}, Cause.WAKE, "the timer woke 5 ms late"),
+        ({"wake": 5 * MS, "run_queue_wait": 5 * MS}, Cause.PREEMPTED, "preempted for 5 ms"),
         ({"control": 5 * MS, "collections": 1, "collecting": 1000}, Cause.CONTROL, "control code took"),
     ],
 )
 def test_the_largest_excess_and_its_counters_decide(changes: dict[str, int], cause: Cause, text: str) -> None:
-    verdict = explain(frames_with(20, **changes), LAYOUT, 20)
+    verdict = Evidence(frames_with(20, **changes), LAYOUT).explain(20)
     assert (verdict.cause, verdict.missed) == (cause, 3)
     assert text in verdict.text
 
@@ -180,7 +180,7 @@ def test_what_is_usual_between_two_readings_of_the_counters_is_no_cause(cause: C
     frames["run_queue_wait"] = frames["counted"] * 300_000
     if cause is Cause.PREEMPTED:
         frames["run_queue_wait"][19:] += 2 * MS
-    verdict = explain(frames, LAYOUT, 20)
+    verdict = Evidence(frames, LAYOUT).explain(20)
     assert verdict.cause is cause
     if cause is Cause.PREEMPTED:
         assert verdict.text.startswith("preempted for 2.3 ms")
@@ -190,11 +190,11 @@ def test_a_second_miss_from_one_long_period_has_the_cause_of_the_first() -> None
     layout = Layout((), LAYOUT.phases, {"period": 0.001})
     frames = frames_with(20, sample=3_100_000)
     frames["missed"][21] = 1
-    verdict = explain(frames, layout, 21)
+    verdict = Evidence(frames, layout).explain(21)
     assert (verdict.cause, verdict.missed) == (Cause.DRIVER, 1)
     assert verdict.text == "still late: driver io took 3.1 ms (sample)"
     frames["phases"][20][2] = 2 * MS  # control: late by itself
-    assert explain(frames, layout, 21).cause is Cause.CONTROL
+    assert Evidence(frames, layout).explain(21).cause is Cause.CONTROL
 
 
 def test_periods_that_are_all_too_long_are_explained_one_by_one() -> None:
@@ -202,12 +202,12 @@ def test_periods_that_are_all_too_long_are_explained_one_by_one() -> None:
     frames = frames_with(20)
     frames["missed"][:] = 1
     last = len(frames) - 1
-    verdict = explain(frames, layout, last)
+    verdict = Evidence(frames, layout).explain(last)
     assert (verdict.cause, verdict.row) == (Cause.UNKNOWN, last)
     assert verdict.text == "still late: the periods before it are not in this file"
 
 
 def test_the_first_rows_have_no_past() -> None:
     frames = frames_with(1)
-    assert missed_rows(frames) == [1]
-    assert explain(frames, LAYOUT, 1).cause is Cause.UNKNOWN
+    assert [verdict.row for verdict in explain_all(frames, LAYOUT)] == [1]
+    assert Evidence(frames, LAYOUT).explain(1).cause is Cause.UNKNOWN

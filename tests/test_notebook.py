@@ -266,7 +266,7 @@ def test_a_station_that_is_silent_says_for_how_long(monkeypatch: pytest.MonkeyPa
     with running() as (_, station):
         assert "no frame for" not in shown(station).heading
         now = time.monotonic_ns()
-        monkeypatch.setattr("umo.frames.frames_table.time.monotonic_ns", lambda: now + 5_000_000_000)
+        monkeypatch.setattr("umo.frames.reader.time.monotonic_ns", lambda: now + 5_000_000_000)
         assert re.search(r"no frame for: [5-9]\.\d s", shown(station).heading)
 
 

@@ -24,7 +24,7 @@ from umo.objects import Quality
 from umo.page import feed
 from umo.page.box_words import BoxInWords
 from umo.page.feed import Feed
-from umo.page.live import Live
+from umo.page.live import Subscription
 from umo.page.page_client import PageClient
 from umo.page.server import Options, listen, server
 from umo.page.session import MOST_ASKED, First
@@ -212,12 +212,12 @@ def test_a_span_beyond_all_time_is_all_there_is(client: Client) -> None:
 
 
 def test_a_page_that_nothing_can_be_sent_to_any_longer_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(live: Live) -> None:
+    def broken(live: Subscription) -> None:
         raise ZeroDivisionError
 
     with running(), serving() as served, opened(served.socket) as client:
         client.get("description")
-        monkeypatch.setattr(Live, "next", broken)
+        monkeypatch.setattr(Subscription, "next", broken)
         client.send(type="live", id=1, paths=["encoder"], span=1, width=10)
         with pytest.raises(ConnectionClosed) as closed:
             while True:

@@ -10,7 +10,7 @@ from umo.cycle.frame import Signal
 from umo.cycle.stage import Progress
 from umo.errors import text_of
 from umo.frames import Reader
-from umo.frames.frames_table import progress_of
+from umo.frames.reader import progress_of
 from umo.objects import Atomic, Compound, atoms
 from umo.process import Started
 from umo.process.job import Job

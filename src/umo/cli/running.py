@@ -13,8 +13,8 @@ from rich.text import Text
 from umo.cycle.events import CommandState
 from umo.errors import FramesError, PathError
 from umo.frames import Reader
-from umo.frames.frames_table import progress_of
 from umo.frames.last_event import end_of
+from umo.frames.reader import progress_of
 from umo.presentation.families import ANY
 from umo.presentation.run_facts import FREE, since
 from umo.remote import search

@@ -13,16 +13,21 @@ from umo.errors import FramesError
 from umo.frames import Reader
 from umo.frames.layout import USAGE
 from umo.latency import blackbox
-from umo.latency.causes import AFTER, WAKE, counts, explain_all, sentence, split, tally
+from umo.latency.causes import AFTER, WAKE, counts, explain_all, sentences, split
+from umo.presentation.digits import number_text
 from umo.presentation.durations import duration
+from umo.presentation.run_facts import clock_text
 from umo.remote.search import frames_at, reading, station_name
 from umo.text import did_you_mean
 
 from .console import out
 from .running import attach
 
-AROUND = 2
+PERIODS_BEFORE = 2
 """Periods shown before the one that reports the miss."""
+MAX_VERDICTS = 10
+"""Missed periods that are explained, the last ones."""
+PART_TITLES = {WAKE: "waking up", AFTER: "after update"}
 
 
 def why(station: str | None, now: bool, file: Path | None) -> int:
@@ -73,44 +78,43 @@ def _report(reader: Reader, file: Path) -> None:
         out.print("no period was missed in these; usual times:")
         out.print(_usual(reader, frames))
         return
-    for verdict in verdicts[-10:]:
-        out.print(sentence(frames, verdict), style="bold")
-    if len(verdicts) > 1:
-        counts = ", ".join(f"{cause} {count}" for cause, count in tally(verdicts).items())
-        out.print(f"all {len(verdicts)} occasions: {counts}")
+    for line in sentences(frames, reader.layout, verdicts, MAX_VERDICTS):
+        out.print(line, style="bold")
     out.print(_around(reader, frames, verdicts[-1].row))
     out.print(str(file), style="dim")
 
 
 def _parts(reader: Reader, frames: Any) -> tuple[list[str], Any]:
+    """The parts of each period's time, in ns."""
     parts = split(frames, reader.layout)
-    return list(parts), np.array(list(parts.values())) * 1e-3
+    return [PART_TITLES.get(name, name) for name in parts], np.array(list(parts.values()))
 
 
 def _usual(reader: Reader, frames: Any) -> Table:
     names, times = _parts(reader, frames)
-    table = Table("µs", *map(_title, names), header_style="bold")
+    table = Table("µs", *names, header_style="bold")
     for title, q in (("median", 50), ("99 %", 99), ("longest", 100)):
-        table.add_row(title, *(f"{value:.1f}" for value in np.percentile(times, q, axis=1)))
+        table.add_row(title, *map(_microseconds, np.percentile(times, q, axis=1)))
     return table
 
 
 def _around(reader: Reader, frames: Any, row: int) -> Table:
-    """The periods before and after a miss, in us, and what was counted from one to the next."""
+    """The periods before and after a miss, and what was counted from one to the next."""
     names, times = _parts(reader, frames)
-    rows = [i for i in range(row - AROUND, row + 2) if 1 <= i < len(frames)]
-    table = Table("", "median", *(f"{frames['time'][i]:.4f} s" for i in rows), header_style="bold")
+    rows = [i for i in range(row - PERIODS_BEFORE, row + 2) if 1 <= i < len(frames)]
+    moments = (clock_text(frames["time"][i], reader.about["period"]) for i in rows)
+    table = Table("", "median", *moments, header_style="bold")
     table.add_row("missed", "", *(str(frames["missed"][i] or "") for i in rows))
     for name, values in zip(names, times, strict=True):
-        table.add_row(f"{_title(name)}, µs", f"{np.median(values):.1f}", *(f"{values[i]:.1f}" for i in rows))
+        table.add_row(f"{name}, µs", _microseconds(np.median(values)), *(_microseconds(values[i]) for i in rows))
     units = {name: unit for name, _, _, unit in USAGE}
     for name, counted in counts(frames).items():
-        scale = 1e-3 if units[name] else 1.0
         if counted[rows].any():
-            title = name.replace("_", " ") + (", µs" if units[name] else "")
-            table.add_row(title, "", *(f"{counted[i] * scale:.0f}" for i in rows), style="dim")
+            title, is_time = name.replace("_", " "), bool(units[name])
+            cells = (_microseconds(counted[i]) if is_time else number_text(counted[i], 0) for i in rows)
+            table.add_row(f"{title}, µs" if is_time else title, "", *cells, style="dim")
     return table
 
 
-def _title(name: str) -> str:
-    return {WAKE: "waking up", AFTER: "after update"}.get(name, name)
+def _microseconds(ns: float) -> str:
+    return number_text(ns * 1e-3, 1)

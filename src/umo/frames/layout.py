@@ -8,7 +8,7 @@ field of a frame, an entry and an event.
 
 Frame number i (from 0) lies in slot i % slots. Its `sequence` is 2 i + 1 while it is being written and 2 i + 2 when
 it is whole. Entry number k (from 0) lies at k % entries of the journal; a frame gives the number of its first entry
-and their count. They are still there if, after they were copied, the live number JOURNAL is at most that first
+and their count. They are still there if, after they were copied, `Live.JOURNAL` is at most that first
 number + `entries`. Event number n (from 0) lies at n % `EVENTS`. Its `sequence` is n + 1 when it is whole.
 """
 
@@ -39,12 +39,25 @@ the description."""
 CHECKSUM = 1
 """Flag: each frame carries a CRC-32, as the order of stores is not certain on this processor: of `sequence` (the even
 one) and all that follows `checksum` up to the end of the last field; and one of its entries."""
-HEAD, STATE, MISSED, JOURNAL, DESCRIBED = 64, 72, 80, 88, 96
-"""Offsets of the live numbers, 8 bytes each: frames finished, state (`umo.cycle.stage`), missed periods in all, number
-of the next entry (moved on before the entries are written); and of the CRC-32 of the description, which stays."""
-EVENT, MODE, TAKEN, DROPPED, LEASE = 104, 112, 120, 128, 136
-"""More of them: number of the next event, mode (`umo.cycle.client_commands`; -1: no clients), commands of clients taken
-and dropped, number of the lease, which is below 0 while its holder is being written."""
+
+
+class Live:
+    """The live numbers: the place of each, counted in numbers of 8 bytes."""
+
+    HEAD, STATE, MISSED = 8, 9, 10
+    """Frames finished; state (`umo.cycle.stage`); missed periods in all."""
+    JOURNAL = 11
+    """Number of the next entry. It is moved on before the entries are written."""
+    DESCRIBED = 12
+    """CRC-32 of the description, which stays."""
+    EVENT, MODE = 13, 14
+    """Number of the next event; mode (`umo.cycle.client_commands`; -1: it takes no commands)."""
+    TAKEN, DROPPED = 15, 16
+    """Commands of clients taken, and how many of these were dropped."""
+    LEASE = 17
+    """Number of the lease, below 0 while its holder is being written."""
+
+
 HOLDER = 144
 """Offset of the text of who has the lease, UTF-8, `NAME` bytes; empty: nobody."""
 DESCRIPTION = 256
@@ -224,8 +237,8 @@ def arrange(layout: Layout, slots: int, entries: int, flags: int = 0) -> tuple[b
     places = Places.of(layout, first, slots, entries)
     head = bytearray(DESCRIPTION)
     HEADER.pack_into(head, 0, MAGIC, VERSION, flags, first, slot, slots, places.journal, entries, len(description))
-    struct.pack_into("<Q", head, DESCRIBED, zlib.crc32(description))
-    struct.pack_into("<q", head, MODE, -1)
+    struct.pack_into("<Q", head, 8 * Live.DESCRIBED, zlib.crc32(description))
+    struct.pack_into("<q", head, 8 * Live.MODE, -1)
     return bytes(head) + description, places
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import mmap
 import os
 import struct
+import time
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from math import isnan
@@ -20,40 +21,30 @@ from umo.cycle.client_commands import Mode
 from umo.cycle.columns import ASKED, FREE, TAKEN_BY_CLIENT
 from umo.cycle.commands import reason_of_client
 from umo.cycle.events import CommandState, Event
-from umo.cycle.stage import Stage
+from umo.cycle.stage import Progress, Stage
 from umo.errors import FramesError, PathError
 from umo.frames.frame_server import is_socket, receive
-from umo.frames.frames_table import facts_of_frame, limits
 from umo.frames.layout import (
     CHECKSUM,
-    DESCRIBED,
     DESCRIPTION,
-    DROPPED,
     ENTRY,
-    EVENT,
     EVENT_ROW,
     EVENTS,
-    HEAD,
     HEADER,
     HOLDER,
-    JOURNAL,
-    LEASE,
     MAGIC,
-    MISSED,
-    MODE,
     NAME,
-    STATE,
-    TAKEN,
     VERSION,
     Layout,
+    Live,
     Places,
 )
 from umo.frames.memory import Ends, mapped
 from umo.objects import Quality
 from umo.presentation.html_table import html_table, never_raises
-from umo.presentation.in_words import state_text
+from umo.presentation.in_words import span, state_text
 from umo.presentation.rows import TableRow, restriction
-from umo.presentation.run_facts import title
+from umo.presentation.run_facts import facts_of, title
 from umo.system import folders
 from umo.text import did_you_mean
 from umo.wiring.patterns import chosen
@@ -65,10 +56,14 @@ Entries = npt.NDArray[Any]
 and the raw before it."""
 
 
-TRIES = 100
+LEASE_TRIES = 100
 """Looks at the lease while it changes."""
-MOST = 1 << 62
+MAX_COUNT = 1 << 62
 """The largest count of frames, entries or events that is taken for sound."""
+
+
+SILENCE = 1.0
+"""s without a frame, and 10 periods, after which a running station is said to be silent."""
 
 
 class NumberedEvent(NamedTuple):
@@ -119,7 +114,7 @@ class Reader:
         if not self.slots or DESCRIPTION + described > first or journal > length:
             raise FramesError(f"{self.path} is truncated")
         description = memory[DESCRIPTION : DESCRIPTION + described]
-        if struct.unpack_from("<Q", memory, DESCRIBED)[0] != zlib.crc32(description):
+        if struct.unpack_from("<Q", memory, 8 * Live.DESCRIBED)[0] != zlib.crc32(description):
             raise FramesError(f"{self.path} is damaged")
         self.layout = Layout.parse(description)
         self._dtype = self.layout.dtype
@@ -161,19 +156,19 @@ class Reader:
     @property
     def head(self) -> int:
         """Frames finished so far."""
-        return self._count(HEAD)
+        return self._count(Live.HEAD)
 
     @property
     def missed(self) -> int:
         """Missed periods so far."""
-        return self._count(MISSED)
+        return self._count(Live.MISSED)
 
     @property
     def state(self) -> Stage:
         """The stage of the run; ENDED also if its processes are gone."""
         if not self.alive:
             return Stage.ENDED
-        number = self._live[STATE // 8]
+        number = self._live[Live.STATE]
         return Stage(number) if number in set(Stage) else Stage.RUNNING
 
     @property
@@ -192,16 +187,16 @@ class Reader:
     @property
     def mode(self) -> Mode | None:
         """Who works the machine; None if it takes no commands from outside."""
-        number = self._live[MODE // 8]
+        number = self._live[Live.MODE]
         return Mode(number) if number in set(Mode) else None
 
     @property
     def lease(self) -> tuple[int, str]:
         """The number of the last lease, and who has it; "": nobody has it any longer."""
-        for _ in range(TRIES):
-            number = int(self._live[LEASE // 8])
+        for _ in range(LEASE_TRIES):
+            number = int(self._live[Live.LEASE])
             text = self._memory[HOLDER : HOLDER + NAME].rstrip(b"\0").decode(errors="replace")
-            if number >= 0 and number == self._live[LEASE // 8]:
+            if number >= 0 and number == self._live[Live.LEASE]:
                 return number, text
         return -1, ""
 
@@ -218,12 +213,12 @@ class Reader:
     @property
     def taken(self) -> int:
         """Commands from outside that the machine has taken from its queue."""
-        return self._count(TAKEN)
+        return self._count(Live.TAKEN)
 
     @property
     def dropped(self) -> int:
         """The number of these that were not commands."""
-        return self._count(DROPPED)
+        return self._count(Live.DROPPED)
 
     def tunables(self) -> dict[str, float]:
         """The tunable numbers by path, each at most as many periods old as there are numbers."""
@@ -298,7 +293,17 @@ class Reader:
 
     def facts(self, frame: Any) -> dict[str, str]:
         """What is said of the run at a frame (None: it has none yet), by name, in the order in which it is shown."""
-        return facts_of_frame(self.about, self.state, self.mode, self.holder, self.missed, frame)
+        state, period = self.state, self.about.get("period") or None
+        moment = None if frame is None else float(frame["time"])
+        facts = facts_of(
+            state, self.mode, self.holder, progress_of(frame), time=moment, period=period, missed=self.missed
+        )
+        if frame is None:
+            return facts | {"progress": "no period has ended yet"}
+        silence = (time.monotonic_ns() - int(frame["began"])) * 1e-9
+        if state is Stage.RUNNING and silence > max(SILENCE, 10 * self.about["period"]):
+            facts["no frame for"] = f"{silence:.1f} s"
+        return facts | {"kept because": self.about.get("reason", "")}
 
     def rows(self, frame: Any, places: Iterable[int] | None = None) -> list[TableRow]:
         """Objects, signals and tunable numbers at a frame (None: without values), in this order; or those at these
@@ -309,7 +314,8 @@ class Reader:
     def _row(self, frame: Any, place: int, numbers: Mapping[str, float]) -> TableRow:
         about, objects, signals = self._known[place], len(self.layout.objects), len(self.layout.signals)
         if place >= objects + signals:
-            return TableRow(about, numbers[about["path"]], note=limits(about))
+            bounds = span(about["minimum"], about["maximum"])
+            return TableRow(about, numbers[about["path"]], note=f"tunable, {bounds}" if bounds else "tunable")
         if frame is None:
             return TableRow(about)
         if place >= objects:
@@ -342,12 +348,12 @@ class Reader:
 
     def entries(self, start: int, stop: int) -> tuple[int, Entries]:
         """The entries of these numbers that are still there, and the number of the first of them."""
-        if not 0 <= start <= stop <= MOST:  # of a damaged frame
+        if not 0 <= start <= stop <= MAX_COUNT:  # of a damaged frame
             return max(start, stop), self._journal[:0]
         capacity = len(self._journal)
         begin = max(start, stop - capacity)
         entries = self._journal[np.arange(begin, stop) % max(capacity, 1)]
-        oldest = self._count(JOURNAL) - capacity  # after the copy: those before it may be torn
+        oldest = self._count(Live.JOURNAL) - capacity  # after the copy: those before it may be torn
         there = min(max(begin, oldest), stop)
         return there, entries[there - begin :]
 
@@ -371,13 +377,13 @@ class Reader:
     @property
     def next_event(self) -> int:
         """The number of the next event."""
-        return self._count(EVENT)
+        return self._count(Live.EVENT)
 
     # Inside --------------------------------------------------------------------------------------------
 
-    def _count(self, offset: int) -> int:
+    def _count(self, place: int) -> int:
         """A live number that counts, within bounds where it is damaged."""
-        return min(max(int(self._live[offset // 8]), 0), MOST)
+        return min(max(int(self._live[place]), 0), MAX_COUNT)
 
     def _copy(self, start: int, stop: int) -> Frames:
         """Whole copies of those of the frames that are still there."""
@@ -388,7 +394,7 @@ class Reader:
         parts = [self._rows[begin:end]] if begin < end else [self._rows[begin:], self._rows[:end]]
         rows = np.concatenate(parts)  # as bytes: numpy would pack the fields of frames together
         frames = rows.view(self._dtype)[:, 0]
-        ended = self._live[STATE // 8] == Stage.ENDED  # looked up before the head, which then stands
+        ended = self._live[Live.STATE] == Stage.ENDED  # looked up before the head, which then stands
         oldest = self.head - self.slots - ended  # frame `oldest` may be being written over at this moment
         whole = (numbers.astype(np.int64) > oldest) & (frames["sequence"] == 2 * numbers + 2)
         whole &= np.isfinite(frames["time"]) & (frames["quality"] <= max(Quality)).all(axis=1)
@@ -415,6 +421,13 @@ class Reader:
 
     def __exit__(self, *error: object) -> None:
         self.close()
+
+
+def progress_of(frame: Any) -> Progress:
+    """The progress that the machine had told last; none without a frame."""
+    if frame is None:
+        return Progress()
+    return Progress(_text(frame["progress"]), int(frame["done"]), int(frame["total"]))
 
 
 def _close(ends: Ends | None) -> None:

@@ -19,24 +19,16 @@ from umo.frames.cells import size_of
 from umo.frames.layout import (
     CHECKSUM,
     DESCRIPTION,
-    DROPPED,
     ENTRY,
-    EVENT,
     EVENT_ROW,
     EVENTS,
-    HEAD,
     HOLDER,
-    JOURNAL,
-    LEASE,
-    MISSED,
-    MODE,
     NAME,
     NOTE,
     SELDOM,
-    STATE,
-    TAKEN,
     USAGE,
     Layout,
+    Live,
     arrange,
 )
 from umo.frames.memory import Ends, fill
@@ -120,7 +112,7 @@ class Ring:
         image.transfer.journal = self.journal = Journal(capacity)
 
     def state(self, state: Stage) -> None:
-        self._live[STATE // 8] = state
+        self._live[Live.STATE] = state
 
     def __call__(self, frame: Frame) -> None:
         """Write one frame."""
@@ -134,10 +126,10 @@ class Ring:
         words[at >> 3] = 2 * index + 2
         self.index = index = index + 1
         live = self._live
-        live[HEAD // 8] = index
+        live[Live.HEAD] = index
         if frame.missed:
             self.missed += frame.missed
-            live[MISSED // 8] = self.missed
+            live[Live.MISSED] = self.missed
         if self._tunables:  # one in each period
             self._refresh(index % len(self._tunables))
         if self._machine.clients is not None:
@@ -161,17 +153,17 @@ class Ring:
             cut = (_cut(text, EVENT_ROW[4 + i].itemsize) for i, text in enumerate(texts))
             _EVENT.pack_into(self._map, at + 8, event.time, event.command, event.state, *cut)
             self._words[at >> 3] = number + 1
-            self._live[EVENT // 8] = number + 1
+            self._live[Live.EVENT] = number + 1
 
     def show(self, clients: Commanding) -> None:
         """Mode, lease, and what became of the queue."""
-        live, lease = self._live, clients.lease
-        live[MODE // 8], live[TAKEN // 8], live[DROPPED // 8] = clients.mode, clients.inbox.taken, clients.inbox.dropped
+        live, lease = self._live, hands.lease
+        live[Live.MODE], live[Live.TAKEN], live[Live.DROPPED] = clients.mode, clients.inbox.taken, clients.inbox.dropped
         if self._shown_lease != (lease.number, lease.holder):
             self._shown_lease = lease.number, lease.holder
-            live[LEASE // 8] = -1
+            live[Live.LEASE] = -1
             self._bytes[HOLDER : HOLDER + NAME] = _cut(lease.holder, NAME).ljust(NAME, b"\0")
-            live[LEASE // 8] = lease.number
+            live[Live.LEASE] = lease.number
 
     def _fill(self, frame: Frame, at: int) -> None:
         phases = self.phases
@@ -221,7 +213,7 @@ class Ring:
         """The entries of this period; their checksum, if there is to be one. Readers are told first that these places
         are being written to."""
         count, at = journal.count, self._entries % self.journal_entries
-        self._live[JOURNAL // 8] = self._entries = self._entries + count
+        self._live[Live.JOURNAL] = self._entries = self._entries + count
         entries = memoryview(journal.buffer)[: count * ENTRY_BYTES]
         here = min(count, self.journal_entries - at) * ENTRY_BYTES  # the rest goes to the beginning
         start = self._journal_at + at * ENTRY_BYTES

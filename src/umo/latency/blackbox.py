@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import os
-import struct
 import time
 from collections.abc import Mapping
 from contextlib import suppress
@@ -15,9 +14,10 @@ import numpy as np
 
 from umo.cycle.stage import Stage
 from umo.errors import FramesError
-from umo.frames.layout import DESCRIPTION, ENTRY, EVENT, HEAD, JOURNAL, MISSED, STATE, arrange
+from umo.frames.layout import DESCRIPTION, ENTRY, Live, arrange
 from umo.frames.reader import Frames, Reader
 from umo.system import folders
+from umo.text import time_of_day
 
 PERIODS = 1000
 KEPT = 10
@@ -62,11 +62,11 @@ def _content(reader: Reader, frames: Frames, reason: str) -> bytearray:
     start, places = arrange(layout, slots, len(entries), reader.flags)
     content = bytearray(places.size)
     content[: len(start)] = start
-    content[EVENT:DESCRIPTION] = reader.live(EVENT, DESCRIPTION)
+    content[8 * Live.EVENT : DESCRIPTION] = reader.live(8 * Live.EVENT, DESCRIPTION)
     content[places.events :] = reader.told()
-    live = {HEAD: head, MISSED: reader.missed, STATE: Stage.ENDED, JOURNAL: begin + len(entries)}
-    for offset, value in live.items():
-        struct.pack_into("<q", content, offset, value)
+    live = memoryview(content)[:DESCRIPTION].cast("q")
+    live[Live.HEAD], live[Live.MISSED], live[Live.STATE] = head, reader.missed, Stage.ENDED
+    live[Live.JOURNAL] = begin + len(entries)
     size = frames.dtype.itemsize
     for number, frame in zip(numbers, frames, strict=True):
         at = places.first + number % slots * size
@@ -94,7 +94,7 @@ def station_of(path: Path) -> str:
 
 def kept_at(about: Mapping[str, Any]) -> str:
     """The local time at which a black box was written."""
-    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(about.get("kept", about["started"])))
+    return time_of_day(about.get("kept", about["started"]))
 
 
 def thin(folder: Path) -> None:

@@ -7,15 +7,17 @@ frames at hand) is where the time went; the counters of the operating system and
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from umo.frames.layout import USAGE, Layout
 from umo.frames.reader import Frames
+from umo.presentation.durations import duration
+from umo.presentation.run_facts import clock_text
 
 SHARE = 0.5
 """Share of the excess that a counter of time has to explain to be the cause."""
@@ -55,11 +57,6 @@ class Verdict:
     """s above the usual"""
 
 
-def missed_rows(frames: Frames) -> list[int]:
-    """The rows of the frames that report missed periods."""
-    return [int(row) for row in np.flatnonzero(frames["missed"])]
-
-
 class Evidence:
     """The parts of the time of each period, and the counts in it: found once for all verdicts on some frames."""
 
@@ -97,25 +94,30 @@ class Evidence:
         return Verdict(row, self._missed[row], cause, still + text, excess * 1e-9 if first >= 2 else 0.0)
 
 
-def explain(frames: Frames, layout: Layout, row: int) -> Verdict:
-    """Why periods were missed at one row (`Evidence.explain`)."""
-    return Evidence(frames, layout).explain(row)
-
-
 def explain_all(frames: Frames, layout: Layout) -> list[Verdict]:
     """The verdict on each row that reports missed periods."""
-    rows = missed_rows(frames)
+    rows = np.flatnonzero(frames["missed"]).tolist()
     if not rows:
         return []
     evidence = Evidence(frames, layout)
     return [evidence.explain(row) for row in rows]
 
 
-def sentence(frames: Frames, verdict: Verdict) -> str:
-    """`2 periods missed before 3.4560 s (period 3456): control code took 2.1 ms`."""
-    row = frames[verdict.row]
-    missed = f"{verdict.missed} period{'s' * (verdict.missed > 1)} missed"
-    return f"{missed} before {row['time']:.4f} s (period {row['number']}): {verdict.text}"
+def sentences(frames: Frames, layout: Layout, verdicts: list[Verdict], most: int) -> list[str]:
+    """The last verdicts, up to `most`, and how often each cause occurred in all.
+
+    `2 periods missed before 3.456 s (period 3456): control code took 2.1 ms`.
+    """
+    period = float(layout.about.get("period", 0.0))
+    lines = []
+    for verdict in verdicts[-most:]:
+        row = frames[verdict.row]
+        missed = f"{verdict.missed} period{'s' * (verdict.missed > 1)} missed"
+        lines.append(f"{missed} before {clock_text(row['time'], period)} (period {row['number']}): {verdict.text}")
+    if len(verdicts) > 1:
+        counted = Counter(verdict.cause.value for verdict in verdicts).most_common()
+        lines.append(f"all {len(verdicts)} occasions: {', '.join(f'{cause} {count}' for cause, count in counted)}")
+    return lines
 
 
 def split(frames: Frames, layout: Layout) -> PhaseTimes:
@@ -147,24 +149,24 @@ def counts(frames: Frames) -> dict[str, npt.NDArray[np.float64]]:
 
 
 def _judge(part: str, excess: float, took: float, counted: dict[str, int]) -> tuple[Cause, str]:
+    times = (took, counted["collecting"], counted["run_queue_wait"])
+    lasted, collected, preempted = (duration(each * 1e-9) for each in times)
     if counted["collections"] and counted["collecting"] >= SHARE * excess:
-        return Cause.COLLECTION, f"a collection ran for {_ms(counted['collecting'])} (the garbage collector)"
+        return Cause.COLLECTION, f"a collection ran for {collected} (the garbage collector)"
     if counted["run_queue_wait"] >= SHARE * excess:
-        return Cause.PREEMPTED, f"preempted for {_ms(counted['run_queue_wait'])}: another process used the core"
+        return Cause.PREEMPTED, f"preempted for {preempted}: another process used the core"
     if _faulted(counted, excess):
         return Cause.PAGE_FAULTS, _faults(counted)
     kind, _, driver = part.partition(" ")
     if driver:
-        return Cause.DRIVER, f"driver {driver} took {_ms(took)} ({kind})"
+        return Cause.DRIVER, f"driver {driver} took {lasted} ({kind})"
     if part == WAKE:
-        text = (
-            f"the timer woke {_ms(took)} late, but no other process used the core: interrupts, or the host of this VM"
-        )
+        text = f"the timer woke {lasted} late, but no other process used the core: interrupts, or the host of this VM"
         return Cause.WAKE, text
     if part == AFTER:
-        return Cause.AFTER, f"observers and the frame took {_ms(took)} after update"
+        return Cause.AFTER, f"observers and the frame took {lasted} after update"
     waited = " (it slept or waited)" if counted["voluntary_switches"] > 1 else ""
-    return Cause.CONTROL, f"control code took {_ms(took)}{waited}"
+    return Cause.CONTROL, f"control code took {lasted}{waited}"
 
 
 def _faulted(counted: dict[str, int], excess: float) -> bool:
@@ -179,15 +181,3 @@ def _faults(counted: dict[str, int]) -> str:
     disk = f", {counted['major_faults']} of them from disk" if counted["major_faults"] else ""
     count = counted["major_faults"] + counted["minor_faults"]
     return f"{count} page faults{disk}: memory was touched for the first time"
-
-
-def _ms(ns: float) -> str:
-    return f"{ns * 1e-6:.1f} ms"
-
-
-def tally(verdicts: list[Verdict]) -> dict[str, Any]:
-    """How often each cause occurred."""
-    counts: dict[str, int] = {}
-    for verdict in verdicts:
-        counts[verdict.cause.value] = counts.get(verdict.cause.value, 0) + 1
-    return dict(sorted(counts.items(), key=lambda item: -item[1]))

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 from umo.errors import FramesError
 from umo.frames import Reader
 from umo.latency import blackbox
-from umo.latency.causes import explain_all, sentence, tally
+from umo.latency.causes import explain_all, sentences
 
-OCCASIONS = 3
+MAX_OCCASIONS = 3
 """The last missed periods of a black box that are told."""
 SAME = ("pid", "started", "started_monotonic")
 """Facts that a run and its black boxes have in common, and no other run has."""
@@ -66,10 +66,7 @@ def _read(path: Path) -> BoxInWords:
             verdicts = explain_all(frames, reader.layout)
             reason = str(about.get("reason", ""))
             lines = [f"{blackbox.kept_at(about)}: {reason}"]
-            lines += [sentence(frames, verdict) for verdict in verdicts[-OCCASIONS:]]
-            if len(verdicts) > 1:
-                counts = ", ".join(f"{cause} {count}" for cause, count in tally(verdicts).items())
-                lines.append(f"all {len(verdicts)} occasions: {counts}")
+            lines += sentences(frames, reader.layout, verdicts, MAX_OCCASIONS)
             return BoxInWords(path.name, "\n".join(lines), reason)
     except Exception as error:  # of a damaged file: whatever json, struct, numpy, mmap raise
         return BoxInWords(path.name, f"{path.name} cannot be read ({type(error).__name__})")

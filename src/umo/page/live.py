@@ -101,7 +101,7 @@ def pixels(message: dict[str, Any]) -> int:
     return int(min(max(1.0, number(message, "width", 1.0)), MOST_WIDTH))
 
 
-class Live:
+class Subscription:
     """One subscription. `next` gives what is new since the last call."""
 
     def __init__(self, watched: Watched, message: dict[str, Any]) -> None:

@@ -21,7 +21,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from umo.errors import FramesError
 from umo.page.feed import Feed
-from umo.page.live import BadRequest, Live, Stretch, made, number, pixels
+from umo.page.live import BadRequest, Stretch, Subscription, made, number, pixels
 from umo.page.page_client import PageClient
 from umo.page.watched import Watched
 
@@ -62,7 +62,7 @@ class Session:
         self._place: str | None = None
         """Folder of its station; None: any."""
         self._watched: Watched | None = None
-        self._live: dict[Any, Live] = {}
+        self._live: dict[Any, Subscription] = {}
         self._state = 0
         """Number of the state that was sent last."""
         self._stations = ""
@@ -192,7 +192,7 @@ class Session:
         elif watched is None:
             raise BadRequest("no station is chosen")
         elif kind == "live":
-            self._subscribe(Live(watched, message), _key(message))
+            self._subscribe(Subscription(watched, message), _key(message))
         elif kind == "window":
             head = {"id": message.get("id"), "window": True}
             self._ask(partial(Stretch.of(watched, message).window, head, pixels(message)))
@@ -238,7 +238,7 @@ class Session:
         self._name, self._place, self._watched, self._state = name, place, None, 0
         self._live.clear()
 
-    def _subscribe(self, live: Live, key: int) -> None:
+    def _subscribe(self, live: Subscription, key: int) -> None:
         self._live.pop(key, None)
         if len(self._live) >= MOST_LIVE:
             raise BadRequest(f"up to {MOST_LIVE} subscriptions")

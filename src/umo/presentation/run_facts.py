@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 
+from umo.presentation.digits import digits_of, number_text
 from umo.presentation.durations import duration, lasting
 from umo.text import printable, time_of_day
 
@@ -44,9 +45,9 @@ def facts_of(
     }
 
 
-def clock_text(seconds: float) -> str:
-    """A time on the cycle's clock."""
-    return f"{seconds:.3f} s"
+def clock_text(seconds: float, period: float = 0.0) -> str:
+    """A time on the cycle's clock: with ms, and the digits that tell periods of so many s apart."""
+    return f"{number_text(seconds, max(3, digits_of(period) if period else 0))} s"
 
 
 def since(started: float) -> str:

@@ -19,8 +19,8 @@ from umo.cycle.stage import Progress, Stage
 from umo.cycle.stopping import signal_name
 from umo.errors import DriverError, FramesError, TaskFailed
 from umo.frames import Reader
-from umo.frames.frames_table import progress_of
 from umo.frames.memory import Ends
+from umo.frames.reader import progress_of
 from umo.objects import Compound
 from umo.presentation.html_table import html_table, never_raises
 from umo.process.job import Job, reference

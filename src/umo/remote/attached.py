@@ -21,7 +21,7 @@ from umo.cycle.stage import Progress, Stage
 from umo.errors import FramesError, TaskFailed, UmoError
 from umo.frames import Reader
 from umo.frames.cells import Cells
-from umo.frames.frames_table import progress_of
+from umo.frames.reader import progress_of
 from umo.remote.answers import Answers
 from umo.remote.held_lease import HeldLease
 from umo.remote.live_view import LiveView, live_scope, live_table
