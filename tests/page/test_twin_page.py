@@ -59,17 +59,22 @@ FEED = """async ([description, given]) => {
         listener({ from: 0, times: Float64Array.of(0), low: columns, high: columns });
     };
     const twin = await import("./static/twin.js");
-    await twin.mount(document.querySelector("section"), feed);
     const drawing = () => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
     window.test = {
         feed, twin, heard, subscribers, values, qualities, past, drawing,
-        view: () => twin.shown(),
+        view: () => twin.View.shown,
+        show: () => {
+            window.test.mounted?.close();
+            window.test.mounted = new twin.View(document.querySelector("section"), feed);
+            return window.test.mounted.ready;
+        },
         set: async (given, poor = {}) => {
             Object.assign(values, given); Object.assign(qualities, poor);
             subscribers.forEach(send); heard.state?.forEach((listener) => listener({}));
             await drawing();
         },
     };
+    await window.test.show();
 }"""
 
 
@@ -361,21 +366,21 @@ def test_the_view_says_that_the_twin_is_loading_and_why_it_does_not_come(shown: 
         viewer.run(f"""() => {{
             const given = test.feed.json;
             test.feed.json = () => new Promise((come) => {{ test.come = () => come({comes}); }});
-            test.mounted = test.twin.mount(document.querySelector("section"), test.feed);
+            test.ready = test.show();
             test.feed.json = given;
         }}""")
         assert section.inner_text() == "The twin is loading\u2026"
-        viewer.run("() => { test.come(); return test.mounted; }")
+        viewer.run("() => { test.come(); return test.ready; }")
         assert section.inner_text() == then if then else section.locator("canvas").count() == 1
 
 
 def test_unmounting_leaves_nothing_behind(shown: Any) -> None:
     viewer = shown("conveyor")
     assert viewer.run("test.subscribers.size") == 2
-    viewer.run("test.twin.unmount()")
+    viewer.run("test.mounted.close()")
     assert viewer.run("[test.subscribers.size, test.heard.state.size]") == [0, 0]
     assert viewer.page.locator("section").inner_html() == ""
-    viewer.run("test.twin.mount(document.querySelector('section'), test.feed)")
+    viewer.run("test.show()")
     assert viewer.page.locator("canvas").count() == 1
 
 

@@ -60,12 +60,12 @@ def test_a_body_stands_where_the_station_is_live_and_in_its_past(chromium: Any, 
     page.goto(address)
     page.get_by_role("tab", name="Twin").click()
     page.evaluate("async () => { window.twin = await import('/static/twin.js'); }")
-    reached = "([um, by]) => Math.abs(twin.shown()?.scene.pose('z').position[2] * 1e6 - um) < by"
+    reached = "([um, by]) => Math.abs(twin.View.shown?.scene.pose('z').position[2] * 1e6 - um) < by"
     page.wait_for_function(reached, arg=[homed, 0.1])
-    before = page.evaluate("twin.shown().feed.range().stop")
+    before = page.evaluate("twin.View.shown.feed.range().stop")
     page.wait_for_function(reached, arg=[running(up), 0.1])
-    page.wait_for_function("(t) => twin.shown().feed.range().stop > t", arg=before)
-    page.evaluate("(t) => twin.shown().player.seek(t)", before)
+    page.wait_for_function("(t) => twin.View.shown.feed.range().stop > t", arg=before)
+    page.evaluate("(t) => twin.View.shown.player.seek(t)", before)
     page.wait_for_function(reached, arg=[homed, 20.0])  # a sample of the past is the mean over 10 ms
     page.close()
     assert complaints == []

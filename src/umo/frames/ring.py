@@ -157,7 +157,7 @@ class Ring:
 
     def show(self, clients: Commanding) -> None:
         """Mode, lease, and what became of the queue."""
-        live, lease = self._live, hands.lease
+        live, lease = self._live, clients.lease
         live[Live.MODE], live[Live.TAKEN], live[Live.DROPPED] = clients.mode, clients.inbox.taken, clients.inbox.dropped
         if self._shown_lease != (lease.number, lease.holder):
             self._shown_lease = lease.number, lease.holder

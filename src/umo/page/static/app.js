@@ -7,7 +7,7 @@ import { list, nameOf, offer, runAfter } from "./stations.js";
 import { forbidden, statusOf } from "./status.js";
 import { nextTab } from "./tabs.js";
 
-/** @type {Record<string, () => Promise<Page.View>>} */
+/** @type {Record<string, () => Promise<Page.ViewModule>>} */
 const VIEWS = {
   scope: () => import("./scope.js"), machine: () => import("./machine.js"),
   twin: () => import("./twin.js"), operate: () => import("./operate.js"),
@@ -37,7 +37,7 @@ const newer = byName("#newer");
 const whole = byName("#whole");
 /** @type {HTMLButtonElement[]} */
 const tabs = [...document.querySelectorAll("button")].filter((button) => button.dataset.view);
-/** @type {{name: string, run: string | null, view: Page.View} | null} */
+/** @type {{name: string, run: string | null, view: Page.View | null} | null} */
 let mounted = null;
 let asked = 0;
 /** @type {{name: string, place: string, run: string} | null} */
@@ -59,9 +59,9 @@ async function show() {
   }
   const turn = ++asked;  // another view that is still being loaded is not shown any more
   if (mounted?.name === name && mounted.run === feed.run && name !== "stations") return;
-  const view = name === "stations" ? { mount: (/** @type {HTMLElement} */ element) => list(element, feed, choose), unmount() {} } : await VIEWS[name]().catch(() => null);
-  if (turn !== asked || !view) return;  // the server has gone in between: shown again when it is back
-  mounted?.view.unmount();
+  const loaded = name === "stations" ? null : await VIEWS[name]().catch(() => null);
+  if (turn !== asked || (name !== "stations" && !loaded)) return;  // the server has gone in between: shown again when it is back
+  mounted?.view?.close();
   const element = el("section", { className: name });
   main.replaceChildren(element);
   if (name === "stations") {
@@ -71,8 +71,8 @@ async function show() {
     main.setAttribute("role", "tabpanel");
     main.setAttribute("aria-labelledby", `tab-${name}`);
   }
-  mounted = { name, run: feed.run, view };
-  view.mount(element, feed, client);
+  mounted = { name, run: feed.run, view: loaded && new loaded.View(element, feed, client) };
+  if (!loaded) list(element, feed, choose);
 }
 
 /** @param {string} name  "": the list. */

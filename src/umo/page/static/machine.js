@@ -10,18 +10,7 @@ const COLUMNS = { raw: "Raw", wiring: "Wiring", range: "Range" };
 /** @type {Record<string, number>} CSS pixels from which a column is shown unless the address says otherwise. */
 const ROOMY = { raw: Infinity, wiring: 1000, range: 1400 };
 
-/** @type {Machine | null} */
-let machine = null;
-
-/** @param {HTMLElement} element @param {import("./feed.js").Feed} feed */
-export function mount(element, feed) { machine = new Machine(element, feed); }
-
-export function unmount() {
-  machine?.close();
-  machine = null;
-}
-
-class Machine {
+export class View {
   /** @param {HTMLElement} element @param {import("./feed.js").Feed} feed */
   constructor(element, feed) {
     this.feed = feed;

@@ -16,18 +16,7 @@ const OPEN = 12;  // parts up to which all are unfolded; else the first one is
 const ANSWERS = 3;  // that are shown
 const MODES = ["automatic", "manual"];
 
-/** @type {Operate | null} */
-let operate = null;
-
-/** @param {HTMLElement} element @param {Feed} feed @param {Client} client */
-export function mount(element, feed, client) { operate = new Operate(element, feed, client); }
-
-export function unmount() {
-  operate?.close();
-  operate = null;
-}
-
-class Operate {
+export class View {
   /** @param {HTMLElement} element @param {Feed} feed @param {Client} client */
   constructor(element, feed, client) {
     this.feed = feed;

@@ -18,18 +18,7 @@ const MEASURE = 1000;  // ms
 const SETTLE = 120;  // ms without a change of the view before its history is asked for
 const STEP = 0.01;  // of the time shown: a cursor moved by a key
 
-/** @type {Scope | null} */
-let scope = null;
-
-/** @param {HTMLElement} element @param {import("./feed.js").Feed} feed */
-export function mount(element, feed) { scope = new Scope(element, feed); }
-
-export function unmount() {
-  scope?.close();
-  scope = null;
-}
-
-class Scope {
+export class View {
   /** @param {HTMLElement} element @param {import("./feed.js").Feed} feed */
   constructor(element, feed) {
     this.feed = feed;

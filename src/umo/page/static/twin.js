@@ -7,35 +7,36 @@ import { TwinView } from "./twin/view.js";
 const NONE = "This station declares no twin. A file twin.py in its folder would: docs/howto-declare-a-twin.md.";
 const LOADING = "The twin is loading\u2026";
 
-/** @type {TwinView | null} */
-let view = null;
-let turn = 0;
+export class View {
+  /** @type {TwinView | null} What is shown now. For tests. */
+  static shown = null;
 
-/** Show the twin of the feed's station in an empty element. @param {HTMLElement} element @param {Feed} feed */
-export async function mount(element, feed) {
-  unmount();
-  const mine = turn;
-  if (!feed.description?.twin) {
-    tell(element, NONE);
-    return;
+  /** @param {HTMLElement} element @param {Feed} feed */
+  constructor(element, feed) {
+    this._closed = false;
+    /** @type {TwinView | null} */
+    this._twin = null;
+    this.ready = this._show(element, feed);
   }
-  tell(element, LOADING);
-  const description = await asked(feed);
-  if (mine !== turn) return; // another one was mounted meanwhile, or this one unmounted
-  if (description.error) tell(element, description.error);
-  else view = made(element, feed, description);
-}
 
-/** Stop showing it. */
-export function unmount() {
-  turn += 1;
-  view?.close();
-  view = null;
-}
+  /** Show the twin of the feed's station in an empty element. @param {HTMLElement} element @param {Feed} feed */
+  async _show(element, feed) {
+    if (!feed.description?.twin) {
+      tell(element, NONE);
+      return;
+    }
+    tell(element, LOADING);
+    const description = await asked(feed);
+    if (this._closed) return;
+    if (description.error) tell(element, description.error);
+    else View.shown = this._twin = drawn(element, feed, description);
+  }
 
-/** What is shown now, or null. For tests. */
-export function shown() {
-  return view;
+  close() {
+    this._closed = true;
+    this._twin?.close();
+    View.shown = null;
+  }
 }
 
 /** @param {Feed} feed @returns {Promise<Page.Twin>} */
@@ -48,7 +49,7 @@ async function asked(feed) {
 }
 
 /** @param {HTMLElement} element @param {Feed} feed @param {Page.Twin} description */
-function made(element, feed, description) {
+function drawn(element, feed, description) {
   try {
     const twin = new TwinView(feed, description);
     element.replaceChildren(twin.element);

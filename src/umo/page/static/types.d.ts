@@ -141,7 +141,8 @@ declare namespace Page {
   /** A value with its quality, 0 good ... 4 bad. `last`: of a run that has ended. */
   interface TwinSample { value: number; quality: number; last?: boolean }
 
-  interface View { mount(element: HTMLElement, feed: import("./feed.js").Feed, client: import("./client.js").Client): void; unmount(): void }
+  interface View { close(): void }
+  interface ViewModule { View: new (element: HTMLElement, feed: import("./feed.js").Feed, client: import("./client.js").Client) => View }
 }
 
 interface Window { uPlot: typeof import("uplot") }
