@@ -25,7 +25,7 @@ from umo.objects import Digital, Quality, atoms
 from umo.objects.description import converted, described
 from umo.objects.scaling import to_raw, to_value
 from umo.objects.units import check_unit, same_unit
-from umo.presentation.digits import digits_of, number_text, setting_text
+from umo.presentation.digits import digits_of, number_text, scale_texts, setting_text
 from umo.presentation.durations import duration, lasting
 from umo.presentation.in_words import as_shown, file_form, measure, span, value_text
 from umo.presentation.qualities import SIGNS, WHY, WORDS
@@ -228,11 +228,12 @@ def test_facts_of_a_run_come_from_elsewhere_and_do_not_command_the_terminal() ->
 # The page --------------------------------------------------------------------------------------------------
 
 DRIVER = """
-import { duration, lasting, numberText, valueText } from "%s";
+import { duration, lasting, numberText, scaleTexts, valueText } from "%s";
 import { readFileSync } from "node:fs";
-const { numbers, values, seconds } = JSON.parse(readFileSync(0, "utf8"));
+const { numbers, scales, values, seconds } = JSON.parse(readFileSync(0, "utf8"));
 console.log(JSON.stringify({
   numbers: numbers.map(([value, digits]) => numberText(value, digits)),
+  scales: scales.map(scaleTexts),
   values: values.map(([about, found]) => valueText(about, ...found)),
   durations: seconds.map(duration),
   lasting: seconds.map(lasting),
@@ -256,6 +257,22 @@ def numbers_of_any_size() -> list[tuple[float, int | None]]:
     return [(each, random.choice([None, *range(13)])) for each in found] + [(each, None) for each in found]
 
 
+def scales_of_any_size() -> list[list[float]]:
+    """Multiples of round steps, near 0 and far from it."""
+    random = Random(21)
+    steps = [random.choice((1, 2, 2.5, 5)) * 10.0 ** random.randint(-9, 9) for _ in range(300)]
+    firsts = [random.choice((0, -3, 17, 40_000, 123_456_789)) for _ in steps]
+    return [[(first + i) * step for i in range(5)] for first, step in zip(firsts, steps, strict=True)] + [[], [3.5]]
+
+
+@given(st.integers(-(10**9), 10**9), st.sampled_from((1, 2, 5)), st.integers(-9, 6))
+def test_the_numbers_beside_a_scale_are_those_of_its_levels(first: int, digit: int, power: int) -> None:
+    step = Fraction(digit) * Fraction(10) ** power
+    levels = [(first + i) * step for i in range(4)]
+    texts = scale_texts([float(level) for level in levels])
+    assert [abs(Fraction(text) - level) < step / 1000 for text, level in zip(texts, levels, strict=True)] == [True] * 4
+
+
 def test_the_page_shows_what_python_shows() -> None:
     node = shutil.which("node")
     if node is None:
@@ -265,7 +282,13 @@ def test_the_page_shows_what_python_shows() -> None:
     families = ([0.0], [1.0], [0.1234567, 12.5], [0.0, 1.0, 1.0], [math.nan], [], [math.nan, 3.0005])
     values = [(about, list(found)) for about in abouts for found in families]
     seconds = [value for value, _ in numbers[:3000] if abs(value) < 1e9]
-    given = {"numbers": numbers, "values": [(about, plain(found)) for about, found in values], "seconds": seconds}
+    scales = scales_of_any_size()
+    given = {
+        "numbers": numbers,
+        "scales": scales,
+        "values": [(about, plain(found)) for about, found in values],
+        "seconds": seconds,
+    }
     done = subprocess.run(
         [node, "--input-type=module", "-e", DRIVER % MODULE.as_uri()],
         input=json.dumps(given), capture_output=True, text=True, timeout=50,
@@ -278,6 +301,7 @@ def test_the_page_shows_what_python_shows() -> None:
         if (mine := number_text(value, digits)) != its
     ]
     assert different[:5] == []
+    assert page["scales"] == list(map(scale_texts, scales))
     assert page["values"] == [value_text(about, *found) for about, found in values]
     assert page["durations"] == list(map(duration, seconds))
     assert page["lasting"] == list(map(lasting, seconds))

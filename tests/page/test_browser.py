@@ -136,7 +136,7 @@ def test_the_texts_of_the_axes_are_whole_and_none_covers_another(page: Any, widt
     page.add_init_script(WRITTEN)
     with running(box=Scripted({"encoder": [-147_866, -147_871] * 2000}), count=2000), serving() as served:
         page.goto(served.url + "#traces=encoder,motor&span=1")
-        texts = eventually(lambda: "-73933" in (found := written(page)) and "motor [V]" in found and found)
+        texts = eventually(lambda: "-73933.0" in (found := written(page)) and "motor [V]" in found and found)
         for (one, a), (other, b) in itertools.combinations(texts.items(), 2):
             apart = a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1]
             assert apart, f"{one} and {other}"

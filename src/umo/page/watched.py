@@ -20,6 +20,7 @@ from umo.page.ending import UNKNOWN, Ending, ending_of
 from umo.presentation.durations import duration
 from umo.presentation.in_words import as_shown
 from umo.presentation.qualities import SIGNS, WORDS
+from umo.presentation.rows import TableRow, declared_of
 from umo.scope.history import History
 from umo.text import printable
 from umo.twin import declares_twin
@@ -123,7 +124,8 @@ class Watched:
         told: dict[str, Any] = {"type": "description", "name": self.name, "run": self.run}
         told |= {name: self.about[name] for name in ABOUT}
         layout = self.reader.layout
-        told |= {name: list(map(as_shown, getattr(layout, name))) for name in ("objects", "signals", "tunables")}
+        told["objects"] = [as_shown(each) | {"declared": declared_of([TableRow(each)])} for each in layout.objects]
+        told |= {"signals": list(map(as_shown, layout.signals)), "tunables": list(map(as_shown, layout.tunables))}
         told["actions"] = [each | {"arguments": list(map(as_shown, each["arguments"]))} for each in layout.actions]
         return told | {"twin": self.twin} | {"qualities": list(zip(SIGNS, WORDS, strict=True))}
 

@@ -6,13 +6,16 @@ resolution is then exact (0.25), and never an exponent. What has none gets six s
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
-from math import floor, isfinite, log10
+from math import floor, inf, isfinite, log10
 
 NO_VALUE = "-"
 SIGNIFICANT = 6
-MOST = 99
-"""Digits after the point: a browser can show 100, and one more is looked at."""
+MAX_DIGITS = 99
+"""Digits after the point, at most: a browser can show 100, and one more is looked at."""
+FEW_STEPS = 1e4
+"""Steps of a scale from 0 that six significant digits tell apart."""
 LEAST_POWER, GREATEST_POWER = -4, 9
 """Powers of ten from which on, and up to which, six significant digits are shown without an exponent."""
 BEYOND = 1e21
@@ -21,8 +24,8 @@ DRIFT = 1e-12
 """Share of the resolution: a difference that does not add up to a step within 2**32 steps."""
 CLEAR = 1e-5
 """Share of the resolution by which a digit is smaller: no rounding error of a float decides which raw value is next."""
-MORE = 2
-"""Digits more than needed at most, so that a short resolution is not rounded."""
+MORE_DIGITS = 2
+"""Digits beyond those needed, at most, so that a short resolution is not rounded."""
 HALF = 0.49
 """Share of a digit by which the value of raw 0 may miss a multiple of it: more may be rounded up or down."""
 
@@ -32,10 +35,10 @@ def digits_of(resolution: float, zero_offset: float = 0.0) -> int:
     """Digits after the point that tell the values of two adjacent raw integers apart, up to 99: the text stands for one
     raw integer. `zero_offset`: the value of raw 0."""
     step = abs(resolution)
-    digits = min(max(0, floor(-log10(step))), MOST)
-    while digits < MOST and not _tells_apart(10.0**-digits, step, zero_offset):
+    digits = min(max(0, floor(-log10(step))), MAX_DIGITS)
+    while digits < MAX_DIGITS and not _tells_apart(10.0**-digits, step, zero_offset):
         digits += 1
-    return next((each for each in range(digits, digits + MORE + 1) if _is_exact(step, each)), digits)
+    return next((each for each in range(digits, digits + MORE_DIGITS + 1) if _is_exact(step, each)), digits)
 
 
 def _tells_apart(digit: float, step: float, zero_offset: float) -> bool:
@@ -47,7 +50,7 @@ def _tells_apart(digit: float, step: float, zero_offset: float) -> bool:
 
 def _is_exact(step: float, digits: int) -> bool:
     places = step * 10.0**digits
-    return digits <= MOST and abs(places - round(places)) <= places * DRIFT
+    return digits <= MAX_DIGITS and abs(places - round(places)) <= places * DRIFT
 
 
 def number_text(value: float, digits: int | None = None) -> str:
@@ -61,6 +64,15 @@ def number_text(value: float, digits: int | None = None) -> str:
     if not LEAST_POWER <= exponent < GREATEST_POWER:
         return f"{_without_zeros(mantissa)}e{exponent}"
     return _without_zeros(f"{value:z.{max(SIGNIFICANT - 1 - exponent, 0)}f}")
+
+
+def scale_texts(levels: Sequence[float]) -> list[str]:
+    """The numbers beside a scale, evenly spaced: six significant digits; where these do not do, as many as the step
+    has."""
+    step = float(f"{abs(levels[1] - levels[0]):.6g}") if len(levels) > 1 else inf
+    few = all(abs(level) < FEW_STEPS * step for level in levels)
+    digits = None if few else next(each for each in range(MAX_DIGITS + 1) if round(step, each) == step)
+    return [number_text(level, digits) for level in levels]
 
 
 def setting_text(value: float) -> str:

@@ -58,10 +58,11 @@ def value_text(about: About, *values: float) -> str:
 
 
 def as_shown(about: About) -> dict[str, Any]:
-    """The description for the page: with how its unit looks (`look`) and the digits of its values."""
+    """The description for the page: with how its unit looks (`look`), the digits of its values, its range in words."""
     shown = dict(about)
     if "unit" in about:
         shown |= {"look": shown_unit(about["unit"]), "digits": digits_in(about)}
+        shown["range"] = span(about.get("minimum"), about.get("maximum"))
     return shown
 
 

@@ -93,6 +93,11 @@ def range_of(line: LikeRows) -> str:
     return text if default is None else f"{text}, default {default if binary else measure(default, about['unit'])}"
 
 
+def declared_of(line: LikeRows) -> str:
+    """`digital actuator, 0 to 10 V, default 0 V`."""
+    return f"{kind_of(line)}, {range_of(line)}"
+
+
 def wiring_of(line: LikeRows) -> str:
     wires = list(dict.fromkeys(filter(None, (row.about.get("wire") for row in line))))
     return f"{wires[0]} .. {wires[-1]}" if len(wires) > 2 else ", ".join(wires)

@@ -12,7 +12,7 @@ import numpy as np
 from umo.errors import PathError, RangeError
 from umo.frames import Reader
 from umo.objects.scaling import FloatArray
-from umo.presentation.digits import number_text
+from umo.presentation.digits import scale_texts
 from umo.presentation.html_table import STYLE, heading
 from umo.presentation.in_words import value_text
 from umo.presentation.unit_text import shown_unit
@@ -96,9 +96,9 @@ class Scope:
         low, high = _span(points.low[lane], points.high[lane])
         scale = (bottom - top) / (high - low)
         parts = []
-        for level in _ticks(low, high, 4):
+        for level, text in _ticks(low, high, 4):
             y = bottom - (level - low) * scale
-            parts.append(_line(LEFT, y, LEFT + PIXELS, y) + _text(LEFT - 6, y + 4, number_text(level), "end"))
+            parts.append(_line(LEFT, y, LEFT + PIXELS, y) + _text(LEFT - 6, y + 4, text, "end"))
         for number, row in enumerate(lane):
             style = f'stroke="{COLOURS[row % len(COLOURS)]}" stroke-dasharray="{DASHES[number % len(DASHES)]}"'
             path = _path(x, bottom - (points.low[row] - low) * scale, bottom - (points.high[row] - low) * scale)
@@ -139,13 +139,13 @@ def _span(low: FloatArray, high: FloatArray) -> tuple[float, float]:
     return least - margin, most + margin
 
 
-def _ticks(low: float, high: float, most: int) -> Iterator[float]:
-    """Round numbers, up to so many."""
+def _ticks(low: float, high: float, most: int) -> Iterator[tuple[float, str]]:
+    """Round numbers, up to so many, and their texts."""
     rough = (high - low) / most
     size = 10.0 ** floor(log10(rough))
     step = next(size * factor for factor in (1, 2, 5, 10) if size * factor >= rough)
-    for number in range(ceil(low / step), floor(high / step) + 1):
-        yield round(number * step, 12)
+    levels = [round(number * step, 12) for number in range(ceil(low / step), floor(high / step) + 1)]
+    return zip(levels, scale_texts(levels), strict=True)
 
 
 def _path(x: FloatArray, low: FloatArray, high: FloatArray) -> str:
@@ -163,9 +163,9 @@ def _path(x: FloatArray, low: FloatArray, high: FloatArray) -> str:
 
 def _time_axis(start: float, stop: float, height: float) -> str:
     parts = []
-    for time in _ticks(start, stop, 8):
+    for time, text in _ticks(start, stop, 8):
         x = LEFT + (time - start) * (PIXELS / (stop - start))
-        parts.append(_line(x, 0, x, height) + _text(x, height + 16, f"{number_text(time)} s", "middle"))
+        parts.append(_line(x, 0, x, height) + _text(x, height + 16, f"{text} s", "middle"))
     return "".join(parts)
 
 

@@ -81,7 +81,7 @@ test("a family in words counts what is known", () => {
   const binary = { path: "lamp", one: "ON", zero: "OFF" };
   const said = [[1, null, 1], [null, 0, 0], [null, 1, 0], [null, null], [1]].map((values) => valueText(binary, ...values));
   assert.deepEqual(said, ["ON", "OFF", "1 ON, 1 OFF", "-", "ON"]);
-  const number = { path: "level", unit: "m" };
+  const number = { path: "level", look: "m" };
   assert.deepEqual([[null, 2, 3], [null, 2], [null, null], [null]].map((values) => valueText(number, ...values)), ["2 to 3 m", "2 m", "-", "-"]);
 });
 

@@ -2,16 +2,16 @@
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { axesOf, declaredRange, inLane, laneSplits, rangeOf, tick } from "../../../src/umo/page/static/axes.js";
+import { axesOf, declaredRange, inLane, laneSplits, rangeOf } from "../../../src/umo/page/static/axes.js";
 import { Buffer, doubled, lowerBound } from "../../../src/umo/page/static/buffer.js";
 import { wallDay, wallTime } from "../../../src/umo/page/static/clock.js";
 import { coloursOf, fromAddress, toAddress } from "../../../src/umo/page/static/colours.js";
 import { Cursors } from "../../../src/umo/page/static/cursors.js";
-import { duration, lasting, numberText, valueText } from "../../../src/umo/page/static/presentation.js";
+import { duration, lasting, numberText, scaleTexts, valueText } from "../../../src/umo/page/static/presentation.js";
 import { markAt, marksOf, sentence } from "../../../src/umo/page/static/marks.js";
 
 const f64 = (...numbers) => Float64Array.from(numbers);
-const trace = (path, unit, more = {}) => ({ path, index: 0, colour: 0, entry: { path, unit, ...more } });
+const trace = (path, look, more = {}) => ({ path, index: 0, colour: 0, entry: { path, look, ...more } });
 const rounded = (least, most, share) => [least - share * (most - least), most + share * (most - least)];
 
 test("points of messages are joined: the last one is sent again, old ones are dropped", () => {
@@ -129,7 +129,7 @@ test("a lane has two to four round numbers", () => {
     const splits = laneSplits([least, most]);
     assert.ok(splits.length >= 2 && splits.length <= 4, String(splits));
     assert.ok(splits.every((value) => value >= least - 1e-9 * (most - least) && value <= most + 1e-9 * (most - least)));
-    assert.ok(splits.every((value) => tick(value).length < 8), String(splits.map(tick)));
+    assert.ok(scaleTexts(splits).every((text) => text.length < 8), String(scaleTexts(splits)));
   }
 });
 

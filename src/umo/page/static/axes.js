@@ -83,10 +83,3 @@ export function laneSplits([least, most]) {
   for (let number = first; number * wide <= most + wide * 1e-9; number += 1) found.push(number * wide);
   return found;
 }
-
-/** A number beside an axis. @param {number} value */
-export function tick(value) {
-  const size = Math.abs(value);
-  if (size < 1e7 && (size >= 1e-4 || size === 0)) return String(Number(value.toPrecision(8)));
-  return value.toExponential(2).replace(/\.?0+e/, "e");
-}

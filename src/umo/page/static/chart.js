@@ -1,10 +1,10 @@
 /** The drawing of the scope: uPlot for numbers, bars for states; cursors, the trigger and marks over both. */
 
-import { axesOf, declaredRange, inLane, laneSplits, NARROW_UNITS, rangeOf, tick } from "./axes.js";
+import { axesOf, declaredRange, inLane, laneSplits, NARROW_UNITS, rangeOf } from "./axes.js";
 import { Buffer, doubled, lowerBound } from "./buffer.js";
 import { Cursors } from "./cursors.js";
 import { el } from "./dom.js";
-import { isBinary } from "./presentation.js";
+import { isBinary, scaleTexts } from "./presentation.js";
 
 const { uPlot } = window;
 const BAR = 22;  // CSS pixels of a state
@@ -65,7 +65,7 @@ export class Chart {
       cursor: { drag: { x: true, y: false, setScale: false }, points: { show: false }, y: false },
       scales: { x: { time: false, range: () => this.range }, ...Object.fromEntries(axes.map((axis) => [axis.scale, { range: this._rangeOf(axis) }])) },
       axes: [
-        { stroke: text, grid, ticks: grid, font: FONT, size: 30, values: (/** @type {unknown} */ _, /** @type {number[]} */ splits) => splits.map((value) => `${Number(value.toFixed(6))} s`) },
+        { stroke: text, grid, ticks: grid, font: FONT, size: 30, values: (/** @type {unknown} */ _, /** @type {number[]} */ splits) => scaleTexts(splits).map((number) => `${number} s`) },
         ...axes.map((axis, place) => this._axis(axis, place, narrow)),
       ],
       series: [{}, ...this.numbers.map(({ path, colour: number }) => ({
@@ -88,7 +88,7 @@ export class Chart {
         size: growing(), label: axis.name, labelSize: 18, labelGap: 3, labelFont: "12px system-ui",
       }),
       grid: first ? grid : { show: false }, ticks: grid,
-      values: (/** @type {unknown} */ _, /** @type {number[]} */ splits) => splits.map(tick),
+      values: (/** @type {unknown} */ _, /** @type {number[]} */ splits) => scaleTexts(splits),
     };
   }
 

@@ -96,7 +96,7 @@ export class ActuatorControl {
   }
 }
 
-/** The name of a control, and its unit: the fields below one another stand in line. @param {string} text @param {{unit?: string}} about @param {Node[]} more */
+/** The name of a control, and its unit: the fields below one another stand in line. @param {string} text @param {{look?: string}} about @param {Node[]} more */
 const labelOf = (text, about, ...more) => el("span", { className: "label" }, ...breakable(text), el("span", { className: "unit", textContent: ` ${unitOf(about)}`.trimEnd() }), ...more);
 
 /** It leaves the focus in the field: one that is left shows the present value again, which the end of the click would send. */

@@ -5,10 +5,7 @@ import { numberText, unitOf } from "./presentation.js";
 
 const SLIDER = 500;  // steps
 
-/** @typedef {{name?: string, unit?: string, look?: string, digits?: number | null, minimum?: number, maximum?: number}} About */
-
-/** `0…10`; empty without a range. @param {About} about */
-export const rangeText = ({ minimum, maximum }) => (bounded({ minimum, maximum }) ? `${numberText(minimum)}…${numberText(maximum)}` : "");
+/** @typedef {{name?: string, look?: string, digits?: number | null, minimum?: number, maximum?: number, range?: string}} About */
 
 /** @param {About} about */
 const bounded = ({ minimum, maximum }) => Number.isFinite(minimum) && Number.isFinite(maximum);
@@ -22,8 +19,9 @@ export class NumberInput {
    *   stands behind the field.
    */
   constructor(about, label, { value = "", slide = null, unit = true } = {}) {
-    const title = [rangeText(about), unitOf(about)].filter(Boolean).join(" ");
-    this.field = el("input", { type: "number", step: "any", value, placeholder: rangeText(about), title, "aria-label": label });
+    const range = about.range ?? "";
+    const title = [range, unitOf(about)].filter(Boolean).join(" ");
+    this.field = el("input", { type: "number", step: "any", value, placeholder: range, title, "aria-label": label });
     this.field.addEventListener("input", () => { this._edited = true; });
     this.field.addEventListener("blur", () => { this._edited = false; });
     this._edited = false;
@@ -37,7 +35,7 @@ export class NumberInput {
   /** @param {About} about @param {string} label @param {(value: number, done: boolean) => void} slide */
   _slider(about, label, slide) {
     const { minimum = 0, maximum = 0 } = about;
-    const slider = el("input", { type: "range", min: minimum, max: maximum, step: (maximum - minimum) / SLIDER || "any", title: rangeText(about), "aria-label": `${label}, slider` });
+    const slider = el("input", { type: "range", min: minimum, max: maximum, step: (maximum - minimum) / SLIDER || "any", title: about.range, "aria-label": `${label}, slider` });
     slider.oninput = () => {
       this.field.value = numberText(Number(slider.value), about.digits);
       slide(Number(slider.value), false);

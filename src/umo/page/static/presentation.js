@@ -3,7 +3,9 @@
 const NO_VALUE = "-";
 const SIGNIFICANT = 6;
 const BEYOND = 1e21;  // size from which on no digits after the point are shown
-const LONGEST = 1e10;  // s: 300 years
+const MAX_DIGITS = 99;  // after the point
+const FEW_STEPS = 1e4;  // steps of a scale from 0 that six significant digits tell apart
+const LONGEST_RUN = 1e10;  // s: 300 years
 
 /** A number that ends in a half of its last digit, which is rounded to the even one, as Python does. @param {string} longer  With the digit that is too much, which is 5. @param {string} text  Rounded away from 0. */
 function even(longer, text) {
@@ -38,8 +40,17 @@ export function numberText(value, digits = null) {
   return withoutZeros(fixed(value, Math.max(SIGNIFICANT - 1 - exponent, 0)));
 }
 
-/** The unit as it is shown. @param {{look?: string, unit?: string} | null | undefined} about */
-export const unitOf = (about) => about?.look ?? about?.unit ?? "";
+/** The numbers beside a scale, evenly spaced: six significant digits; where these do not do, as many as the step has. @param {number[]} levels @returns {string[]} */
+export function scaleTexts(levels) {
+  const step = levels.length > 1 ? Number(Math.abs(levels[1] - levels[0]).toPrecision(6)) : Infinity;
+  if (levels.every((level) => Math.abs(level) < FEW_STEPS * step)) return levels.map((level) => numberText(level));
+  let digits = 0;
+  while (digits < MAX_DIGITS && Number(step.toFixed(digits)) !== step) digits += 1;
+  return levels.map((level) => numberText(level, digits));
+}
+
+/** The unit as it is shown. @param {{look?: string} | null | undefined} about */
+export const unitOf = (about) => about?.look ?? "";
 /** @param {Page.Entry | null | undefined} entry */
 export const isBinary = (entry) => Boolean(entry && "one" in entry);
 /** @param {Page.Entry} entry @param {number} value */
@@ -67,7 +78,7 @@ export function duration(seconds) {
 
 /** `12 s`, `3 min`, `2 h 05 min`, `3 d 4 h`; `?` for what no run has lasted. @param {number} seconds */
 export function lasting(seconds) {
-  if (!(Math.abs(seconds) < LONGEST)) return "?";
+  if (!(Math.abs(seconds) < LONGEST_RUN)) return "?";
   const [minutes, hours, days] = [seconds / 60, seconds / 3600, seconds / 86400];
   if (minutes < 2) return `${fixed(seconds, 0)} s`;
   if (hours < 1) return `${fixed(minutes, 0)} min`;

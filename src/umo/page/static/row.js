@@ -1,7 +1,7 @@
 /** One line of the machine: an object or a signal, or a family of like ones. */
 
 import { breakable, el, setText } from "./dom.js";
-import { isBinary, lasting, numberText, unitOf, valueText } from "./presentation.js";
+import { lasting, valueText } from "./presentation.js";
 import { shownQuality, STALE } from "./quality.js";
 
 export class Row {
@@ -27,19 +27,12 @@ export class Row {
     this._reason = el("small", { className: "reason" });
     this.element = el("tr", { className: how.inside ? "inside" : "", "data-path": name },
       this._sign, el("th", { scope: "row" }, button, this._reason), this._value, this._age, this._raw,
-      el("td", { className: "wiring", textContent: this._wire() }), el("td", { className: "range", textContent: this._range() }), this._scope);
+      el("td", { className: "wiring", textContent: this._wire() }), el("td", { className: "range", textContent: this._entry.declared ?? "signal" }), this._scope);
   }
 
   _wire() {
     const wires = [...new Set(this._places.map((place) => this._feed.entries[place].wire ?? ""))];
     return wires.length > 2 ? `${wires[0]} .. ${wires[wires.length - 1]}` : wires.join(", ");
-  }
-
-  _range() {
-    const { kind = "signal", minimum, maximum } = this._entry;
-    const what = kind.replace(/([a-z])([A-Z])/g, "$1 $2").toLowerCase();
-    if (isBinary(this._entry)) return `${what}, ${this._entry.zero} or ${this._entry.one}`;
-    return minimum === undefined ? what : `${what}, ${numberText(minimum)} to ${numberText(maximum)} ${unitOf(this._entry)}`.trimEnd();
   }
 
   /** Show the present values. */

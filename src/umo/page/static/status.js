@@ -1,6 +1,8 @@
 /** The line of the page that says how the run and the connection are. */
 
-const SILENT = 1;  // s without news, after which the page says so; of frames 10 periods, if that is more (frames_table.py)
+import { lasting } from "./presentation.js";
+
+const SILENCE = 1;  // s without news, after which the page says so; of frames 10 periods, if that is more (frames/reader.py)
 
 /**
  * @typedef {{connected: boolean, refused?: boolean, unheard: number, station: string | null, period: number, state: Page.State | null}} Known
@@ -16,13 +18,13 @@ export function statusOf({ connected, refused, unheard, station, period, state }
     return warning(refused ? out : lost);
   }
   if (state?.stage === "ended") return ended(station ?? "", state.ending);
-  if (station && unheard > SILENT) return warning("Nothing heard from the server", unheard);
-  if (state && state.silent > Math.max(SILENT, 10 * period)) return warning("No new frame", state.silent);
+  if (station && unheard > SILENCE) return warning("Nothing heard from the server", unheard);
+  if (state && state.silent > Math.max(SILENCE, 10 * period)) return warning("No new frame", state.silent);
   return { kind: "", text: "", seconds: "" };
 }
 
 /** @param {string} text @param {number | null} seconds @returns {Status} */
-const warning = (text, seconds = null) => ({ kind: "warn", text, seconds: seconds === null ? "" : ` for ${seconds.toFixed(0)} s.` });
+const warning = (text, seconds = null) => ({ kind: "warn", text, seconds: seconds === null ? "" : ` for ${lasting(seconds)}.` });
 
 /** @param {string} station @param {Page.Ending | null} ending @returns {Status} */
 function ended(station, ending) {

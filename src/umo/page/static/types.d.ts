@@ -14,7 +14,11 @@ declare namespace Page {
     zero?: string;
     minimum?: number;
     maximum?: number;
+    /** Both in words, without the unit. */
+    range?: string;
     wire?: string;
+    /** Kind, range and default of an object, in words. */
+    declared?: string;
     synchronous?: boolean;
     actuator?: boolean;
   }
@@ -27,6 +31,8 @@ declare namespace Page {
     look?: string;
     minimum?: number;
     maximum?: number;
+    /** Both in words, without the unit. */
+    range?: string;
     choices?: string[];
     default?: unknown;
     required?: boolean;
@@ -34,7 +40,7 @@ declare namespace Page {
 
   interface Action { path: string; help: string; arguments: Argument[]; harmless: boolean; dead_man: boolean }
 
-  interface Tunable { path: string; name: string; unit?: string; look?: string; minimum?: number; maximum?: number }
+  interface Tunable { path: string; name: string; unit?: string; look?: string; minimum?: number; maximum?: number; range?: string }
 
   interface Description {
     name: string;
