@@ -21,10 +21,10 @@ from umo.presentation.in_words import span
 from umo.presentation.rows import quality_of, sentence_of, value_of
 from umo.presentation.unit_text import shown_unit
 from umo.remote import HeldLease, RemoteStation
-from umo.remote.attached import user
 from umo.remote.members import RemoteObject, call_action
 from umo.remote.search import meant_by
 from umo.system.custody import Custody
+from umo.system.processes import user_name
 from umo.text import did_you_mean, printable, some
 
 from .console import err, out, say
@@ -94,7 +94,7 @@ def acknowledge(name: str, path: str, over: bool) -> None:
 def stop(name: str) -> None:
     """Ask a run to end safely, and wait until it has."""
     with station_of(name) as station:
-        station.stop(f"{user()}, umo stop (pid {os.getpid()})")
+        station.stop(f"{user_name()}, umo stop (pid {os.getpid()})")
         while station.running:
             time.sleep(LOOK)
         out.print(how_ended(station.reader), soft_wrap=True)

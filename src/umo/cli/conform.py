@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
@@ -81,7 +81,8 @@ def _proved(station: Station, file: Path | None, machine: Compound, choice: Choi
     before = state()
     wired = resolve(machine, file)
     name = _driver(wired, choice.driver)
-    if not all(other == name or _is_of_umo(driver) for other, driver in wired.drivers.items()):
+    others = (type(driver).__module__ for other, driver in wired.drivers.items() if other != name)
+    if not all(module.startswith("umo.") for module in others):
         before = state()  # another driver may have changed the process while it was made
     wires = _wires(wired, name, choice.only)
     subject = _subject(station, file, wired, name, wires, choice)
@@ -95,10 +96,6 @@ def _proved(station: Station, file: Path | None, machine: Compound, choice: Choi
             certificate = _driven(tapped, choice.minutes, before)
         stopped += certificate.unreached
     return certificate
-
-
-def _is_of_umo(driver: Driver[Any]) -> bool:
-    return type(driver).__module__.startswith("umo.")
 
 
 def _station(target: str, wiring: str | None) -> tuple[Station, str | None]:
@@ -159,7 +156,7 @@ def _subject(
     driver = wired.drivers[name]
     return Subject(
         name="-".join([station.name, *([file.stem] if file else []), name]),
-        make=_maker(maker_of(file, name)),
+        make=maker_of(file, name),
         outputs=tuple(_output(wire) for wire in outputs),
         inputs=tuple(Input(wire.channel.text, steady=wire in steady) for wire in inputs),
         loopbacks=tuple((one.channel.text, other.channel.text) for one, other in loops),
@@ -181,10 +178,6 @@ def _refused(driver: Driver[Any], wired: Wired, texts: Sequence[str]) -> tuple[s
             if wire.driver is driver and places & set(wire.channel.places):
                 raise StationError(f"--refused {text}: {wire.item.path} is wired to it")
     return tuple(texts)
-
-
-def _maker(make: Callable[..., Driver[Any]], **changes: Any) -> Callable[[], Driver[Any]]:
-    return lambda: make(**changes)
 
 
 def _output(wire: Wire) -> Output:
@@ -295,9 +288,9 @@ def _line(subject: Subject, make: partial[Driver[Any]], place: object) -> Iterat
     tap = _tap(options, place)
     with tap or nullcontext():
         if isinstance(tap, PtyTap):
-            subject = replace(subject, make=_maker(make, serial=tap.serial), line=tap)
+            subject = replace(subject, make=partial(make, serial=tap.serial), line=tap)
         elif isinstance(tap, TcpTap):
-            subject = replace(subject, make=_maker(make, host=tap.host, port=tap.port), direct=_maker(make), line=tap)
+            subject = replace(subject, make=partial(make, host=tap.host, port=tap.port), direct=make, line=tap)
         yield subject
 
 
@@ -316,16 +309,12 @@ def _tap(options: dict[str, Any], place: object) -> Tap | None:
     return None
 
 
-def _made(subject: Subject, name: str) -> Driver[Any]:
-    try:
-        return subject.make()
-    except Exception as error:
-        raise DriverError(f"driver {name} cannot be made once more: {text_of(error)}") from error
-
-
 def _check_opens(subject: Subject, name: str) -> None:
     """One clear error in place of a table of failures."""
-    driver = _made(subject, name)
+    try:
+        driver = subject.make()
+    except Exception as error:
+        raise DriverError(f"driver {name} cannot be made once more: {text_of(error)}") from error
     driver.timeout, driver.period = max(PATIENCE, subject.timeout), subject.period
     inputs = [driver.channel(each.channel) for each in subject.inputs]
     for output in subject.outputs:

@@ -17,6 +17,7 @@ from umo.errors import ChannelError, WiringError, text_of
 from umo.signature import parameters_of, signature_of
 from umo.system.packages import package_of
 from umo.text import options_in
+from umo.wiring.entry import options_of
 
 from .console import out
 from .show import label
@@ -111,7 +112,7 @@ def _forms(cls: type[Driver], given: dict[str, Any]) -> str:
     """The forms that the driver itself names for a channel that it does not know; if it needs options, those of its
     class. With options, an error of its constructor is the user's."""
     try:
-        driver = _made(cls, given)
+        driver = cls(**options_of(cls.__name__, signature_of(cls), given)) if given else cls()
     except (Exception, SystemExit) as error:
         if given:
             raise WiringError(text_of(error)) from error
@@ -123,12 +124,3 @@ def _forms(cls: type[Driver], given: dict[str, Any]) -> str:
     except (Exception, SystemExit):
         return ""
     return "any text"
-
-
-def _made(cls: type[Driver], given: dict[str, Any]) -> Driver:
-    """The driver, its options converted as those of a wiring."""
-    if not given:
-        return cls()
-    from umo.wiring.entry import options_of
-
-    return cls(**options_of(cls.__name__, signature_of(cls), given))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import select
 import sys
 import time
@@ -29,6 +30,8 @@ SEQUENCES = {
     b"q": "quit",
 }
 """Characters that a terminal sends (ECMA-48, xterm), and the name of the key."""
+SENT = re.compile(rb"\x1b[\[O][\x00-\x3f\x7f-\xff]*[\x40-\x7e]?|.", re.S)
+"""A control sequence up to its last character, or a character."""
 
 Wait = Callable[[float], list[str]]
 
@@ -65,17 +68,4 @@ def _read(file: int, seconds: float) -> list[str]:
 
 def parse(data: bytes) -> list[str]:
     """The keys in what a terminal has sent; what is not known is passed over."""
-    keys = []
-    while data:
-        known = next((each for each in SEQUENCES if data.startswith(each)), b"")
-        if known:
-            keys.append(SEQUENCES[known])
-        data = data[len(known) or _length(data) :]
-    return keys
-
-
-def _length(data: bytes) -> int:
-    """Length of the character or the control sequence at the beginning."""
-    if not data.startswith((b"\x1b[", b"\x1bO")):
-        return 1
-    return next((at + 1 for at, byte in enumerate(data[2:], 2) if 0x40 <= byte <= 0x7E), len(data))
+    return [SEQUENCES[sent] for sent in SENT.findall(data) if sent in SEQUENCES]

@@ -19,7 +19,7 @@ import mmap
 import struct
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -189,12 +189,12 @@ class Layout:
     def describe(self) -> bytes:
         """The header's JSON."""
         dtype = self.dtype
-        fields = [
+        columns = [
             {"name": name, "type": kind, "offset": dtype.fields[name][1], "count": count, "unit": unit}  # type: ignore[index]
             for name, kind, count, unit in self.columns
         ]
         text = {name: getattr(self, name) for name in _DESCRIBED}
-        text |= {"fields": fields, "journal": _describe_journal()}
+        text |= {"fields": columns, "journal": _describe_journal()}
         return json.dumps(text | {"events": {"count": EVENTS, **_describe_row(EVENT_ROW)}}).encode()
 
     @classmethod
@@ -243,19 +243,7 @@ def arrange(layout: Layout, slots: int, entries: int, flags: int = 0) -> tuple[b
 
 
 _SCALARS = {column[0] for column in FIXED}
-_DESCRIBED = (
-    "about",
-    "objects",
-    "signals",
-    "phases",
-    "interlocks",
-    "actions",
-    "tunables",
-    "equipment",
-    "axes",
-    "alarms",
-)
-"""The fields of `Layout`."""
+_DESCRIBED = tuple(field.name for field in fields(Layout))
 _WITH_PATHS = ("objects", "signals", "actions", "tunables", "equipment", "axes", "alarms")
 
 
@@ -267,8 +255,8 @@ def _describe_journal() -> dict[str, Any]:
 
 def _describe_row(row: np.dtype[Any]) -> dict[str, Any]:
     assert row.fields is not None
-    fields = [{"name": name, "type": kind.str, "offset": at} for name, (kind, at, *_) in row.fields.items()]
-    return {"entry_bytes": row.itemsize, "fields": fields}
+    columns = [{"name": name, "type": kind.str, "offset": at} for name, (kind, at, *_) in row.fields.items()]
+    return {"entry_bytes": row.itemsize, "fields": columns}
 
 
 def describe_objects(items: Sequence[Atomic]) -> tuple[dict[str, Any], ...]:

@@ -25,8 +25,8 @@ from umo.page.feed import Feed
 from umo.page.watched import Watched
 from umo.remote import RemoteStation
 from umo.remote.answers import Answers
-from umo.remote.attached import user
 from umo.remote.held_lease import SIGNS_OF_LIFE
+from umo.system.processes import user_name
 from umo.text import printable
 
 LEASE = 2.0
@@ -71,7 +71,7 @@ class PageClient:
 
     def _named(self, name: str) -> str:
         given = printable(" ".join(name.split()))[:NAME]
-        return f"{given or user()} (page, {self._address})"
+        return f"{given or user_name()} (page, {self._address})"
 
     # Commands ------------------------------------------------------------------------------------------
 

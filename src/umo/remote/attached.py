@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import getpass
 import json
 import os
 import signal
@@ -10,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,11 +24,13 @@ from umo.frames.cells import Cells
 from umo.frames.reader import progress_of
 from umo.remote.answers import Answers
 from umo.remote.held_lease import HeldLease
-from umo.remote.live_view import LiveView, live_scope, live_table
+from umo.remote.live_view import LiveView
 from umo.remote.members import RemotePart, Tree
 from umo.remote.queue import Sender
 from umo.remote.search import find_running
 from umo.scope.history import samples
+from umo.scope.svg import Scope
+from umo.system.processes import user_name
 
 LOOK = 0.002
 """s between two looks for an answer."""
@@ -109,7 +111,7 @@ class RemoteStation(RemotePart):
         It ends with the station, with its `stop()`, or with this program. PathError for a path that names nothing;
         FramesError outside of a notebook, or if the station has ended.
         """
-        return live_table(self.reader, paths)
+        return LiveView(self.reader, lambda own: partial(own.html, paths))
 
     def scope(self, *paths: str, seconds: float = 10.0) -> LiveView:
         """Show objects and signals against time here in the notebook, as they change. `seconds` is the span, up to 300.
@@ -117,7 +119,7 @@ class RemoteStation(RemotePart):
         Numbers of one unit share a lane; binary objects are bars. No peak is lost: least and greatest value are drawn
         for each pixel. Ends and errors as of `live`; RangeError for another span; up to 16 traces.
         """
-        return live_scope(self.reader, paths, seconds)
+        return LiveView(self.reader, lambda own: Scope(own, paths, seconds).draw)
 
     # Commands ------------------------------------------------------------------------------------------
 
@@ -257,12 +259,4 @@ def _kinds(base: type[UmoError]) -> Iterator[type[UmoError]]:
 
 def _myself() -> str:
     program = os.path.basename(sys.argv[0]) if sys.argv and sys.argv[0] else "python"
-    return f"{user()}, {program} (pid {os.getpid()})"
-
-
-def user() -> str:
-    """The name of this user."""
-    try:
-        return getpass.getuser()
-    except (OSError, KeyError, ImportError):
-        return "somebody"
+    return f"{user_name()}, {program} (pid {os.getpid()})"

@@ -5,14 +5,13 @@ from __future__ import annotations
 import atexit
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
 from umo.errors import FramesError
 from umo.frames import Reader, Stage
 from umo.presentation.html_table import never_raises
-from umo.scope.svg import Scope
 
 RATE = 4.0
 """Pictures a second, at most."""
@@ -20,14 +19,6 @@ REST = 9
 """The pause after a picture, in times of what it took: the computer is the station's."""
 Draw = Callable[[dict[str, str]], str]
 """The HTML of a picture; given are more facts for its heading."""
-
-
-def live_table(reader: Reader, paths: Sequence[str]) -> LiveView:
-    return LiveView(reader, lambda own: lambda more: own.html(paths, more))
-
-
-def live_scope(reader: Reader, paths: Sequence[str], seconds: float) -> LiveView:
-    return LiveView(reader, lambda own: Scope(own, paths, seconds).draw)
 
 
 class LiveView:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -57,19 +57,9 @@ def crossing(times: FloatArray, values: FloatArray, kind: str, level: float) -> 
     return float(times[found[0]]) if len(found) else None
 
 
-@dataclass(frozen=True)
-class TraceValues:
-    """Values of one trace over a stretch of time, in its unit; frequency in Hz, None if it cannot be told."""
-
-    minimum: float
-    maximum: float
-    mean: float
-    rms: float
-    frequency: float | None
-
-
 def measured(times: FloatArray, values: FloatArray) -> dict[str, Any] | None:
-    """Minimum, maximum, mean, root mean square and frequency of all samples that have a value; None without one."""
+    """Minimum, maximum, mean and root mean square of all samples that have a value, in their unit, and the frequency in
+    Hz, None if it cannot be told; None without a value."""
     known = np.isfinite(values)
     if not known.all():
         times, values = times[known], values[known]
@@ -77,7 +67,8 @@ def measured(times: FloatArray, values: FloatArray) -> dict[str, Any] | None:
         return None
     low, high = float(values.min()), float(values.max())
     rms = float(np.sqrt(np.mean(np.square(values))))
-    return asdict(TraceValues(low, high, float(values.mean()), rms, frequency(times, values, low, high)))
+    found = {"minimum": low, "maximum": high, "mean": float(values.mean()), "rms": rms}
+    return found | {"frequency": frequency(times, values, low, high)}
 
 
 def measured_state(values: FloatArray) -> dict[str, Any] | None:

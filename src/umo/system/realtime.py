@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from math import floor
 from pathlib import Path
 
+from umo.system.processes import user_name
+
 try:
     import resource
 except ImportError:  # not on this platform
@@ -122,13 +124,13 @@ def lock_memory() -> Refusal | None:
     what = "memory is not locked"
     limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
     if limit != resource.RLIM_INFINITY and not _capable(CAP_IPC_LOCK):
-        return Refusal(what, f"ulimit -l is {limit // 1024} kB", f"`{_user()} - memlock unlimited` in {LIMITS}")
+        return Refusal(what, f"ulimit -l is {limit // 1024} kB", f"`{user_name()} - memlock unlimited` in {LIMITS}")
     libc = ctypes.CDLL(None, use_errno=True)
     flags = MCL_CURRENT | MCL_FUTURE
     if touch_memory(libc):
         flags |= MCL_ONFAULT  # all that is in use has been touched, the rest is left alone
     if libc.mlockall(flags) < 0:
-        return Refusal(what, os.strerror(ctypes.get_errno()), f"`{_user()} - memlock unlimited` in {LIMITS}")
+        return Refusal(what, os.strerror(ctypes.get_errno()), f"`{user_name()} - memlock unlimited` in {LIMITS}")
     return None
 
 
@@ -163,7 +165,7 @@ def use_fifo(priority: int) -> Refusal | None:
     except OSError as error:
         limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
         why = f"ulimit -r is {limit}" if isinstance(error, PermissionError) else str(error.strerror)
-        return Refusal("no real-time scheduling", why, f"`{_user()} - rtprio 95` in {LIMITS}")
+        return Refusal("no real-time scheduling", why, f"`{user_name()} - rtprio 95` in {LIMITS}")
     return None
 
 
@@ -204,12 +206,3 @@ def _capable(capability: int) -> bool:
         status = Path("/proc/self/status").read_text()
         return bool(int(status.partition("CapEff:")[2].split()[0], 16) >> capability & 1)
     return False
-
-
-def _user() -> str:
-    import getpass
-
-    try:
-        return getpass.getuser()
-    except (OSError, KeyError):
-        return str(os.getuid())
