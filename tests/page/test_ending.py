@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import signal
 import time
@@ -42,7 +43,7 @@ def run_that(ends: Callable[[connect[Any]], None]) -> Ending | None:
     try:
         with connection, published(connection, "press", "rig"):
             periods(m, 5)
-            feed.search()
+            asyncio.run(feed.search())
             ends(connection)
     except Exception:  # it is what the test is about
         pass
@@ -102,7 +103,7 @@ def test_of_a_killed_run_the_page_says_so(tmp_path: Path, killed: str, text: str
     process_box.Cells(tmp_path / "box")
     run = Run(process_box.wiring(tmp_path / "box"), "forever").until_running()
     feed = Feed()
-    feed.search()
+    asyncio.run(feed.search())
     os.kill(getattr(run, killed), signal.SIGKILL)
     assert run.outcome().failure is not None
     ending = seen(feed)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -82,7 +83,7 @@ def test_a_page_that_comes_back_is_not_shown_another_station_of_that_name(client
 def test_of_two_runs_in_one_folder_the_one_of_the_pid_is_shown_first() -> None:
     with running(), running():
         looking = Feed()
-        looking.search()
+        asyncio.run(looking.search())
         one, other = looking.watched.values()
         one.about["pid"] = 7
         assert First("press", "", 7).among([one, other]) is one
@@ -94,7 +95,7 @@ def test_a_run_that_has_ended_gives_its_name_only_to_the_next_one_of_its_folder(
     looking = Feed()
     for place in ("/a/press", "/b/press", "/a/press"):
         with running(place=Path(place)):
-            looking.search()
+            asyncio.run(looking.search())
         looking.look(states=True)
     first, second = looking.watched.values()
     assert (first.place, second.place) == ("/b/press", "/a/press")
@@ -327,8 +328,8 @@ def test_a_ring_that_makes_no_sense_is_left_out_and_said_once(
 ) -> None:
     with running() as step, ring_about(**about):
         looking = Feed()
-        looking.search()
-        looking.search()
+        asyncio.run(looking.search())
+        asyncio.run(looking.search())
         assert list(looking.watched) == ["press"]
         step(3)
         looking.look(states=True)
@@ -397,14 +398,14 @@ def test_a_ring_that_could_not_be_opened_for_a_moment_is_shown_later(monkeypatch
     def full(path: Any) -> Reader:
         raise FramesError(f"no frames at {path}: Too many open files")
 
-    monkeypatch.setattr(feed, "AGAIN", 0.0)
+    monkeypatch.setattr(feed, "RETRY_PAUSE", 0.0)
     with running(), monkeypatch.context() as patch:
         looking = Feed()
         patch.setattr("umo.page.watched.Reader", full)
-        looking.search()
+        asyncio.run(looking.search())
         assert looking.watched == {}
         patch.undo()
-        looking.search()
+        asyncio.run(looking.search())
         assert list(looking.watched) == ["press"]
         looking.close()
 

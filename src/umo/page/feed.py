@@ -16,16 +16,16 @@ from umo.text import printable
 RATE = 30.0
 """Looks at the rings a second while a page is open."""
 IDLE_RATE = 5.0
-"""While no page is open."""
-STATES = 3
+"""Looks at the rings a second while no page is open."""
+LOOKS_PER_STATE = 3
 """Looks from one state to the next."""
-SEARCH = 1.0
+SEARCH_PAUSE = 1.0
 """s from one search for new rings to the next."""
-AROUND = 1.0
-"""s from one search for new black boxes, and for what is known of ended runs, to the next."""
-AGAIN = 10.0
+DISK_PAUSE = 1.0
+"""s from one look at black boxes and records of ended runs to the next."""
+RETRY_PAUSE = 10.0
 """s after which a ring that could not be read is tried again."""
-ENDED = 4
+MAX_ENDED = 4
 """Ended runs that are kept in memory, so that the end can be looked at."""
 
 
@@ -55,10 +55,10 @@ class Feed:
         while True:
             now = time.monotonic()
             if now >= search and (searching is None or searching.done()):
-                search = now + SEARCH
-                searching = asyncio.create_task(self._search())
+                search = now + SEARCH_PAUSE
+                searching = asyncio.create_task(self.search())
             looks += 1
-            self.look(states=looks % STATES == 0)
+            self.look(states=looks % LOOKS_PER_STATE == 0)
             await asyncio.sleep(max(0.001, now + 1 / (RATE if self.pages else IDLE_RATE) - time.monotonic()))
 
     def look(self, states: bool) -> None:
@@ -78,34 +78,14 @@ class Feed:
         """Wait for the next look at the rings."""
         await self._looked.wait()
 
-    def search(self) -> None:
-        """Attach to new rings."""
-        self._take(self._opened(self._unknown()))
-
-    async def _search(self) -> None:
-        """The same; a thread waits for the guardians to answer, some of which may be stopped."""
-        self._take(await asyncio.to_thread(self._opened, self._unknown()))
-
-    def _unknown(self) -> list[Path]:
-        """Rings that are to be opened."""
+    async def search(self) -> None:
+        """Attach to new rings; a thread waits for the guardians to answer, some of which may be stopped. Of the runs
+        that have ended only the last are kept."""
         known, now = {watched.path for watched in self.watched.values()}, time.monotonic()
+        paths: list[Path] = []
         with suppress(FramesError):  # no folder: nothing runs
-            return [path for path in rings() if path not in known and now >= self._refused.get(path.name, 0.0)]
-        return []
-
-    @staticmethod
-    def _opened(paths: list[Path]) -> list[tuple[Path, Watched | Exception]]:
-        """Each with its run, or with what is wrong with it."""
-        found: list[tuple[Path, Watched | Exception]] = []
-        for path in paths:
-            try:
-                found.append((path, Watched.at(path)))
-            except Exception as error:  # of another version, damaged, or gone
-                found.append((path, error))
-        return found
-
-    def _take(self, found: list[tuple[Path, Watched | Exception]]) -> None:
-        for path, watched in found:
+            paths = [path for path in rings() if path not in known and now >= self._refused.get(path.name, 0.0)]
+        for path, watched in await asyncio.to_thread(_opened, paths):
             if isinstance(watched, Exception):
                 self._refuse(path, watched)
             elif watched.reader.alive:
@@ -113,7 +93,7 @@ class Feed:
             else:  # its guardian is resetting the machine
                 watched.close()
         ended = [name for name, watched in self.watched.items() if watched.over]
-        for name in ended[:-ENDED]:
+        for name in ended[:-MAX_ENDED]:
             self.watched.pop(name).close()
 
     def _attach(self, watched: Watched) -> None:
@@ -135,7 +115,7 @@ class Feed:
         """Leave a ring alone for a while, and say so the first time."""
         if path.name not in self._refused and path.exists():
             print(f"umo: {printable(path.name)} is not shown: {printable(text_of(error))}", file=sys.stderr)
-        self._refused[path.name] = time.monotonic() + AGAIN
+        self._refused[path.name] = time.monotonic() + RETRY_PAUSE
 
     async def _look_around(self) -> None:
         """Read what each run has on the disk, in a thread: pages and clients never wait for that."""
@@ -146,9 +126,20 @@ class Feed:
                 except Exception as error:  # of a damaged description
                     if self.watched.get(watched.name) is watched:  # meanwhile it may have started again
                         self.drop(watched, error)
-            await asyncio.sleep(AROUND)
+            await asyncio.sleep(DISK_PAUSE)
 
     def close(self) -> None:
         for watched in self.watched.values():
             watched.close()
         self.watched.clear()
+
+
+def _opened(paths: list[Path]) -> list[tuple[Path, Watched | Exception]]:
+    """Each with its run, or with what is wrong with it."""
+    found: list[tuple[Path, Watched | Exception]] = []
+    for path in paths:
+        try:
+            found.append((path, Watched.at(path)))
+        except Exception as error:  # of another version, damaged, or gone
+            found.append((path, error))
+    return found
