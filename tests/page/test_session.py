@@ -194,7 +194,7 @@ def test_a_page_is_answered_while_something_is_measured(client: Client, monkeypa
 def test_a_page_gets_states_while_a_black_box_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
     go_on = threading.Event()
     monkeypatch.setattr("umo.page.watched.newest_box", lambda *given: BoxInWords("x", f"read: {go_on.wait(PATIENCE)}"))
-    monkeypatch.setattr("umo.page.feed.AROUND", 0.01)
+    monkeypatch.setattr("umo.page.feed.DISK_PAUSE", 0.01)
     with running() as step, serving() as served, opened(served.socket) as client:
         client.get("description")
         stop = client.get("state")["stop"]
@@ -370,7 +370,7 @@ def test_a_run_whose_end_cannot_be_looked_for_hides_no_other(
         return BoxInWords("x", "read")
 
     monkeypatch.setattr("umo.page.watched.newest_box", look)
-    monkeypatch.setattr("umo.page.feed.AROUND", 0.01)
+    monkeypatch.setattr("umo.page.feed.DISK_PAUSE", 0.01)
     with running("oven"), running("press"):
         eventually(lambda: [line["name"] for line in client.get("stations")["stations"]] == ["press"])
         client.send(type="watch", name="press")
