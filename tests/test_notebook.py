@@ -26,7 +26,7 @@ from helpers.patient import conveyor
 from helpers.waiting import until
 from umo import Compound, DigitalSensor, Number, Vector, connect, published
 from umo.cycle.client_commands import Mode
-from umo.cycle.client_control import Clients
+from umo.cycle.client_control import ClientControl
 from umo.errors import FramesError, PathError, RangeError
 from umo.frames import Reader
 from umo.frames.cells import Cells
@@ -234,7 +234,7 @@ def test_mode_lease_and_tunable_numbers_are_shown() -> None:
         reader = Reader(ring.path)
         assert reader.ends is not None
         cells = Cells(reader.ends.cells, reader.layout)
-        connection.machine.clients = clients = Clients(connection.machine, Receiver(cells), cells, Mode.MANUAL)
+        connection.machine.clients = clients = ClientControl(connection.machine, Receiver(cells), cells, Mode.MANUAL)
         clients.lease.acquire("anna & bert", "key", 60.0, 0.0)
         periods(m)
         with reader:

@@ -21,7 +21,7 @@ from helpers.patient import conveyor
 from helpers.publishing import running
 from helpers.waiting import until
 from umo.cycle.client_commands import Mode
-from umo.cycle.client_control import DEAD_MAN_TIME, TAKEN_PER_PERIOD, Clients
+from umo.cycle.client_control import DEAD_MAN_TIME, TAKEN_PER_PERIOD, ClientControl
 from umo.errors import CommandRefused, FramesError, RangeError
 from umo.frames import Reader
 from umo.frames.cells import ASKED, HEAD, QUEUE, SLOT, SLOTS, STOP, Cells
@@ -200,7 +200,7 @@ def test_a_flood_of_a_client_costs_a_few_commands_in_each_period() -> None:
     with running() as (m, ring, connection), Reader(ring.path) as reader:
         assert reader.ends is not None
         cells = Cells(reader.ends.cells, reader.layout)
-        connection.machine.clients = Clients(connection.machine, Receiver(cells), cells, Mode.MANUAL)
+        connection.machine.clients = ClientControl(connection.machine, Receiver(cells), cells, Mode.MANUAL)
         periods(m)
         with closing(Sender(reader, cells)) as sender:
             for _ in range(SLOTS):

@@ -360,8 +360,9 @@ def test_a_path_that_names_nothing_is_refused(missing: str) -> None:
         chosen(["zones.0.t", "zones.1.t"], [missing], "press")
 
 
-def test_a_family_is_named_by_its_first_and_last_number() -> None:
-    assert folded(["zones.0.t", "zones.1.t", "zones.12.t"]) == "zones[0..12].t"
+def test_a_family_is_named_by_the_spans_of_its_numbers() -> None:
+    assert folded(["zones.0.t", "zones.1.t", "zones.12.t"]) == "zones[0..1, 12].t"
+    assert folded(["zones.9.t", "zones.10.t", "zones.11.t"]) == "zones[9..11].t"
     assert folded(["cells.2.axes.0.m", "cells.2.axes.1.m"]) == "cells.2.axes[0..1].m"
 
 

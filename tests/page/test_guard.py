@@ -235,7 +235,7 @@ def test_the_websocket_needs_the_token(served: Served) -> None:
     assert caught.value.rcvd is not None
     assert caught.value.rcvd.code == 4401
     with opened(served.socket, origin=served.origin) as client:
-        assert client.get("server")["clients"]
+        assert client.get("server")["operate"]
 
 
 # By TLS -------------------------------------------------------------------------------------------------

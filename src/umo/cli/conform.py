@@ -331,28 +331,25 @@ def _check_opens(subject: Subject, name: str) -> None:
 
 
 def _driven(subject: Subject, minutes: float, before: State) -> Certificate:
-    """As `_shown`; what a signal leaves behind is said."""
-    try:
-        return _shown(subject, minutes, before)
-    except KeyboardInterrupt:
-        end = "every output is at its default" if subject.outputs else "no output was driven"
-        say(f"stopped; {end}")
-        raise
-
-
-def _shown(subject: Subject, minutes: float, before: State) -> Certificate:
     """The certificate; first what it will take, then a line of progress. What writes to inputs is left out if nothing
-    may be driven."""
+    may be driven; what a signal leaves behind is said."""
     began = time.monotonic()
     only = None if subject.outputs else [rule.id for rule in all_rules() if rule.id != "directions"]
     with OneLine(err) as line:
-        return conform(
-            subject,
-            only=only,
-            minutes=minutes,
-            before=before,
-            plan=lambda plan: say(str(plan)),
-            progress=(lambda rule, share: line.show(time.monotonic() - began, rule, share))
-            if err.is_terminal
-            else None,
-        )
+
+        def progress(rule: str, share: float) -> None:
+            line.show(time.monotonic() - began, rule, share)
+
+        try:
+            return conform(
+                subject,
+                only=only,
+                minutes=minutes,
+                before=before,
+                plan=lambda plan: say(str(plan)),
+                progress=progress if err.is_terminal else None,
+            )
+        except KeyboardInterrupt:
+            end = "every output is at its default" if subject.outputs else "no output was driven"
+            say(f"stopped; {end}")
+            raise

@@ -16,6 +16,7 @@ from umo.errors import FramesError
 from umo.frames.folder import folder
 from umo.process.station import StationError, find, shipped
 from umo.remote.search import meant_by, several_runs, station_name
+from umo.system.folders import written
 from umo.system.realtime import stand_back
 from umo.text import did_you_mean, printable
 
@@ -161,8 +162,7 @@ def _opening() -> Path:
 def _open(address: str) -> None:
     """In the user's browser, by a file that only the user can read: other users see the arguments of processes."""
     file = _opening()
-    file.unlink(missing_ok=True)
-    file.touch(0o600, exist_ok=False)
     url = escape(address)
-    file.write_text(f'<meta http-equiv="refresh" content="0; url={url}"><a href="{url}">umo</a>')
+    with written(file, 0o600) as stream:
+        stream.write(f'<meta http-equiv="refresh" content="0; url={url}"><a href="{url}">umo</a>'.encode())
     webbrowser.open(file.as_uri())

@@ -13,7 +13,7 @@ import numpy as np
 from umo.cycle.frame import Signal
 from umo.cycle.trace import Trace
 from umo.objects import Atomic, Binary, DigitalSensor
-from umo.presentation.families import FROM, families, folded
+from umo.presentation.families import FOLDED_FROM, families, folded
 from umo.presentation.unit_text import shown_unit
 from umo.text import some
 
@@ -90,7 +90,7 @@ def _groups(shown: Sequence[Any]) -> list[list[Any]]:
     groups = []
     for places in families(each.path for each in shown).values():
         members = [shown[place] for place in places]
-        groups += [members] if len(members) >= FROM else [[each] for each in members]
+        groups += [members] if len(members) >= FOLDED_FROM else [[each] for each in members]
     return groups
 
 
@@ -101,7 +101,7 @@ def _panels(shown: Sequence[Any]) -> list[Panel]:
     for group in _groups(shown):
         first = group[0]
         unit = shown_unit(first.unit if isinstance(first, Signal) else first.units)
-        if len(group) >= FROM:
+        if len(group) >= FOLDED_FROM:
             name = folded([each.path for each in group])
             panels[name] = Panel(unit, name, group)
             continue

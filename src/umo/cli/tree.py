@@ -13,7 +13,7 @@ from umo.drivers import Direction
 from umo.errors import DeclarationError
 from umo.objects import Atomic, Compound, Digital, DigitalActuator, Node, atoms, children, path_of
 from umo.objects.paths import is_pattern, named
-from umo.presentation.families import FROM
+from umo.presentation.families import FOLDED_FROM, folded
 from umo.presentation.in_words import measure
 from umo.process.station import Station, StationError
 from umo.wiring import check
@@ -68,7 +68,7 @@ class _Branches:
         """The parts of like compounds, as those of the first; `last`: the same parts of the last of them."""
         for names in self._alike(first):
             begin, end = first[names[0]], last[names[-1]]
-            name = names[0] if len(names) == 1 else _range(names)
+            name = folded(names)
             times = f"{len(names)} x " if len(names) > 1 else ""
             if isinstance(begin, Compound) and isinstance(end, Compound):
                 branch = tree.add(label((name, "bold"), (f"{times}{type(begin).__name__}", "dim")))
@@ -87,7 +87,7 @@ class _Branches:
             groups.setdefault(key, []).append(name)
         found: list[list[str]] = []
         for names in groups.values():
-            found += [names] if len(names) >= FROM else [[name] for name in names]
+            found += [names] if len(names) >= FOLDED_FROM else [[name] for name in names]
         return found
 
     def _meaning(self, node: Node) -> object:
@@ -102,18 +102,6 @@ class _Branches:
         if entry is None:
             return ""
         return f"{entry.driver}:{entry.channel or item.path}{_overrides(entry)}"
-
-
-def _range(names: Sequence[str]) -> str:
-    """`zones[0..2, 4..39]`: the members of a list."""
-    spans: list[list[int]] = []
-    for number in (int(name.rpartition(".")[2]) for name in names):
-        if spans and number == spans[-1][1] + 1:
-            spans[-1][1] = number
-        else:
-            spans.append([number, number])
-    text = ", ".join(str(first) if first == last else f"{first}..{last}" for first, last in spans)
-    return f"{names[0].rpartition('.')[0]}[{text}]"
 
 
 def _declared(item: Atomic) -> str:

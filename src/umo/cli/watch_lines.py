@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from umo.presentation.families import FROM, families, folded
+from umo.presentation.families import FOLDED_FROM, families, folded
 
 MARKS = {True: "▾ ", False: "▸ "}
 
@@ -37,7 +37,7 @@ class View:
             return [Line(name, [row]) for row, name in enumerate(self._names)]
         lines = []
         for family, rows in self._families.items():
-            if len(rows) < FROM:
+            if len(rows) < FOLDED_FROM:
                 lines += [Line(self._names[row], [row]) for row in rows]
                 continue
             unfolded = family in self._unfolded

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 import time
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -38,16 +36,9 @@ def folder() -> Path:
 def save(reader: Reader, path: Path, reason: str, periods: int = PERIODS) -> None:
     """Write the last `periods` frames of a ring, what its journal still holds of them, and why they were kept;
     OSError where that cannot be done, and nothing is left then."""
-    new = path.with_name(f".{path.name}.{os.getpid()}")
-    file = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0), 0o600)
-    try:
-        with os.fdopen(file, "wb") as stream:
-            stream.write(_content(reader, reader.last(periods), reason))
-        new.replace(path)
-    except BaseException:
-        with suppress(OSError):
-            new.unlink()
-        raise
+    content = _content(reader, reader.last(periods), reason)
+    with folders.written(path, 0o600) as stream:
+        stream.write(content)
 
 
 def _content(reader: Reader, frames: Frames, reason: str) -> bytearray:

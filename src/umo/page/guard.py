@@ -13,6 +13,7 @@ import hmac
 import ipaddress
 import secrets
 import socket
+from contextlib import suppress
 from pathlib import Path
 from urllib.parse import parse_qs
 
@@ -23,6 +24,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from umo.page.certified_names import covers
 from umo.page.strangers import Visit
+from umo.system.folders import written
 
 WRONG_TAKES = 0.5
 """s that the answer to a wrong token takes."""
@@ -44,19 +46,13 @@ LOCAL = ("localhost", "127.0.0.1", "::1")
 def new_token(file: Path) -> str:
     """The token of this user's pages, kept in a file that only the user can read, until the computer restarts. So a
     page that is open finds the server again."""
-    try:
+    with suppress(OSError, ValueError):
         kept = file.read_text().strip()
         if len(kept) >= 32 and file.stat().st_mode & 0o077 == 0:
             return kept
-    except (OSError, ValueError):
-        pass
     token = secrets.token_urlsafe(32)
-    try:
-        file.unlink(missing_ok=True)
-        file.touch(0o600, exist_ok=False)
-        file.write_text(token)
-    except OSError:  # it is for this server only, then
-        pass
+    with suppress(OSError), written(file, 0o600) as stream:  # else it is for this server only
+        stream.write(token.encode())
     return token
 
 

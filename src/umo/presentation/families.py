@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 ANY = "*"
-"""In a pattern: any part of a path."""
-FROM = 3
+"""Part of a pattern that stands for any part of a path."""
+FOLDED_FROM = 3
 """Members from which a family is folded."""
 
 
@@ -24,11 +24,14 @@ def families(paths: Iterable[str]) -> dict[str, list[int]]:
 
 
 def folded(paths: Sequence[str]) -> str:
-    """The name of a family: `zones[0..39].heater`."""
+    """The name of a family: `zones[0..39].heater`, `zones[0..2, 4..39].heater`."""
     name = ""
     for parts in zip(*(path.split(".") for path in paths), strict=True):
         if not parts[0].isdigit() or len(numbers := {int(part) for part in parts}) == 1:
             name += f".{parts[0]}"
-        else:
-            name += f"[{min(numbers)}..{max(numbers)}]"
+            continue
+        firsts = sorted(number for number in numbers if number - 1 not in numbers)
+        lasts = sorted(number for number in numbers if number + 1 not in numbers)
+        spans = zip(firsts, lasts, strict=True)
+        name += f"[{', '.join(str(first) if first == last else f'{first}..{last}' for first, last in spans)}]"
     return name.lstrip(".")

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from math import nan
 from typing import Any, NamedTuple
 
-from umo.presentation.families import FROM, families
+from umo.presentation.families import FOLDED_FROM, families
 from umo.presentation.in_words import measure, span, value_text
 from umo.presentation.qualities import WHY, quality_text
 from umo.text import printable
@@ -35,7 +35,7 @@ def lines(paths: Sequence[str]) -> list[list[int]]:
     parts: dict[str, list[list[int]]] = {}
     for path, places in families(paths).items():
         part = parts.setdefault(path.partition(".")[0] if "." in path else "", [])
-        part += [places] if len(places) >= FROM else [[place] for place in places]
+        part += [places] if len(places) >= FOLDED_FROM else [[place] for place in places]
     return [line for part in parts.values() for line in part]
 
 

@@ -11,8 +11,9 @@ import os
 import stat
 import tempfile
 from collections.abc import Iterable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import BinaryIO
 
 PREFIX = "umo-"
 TRIES = 100
@@ -109,6 +110,33 @@ def open_own(path: Path, *, follow: bool = False, write: bool = False) -> int:
         os.close(file)
         raise
     return file
+
+
+@contextmanager
+def written(path: Path, mode: int, *, to_disk: bool = False) -> Iterator[BinaryIO]:
+    """A file to write, whole or not at all: it gets its name at the end of the block. OSError where that cannot be; the
+    file of before stays then. `to_disk`: also when the computer goes down."""
+    new = path.with_name(f".{path.name}.{os.getpid()}")
+    new.unlink(missing_ok=True)  # of a process that had this number before
+    file = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0), 0o600)
+    try:
+        with open(file, "wb") as stream:
+            os.chmod(new, mode)
+            yield stream
+            stream.flush()
+            if to_disk:
+                os.fsync(file)
+        new.replace(path)
+    except BaseException:
+        with suppress(OSError):
+            new.unlink()
+        raise
+    if to_disk:
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
 
 
 def first_writable(places: Iterable[Path]) -> Path:

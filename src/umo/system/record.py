@@ -249,22 +249,5 @@ def _file(device: str) -> str:
 
 
 def _replace(path: Path, content: dict[str, Any]) -> None:
-    """Whole or not at all, also when the computer goes down."""
-    new = path.with_suffix(f".{os.getpid()}.new")
-    file = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_NOFOLLOW", 0), 0o644)
-    try:
-        with open(file, "w", encoding="utf-8", errors="replace") as opened:
-            os.chmod(new, KEPT_MODE)
-            json.dump(content, opened)
-            opened.flush()
-            os.fsync(file)
-        new.replace(path)
-    except BaseException:  # the disk is full
-        with suppress(OSError):
-            new.unlink()
-        raise
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
+    with folders.written(path, KEPT_MODE, to_disk=True) as stream:
+        stream.write(json.dumps(content).encode())

@@ -2,18 +2,20 @@
 
 /** @typedef {{name: string, group: string, places: number[]}} Line */
 
-const FROM = 3;  // members from which they are folded
+const FOLDED_FROM = 3;  // members from which a family is folded
 
 /** A path with `*` for its indexes. @param {string} path */
 export const generalised = (path) => path.split(".").map((part) => (/^\d+$/.test(part) ? "*" : part)).join(".");
 
-/** The name of like paths: `zones[0..39].heater`. @param {string[]} paths */
+/** The name of like paths: `zones[0..39].heater`, `zones[0..2, 4..39].heater`. @param {string[]} paths */
 export function folded(paths) {
   const parts = paths.map((path) => path.split("."));
   return parts[0].map((part, i) => {
-    const numbers = [...new Set(parts.map((path) => path[i]))].map(Number);
-    if (!/^\d+$/.test(part) || numbers.length === 1) return `.${part}`;
-    return `[${numbers.reduce((a, b) => Math.min(a, b))}..${numbers.reduce((a, b) => Math.max(a, b))}]`;
+    const numbers = new Set(parts.map((path) => Number(path[i])));
+    if (!/^\d+$/.test(part) || numbers.size === 1) return `.${part}`;
+    const firsts = [...numbers].filter((number) => !numbers.has(number - 1)).sort((a, b) => a - b);
+    const lasts = [...numbers].filter((number) => !numbers.has(number + 1)).sort((a, b) => a - b);
+    return `[${firsts.map((first, k) => (first === lasts[k] ? first : `${first}..${lasts[k]}`)).join(", ")}]`;
   }).join("").slice(1);
 }
 
@@ -31,7 +33,7 @@ export function linesOf(paths) {
   /** @type {Line[]} */
   const lines = [];
   for (const places of families.values()) {
-    if (places.length >= FROM) lines.push(line(folded(places.map((place) => paths[place])), places));
+    if (places.length >= FOLDED_FROM) lines.push(line(folded(places.map((place) => paths[place])), places));
     else for (const place of places) lines.push(line(paths[place], [place]));
   }
   /** @type {Map<string, Line[]>} */
@@ -42,6 +44,6 @@ export function linesOf(paths) {
 
 /** @param {string} name @param {number[]} places @returns {Line} */
 function line(name, places) {
-  const [group] = name.match(/^[^.[]+(\[[^\]]*\])?(?=\.)/) ?? [""];
+  const [, group = ""] = name.match(/^([^.[]+)(\[[^\]]*\])?\./) ?? [];
   return { name, group, places };
 }
