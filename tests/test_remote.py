@@ -71,10 +71,10 @@ def queue() -> Iterator[Queue]:
 def test_commands_come_in_the_order_in_which_they_were_sent(queue: Queue) -> None:
     for lap in range(5):
         numbers = [queue.sender.send({"do": "tune", "value": lap * SLOTS + i}) for i in range(SLOTS)]
-        taken = [queue.receiver.take() for _ in range(SLOTS)]
+        taken = [queue.receiver.get() for _ in range(SLOTS)]
         assert [command and command.number for command in taken] == numbers
         assert [command and command.value for command in taken] == [lap * SLOTS + i for i in range(SLOTS)]
-    assert queue.receiver.take() is None
+    assert queue.receiver.get() is None
     assert (queue.receiver.taken, queue.receiver.dropped) == (5 * SLOTS, 0)
 
 
@@ -118,15 +118,15 @@ def test_garbage_is_counted_and_dropped_and_commands_come_through_again(queue: Q
         garbage = random.choice([random.randbytes(random.randint(1, 40)), b"\xff" * 8, bytes(8)])[: len(memory) - at]
         memory[at : at + len(garbage)] = garbage
         for _ in range(TAKEN_PER_PERIOD):
-            queue.receiver.take()
+            queue.receiver.get()
         assert queue.cells.stop is None
         for path in ("", "motor", "valve"):
             assert isinstance(queue.cells.signed(path, random.choice([0, 1, 2**64 - 1])), float)
     assert queue.receiver.dropped > 100
     for _ in range(4 * SLOTS):
-        queue.receiver.take()
+        queue.receiver.get()
     numbers = [queue.sender.send({"do": "tune"}) for _ in range(3)]
-    found = [command for _ in range(SLOTS) if (command := queue.receiver.take()) is not None]
+    found = [command for _ in range(SLOTS) if (command := queue.receiver.get()) is not None]
     assert [command.number for command in found] == numbers
 
 
@@ -149,19 +149,19 @@ def test_garbage_is_counted_and_dropped_and_commands_come_through_again(queue: Q
 )
 def test_a_sound_entry_that_is_not_a_command_is_dropped(queue: Queue, text: bytes) -> None:
     queue.sender._put(0, text)
-    assert queue.receiver.take() is None
+    assert queue.receiver.get() is None
     assert queue.receiver.dropped == 1
     assert queue.sender.send({"do": "tune"}) == 2
-    assert queue.receiver.take() is not None
+    assert queue.receiver.get() is not None
 
 
 @pytest.mark.parametrize("head", [SLOTS + 1, 2**63 - 1, 2**64 - 1])
 def test_a_head_that_jumps_is_set_right(queue: Queue, head: int) -> None:
     queue.cells.words[HEAD >> 3] = head
-    assert queue.receiver.take() is None
+    assert queue.receiver.get() is None
     assert (queue.receiver.dropped, queue.cells.words[HEAD >> 3]) == (1, 0)
     assert queue.sender.send({"do": "tune"}) == 1
-    assert queue.receiver.take() is not None
+    assert queue.receiver.get() is not None
 
 
 def test_a_command_whose_number_is_seen_before_its_text_is_taken_at_the_next_look(queue: Queue) -> None:
@@ -170,9 +170,9 @@ def test_a_command_whose_number_is_seen_before_its_text_is_taken_at_the_next_loo
     at = slice(QUEUE, QUEUE + SLOT)
     text = bytes(queue.cells.memory[at])
     queue.cells.memory[at] = bytes(SLOT)
-    assert queue.receiver.take() is None
+    assert queue.receiver.get() is None
     queue.cells.memory[at] = text
-    assert queue.receiver.take() is not None
+    assert queue.receiver.get() is not None
     assert queue.receiver.dropped == 0
 
 
