@@ -21,7 +21,7 @@ from umo.drivers.simulated import Simulated
 from umo.frames import Reader
 from umo.latency import Samples, native
 from umo.latency.loop import Loop, example, slice_of
-from umo.latency.measure import BUSY
+from umo.latency.measure import BUSY_PROGRAM
 from umo.system.realtime import busy_wait_for
 
 PERIOD = 0.001
@@ -126,7 +126,7 @@ def _readers(pid: str) -> Iterator[subprocess.Popen[bytes]]:
 
 @contextmanager
 def _busy() -> Iterator[None]:
-    process = subprocess.Popen([sys.executable, "-c", BUSY])
+    process = subprocess.Popen([sys.executable, "-c", BUSY_PROGRAM])
     try:
         yield
     finally:

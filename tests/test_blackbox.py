@@ -38,7 +38,7 @@ from umo.testing import Scripted, VirtualTimer, periods
 
 
 @contextmanager
-def box_of(ring: Ring, path: Path, periods: int = blackbox.PERIODS) -> Iterator[Reader]:
+def box_of(ring: Ring, path: Path, periods: int = blackbox.KEPT_PERIODS) -> Iterator[Reader]:
     with Reader(ring.path) as reader:
         save(reader, path, "for a test", periods)
     with Reader(path) as box:
@@ -54,7 +54,7 @@ def test_a_box_reads_like_the_ring_wherever_its_frames_lay(tmp_path: Path, beyon
             write(ring, connection.machine.frame, number, number % 3)
         with box_of(ring, tmp_path / "x.box") as box:
             frames = box.read()
-            assert frames["number"].tolist() == list(range(head - blackbox.PERIODS, head))
+            assert frames["number"].tolist() == list(range(head - blackbox.KEPT_PERIODS, head))
             assert (box.lost, box.head, box.state) == (0, head, Stage.ENDED)
             assert box.about["reason"] == "for a test"
             assert box.latest()["number"] == head - 1

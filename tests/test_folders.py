@@ -58,7 +58,7 @@ def test_a_folder_of_another_owner_with_our_name_is_passed_over(tmp_path: Path) 
 
 @needs_root
 def test_all_likely_names_may_be_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(folders, "TRIES", 3)
+    monkeypatch.setattr(folders, "MAX_FOLDERS", 3)
     for end in ("", "-1", "-2"):
         given_away(tmp_path / f"umo-{os.getuid()}{end}")
     path = folders.own(tmp_path)
@@ -158,7 +158,7 @@ def test_a_link_to_another_users_file_does_not_hide_whose_it_is(tmp_path: Path) 
 @needs_root
 def test_another_users_folder_of_frames_does_not_refuse_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("UMO_FRAMES")
-    monkeypatch.setattr("umo.frames.folder.SHARED", tmp_path)
+    monkeypatch.setattr("umo.frames.folder.SHARED_MEMORY", tmp_path)
     theirs = given_away(tmp_path / f"umo-{os.getuid()}")
     path = folder()
     assert path.parent == tmp_path
@@ -168,7 +168,7 @@ def test_another_users_folder_of_frames_does_not_refuse_ours(tmp_path: Path, mon
 
 def test_without_shared_memory_frames_lie_with_temporary_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("UMO_FRAMES")
-    monkeypatch.setattr("umo.frames.folder.SHARED", tmp_path / "nowhere")
+    monkeypatch.setattr("umo.frames.folder.SHARED_MEMORY", tmp_path / "nowhere")
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     assert folder().parent == tmp_path
 

@@ -22,7 +22,7 @@ from umo import connect, published
 from umo.errors import FramesError
 from umo.frames import Reader, Stage, rings
 from umo.frames.folder import folder, new_path
-from umo.frames.frame_server import WAITING, FrameServer, is_served, receive
+from umo.frames.frame_server import MAX_WAITING, FrameServer, is_served, receive
 from umo.frames.memory import Ends
 from umo.testing import Scripted, VirtualTimer, periods
 
@@ -222,7 +222,7 @@ def test_memory_that_can_be_cut_is_not_read() -> None:
 
 
 def test_a_server_that_does_not_answer_costs_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("umo.frames.frame_server.ANSWER", 0.01)
+    monkeypatch.setattr("umo.frames.frame_server.ANSWER_TIMEOUT", 0.01)
     ends, readers = Ends.pair()
     server = FrameServer(new_path("bench"), readers)
     server.listen()
@@ -237,7 +237,7 @@ def test_a_client_waits_for_its_turn_while_many_others_wait(monkeypatch: pytest.
     ends, readers = Ends.pair()
     server = FrameServer(new_path("bench"), readers)
     server.listen()
-    for _ in range(WAITING + 2):  # they have asked, and left again
+    for _ in range(MAX_WAITING + 2):  # they have asked, and left again
         assert is_served(server.path)
     answering: list[None] = []
     monkeypatch.setattr("umo.frames.frame_server.time.sleep", lambda s: answering or answering.append(server.start()))

@@ -398,8 +398,8 @@ def screen(monkeypatch: pytest.MonkeyPatch) -> Screen:
     vars(display)["display"] = screen.display
     monkeypatch.setitem(sys.modules, "IPython", ipython)
     monkeypatch.setitem(sys.modules, "IPython.display", display)
-    monkeypatch.setattr("umo.remote.live_view.RATE", 200.0)
-    monkeypatch.setattr("umo.remote.live_view.REST", 0)
+    monkeypatch.setattr("umo.remote.live_view.MAX_RATE", 200.0)
+    monkeypatch.setattr("umo.remote.live_view.PAUSE_RATIO", 0)
     return screen
 
 

@@ -16,7 +16,7 @@ from umo.testing import periods
 
 pytest.importorskip("matplotlib")
 from umo.cli import plot
-from umo.cli.plot import LEAST_HEIGHT, PANELS, ROWS, draw, save_plot
+from umo.cli.plot import MAX_PANELS, MAX_ROWS, MIN_HEIGHT, draw, save_plot
 
 
 class Zone(Compound):
@@ -73,7 +73,7 @@ def test_a_list_of_any_length_is_a_panel_for_each_name(count: int) -> None:
     figure, rest = draw(trace_of(tunnel(count)), "umo run tunnel")
     assert rest == ""
     assert len(figure.axes) == 4  # temperatures, heaters, load and the strip
-    assert figure.get_figheight() == LEAST_HEIGHT
+    assert figure.get_figheight() == MIN_HEIGHT
     assert_clear(figure)
     labels = [label.get_text() for label in figure.axes[-1].get_yticklabels()]
     assert len(labels) == (count + 1 if count < 3 else 2)
@@ -118,10 +118,10 @@ def test_a_thousand_objects_without_a_list_share_the_panel_of_their_unit() -> No
 
 
 def test_what_has_no_room_is_said_in_the_picture_and_returned() -> None:
-    figure, rest = draw(trace_of(rack(14, 14, ROWS + 5)), "umo run rack")
-    assert rest == f"{4 + 5} of {14 + ROWS + 5}: parts.sensorK_10, parts.sensorL_11 and 7 others"
+    figure, rest = draw(trace_of(rack(14, 14, MAX_ROWS + 5)), "umo run rack")
+    assert rest == f"{4 + 5} of {14 + MAX_ROWS + 5}: parts.sensorK_10, parts.sensorL_11 and 7 others"
     assert f"not shown: {rest} (all are in trace.csv)" in figure.axes[-1].get_xlabel()
-    assert len(figure.axes) == PANELS + 1
+    assert len(figure.axes) == MAX_PANELS + 1
     assert figure.get_figheight() < 23
     assert_clear(figure)
 
@@ -145,7 +145,7 @@ def test_a_trace_without_rows_or_without_objects_is_no_error(tmp_path: Path) -> 
 
 
 def test_umo_run_says_what_the_plot_does_not_show(umo: Any, tank: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(plot, "ROWS", 1)
+    monkeypatch.setattr(plot, "MAX_ROWS", 1)
     result = umo("run", "tank")
     assert result.exit_code == 0
     assert "; the plot does not show 2 of " in " ".join(result.stdout.split())

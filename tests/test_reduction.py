@@ -49,7 +49,7 @@ def test_every_sample_is_a_point_where_pixels_are_as_fine_as_samples() -> None:
 @given(st.lists(st.integers(1, 40), min_size=1, max_size=40), st.integers(20, 60))
 def test_the_history_keeps_the_newest_samples_in_order(sizes: list[int], capacity: int) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("umo.scope.history.FEWEST", 1)
+        patch.setattr("umo.scope.history.MIN_SAMPLES", 1)
         patch.setattr("umo.scope.history.BLOCKS", 5)
         history = History(1, 1.0, seconds=capacity)
     assert history.capacity == capacity

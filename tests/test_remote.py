@@ -24,7 +24,7 @@ from umo.cycle.client_commands import Mode
 from umo.cycle.client_control import DEAD_MAN_TIME, TAKEN_PER_PERIOD, ClientControl
 from umo.errors import CommandRefused, FramesError, RangeError
 from umo.frames import Reader
-from umo.frames.cells import ASKED, HEAD, QUEUE, SLOT, SLOTS, STOP, Cells
+from umo.frames.cells import HEAD, QUEUE, SLOT, SLOTS, STOP, STOP_MARK, Cells
 from umo.process.start import LINUX
 from umo.remote import RemoteStation
 from umo.remote.queue import MAX_COMMAND_BYTES, Receiver, Sender
@@ -81,7 +81,7 @@ def test_commands_come_in_the_order_in_which_they_were_sent(queue: Queue) -> Non
 def test_a_full_queue_refuses_after_a_while_and_delays_neither_a_stop_nor_signs_of_life(
     queue: Queue, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("umo.remote.queue.PATIENCE", 0.01)
+    monkeypatch.setattr("umo.remote.queue.SEND_TIMEOUT", 0.01)
     for _ in range(SLOTS):
         queue.sender.send({"do": "tune"})
     with pytest.raises(CommandRefused, match="the queue of commands is full"):
@@ -103,7 +103,7 @@ def test_clients_take_turns_and_the_lock_of_one_that_is_stopped_is_waited_for(
     queue: Queue, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Two senders of one process have got the same descriptor; each opens the memory anew, so the lock is its own."""
-    monkeypatch.setattr("umo.remote.queue.PATIENCE", 0.01)
+    monkeypatch.setattr("umo.remote.queue.SEND_TIMEOUT", 0.01)
     with closing(Sender(queue.reader, queue.cells)) as other:
         with queue.sender._turn(0.0), pytest.raises(CommandRefused, match="another client does not let go"):
             other.send({"do": "tune"})
@@ -176,7 +176,7 @@ def test_a_command_whose_number_is_seen_before_its_text_is_taken_at_the_next_loo
     assert queue.receiver.dropped == 0
 
 
-@pytest.mark.parametrize("asked", [(0, 0), (1, 0), (signal.SIGTERM, 0), (signal.SIGKILL, ASKED), (77, ASKED)])
+@pytest.mark.parametrize("asked", [(0, 0), (1, 0), (signal.SIGTERM, 0), (signal.SIGKILL, STOP_MARK), (77, STOP_MARK)])
 def test_nothing_but_a_request_to_stop_stops(queue: Queue, asked: tuple[int, int]) -> None:
     number, word = asked
     queue.cells.words[STOP >> 3] = word | number

@@ -43,7 +43,7 @@ needs_fifo = pytest.mark.skipif(not may_use_fifo(), reason="needs SCHED_FIFO and
 @pytest.fixture
 def place(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Callable[..., CorePlace]]:
     """Takes places of this test alone, on three cores: other stations run on this computer."""
-    monkeypatch.setattr(cores, "NAME", f"umo test {tmp_path}"[-60:])
+    monkeypatch.setattr(cores, "SOCKET_NAME", f"umo test {tmp_path}"[-60:])
     monkeypatch.setattr(cores, "isolated_cores", list)
     monkeypatch.setattr(cores.os, "sched_getaffinity", lambda pid: {0, 1, 2})
     taken: list[CorePlace] = []
@@ -71,7 +71,7 @@ def test_an_isolated_core_is_taken_first(place, monkeypatch: pytest.MonkeyPatch)
 
 
 def test_where_there_is_one_core_or_no_place_no_core_is_kept(place, monkeypatch: pytest.MonkeyPatch) -> None:
-    for _ in range(3 * cores.PLACES):
+    for _ in range(3 * cores.MAX_PLACES):
         assert place().core is not None
     assert place().core is None
     monkeypatch.setattr(cores.os, "sched_getaffinity", lambda pid: {0})

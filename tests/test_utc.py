@@ -10,7 +10,7 @@ import pytest
 
 from helpers.publishing import running
 from umo.frames import Reader
-from umo.frames.ring import UTC_EVERY
+from umo.frames.ring import UTC_PAUSE
 from umo.system import utc as module
 from umo.system.utc import UNKNOWN, utc
 from umo.testing import periods
@@ -62,6 +62,6 @@ def test_each_frame_has_the_utc_of_its_period(monkeypatch: pytest.MonkeyPatch) -
         frames = reader.read()
         assert frames["utc"].tolist() == [10**18] * 2
         assert frames["utc_error"].tolist() == [5_000] * 2
-        ring._utc_read -= UTC_EVERY
+        ring._utc_read -= UTC_PAUSE
         periods(m)
         assert (reader.latest()["utc"], reader.latest()["utc_error"]) == (10**18 + 7, UNKNOWN)

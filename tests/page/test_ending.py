@@ -20,7 +20,7 @@ from umo.cycle.events import CommandState, Event
 from umo.cycle.stopping import TimeLimit
 from umo.frames import Reader, rings
 from umo.page.box_words import BoxInWords
-from umo.page.ending import UNKNOWN, Ending, ending_of
+from umo.page.ending import UNKNOWN_END, Ending, ending_of
 from umo.page.feed import Feed
 from umo.page.watched import Watched
 from umo.system.record import Record
@@ -132,7 +132,7 @@ def test_an_end_that_nobody_could_tell_is_a_failure(monkeypatch: pytest.MonkeyPa
     watched.read()
     watched.look_around()
     assert watched.ending is None  # the guardian may still tell it
-    monkeypatch.setattr("umo.page.watched.TELLING", 0.0)
+    monkeypatch.setattr("umo.page.watched.ENDING_TIME", 0.0)
     watched.look_around()
-    assert watched.ending == Ending(True, UNKNOWN)
+    assert watched.ending == Ending(True, UNKNOWN_END)
     watched.close()

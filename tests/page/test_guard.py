@@ -29,7 +29,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("UMO_FRAMES", str(tmp_path_factory.mktemp("frames")))
         patch.setenv("UMO_STATE", str(tmp_path_factory.mktemp("state")))
-        patch.setattr(guard, "WRONG_TAKES", 0.01)
+        patch.setattr(guard, "REFUSAL_TIME", 0.01)
         with serving() as served:
             yield served
 
@@ -98,9 +98,9 @@ def test_the_form_gives_the_cookie_for_the_token(served: Served) -> None:
 
 
 def test_many_wrong_tokens_at_once_delay_the_right_one_and_do_not_lock_it_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(guard, "WRONG_TAKES", 0.05)
+    monkeypatch.setattr(guard, "REFUSAL_TIME", 0.05)
     with serving() as served, ExitStack() as open_ones:
-        asking = [HTTPConnection("127.0.0.1", served.port, timeout=PATIENCE) for _ in range(6 * guard.AT_ONCE)]
+        asking = [HTTPConnection("127.0.0.1", served.port, timeout=PATIENCE) for _ in range(6 * guard.MAX_JUDGED)]
         for connection in asking:
             open_ones.callback(connection.close)
             connection.request("GET", "/?token=wrong")
@@ -110,10 +110,10 @@ def test_many_wrong_tokens_at_once_delay_the_right_one_and_do_not_lock_it_out(mo
 
 
 def test_guesses_are_judged_a_few_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(guard, "WRONG_TAKES", PATIENCE)
+    monkeypatch.setattr(guard, "REFUSAL_TIME", PATIENCE)
     with serving() as served, ExitStack() as open_ones:
         cookie = cookie_of(served).partition(";")[0]
-        asking = [HTTPConnection("127.0.0.1", served.port, timeout=PATIENCE) for _ in range(guard.AT_ONCE + 1)]
+        asking = [HTTPConnection("127.0.0.1", served.port, timeout=PATIENCE) for _ in range(guard.MAX_JUDGED + 1)]
         for connection in asking[:-1]:
             open_ones.callback(connection.close)
             connection.request("GET", "/?token=wrong")
@@ -125,9 +125,9 @@ def test_guesses_are_judged_a_few_at_a_time(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_guesses_whose_asker_has_gone_do_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(guard, "WRONG_TAKES", 0.3)
+    monkeypatch.setattr(guard, "REFUSAL_TIME", 0.3)
     with serving() as served:
-        for _ in range(100 * guard.AT_ONCE):
+        for _ in range(100 * guard.MAX_JUDGED):
             connection = HTTPConnection("127.0.0.1", served.port, timeout=PATIENCE)
             connection.request("GET", "/?token=wrong")
             connection.close()
@@ -146,13 +146,13 @@ def test_another_site_cannot_try_tokens_in_the_background(served: Served, mode: 
 
 
 def test_a_form_that_does_not_come_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(guard, "FORM_TAKES", 0.05)
+    monkeypatch.setattr(guard, "FORM_TIMEOUT", 0.05)
     with serving() as served:
         assert ask(served, "/login", "POST", None, Content_Length="20").status == 408
 
 
 def test_the_number_of_connections_that_have_the_token_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(server, "MOST_CONNECTIONS", 3 - strangers.MOST)
+    monkeypatch.setattr(server, "MAX_CONNECTIONS", 3 - strangers.MAX_STRANGERS)
     with serving() as served, ExitStack() as idle:
         for _ in range(3):
             idle.enter_context(socket.create_connection(("127.0.0.1", served.port), PATIENCE))
@@ -189,7 +189,7 @@ def test_the_address_that_has_the_most_makes_room_for_another(monkeypatch: pytes
     with serving() as served, ExitStack() as open_ones:
         other = socket.create_connection(("127.0.0.1", served.port), PATIENCE, ("127.0.0.2", 0))
         open_ones.enter_context(other).sendall(b"GET / HTTP/1.1\r\n")
-        halves(served, 2 * strangers.MOST, open_ones)
+        halves(served, 2 * strangers.MAX_STRANGERS, open_ones)
         other.sendall(b"Host: localhost\r\n\r\n")
         assert other.recv(12) == b"HTTP/1.1 401"
 
@@ -291,7 +291,9 @@ def test_half_handshakes_do_not_shut_the_page(
 ) -> None:
     monkeypatch.setattr(strangers, "STAY", PATIENCE * 3)
     with ExitStack() as open_ones:
-        half = [socket.create_connection(("127.0.0.1", secured.port), PATIENCE) for _ in range(2 * strangers.MOST)]
+        half = [
+            socket.create_connection(("127.0.0.1", secured.port), PATIENCE) for _ in range(2 * strangers.MAX_STRANGERS)
+        ]
         for connection in half:
             open_ones.enter_context(connection).sendall(b"\x16\x03\x01")
         assert ask_by_tls(secured, certificate[0], "cell.plant.example", "cell.plant.example") == 200

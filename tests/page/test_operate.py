@@ -212,7 +212,7 @@ def test_a_page_that_looks_at_another_run_gives_its_lease_back(station: umo.Remo
 def test_a_flood_of_commands_is_refused_in_part_and_all_are_answered(
     station: umo.RemoteStation, served: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("umo.page.page_client.MOST_ASKED", 2)
+    monkeypatch.setattr("umo.page.page_client.MAX_COMMANDS", 2)
     with opened(served.socket) as client:
         client.get("description")
         command(client, 1, "lease")
@@ -248,8 +248,8 @@ def test_a_touch_without_meaning_is_answered_by_an_error(station: umo.RemoteStat
 @pytest.fixture
 def page(page: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
     """Of a server that is patient: a busy computer may stop the browser for a second."""
-    monkeypatch.setattr("umo.page.page_client.TOUCH", 3.0)
-    monkeypatch.setattr("umo.page.page_client.OLDEST", 30)
+    monkeypatch.setattr("umo.page.page_client.TOUCH_TIME", 3.0)
+    monkeypatch.setattr("umo.page.page_client.MAX_STATES_BEHIND", 30)
     return page
 
 

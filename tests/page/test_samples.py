@@ -10,7 +10,7 @@ from urllib.parse import quote
 import numpy as np
 import pytest
 
-from umo.page.live import Stretch
+from umo.page.live import HistoryPart
 from umo.page.samples import csv_of
 from umo.scope.history import History
 
@@ -19,9 +19,9 @@ from .conftest import TOKEN, Served, opened, running, serving
 
 def stretch(
     history: History, entries: list[dict[str, str]], start: float, stop: float, utc: float | None = None
-) -> Stretch:
+) -> HistoryPart:
     watched: Any = SimpleNamespace(history=history, entries=entries, utc=utc)
-    return Stretch(watched, list(range(len(entries))), start, stop)
+    return HistoryPart(watched, list(range(len(entries))), start, stop)
 
 
 def test_numbers_states_and_missing_values_are_told() -> None:

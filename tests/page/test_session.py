@@ -28,7 +28,7 @@ from umo.page.feed import Feed
 from umo.page.live import Subscription
 from umo.page.page_client import PageClient
 from umo.page.server import Options, listen, server
-from umo.page.session import MOST_ASKED, First
+from umo.page.session import MAX_REQUESTS, First
 from umo.page.watched import Watched
 from umo.scope.history import History
 from umo.testing import Scripted
@@ -254,11 +254,11 @@ def test_a_page_may_ask_for_a_bounded_number_of_answers(client: Client, monkeypa
     monkeypatch.setattr("umo.page.live.measured", lambda times, values: {"waited": go_on.wait(PATIENCE)})
     with running():
         client.get("description")
-        for number in range(MOST_ASKED + 2):
+        for number in range(MAX_REQUESTS + 2):
             client.send(type="measure", id=number, paths=["encoder"], start=0, stop=1)
-        assert client.get("error")["text"] == f"up to {MOST_ASKED} answers at once"
+        assert client.get("error")["text"] == f"up to {MAX_REQUESTS} answers at once"
         go_on.set()
-        assert [client.get("measured")["id"] for _ in range(MOST_ASKED)] == list(range(MOST_ASKED))
+        assert [client.get("measured")["id"] for _ in range(MAX_REQUESTS)] == list(range(MAX_REQUESTS))
 
 
 MEANINGLESS: list[dict[str, object]] = [

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .shared import OF_THE_MACHINE, Acknowledge, HelpPanel, StationName, Take, WiringName, finite
+from .shared import MACHINE_OPTIONS, Acknowledge, HelpPanel, StationName, Take, WiringName, finite
 
 command = HelpPanel("Machines, wirings, drivers")
 command_of_new = HelpPanel("New stations and drivers")
@@ -21,7 +21,7 @@ STATUS_OF_DEVICES = (
     epilog="Examples: umo check ztheta  |  umo check ztheta -w modbus  |  umo check ztheta --all  |  "
     "umo check furnace --zones 100",
     status="0 no fault; 2 faults, or a mistake, told on stderr",
-    context_settings=OF_THE_MACHINE,
+    context_settings=MACHINE_OPTIONS,
 )
 def check(
     context: typer.Context,
@@ -93,7 +93,7 @@ def get(
     epilog="Examples: umo set ztheta gripper.vacuum ON --hold 2  |  umo set ztheta z.motor '-500 mV' --hold 1",
     status="0 done; 1 a device failed; 2 a mistake, or it is held no longer, told on stderr; 3 an actuator is not at "
     "its default; 130 Ctrl-C, but 0 where it is held until Ctrl-C",
-    context_settings=OF_THE_MACHINE,
+    context_settings=MACHINE_OPTIONS,
 )
 def set_(
     context: typer.Context,
@@ -122,7 +122,7 @@ def set_(
 @command(
     epilog="Examples: umo drivers  |  umo drivers modbus  |  umo drivers .card:Card  |  "
     "umo drivers fmu --model tank.fmu",
-    context_settings=OF_THE_MACHINE,
+    context_settings=MACHINE_OPTIONS,
 )
 def drivers(
     context: typer.Context,
@@ -151,7 +151,7 @@ def drivers(
     "umo conform oven -w bench --loopback dac:0=adc:0",
     status="0 every rule was kept; 1 a rule is broken, or a device failed; 2 a mistake, or no consent; 3 no rule is "
     "broken, but the line could not be disturbed, or something was left out for want of time; 130 Ctrl-C",
-    context_settings=OF_THE_MACHINE,
+    context_settings=MACHINE_OPTIONS,
 )
 def conform(
     context: typer.Context,

@@ -32,10 +32,10 @@ from .progress_line import OneLine
 from .running import attach, how_ended, readers, standing
 from .values import argument, number, state
 
-LOOK = 0.05
+PICTURE_PAUSE = 0.05
 """s between two pictures of the progress."""
-MOMENT = 0.001
-"""s, at least, between two looks for a new frame."""
+MIN_PAUSE = 0.001
+"""s between two looks for a new frame, at least."""
 
 
 @contextmanager
@@ -96,7 +96,7 @@ def stop(name: str) -> None:
     with station_of(name) as station:
         station.stop(f"{user_name()}, umo stop (pid {os.getpid()})")
         while station.running:
-            time.sleep(LOOK)
+            time.sleep(PICTURE_PAUSE)
         out.print(how_ended(station.reader), soft_wrap=True)
 
 
@@ -170,7 +170,7 @@ def _hold(lease: HeldLease, path: str, seconds: float | None) -> int:
     end = time.monotonic() + (inf if seconds is None else seconds)
     try:
         while not (ended := lease.ended(path)) and (left := end - time.monotonic()) > 0:
-            time.sleep(min(left, LOOK))
+            time.sleep(min(left, PICTURE_PAUSE))
     except KeyboardInterrupt:
         err.print()
         return 0 if seconds is None else 128 + signal.SIGINT
@@ -277,4 +277,4 @@ def _let_pass(reader: Reader) -> None:
     """Two periods: where outputs wait for the next tick, the frame of the command does not show it yet."""
     until, end = reader.head + 2, time.monotonic() + 1.0
     while reader.head < until and reader.state is Stage.RUNNING and time.monotonic() < end:
-        time.sleep(max(reader.about["period"], MOMENT))
+        time.sleep(max(reader.about["period"], MIN_PAUSE))

@@ -38,7 +38,7 @@ from .signals import handling, interrupt_once
 from .station_options import machine_of
 from .values import check_file
 
-ALMOST = 1e-9
+ROUNDING_SHARE = 1e-9
 IN_PART = 3
 """Exit status: no rule is broken, but the line was not tried, or the time was too short."""
 
@@ -209,7 +209,7 @@ def _agree(wires: dict[str, Wire], tolerance: float, output: str, raw: int, back
     units = other.item.units, one.item.units
     near = abs(convert(seen, *units) - value)
     halves = abs(convert(half, *units) - convert(0.0, *units)) + abs(one.scale[0]) / 2
-    return near < tolerance + halves * (1 - ALMOST)
+    return near < tolerance + halves * (1 - ROUNDING_SHARE)
 
 
 # Before and after -------------------------------------------------------------------------------------

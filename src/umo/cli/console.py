@@ -15,7 +15,7 @@ from rich.segment import Segment
 
 from umo.text import printable
 
-WIDE = 160
+PIPE_WIDTH = 160
 
 
 class PrintableConsole(Console):
@@ -32,7 +32,7 @@ class PrintableConsole(Console):
 
 def _console(stderr: bool) -> Console:
     stream = sys.stderr if stderr else sys.stdout
-    width = None if stream.isatty() else WIDE
+    width = None if stream.isatty() else PIPE_WIDTH
     return PrintableConsole(highlight=False, markup=False, emoji=False, width=width, stderr=stderr)
 
 

@@ -27,7 +27,7 @@ _MODULES = re.compile(r"\b[a-z_]\w*\.(?=[\w.])")
 """The modules before the name of a type."""
 FUNCTIONS = [name for name, value in vars(Driver).items() if inspect.isfunction(value)]
 """Functions of a driver, in the order of the contract."""
-OF_ALL = {
+COMMON_OPTIONS = {
     "timeout": ("duration = 10 periods, at most 1 s", "of one call of the driver"),
     "watchdog": ("duration", "of the circuit: its outputs go to safe levels after this time without a request"),
 }
@@ -90,7 +90,7 @@ def _doc(cls: type[Driver]) -> str:
 
 def _of_all(cls: type[Driver]) -> dict[str, tuple[str, str]]:
     has_watchdog = cls.watchdog is not Driver.watchdog
-    return {key: value for key, value in OF_ALL.items() if key != "watchdog" or has_watchdog}
+    return {key: value for key, value in COMMON_OPTIONS.items() if key != "watchdog" or has_watchdog}
 
 
 def _brief(parameter: inspect.Parameter) -> str:

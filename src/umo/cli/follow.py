@@ -20,7 +20,7 @@ from .console import say
 from .running import readers
 from .signals import handling
 
-LOOK = 0.05
+POLL_TIMEOUT = 0.05
 """s between two looks at the frames."""
 
 
@@ -75,7 +75,7 @@ def follow(job: Job, frame: RingFrame, observers: list[Callable[[Any], None]]) -
                 lost = started.frames.lost
             if outcome is not None:
                 break
-            started.poll(LOOK)
+            started.poll(POLL_TIMEOUT)
         elapsed = 0.0 if begun is None else time.perf_counter() - begun
     if outcome.unsafe:  # what the control process had no more time to say
         outcome.simulated = frame.time

@@ -34,8 +34,8 @@ from .running import attach, readers
 from .station_options import machine_and_words, machine_of
 from .values import number, state
 
-PAUSE = 0.01
-"""Seconds between two looks at a machine that has no timer."""
+UNTIMED_PAUSE = 0.01
+"""s between two looks at a machine that has no timer."""
 
 
 def get_values(name: str, wiring: str | None, paths: list[str], unit: str | None, acknowledge: bool = False) -> None:
@@ -164,7 +164,7 @@ def _hold(connection: connect[Any], item: Any, value: Any, hold: float | None) -
         out.print(f"{item.path}  {value_of([row])}  raw {raw_of([row])}  {quality_of([row])}{_remark(item, taken)}")
         if hold is None:
             err.print("held until Ctrl-C; --hold SECONDS ends it", soft_wrap=True)
-        pause = 0.0 if connection.wired.realtime else connection.wired.period or PAUSE
+        pause = 0.0 if connection.wired.realtime else connection.wired.period or UNTIMED_PAUSE
         _loop(m, hold, pause, partial(item.write, value) if item.expires is not None else None)
     about = described(item)
     default = value_text(about, item.default) if isinstance(item, DigitalActuator) else item.default

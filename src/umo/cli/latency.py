@@ -22,15 +22,15 @@ from umo.process.start import LINUX
 from .console import err, out, say
 from .values import check_file
 
-SHORTEST, LONGEST = 50e-6, 1.0
+MIN_PERIOD, MAX_PERIOD = 50e-6, 1.0
 QUANTILES = (("least", 0), ("median", 50), ("99 %", 99), ("99.9 %", 99.9), ("longest", 100))
-BARS = 30
+BAR_WIDTH = 30
 
 
 def latency(period: str, seconds: float, load: bool, file: Path | None) -> None:
     """Measure, show, judge."""
     step = seconds_of(period)
-    if not SHORTEST <= step <= LONGEST:
+    if not MIN_PERIOD <= step <= MAX_PERIOD:
         raise RangeError(f"--period {period}: umo latency measures periods from 50 us to 1 s")
     if not LINUX:
         raise RangeError("umo latency needs Linux: umo runs in real time on Linux only")
@@ -90,9 +90,9 @@ def _histogram(found: Measured) -> list[str]:
     low, high = min(t.min() for t in totals), max(t.max() for t in totals)
     edges = 10 ** (np.arange(int(3 * log10(max(low, 0.1))), int(3 * log10(high)) + 2) / 3)
     counts = [np.histogram(samples.total, edges)[0] for _, samples in loops]
-    lines = ["", f"{'µs, together':>16}  " + "  ".join(f"{name:<{BARS}}" for name, _ in loops).rstrip()]
+    lines = ["", f"{'µs, together':>16}  " + "  ".join(f"{name:<{BAR_WIDTH}}" for name, _ in loops).rstrip()]
     for row in range(len(edges) - 1):
-        bars = "  ".join(f"{_bar(int(count[row]), int(count.sum())):<{BARS}}" for count in counts)
+        bars = "  ".join(f"{_bar(int(count[row]), int(count.sum())):<{BAR_WIDTH}}" for count in counts)
         lines.append(f"{edges[row]:>7.0f} -{edges[row + 1]:>7.0f}  {bars}".rstrip())
     return lines
 
@@ -101,7 +101,7 @@ def _bar(count: int, total: int) -> str:
     """Length by the logarithm of the count, so that one of a million is still seen."""
     if not count:
         return ""
-    room = BARS - 9
+    room = BAR_WIDTH - 9
     return "█" * max(1, round(room * log10(count + 1) / log10(total + 1))) + f" {count:,}"
 
 

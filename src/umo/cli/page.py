@@ -24,10 +24,10 @@ from .console import out, say
 from .running import readers
 
 LIBRARIES = ("starlette", "uvicorn", "websockets")
-PORT = 8270
-"""The default; any free port if it is taken."""
-SHORTEST = 8
-"""Characters of a token that is given."""
+DEFAULT_PORT = 8270
+"""TCP port; any free one if it is taken."""
+MIN_TOKEN_LENGTH = 8
+"""Characters of a token that is given, at least."""
 
 
 class PageError(FramesError, ValueError):
@@ -89,11 +89,11 @@ def _check(choice: ViewOptions, local: bool) -> None:
     """PageError for options that do not fit one another."""
     if not local and choice.token is None:
         raise PageError(
-            f"listening at {choice.host} lets other computers in: give a token of at least {SHORTEST} characters "
-            "(the variable UMO_TOKEN, or --token)"
+            f"listening at {choice.host} lets other computers in: give a token of at least {MIN_TOKEN_LENGTH} "
+            "characters (the variable UMO_TOKEN, or --token)"
         )
-    if choice.token is not None and len(choice.token) < SHORTEST:
-        raise PageError(f"the token has {len(choice.token)} characters; give a token of at least {SHORTEST}")
+    if choice.token is not None and len(choice.token) < MIN_TOKEN_LENGTH:
+        raise PageError(f"the token has {len(choice.token)} characters; give a token of at least {MIN_TOKEN_LENGTH}")
     if (choice.certificate is None) != (choice.key is None):
         raise PageError("TLS needs both --certificate and --key")
     for file in filter(None, (choice.certificate, choice.key)):
@@ -133,12 +133,12 @@ def _listening(choice: ViewOptions) -> socket.socket:
     from umo.page.server import listen
 
     try:
-        return listen(choice.host, PORT if choice.port is None else choice.port)
+        return listen(choice.host, DEFAULT_PORT if choice.port is None else choice.port)
     except OSError as error:
         if choice.port is None and error.errno == errno.EADDRINUSE:
             return listen(choice.host, 0)
         reason = error.strerror or str(error)
-        raise PageError(f"cannot listen at {choice.host}, port {choice.port or PORT}: {reason}") from None
+        raise PageError(f"cannot listen at {choice.host}, port {choice.port or DEFAULT_PORT}: {reason}") from None
 
 
 def _shown_host(host: str) -> str:

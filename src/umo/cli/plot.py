@@ -17,19 +17,19 @@ from umo.presentation.families import FOLDED_FROM, families, folded
 from umo.presentation.unit_text import shown_unit
 from umo.text import some
 
-BESIDE_SENSORS = ("setpoint", "low", "high")
-"""Signals that are compared with what a sensor reads."""
-POINTS = 4000
-"""Columns of the picture hardly exceed a thousand; more points only cost time."""
-PANELS, ROWS = 10, 30
-"""The most panels, and the most rows of binary objects: a figure is at most 23 inches high."""
-NAMED, THIN = 8, 40
-"""The most curves of a panel that are named, and that are drawn one by one; more are a band."""
-WIDTH, LEAST_HEIGHT = 16.0, 10.0
-"""Inches."""
-LONGEST = 40
-"""Characters of a name beside the panels."""
-CHARACTER = 0.065
+SENSOR_SIGNALS = ("setpoint", "low", "high")
+"""Signals that are drawn beside the sensors of their unit."""
+MAX_POINTS = 4000
+"""Points of a curve, at most: a picture has hardly more than a thousand columns."""
+MAX_PANELS, MAX_ROWS = 10, 30
+"""Panels and rows of binary objects, at most: a figure is at most 23 inches high."""
+MAX_NAMED, MAX_LINES = 8, 40
+"""Curves of a panel that have names, and that are drawn one by one, at most; more become a band."""
+WIDTH, MIN_HEIGHT = 16.0, 10.0
+"""Size of the figure, inches."""
+MAX_NAME_LENGTH = 40
+"""Characters of a name beside the panels, at most."""
+CHARACTER_WIDTH = 0.065
 """Inches of a character of the texts above the panels."""
 
 Curve = Atomic | Signal
@@ -65,11 +65,11 @@ def draw(trace: Trace, title: str) -> tuple[Any, str]:
     items = [item for item in trace.items if item.path != "timer"]
     panels = _panels([*(item for item in items if not isinstance(item, Binary)), *trace.signals])
     strip = _groups([item for item in items if isinstance(item, Binary)])
-    left_out = [shown.path for panel in panels[PANELS:] for shown in panel.curves]
-    left_out += [shown.path for group in strip[ROWS:] for shown in group]
-    panels, strip = panels[:PANELS], strip[:ROWS]
+    left_out = [shown.path for panel in panels[MAX_PANELS:] for shown in panel.curves]
+    left_out += [shown.path for group in strip[MAX_ROWS:] for shown in group]
+    panels, strip = panels[:MAX_PANELS], strip[:MAX_ROWS]
     heights = [2.0] * len(panels) + [0.3 * len(strip) + 0.5] * bool(strip) or [2.0]
-    figure = Figure(figsize=(WIDTH, max(0.75 * sum(heights), LEAST_HEIGHT)), dpi=100, layout="constrained")
+    figure = Figure(figsize=(WIDTH, max(0.75 * sum(heights), MIN_HEIGHT)), dpi=100, layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(title, ha="left", x=0.01, parse_math=False)
     axes = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
@@ -106,7 +106,7 @@ def _panels(shown: Sequence[Any]) -> list[Panel]:
             panels[name] = Panel(unit, name, group)
             continue
         label = f"{unit}\n{_kind(first)}"
-        if isinstance(first, Signal) and first.name in BESIDE_SENSORS and f"{unit}\nsensors" in panels:
+        if isinstance(first, Signal) and first.name in SENSOR_SIGNALS and f"{unit}\nsensors" in panels:
             label = f"{unit}\nsensors"
         panels.setdefault(label, Panel(label)).curves += group
     return list(panels.values())
@@ -120,16 +120,16 @@ def _kind(shown: Curve) -> str:
 
 def _curves(axis: Any, trace: Trace, panel: Panel) -> None:
     """A few curves with a name each; many as thin lines, very many as their least, median and greatest value."""
-    rows = trace.rows[:: max(1, len(trace.rows) // POINTS)]
+    rows = trace.rows[:: max(1, len(trace.rows) // MAX_POINTS)]
     time, curves = rows[:, 0], rows[:, [trace.place(each) for each in panel.curves]]
     paths = [each.path for each in panel.curves]
-    if len(paths) <= NAMED:
+    if len(paths) <= MAX_NAMED:
         for each, curve in zip(panel.curves, curves.T, strict=True):
             dashed = "--" if isinstance(each, Signal) and panel.label.endswith("sensors") else "-"
             axis.plot(time, curve, dashed, linewidth=1.0, label=_short(each.path))
     else:
         name = _short(panel.name or some(paths))
-        if len(paths) <= THIN:
+        if len(paths) <= MAX_LINES:
             lines = axis.plot(time, curves, color="C0", linewidth=0.5, alpha=0.6)
             lines[0].set_label(f"{name}\n{len(paths)} lines")
         else:
@@ -149,7 +149,7 @@ def _median(curves: Any) -> Any:
 
 
 def _short(name: str) -> str:
-    return name if len(name) <= LONGEST else f"...{name[3 - LONGEST :]}"
+    return name if len(name) <= MAX_NAME_LENGTH else f"...{name[3 - MAX_NAME_LENGTH :]}"
 
 
 def _strip(axis: Any, trace: Trace, strip: list[list[Binary[Any]]]) -> None:
@@ -164,7 +164,7 @@ def _strip(axis: Any, trace: Trace, strip: list[list[Binary[Any]]]) -> None:
             )
             labels.append(f"{_short(first.path)} {first.one}")
             continue
-        step = max(1, len(time) // POINTS)
+        step = max(1, len(time) // MAX_POINTS)
         share = trace.rows[::step, columns].mean(axis=1)[np.newaxis]
         sides = (time[0], max(time[-1], time[0] + 1e-9), row - 0.38, row + 0.38)
         axis.imshow(share, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto", extent=sides, interpolation="nearest")
@@ -209,7 +209,7 @@ def _phases(axes: Any, trace: Trace) -> None:
         )
     inches = 0.75 * WIDTH / max(last - first, 1e-9)
     for (begin, text), length in zip(trace.notes, lengths, strict=True):
-        label, room = text.rpartition(": ")[2], int(length * inches / CHARACTER)
+        label, room = text.rpartition(": ")[2], int(length * inches / CHARACTER_WIDTH)
         if not label or room < 4:
             continue
         axes[0].text(

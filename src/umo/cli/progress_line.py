@@ -15,9 +15,9 @@ from rich.console import Console
 from umo.cycle import Frame
 from umo.text import printable
 
-INTERVAL = 0.1
-"""Seconds of wall-clock time between two pictures."""
-BAR = 24
+PICTURE_PAUSE = 0.1
+"""s of wall-clock time between two pictures."""
+BAR_WIDTH = 24
 
 
 class OneLine:
@@ -42,7 +42,7 @@ class OneLine:
         """The time, a bar for the share that is done, and a text."""
         if self._terminal:
             if (now := self._clock()) >= self._next:
-                self._next = now + INTERVAL
+                self._next = now + PICTURE_PAUSE
                 self._write(f"\r\x1b[2K{self._line(seconds, printable(text) or 'running', share)[: self._width]}")
         elif text and text != self._text:
             self._text = text
@@ -51,8 +51,8 @@ class OneLine:
     def _line(self, seconds: float, text: str, share: float | None) -> str:
         if share is None:
             return f"{seconds:8.1f} s  {text}"
-        filled = int(BAR * share)
-        return f"{seconds:8.1f} s  {'━' * filled}{'╌' * (BAR - filled)}  {text}"
+        filled = int(BAR_WIDTH * share)
+        return f"{seconds:8.1f} s  {'━' * filled}{'╌' * (BAR_WIDTH - filled)}  {text}"
 
     def _write(self, text: str) -> None:
         self._file.write(text)

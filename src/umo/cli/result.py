@@ -17,8 +17,8 @@ from umo.presentation.digits import number_text
 from umo.process.outcome import Outcome
 from umo.text import printable
 
-LONGEST = 100
-"""Characters of a value in the table."""
+MAX_VALUE_LENGTH = 100
+"""Characters of a value in the table, at most."""
 
 
 @dataclass
@@ -99,7 +99,7 @@ def _text(value: Any) -> str:
     if value is None:
         return "-"
     text = number_text(value) if isinstance(value, float) and isfinite(value) else printable(str(value))
-    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
+    return text if len(text) <= MAX_VALUE_LENGTH else f"{text[:MAX_VALUE_LENGTH]}..."
 
 
 def _shown(value: float | None, form: str) -> str:

@@ -26,7 +26,7 @@ from .console import say
 from .result import Result
 
 RUNS = Path("runs")
-EVERY = 1.0
+TRACE_PAUSE = 1.0
 """s on the machine's clock between two writings of the trace while the run goes on."""
 
 
@@ -120,7 +120,7 @@ class TraceFile:
                 "its end, if it can be",
                 "red",
             )
-        self._written, self._next = frame.time, frame.time + EVERY
+        self._written, self._next = frame.time, frame.time + TRACE_PAUSE
 
 
 @contextmanager

@@ -26,7 +26,7 @@ app = typer.Typer(
     "Examples:  umo run ztheta  |  umo check my-machine  |  umo new my-machine",
 )
 F = TypeVar("F", bound=Callable[..., Any])
-USUAL = "0 done; 1 the machine, a device or code failed; 2 a mistake, told on stderr; 130 Ctrl-C"
+USUAL_STATUS = "0 done; 1 the machine, a device or code failed; 2 a mistake, told on stderr; 130 Ctrl-C"
 """Exit statuses of most commands (docs/command-line.md)."""
 
 
@@ -38,7 +38,7 @@ class HelpPanel:
         self._title = title
 
     def __call__(
-        self, name: str | None = None, *, epilog: str, status: str = USUAL, **options: Any
+        self, name: str | None = None, *, epilog: str, status: str = USUAL_STATUS, **options: Any
     ) -> Callable[[F], F]:
         end = f"{epilog}\n\nExit status: {status}"
         register = app.command(name, cls=Subcommand, epilog=end, rich_help_panel=self._title, **options)
@@ -96,8 +96,8 @@ PlantWiring = Annotated[
 ]
 Help = Annotated[bool, typer.Option("--help", "-h", help="Show this message, and the options of the station.")]
 """The option --help of commands that take the options of a station and name them in their help."""
-OF_THE_MACHINE = {"allow_extra_args": True, "ignore_unknown_options": True}
-"""For commands that take the options of the station's machine."""
+MACHINE_OPTIONS = {"allow_extra_args": True, "ignore_unknown_options": True}
+"""Settings of commands that take the options of the station's machine."""
 Acknowledge = Annotated[
     bool, typer.Option("--acknowledge", help="Start even if the last run on a device ended unsafely.")
 ]

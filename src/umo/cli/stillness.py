@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 from umo.cycle import Frame
 
-SPAN = 600.0
+STILL_TIME = 600.0
 """s on the machine's clock without a change after which it is said."""
-EVERY = 997
+LOOK_PERIODS = 997
 """Periods between two looks: a prime number, so that a machine that repeats itself is hardly taken for a still one."""
 
 
@@ -24,16 +24,16 @@ class Stillness:
 
     def __call__(self, frame: Frame) -> None:
         self._periods += 1
-        if self._periods % EVERY:
+        if self._periods % LOOK_PERIODS:
             return
         now = (list(frame.raws), frame.progress)
         if now != self._before:
             self._before, self._since = now, frame.time
-        elif frame.time - self._since >= SPAN:
+        elif frame.time - self._since >= STILL_TIME:
             places = ", ".join(filter(None, self._places()))
             where = f"the application waits at {places}" if places else "there is no application"
             self._say(
-                f"nothing has changed for {SPAN:g} s of the machine's time: {where}; "
+                f"nothing has changed for {STILL_TIME:g} s of the machine's time: {where}; "
                 "Ctrl-C ends the run (--until TIME would)"
             )
             self._since = float("inf")

@@ -8,11 +8,11 @@ import numpy.typing as npt
 from umo.presentation.digits import number_text
 from umo.presentation.in_words import About, digits_in
 
-TRACE = 16
-"""Stretches of time, the newest last."""
-SPAN = 16.0
-"""s that they cover on the machine's clock."""
-LATEST = 1e12
+TRACE_BLOCKS = 16
+"""Blocks of a trace, the newest last."""
+TRACE_SPAN = 16.0
+"""s on the machine's clock that a trace covers."""
+MAX_TIME = 1e12
 """s: a frame with a later time is damaged."""
 BLOCKS = "▁▂▃▄▅▆▇█"
 
@@ -23,18 +23,18 @@ class Traces:
     """The least and the greatest value of each row in each stretch of time; NaN: there was none."""
 
     def __init__(self, rows: int) -> None:
-        self.low: Floats = np.full((TRACE, rows), np.nan)
-        self.high: Floats = np.full((TRACE, rows), np.nan)
+        self.low: Floats = np.full((TRACE_BLOCKS, rows), np.nan)
+        self.high: Floats = np.full((TRACE_BLOCKS, rows), np.nan)
         self._stretch: int | None = None
 
     def add(self, times: Floats, values: Floats) -> None:
         """Take some frames: a time and a row of values for each; those without a time are passed over."""
-        known = np.isfinite(times) & (np.abs(times) < LATEST)
+        known = np.isfinite(times) & (np.abs(times) < MAX_TIME)
         times, values = times[known], values[known]
-        stretches = (times * (TRACE / SPAN)).astype(np.int64)
-        for number in np.unique(stretches)[-TRACE:]:
+        stretches = (times * (TRACE_BLOCKS / TRACE_SPAN)).astype(np.int64)
+        for number in np.unique(stretches)[-TRACE_BLOCKS:]:
             seen = values[stretches == number]
-            passed = 1 if self._stretch is None else min(max(int(number) - self._stretch, 0), TRACE)
+            passed = 1 if self._stretch is None else min(max(int(number) - self._stretch, 0), TRACE_BLOCKS)
             self._stretch = int(number)
             for kept in (self.low, self.high) if passed else ():
                 kept[:-passed] = kept[passed:]

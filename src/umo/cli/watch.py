@@ -26,23 +26,22 @@ from umo.wiring.patterns import chosen
 from .console import out
 from .keys import Wait, pressed
 from .running import attach_first, how_ended
-from .traces import SPAN, Traces, spark, traced_span
+from .traces import TRACE_SPAN, Traces, spark, traced_span
 from .watch_lines import Line, View
 
-PICTURES = 10
-"""A second."""
-AROUND = 6
+PICTURES_PER_SECOND = 10
+OTHER_LINES = 6
 """Lines of a screen above and below those of the table."""
-HEADINGS = ("object or signal", "value", f"last {SPAN:g} s", "least to most", "raw")
-REASONS = 3
-"""Reasons of inhibitions that are told."""
+HEADINGS = ("object or signal", "value", f"last {TRACE_SPAN:g} s", "least to most", "raw")
+MAX_REASONS = 3
+"""Reasons of inhibitions that are told, at most."""
 WARNINGS = ("no frame for", "not seen")
 """Facts in another colour."""
-GAP = 2
+COLUMN_GAP = 2
 """Characters between two columns."""
 KEYS = "enter: fold, a: all, arrows, page, home, end, q: quit"
-REST = 9
-"""The pause after a picture, in times of what it took: the computer is the station's, and the terminal may be slow."""
+PAUSE_RATIO = 9
+"""Pause after a picture, in times of what it took: the computer is the station's, and the terminal may be slow."""
 
 
 def watch(words: list[str], once: bool, seconds: float | None) -> None:
@@ -74,10 +73,10 @@ def _live(picture: Picture, until: float | None) -> bool:
             live.update(picture.screen(out, keys=wait is not None), refresh=True)
             if ended:
                 return True
-            for key in _keys(wait, max(1 / PICTURES, REST * (time.monotonic() - began))):
+            for key in _keys(wait, max(1 / PICTURES_PER_SECOND, PAUSE_RATIO * (time.monotonic() - began))):
                 if key == "quit":
                     return False
-                picture.view.press(key, out.size.height - AROUND)
+                picture.view.press(key, out.size.height - OTHER_LINES)
     return False
 
 
@@ -102,7 +101,7 @@ class Picture:
         reader.next = max(reader.next, reader.head - reader.slots // 2)
         self._frame: Any = reader.latest()
         self.traces = Traces(len(rows))
-        self._times: deque[Any] = deque(maxlen=PICTURES)
+        self._times: deque[Any] = deque(maxlen=PICTURES_PER_SECOND)
 
     def take(self) -> bool:
         """All frames since the last time; whether these were the last."""
@@ -123,7 +122,7 @@ class Picture:
     def screen(self, console: Console, keys: bool = False, hint: str = "Ctrl-C: quit") -> Group | Text:
         """As much as fits the terminal; with keys, a cursor and what they do."""
         reasons = self._inhibited()
-        height = max(1, console.size.height - AROUND - len(reasons))
+        height = max(1, console.size.height - OTHER_LINES - len(reasons))
         lines, total = self.view.seen(height), len(self.view.lines)
         rest = f"{self._others} others not asked for; " if self._others else ""
         how = KEYS if keys else hint
@@ -164,13 +163,13 @@ class Picture:
         """Its columns are those that fit: the last ones go first."""
         rows = [self._row(line) for line in lines]
         name = max(len(line.name) for line in self.view.lines + lines)
-        left = width - max(name, len(HEADINGS[0])) - GAP
+        left = width - max(name, len(HEADINGS[0])) - COLUMN_GAP
         table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="bold", padding=(0, 1, 0, 0))
         table.add_column(HEADINGS[0], no_wrap=True, min_width=name)
         count = 1
         for number, heading in enumerate(HEADINGS[1:], 1):
             needed = max([len(heading), *(len(row[number]) for row in rows)])
-            left -= needed + GAP
+            left -= needed + COLUMN_GAP
             if left < 0 and number > 1:
                 break
             table.add_column(heading, no_wrap=True, justify="right" if heading in ("value", "raw") else "left")
@@ -195,8 +194,8 @@ class Picture:
                 if row.note:
                     taken.setdefault(row.note, []).append(row.about["path"])
         found = [f"{note}: {some(names)}" for note, names in taken.items()]
-        more = [f"and {len(found) - REASONS} other reasons"] if len(found) > REASONS else []
-        return [Text(printable(text), "red", no_wrap=True) for text in found[:REASONS] + more]
+        more = [f"and {len(found) - MAX_REASONS} other reasons"] if len(found) > MAX_REASONS else []
+        return [Text(printable(text), "red", no_wrap=True) for text in found[:MAX_REASONS] + more]
 
 
 def _value(line: list[TableRow]) -> Text:

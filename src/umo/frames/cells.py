@@ -3,7 +3,7 @@
 Its size is sealed; what is in it is not: every process of the user may write anything there. So whatever the machine
 reads is checked, and at worst a command is dropped, or a lease or something held ends.
 
-Layout, little-endian: at `STOP` a request to stop, `ASKED` plus the number of a signal; at `WHO` who asks, UTF-8,
+Layout, little-endian: at `STOP` a request to stop, `STOP_MARK` plus the number of a signal; at `WHO` who asks, UTF-8,
 `NAME` bytes; at `HEAD` the number of commands written so far; from `QUEUE` on `SLOTS` commands of `SLOT` bytes each
 (`umo.remote.queue`); from `SIGNS` on the signs of life, 16 bytes each: number of the lease, and when its holder was
 last there, in ns of CLOCK_MONOTONIC. The first is that of the lease itself; then comes one for each object, and one for
@@ -22,8 +22,8 @@ from umo.text import printable
 STOP, WHO, HEAD, QUEUE = 0, 16, 96, 128
 SLOTS, SLOT = 64, 1024
 SIGNS = QUEUE + SLOTS * SLOT
-ASKED = 0x756D_6F53_746F_7000
-"""Nothing that is there by accident asks for a stop."""
+STOP_MARK = 0x756D_6F53_746F_7000
+"""Number that asks for a stop: it is not there by accident."""
 SIGNALS = {int(getattr(signal, name)) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)}
 LEASE = ""
 """The path of the lease's sign of life."""
@@ -57,16 +57,16 @@ class Cells:
         if self.stop is None:
             text = who.encode(errors="replace")[:NAME].decode(errors="ignore").encode()
             self.memory[WHO : WHO + NAME] = text.ljust(NAME, b"\0")
-            self.words[STOP >> 3] = ASKED | number
+            self.words[STOP >> 3] = STOP_MARK | number
 
     @property
     def stop(self) -> tuple[int, str] | None:
         """The signal as after which the run is to end, and who asks for it; None: nobody does."""
         word = self.words[STOP >> 3]
-        if not word or word ^ ASKED not in SIGNALS:
+        if not word or word ^ STOP_MARK not in SIGNALS:
             return None
         text = bytes(self.memory[WHO : WHO + NAME]).partition(b"\0")[0].decode(errors="replace")
-        return word ^ ASKED, printable(text)
+        return word ^ STOP_MARK, printable(text)
 
     # Signs of life -------------------------------------------------------------------------------------
 

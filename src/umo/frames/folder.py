@@ -13,10 +13,10 @@ from umo.frames.frame_server import is_served, is_socket
 from umo.system import folders
 
 SUFFIX = ".sock"
-VARIABLE = "UMO_FRAMES"
+FOLDER_VARIABLE = "UMO_FRAMES"
 """Environment variable that names another folder, for containers and tests."""
-SHARED = Path("/dev/shm")
-LONGEST = 40
+SHARED_MEMORY = Path("/dev/shm")
+MAX_NAME_LENGTH = 40
 """Characters of a station's name in the name of a socket, whose address is short."""
 _HIDDEN = re.compile(rf"\.(\d+)-[0-9a-f]+{re.escape(SUFFIX)}")
 _OPEN = re.compile(rf"[\w-]+-\d+-[0-9a-f]+{re.escape(SUFFIX)}", re.ASCII)
@@ -25,9 +25,9 @@ _OPEN = re.compile(rf"[\w-]+-\d+-[0-9a-f]+{re.escape(SUFFIX)}", re.ASCII)
 def folder() -> Path:
     """The user's folder, made if need be; FramesError where that cannot be."""
     try:
-        if given := os.environ.get(VARIABLE):
+        if given := os.environ.get(FOLDER_VARIABLE):
             return folders.checked(Path(given))
-        return folders.own(folders.first_writable([SHARED]))
+        return folders.own(folders.first_writable([SHARED_MEMORY]))
     except OSError as error:
         raise FramesError(f"no folder for frames: {error}") from None
 
@@ -35,7 +35,7 @@ def folder() -> Path:
 def new_path(station: str) -> Path:
     """A socket for a new run, in the user's folder. What dead processes left there is removed."""
     rings()
-    name = re.sub(r"[^\w-]", "_", station, flags=re.ASCII)[:LONGEST]
+    name = re.sub(r"[^\w-]", "_", station, flags=re.ASCII)[:MAX_NAME_LENGTH]
     return folder() / f"{name}-{os.getpid()}-{time.monotonic_ns():x}{SUFFIX}"
 
 

@@ -21,15 +21,15 @@ from umo.frames.memory import Ends
 from umo.system import passing
 
 GREETING = b"umo frames 6"
-LONGEST = 107
+MAX_ADDRESS_BYTES = 107
 """Bytes of a socket's address (unix(7), sun_path)."""
-WAITING = 64
+MAX_WAITING = 64
 """Clients that may wait for an answer at once."""
-ANSWER = 1.0
+ANSWER_TIMEOUT = 1.0
 """s that a client waits for the descriptors."""
-AGAIN = 0.005
+CONNECT_PAUSE = 0.005
 """s to the next try of a client while too many others wait."""
-PAUSE = 0.1
+ACCEPT_PAUSE = 0.1
 """s from a client that could not be accepted to the next, in a thread."""
 ROOT = 0
 
@@ -56,7 +56,7 @@ class FrameServer:
         try:
             with _address(hidden) as address:
                 self._socket.bind(address)
-            self._socket.listen(WAITING)
+            self._socket.listen(MAX_WAITING)
             hidden.rename(self.path)
         except OSError as error:
             with suppress(OSError):
@@ -70,7 +70,7 @@ class FrameServer:
     def look(self) -> None:
         """Answer whoever waits. Never blocks or raises."""
         with suppress(OSError):  # nobody waits, or no descriptor is free
-            for _ in range(WAITING):
+            for _ in range(MAX_WAITING):
                 self._answer(self._socket.accept()[0])
 
     def start(self) -> None:
@@ -84,7 +84,7 @@ class FrameServer:
             try:
                 self._answer(self._socket.accept()[0])
             except OSError:  # it was closed, or no descriptor is free
-                self._closed.wait(PAUSE)
+                self._closed.wait(ACCEPT_PAUSE)
 
     def _answer(self, client: socket.socket) -> None:
         with client, suppress(OSError):
@@ -106,7 +106,7 @@ class FrameServer:
 def receive(path: Path) -> Ends:
     """The descriptors of the run whose socket this is. FramesError if there are none to be had."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as here:
-        here.settimeout(ANSWER)
+        here.settimeout(ANSWER_TIMEOUT)
         try:
             with _address(path) as address:
                 _connect(here, address)
@@ -126,14 +126,14 @@ def receive(path: Path) -> Ends:
 
 def _connect(here: socket.socket, address: str) -> None:
     """Connect within the socket's time. While too many wait already, the kernel refuses at once (unix(7), EAGAIN)."""
-    until = time.monotonic() + ANSWER
+    until = time.monotonic() + ANSWER_TIMEOUT
     while True:
         try:
             return here.connect(address)
         except BlockingIOError:
             if time.monotonic() > until:
                 raise TimeoutError from None
-            time.sleep(AGAIN)
+            time.sleep(CONNECT_PAUSE)
 
 
 def is_socket(path: Path) -> bool:
@@ -164,7 +164,7 @@ def is_served(path: Path) -> bool | None:
 @contextmanager
 def _address(path: Path) -> Iterator[str]:
     """The path, or a shorter one by a descriptor of its folder where it does not fit."""
-    if len(os.fsencode(path)) <= LONGEST:
+    if len(os.fsencode(path)) <= MAX_ADDRESS_BYTES:
         yield str(path)
         return
     place = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)

@@ -19,7 +19,7 @@ END = "end"
 stopped) or FAILED; it has no number of a command."""
 
 
-PLAIN = (str, int, float, bool, type(None))
+PLAIN_TYPES = (str, int, float, bool, type(None))
 """Types of arguments of exceptions whose text is umo's or Python's own work."""
 
 
@@ -61,7 +61,7 @@ def _stopper(connection: connect[Any]) -> str:
 
 def _text(error: BaseException) -> str:
     """The text of an exception, as far as that calls no code of the user's: the outcome is not reported yet."""
-    written, plain = type(error).__str__, all(type(arg) in PLAIN for arg in error.args)
+    written, plain = type(error).__str__, all(type(arg) in PLAIN_TYPES for arg in error.args)
     if not plain or not (isinstance(written, WrapperDescriptorType) or written.__module__.startswith("umo.")):
         return type(error).__name__ + in_brackets(place_of(error))
     return text_of(error)

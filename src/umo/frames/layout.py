@@ -59,13 +59,13 @@ class Live:
 
 
 HOLDER = 144
-"""Offset of the text of who has the lease, UTF-8, `NAME` bytes; empty: nobody."""
+"""Offset of the name of who has the lease, UTF-8, `NAME` bytes; empty: nobody."""
 DESCRIPTION = 256
 """Offset of the JSON."""
 NOTE = 64
 NAME = 64
 EVENTS = 512
-"""The last events that are kept."""
+"""Number of events that are kept, the last ones."""
 
 ENTRY = np.dtype([("slot", "<u4"), ("kind", "<u2"), ("error", "<u2"), ("raw", "<i8"), ("before", "<i8")])
 """An entry of the journal (`umo.cycle.journal`)."""
@@ -128,7 +128,7 @@ FIXED: list[Column] = [
 RESTRICTIONS = "0 and 254 free, 255 taken by a client, else the number of the reason of its inhibition, from 1"
 STATES = "numbers of the states that the description names"
 SELDOM = struct.Struct(f"<{len(USAGE)}q12q{NOTE}s")
-"""The fields from `USAGE` on, which change seldom."""
+"""Packing of the fields from `USAGE` on, which change seldom."""
 
 
 @dataclass(frozen=True)

@@ -36,21 +36,21 @@ from umo.objects import MachineNumber
 from umo.system.usage import Usage
 from umo.system.utc import utc
 
-MOST_BYTES = 4 << 20
-MOST_SLOTS = 4096
-FEWEST_SLOTS = 16
+MAX_BYTES = 4 << 20
+MAX_SLOTS = 4096
+MIN_SLOTS = 16
 ENTRY_BYTES = ENTRY.itemsize
-MOST = (1 << 63) - 1
-COUNTED_EVERY = 32
+MAX_INTEGER = (1 << 63) - 1
+COUNTER_PERIODS = 32
 """Periods after which the counters of the system are read in any case; reading them takes as long as all else."""
-UTC_EVERY = 1_000_000_000
+UTC_PAUSE = 1_000_000_000
 """ns after which UTC is compared with the monotonic clock again."""
 COLLECTIONS = [name for name, *_ in USAGE].index("collections")
-LATE = 0.5
-"""Share of the period that waking up and execution take, above which they are read."""
+LATE_SHARE = 0.5
+"""Share of the period that waking up and execution take, above which the counters are read."""
 _EVENT = struct.Struct("<dQQ" + "".join(f"{EVENT_ROW[i].itemsize}s" for i in range(4, 8)))
 ORDERED = platform.machine().lower() in ("x86_64", "amd64", "i686")
-"""Stores become visible in program order: a sequence counter is enough."""
+"""Whether stores become visible in program order: a sequence counter is enough then."""
 
 
 class Ring:
@@ -87,7 +87,7 @@ class Ring:
         self._shown_lease = (0, "")
         self._entries = 0
         self.slot_bytes = layout.dtype.itemsize
-        self.slots = max(min(MOST_BYTES // self.slot_bytes, MOST_SLOTS), FEWEST_SLOTS)
+        self.slots = max(min(MAX_BYTES // self.slot_bytes, MAX_SLOTS), MIN_SLOTS)
         capacity = CAPACITY + len(image.items)
         self.journal_entries = max(2 * capacity, self.slots * len(image.items))
         """Capacity of the journal: the entries of every frame that is kept, also where all objects fail for long."""
@@ -95,7 +95,7 @@ class Ring:
         self._first, self._journal_at, self._content = places.first, places.journal, layout.content
         self._events_at, self._tunables_at = places.events, places.tunables
         self._seldom_packed, self._seldom_stands, self._told_progress = b"", False, Progress()
-        self._late = round(machine.clock.period * LATE * 1e9)
+        self._late = round(machine.clock.period * LATE_SHARE * 1e9)
         self._map = fill(ends.frames, head, places.size, private=True)
         fill(ends.cells, b"", size_of(layout), private=False).close()
         # from here on nothing fails: whoever makes a ring has all of it to close, or nothing
@@ -180,15 +180,15 @@ class Ring:
 
     def _seldom_part(self, frame: Frame, took: int) -> bytes:
         """Counters, journal and progress: packed when they may have changed. The counters are read after a period that
-        took long, that missed others, or in which the collector ran, and in one of `COUNTED_EVERY`."""
+        took long, that missed others, or in which the collector ran, and in one of `COUNTER_PERIODS`."""
         journal, progress = self.journal, frame.progress
         counted = (
             took > self._late
             or frame.missed > 0
             or self.usage.collections != self._counts[COLLECTIONS]
-            or not self.index % COUNTED_EVERY
+            or not self.index % COUNTER_PERIODS
         )
-        old = frame.began - self._utc_read >= UTC_EVERY
+        old = frame.began - self._utc_read >= UTC_PAUSE
         taken = 0 if self._machine.clients is None else self._machine.clients.inbox.taken
         told = taken == self._told_taken and progress is self._told_progress
         stands = told and not (counted or old or journal.count or journal.sampled or journal.updated)
@@ -203,7 +203,7 @@ class Ring:
         self._seldom_packed = SELDOM.pack(
             *self._counts, *self._utc, taken,
             first, journal.count, journal.lost, journal.sampled, journal.updated, checksum,
-            min(progress.done, MOST), min(progress.total, MOST), text,
+            min(progress.done, MAX_INTEGER), min(progress.total, MAX_INTEGER), text,
         )  # fmt: skip
         self._seldom_stands = not (journal.count or journal.sampled or journal.updated)
         self._told_progress, self._told_taken = progress, taken

@@ -17,10 +17,10 @@ from umo.frames.reader import Frames, Reader
 from umo.system import folders
 from umo.text import time_of_day
 
-PERIODS = 1000
-KEPT = 10
+KEPT_PERIODS = 1000
+MAX_BOXES = 10
 SUFFIX = ".box"
-MISSED_ONE, ON_DEMAND = "a period was missed", "on demand"
+MISSED_PERIOD, ON_DEMAND = "a period was missed", "on demand"
 """Reasons for a black box that are no end of a run; any other reason is one."""
 
 
@@ -33,7 +33,7 @@ def folder() -> Path:
         raise FramesError(f"no folder for black boxes: {error}") from None
 
 
-def save(reader: Reader, path: Path, reason: str, periods: int = PERIODS) -> None:
+def save(reader: Reader, path: Path, reason: str, periods: int = KEPT_PERIODS) -> None:
     """Write the last `periods` frames of a ring, what its journal still holds of them, and why they were kept;
     OSError where that cannot be done, and nothing is left then."""
     content = _content(reader, reader.last(periods), reason)
@@ -90,7 +90,7 @@ def kept_at(about: Mapping[str, Any]) -> str:
 
 def thin(folder: Path) -> None:
     """Remove all but the newest."""
-    for path in boxes(folder)[:-KEPT]:
+    for path in boxes(folder)[:-MAX_BOXES]:
         path.unlink(missing_ok=True)
 
 

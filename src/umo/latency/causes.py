@@ -19,10 +19,10 @@ from umo.frames.reader import Frames
 from umo.presentation.durations import duration
 from umo.presentation.run_facts import clock_text
 
-SHARE = 0.5
+CAUSE_SHARE = 0.5
 """Share of the excess that a counter of time has to explain to be the cause."""
-MINOR_FAULT = 500.0
-"""ns that a page fault without the disk takes at the very least."""
+MIN_FAULT_TIME = 500.0
+"""ns that a page fault without the disk takes, at least."""
 FAULT_SHARE = 0.1
 SOME_FAULTS = 8
 AFTER = "after"
@@ -151,9 +151,9 @@ def counts(frames: Frames) -> dict[str, npt.NDArray[np.float64]]:
 def _judge(part: str, excess: float, took: float, counted: dict[str, int]) -> tuple[Cause, str]:
     times = (took, counted["collecting"], counted["run_queue_wait"])
     lasted, collected, preempted = (duration(each * 1e-9) for each in times)
-    if counted["collections"] and counted["collecting"] >= SHARE * excess:
+    if counted["collections"] and counted["collecting"] >= CAUSE_SHARE * excess:
         return Cause.COLLECTION, f"a collection ran for {collected} (the garbage collector)"
-    if counted["run_queue_wait"] >= SHARE * excess:
+    if counted["run_queue_wait"] >= CAUSE_SHARE * excess:
         return Cause.PREEMPTED, f"preempted for {preempted}: another process used the core"
     if _faulted(counted, excess):
         return Cause.PAGE_FAULTS, _faults(counted)
@@ -172,9 +172,9 @@ def _judge(part: str, excess: float, took: float, counted: dict[str, int]) -> tu
 def _faulted(counted: dict[str, int], excess: float) -> bool:
     """Whether page faults explain it: from disk; or many; or some, of large pages, and the time went in the kernel."""
     minor = counted["minor_faults"]
-    if counted["major_faults"] or minor * MINOR_FAULT >= FAULT_SHARE * excess:
+    if counted["major_faults"] or minor * MIN_FAULT_TIME >= FAULT_SHARE * excess:
         return True
-    return minor >= SOME_FAULTS and counted["in_kernel"] >= SHARE * excess
+    return minor >= SOME_FAULTS and counted["in_kernel"] >= CAUSE_SHARE * excess
 
 
 def _faults(counted: dict[str, int]) -> str:

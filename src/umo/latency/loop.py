@@ -61,7 +61,7 @@ def example() -> Example:
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment of a control process; numpy's own threads would be started with it."""
 REQUEST = struct.Struct("<qd")
-"""Periods, and s of busy waiting."""
+"""Packing of a request: periods, and s of busy waiting."""
 START = "import sys; from umo.latency.loop import serve; serve(*sys.argv[1:])"
 
 

@@ -18,10 +18,10 @@ from umo.latency.loop import Loop
 from umo.system import realtime
 from umo.system.realtime import Refusal
 
-SLICE = 0.5
-"""s"""
-BUSY = "import ctypes\nctypes.CDLL(None).prctl(1, 9)\nwhile True: pass"
-"""An ordinary process that wants a whole core, and ends with its parent."""
+SLICE_TIME = 0.5
+"""s of a slice."""
+BUSY_PROGRAM = "import ctypes\nctypes.CDLL(None).prctl(1, 9)\nwhile True: pass"
+"""Program of an ordinary process that wants a whole core, and ends with its parent."""
 
 
 @dataclass
@@ -93,9 +93,9 @@ def measure(
     progress: Callable[[float], object] = lambda share: None,
 ) -> Measured:
     """Run all loops for `seconds` s each, in turns; `load` keeps every core busy beside them. Ctrl-C ends it early."""
-    periods = max(20, round(SLICE / period))
+    periods = max(20, round(SLICE_TIME / period))
     slices = max(1, round(seconds / (periods * period)))
-    busy = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in range(os.cpu_count() or 1)] if load else []
+    busy = [subprocess.Popen([sys.executable, "-c", BUSY_PROGRAM]) for _ in range(os.cpu_count() or 1)] if load else []
     try:
         with closing(Loop(period, priority, cpu)) as loop, native.compiled() as program:
             found = Measured(period, realtime.busy_wait_for(period), loop.refusals, loop.granted)

@@ -16,7 +16,7 @@ from umo.cycle.conversion import is_built
 from umo.latency.measure import Measured
 
 YES, CARE, NO = "yes", "with care", "no"
-HALF = 0.5
+SAFE_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ def judge(found: Measured) -> Answer:
     worst, most = float(total.max()), float(np.percentile(total, 99.9))
     lost = f"{missed:,} of {count:,} periods missed" if missed else f"None of {count:,} periods missed"
     longest = f"the longest wake-up plus work was {worst:.0f} µs, {worst / period:.0%} of the period"
-    if not missed and worst < HALF * period:
+    if not missed and worst < SAFE_SHARE * period:
         return Answer(YES, f"{lost}; {longest}")
     if missed <= count / 1000 and most < period:
         return Answer(CARE, f"{lost}; {longest}")

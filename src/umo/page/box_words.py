@@ -14,7 +14,7 @@ from umo.latency.causes import explain_all, sentences
 
 MAX_OCCASIONS = 3
 """The last missed periods of a black box that are told."""
-SAME = ("pid", "started", "started_monotonic")
+RUN_FACTS = ("pid", "started", "started_monotonic")
 """Facts that a run and its black boxes have in common, and no other run has."""
 
 
@@ -45,10 +45,10 @@ def newest_box(about: Mapping[str, Any], known: BoxInWords) -> BoxInWords:
 
 
 def _identity(about: Mapping[str, Any]) -> tuple[Any, ...]:
-    return tuple(about.get(name) for name in SAME)
+    return tuple(about.get(name) for name in RUN_FACTS)
 
 
-@lru_cache(4 * blackbox.KEPT)
+@lru_cache(4 * blackbox.MAX_BOXES)
 def _run_of(path: Path) -> tuple[Any, ...] | None:
     """Identity of the run whose black box it is; None if it cannot be read. The file of a name never changes."""
     try:

@@ -8,7 +8,7 @@ from typing import Any
 
 NO_CHECK_TIME = 0x200000
 """OpenSSL's flag X509_V_FLAG_NO_CHECK_TIME, which Python does not name."""
-NAMED = ("DNS", "IP Address", "commonName")
+NAME_KINDS = ("DNS", "IP Address", "commonName")
 
 
 def names_in(certificate: Path, key: Path | None = None) -> frozenset[str]:
@@ -28,7 +28,7 @@ def names_in(certificate: Path, key: Path | None = None) -> frozenset[str]:
     except ssl.SSLError:
         return frozenset()
     pairs = [*shown.get("subjectAltName", ()), *(pair for part in shown.get("subject", ()) for pair in part)]
-    return frozenset(name.lower() for kind, name in pairs if kind in NAMED)
+    return frozenset(name.lower() for kind, name in pairs if kind in NAME_KINDS)
 
 
 def _shown(server: ssl.SSLContext, client: ssl.SSLContext) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from umo.latency import blackbox
 from umo.page.box_words import BoxInWords
 from umo.system.record import Ended, standing
 
-UNKNOWN = "it ended without a word: all of its processes were killed"
+UNKNOWN_END = "it ended without a word: all of its processes were killed"
 
 
 class Ending(NamedTuple):
@@ -30,7 +30,7 @@ def ending_of(about: Mapping[str, Any], last: Event | None, box: BoxInWords) -> 
         return Ending(True, f"{stands.what}; {left}")
     if last is not None:
         return Ending(last.state is CommandState.FAILED, last.text)
-    if box.reason not in ("", blackbox.MISSED_ONE, blackbox.ON_DEMAND):
+    if box.reason not in ("", blackbox.MISSED_PERIOD, blackbox.ON_DEMAND):
         return Ending(True, box.reason)
     return None
 

@@ -26,21 +26,21 @@ from umo.page.certified_names import covers
 from umo.page.strangers import Visit
 from umo.system.folders import written
 
-WRONG_TAKES = 0.5
+REFUSAL_TIME = 0.5
 """s that the answer to a wrong token takes."""
-AT_ONCE = 8
+MAX_JUDGED = 8
 """Tokens that are judged at once; the others wait in line, the right one too: guessing stays slow. As the connections
 without the token are few (`umo.page.strangers`), the line is short, and nobody is turned away from it."""
-LONGEST = 4096
-"""Bytes of a form."""
-FORM_TAKES = 5.0
+MAX_FORM_BYTES = 4096
+"""Bytes of a form that are read."""
+FORM_TIMEOUT = 5.0
 """s within which a form must have come."""
 POLICY = (
     "default-src 'self'; script-src 'self' {scripts}; img-src 'self' data: blob:; object-src 'none'; "
     "base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
 )
 """Content-Security-Policy: everything from this server."""
-LOCAL = ("localhost", "127.0.0.1", "::1")
+LOCAL_NAMES = ("localhost", "127.0.0.1", "::1")
 
 
 def new_token(file: Path) -> str:
@@ -78,9 +78,9 @@ class Guard:
         self._secure = certified is not None
         self._certified = certified or frozenset()
         self._everywhere = not is_loopback(host)
-        self._names = {*LOCAL, host.lower(), *((socket.gethostname().lower(),) if self._everywhere else ())}
+        self._names = {*LOCAL_NAMES, host.lower(), *((socket.gethostname().lower(),) if self._everywhere else ())}
         self._policy = POLICY.format(scripts=scripts)
-        self._line = asyncio.Semaphore(AT_ONCE)
+        self._line = asyncio.Semaphore(MAX_JUDGED)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "lifespan":
@@ -145,12 +145,12 @@ class Guard:
                 return refusal
             if hmac.compare_digest(token.encode(errors="replace"), self._token):
                 return None
-            await asyncio.sleep(WRONG_TAKES)
+            await asyncio.sleep(REFUSAL_TIME)
         return refusal
 
     async def _login(self, scope: Scope, receive: Receive) -> Response:
         try:
-            async with asyncio.timeout(FORM_TAKES):
+            async with asyncio.timeout(FORM_TIMEOUT):
                 form = await _body(receive)
         except TimeoutError:
             return PlainTextResponse("the form did not come in time\n", 408)
@@ -217,7 +217,7 @@ async def _refuse_page(status: int, receive: Receive, send: Send) -> None:
 async def _body(receive: Receive) -> bytes:
     """The first bytes of a request's body, enough for a form."""
     body, more = b"", True
-    while more and len(body) < LONGEST:
+    while more and len(body) < MAX_FORM_BYTES:
         message = await receive()
         body += message.get("body", b"")
         more = message.get("more_body", False)

@@ -16,18 +16,18 @@ from typing import Any, ParamSpec, TypeVar
 from umo.page.watched import Watched
 from umo.scope.reduction import Points, crossing, measured, measured_state, reduced
 
-MOST_TRACES = 64
-MOST_WIDTH = 8192
-"""Pixels."""
-AT_WORK = ThreadPoolExecutor(1, "history")
-"""Makes what takes long, for all pages: the loop stays free for touches and commands."""
+MAX_TRACES = 64
+MAX_WIDTH = 8192
+"""Pixels of a drawing, at most."""
+WORKER = ThreadPoolExecutor(1, "history")
+"""Thread for what takes long, for all pages: the loop stays free for touches and commands."""
 Arguments = ParamSpec("Arguments")
-Made = TypeVar("Made")
+T = TypeVar("T")
 
 
-async def made(work: Callable[Arguments, Made], *given: Arguments.args, **named: Arguments.kwargs) -> Made:
-    """Result of a function that is called in the thread for work that takes long."""
-    return await asyncio.get_running_loop().run_in_executor(AT_WORK, partial(work, *given, **named))
+async def in_worker(work: Callable[Arguments, T], *given: Arguments.args, **named: Arguments.kwargs) -> T:
+    """Result of a function that is called in the worker."""
+    return await asyncio.get_running_loop().run_in_executor(WORKER, partial(work, *given, **named))
 
 
 class BadRequest(ValueError):
@@ -36,8 +36,8 @@ class BadRequest(ValueError):
 
 def columns_of(watched: Watched, paths: Any) -> list[int]:
     """The columns of the history; BadRequest for a path that is none."""
-    if not isinstance(paths, list) or len(paths) > MOST_TRACES:
-        raise BadRequest(f"give a list of up to {MOST_TRACES} paths")
+    if not isinstance(paths, list) or len(paths) > MAX_TRACES:
+        raise BadRequest(f"give a list of up to {MAX_TRACES} paths")
     for path in paths:
         if not isinstance(path, str) or path not in watched.columns:
             raise BadRequest(f"no object or signal {path!r}")
@@ -65,7 +65,7 @@ def packed(head: dict[str, Any], points: Points) -> bytes:
 
 
 @dataclass(frozen=True)
-class Stretch:
+class HistoryPart:
     """A part of the history that a page asks for. Its answers may be made in any thread."""
 
     watched: Watched
@@ -75,7 +75,7 @@ class Stretch:
     """s."""
 
     @classmethod
-    def of(cls, watched: Watched, message: dict[str, Any]) -> Stretch:
+    def of(cls, watched: Watched, message: dict[str, Any]) -> HistoryPart:
         start, stop = number(message, "start"), number(message, "stop")
         if stop < start:
             raise BadRequest("stop must not be before start")
@@ -98,7 +98,7 @@ class Stretch:
 
 def pixels(message: dict[str, Any]) -> int:
     """The width that a message asks for."""
-    return int(min(max(1.0, number(message, "width", 1.0)), MOST_WIDTH))
+    return int(min(max(1.0, number(message, "width", 1.0)), MAX_WIDTH))
 
 
 class Subscription:
@@ -148,7 +148,7 @@ class Subscription:
         if start + self.span > stop:
             return None
         trigger.done(start + self.span)
-        whole = Stretch(self._watched, self.columns, start, start + self.span)
+        whole = HistoryPart(self._watched, self.columns, start, start + self.span)
         return whole.window({"id": self.id, "from": -1.0, "trigger": moment, "start": start}, self.width)
 
 

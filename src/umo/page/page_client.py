@@ -20,7 +20,7 @@ from starlette.websockets import WebSocketDisconnect
 from umo.cycle.client_control import DEAD_MAN_TIME
 from umo.cycle.events import CommandState
 from umo.errors import CommandRefused, FramesError
-from umo.frames.cells import LEASE as THE_LEASE
+from umo.frames.cells import LEASE
 from umo.page.feed import Feed
 from umo.page.watched import Watched
 from umo.remote import RemoteStation
@@ -29,18 +29,18 @@ from umo.remote.held_lease import SIGNS_OF_LIFE
 from umo.system.processes import user_name
 from umo.text import printable
 
-LEASE = 2.0
+LEASE_TIME = 2.0
 """s for which the machine gives the lease; it is renewed as long as the page touches."""
-TOUCH = 0.4
+TOUCH_TIME = 0.4
 """s after the last touch for which a page still holds what it held."""
-OLDEST = 4
+MAX_STATES_BEHIND = 4
 """States behind the newest one that a touch may answer; there are ten a second."""
-MOST_ASKED = 32
-"""Commands of a page whose end is still to come."""
-NAME = 40
-"""The most characters of the name that a page gives."""
-TAKEN = ("path", "value", "arguments", "over")
-"""Keys that are taken from a page's command besides `do`; the rest is this module's."""
+MAX_COMMANDS = 32
+"""Commands of a page whose end is still to come, at most."""
+MAX_NAME_LENGTH = 40
+"""Characters of the name that a page gives, at most."""
+COMMAND_KEYS = ("path", "value", "arguments", "over")
+"""Keys of a page's command that are passed on, besides `do`; the rest is this module's."""
 SENDERS = ThreadPoolExecutor(8, "umo client")
 """Threads that do nothing else, so that a client never waits for a slow answer to another page."""
 Tell = Callable[[dict[str, Any]], Awaitable[None]]
@@ -70,7 +70,7 @@ class PageClient:
         self._keeping = asyncio.create_task(self._keep())
 
     def _named(self, name: str) -> str:
-        given = printable(" ".join(name.split()))[:NAME]
+        given = printable(" ".join(name.split()))[:MAX_NAME_LENGTH]
         return f"{given or user_name()} (page, {self._address})"
 
     # Commands ------------------------------------------------------------------------------------------
@@ -80,12 +80,12 @@ class PageClient:
         if message.get("do") == "stop":
             await self._stop(message)
             return
-        if len(self._following) >= MOST_ASKED:
-            await self._answer(message, CommandState.REFUSED, f"up to {MOST_ASKED} commands at once")
+        if len(self._following) >= MAX_COMMANDS:
+            await self._answer(message, CommandState.REFUSED, f"up to {MAX_COMMANDS} commands at once")
             return
-        more = {name: message[name] for name in TAKEN if name in message}
+        more = {name: message[name] for name in COMMAND_KEYS if name in message}
         if message.get("do") == "lease":
-            self._who, more["seconds"] = self._named(str(message.get("who", ""))), LEASE
+            self._who, more["seconds"] = self._named(str(message.get("who", ""))), LEASE_TIME
         start, path = self._reader.next_event, str(message.get("path"))
         self._sign(path)
         try:
@@ -140,11 +140,11 @@ class PageClient:
     def touch(self, held: list[str], number: int) -> None:
         """The page is there, has the state of this number, and holds these paths. An old state does not count: the
         page or the network is slow."""
-        if self.watched.number - number > OLDEST:
+        if self.watched.number - number > MAX_STATES_BEHIND:
             return
         self._touched = time.monotonic()
         self._held = held
-        self._sign(THE_LEASE, *held)
+        self._sign(LEASE, *held)
 
     def _sign(self, *paths: str) -> None:
         """A sign of life for these paths, as far as the page has the lease."""
@@ -156,9 +156,9 @@ class PageClient:
         """Renew the lease, and give signs of life for what the page holds, as long as it touches."""
         while not self._ended:
             silent = time.monotonic() - self._touched
-            if silent < LEASE:
+            if silent < LEASE_TIME:
                 begun = filter(None, self._following.values())
-                self._sign(THE_LEASE, *([*self._held, *begun] if silent < TOUCH else []))
+                self._sign(LEASE, *([*self._held, *begun] if silent < TOUCH_TIME else []))
             await asyncio.sleep(DEAD_MAN_TIME / SIGNS_OF_LIFE)
 
     async def close(self) -> None:

@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from umo.page.live import Stretch
+from umo.page.live import HistoryPart
 from umo.presentation.in_words import file_form, state_text
 
-ROWS = 256
+PIECE_ROWS = 256
 """Rows of a piece. Longer ones would keep the loop of the server waiting."""
 
 
-def csv_of(stretch: Stretch) -> Iterator[str]:
+def csv_of(stretch: HistoryPart) -> Iterator[str]:
     """A line of names with units, then a line for each sample: time in s, UTC of a run in real time, numbers in their
     units, names of states; nothing where there is no value."""
     watched, columns = stretch.watched, stretch.columns
@@ -26,8 +26,8 @@ def csv_of(stretch: Stretch) -> Iterator[str]:
     utc = watched.utc
     yield _lines([["time [s]", *(["UTC"] if utc is not None else []), *map(_head, entries)]])
     for times, values in watched.history.parts(stretch.start, stretch.stop):
-        for first in range(0, len(times), ROWS):
-            rows = slice(first, first + ROWS)
+        for first in range(0, len(times), PIECE_ROWS):
+            rows = slice(first, first + PIECE_ROWS)
             cells = (_cells(entry, values[column, rows]) for entry, column in zip(entries, columns, strict=True))
             moments = [times[rows].tolist(), *([_moments(times[rows] + utc)] if utc is not None else [])]
             yield _lines(zip(*chain(moments, cells), strict=True))

@@ -29,22 +29,22 @@ from umo.page import strangers, twin
 from umo.page.certified_names import names_in
 from umo.page.feed import Feed
 from umo.page.guard import Guard
-from umo.page.live import Stretch, made
+from umo.page.live import HistoryPart, in_worker
 from umo.page.samples import csv_of
 from umo.page.session import First, Session
 from umo.page.strangers import visits
 
 STATIC = Path(__file__).parent / "static"
-LONGEST_MESSAGE = 1 << 16
-"""Bytes of a message of a page."""
-MOST_CONNECTIONS = 500
-"""Connections that have shown the token. With more, a request is answered by 503. Those that have not are counted apart
-(`umo.page.strangers`)."""
-GRACE = 1
+MAX_MESSAGE_BYTES = 1 << 16
+"""Bytes of a message of a page, at most."""
+MAX_CONNECTIONS = 500
+"""Connections that have shown the token, at most. With more, a request is answered by 503. Those that have not are
+counted apart (`umo.page.strangers`)."""
+GRACE_TIME = 1
 """s that open pages are given at the end."""
 
 ATTACHMENT = {"content-disposition": "attachment"}
-"""The browser saves it."""
+"""Header of an answer that the browser saves."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ def _csv(feed: Feed) -> Callable[[Request], object]:
             return PlainTextResponse("no such run\n", 404)
         try:
             limits = {name: float(query.get(name, "")) for name in ("start", "stop")}
-            stretch = Stretch.of(watched, {"paths": query.getlist("path")} | limits)
+            stretch = HistoryPart.of(watched, {"paths": query.getlist("path")} | limits)
         except ValueError as error:  # BadRequest, and what float raises
             return PlainTextResponse(f"{error}\n", 400)
         return StreamingResponse(_pieces(csv_of(stretch)), media_type="text/csv", headers=ATTACHMENT)
@@ -122,7 +122,7 @@ def _csv(feed: Feed) -> Callable[[Request], object]:
 
 
 async def _pieces(texts: Iterator[str]) -> AsyncIterator[str]:
-    while text := await made(next, texts, ""):
+    while text := await in_worker(next, texts, ""):
         yield text
 
 
@@ -153,9 +153,9 @@ def server(options: Options, ready: Callable[[], None]) -> Server:
     app = application(options, feed, lambda task: serving.feed_ended(task))
     config = uvicorn.Config(
         app, loop="asyncio", http=visits(_tls(options)), log_level="error", access_log=False, lifespan="on",
-        server_header=False, proxy_headers=False, ws="websockets-sansio", ws_max_size=LONGEST_MESSAGE,
-        ws_per_message_deflate=False, limit_concurrency=MOST_CONNECTIONS + strangers.MOST,
-        timeout_graceful_shutdown=GRACE,
+        server_header=False, proxy_headers=False, ws="websockets-sansio", ws_max_size=MAX_MESSAGE_BYTES,
+        ws_per_message_deflate=False, limit_concurrency=MAX_CONNECTIONS + strangers.MAX_STRANGERS,
+        timeout_graceful_shutdown=GRACE_TIME,
     )  # fmt: skip
     logging.getLogger("uvicorn.error").addFilter(_is_of_this_server)
     serving = Server(config, ready)

@@ -21,17 +21,17 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from umo.errors import FramesError
 from umo.page.feed import Feed
-from umo.page.live import BadRequest, Stretch, Subscription, made, number, pixels
+from umo.page.live import BadRequest, HistoryPart, Subscription, in_worker, number, pixels
 from umo.page.page_client import PageClient
 from umo.page.watched import Watched
 
-MOST_LIVE = 16
-"""Subscriptions of one page."""
-MOST_ASKED = 64
-"""Parts of the history that a page has asked for and not got yet."""
-MOST_HELD = 256
-"""Paths that a page holds at once."""
-CLOSING = 1.0
+MAX_SUBSCRIPTIONS = 16
+"""Subscriptions of one page, at most."""
+MAX_REQUESTS = 64
+"""Parts of the history that a page has asked for and not got yet, at most."""
+MAX_HELD = 256
+"""Paths that a page holds at once, at most."""
+CLOSE_TIMEOUT = 1.0
 """s that a page is given to take the end of its socket."""
 READ_ONLY = "this page is read-only"
 
@@ -67,7 +67,7 @@ class Session:
         """Number of the state that was sent last."""
         self._stations = ""
         self._sending = asyncio.Lock()
-        self._asked: asyncio.Queue[Callable[[], str | bytes]] = asyncio.Queue(MOST_ASKED)
+        self._asked: asyncio.Queue[Callable[[], str | bytes]] = asyncio.Queue(MAX_REQUESTS)
         self._client: PageClient | None = None
 
     async def run(self) -> None:
@@ -98,12 +98,12 @@ class Session:
             pass
         finally:
             with suppress(WebSocketDisconnect, RuntimeError, TimeoutError):
-                await asyncio.wait_for(self._socket.close(1011), CLOSING)
+                await asyncio.wait_for(self._socket.close(1011), CLOSE_TIMEOUT)
 
     async def _send_what_was_asked(self) -> None:
         while True:
             work = await self._asked.get()
-            await self._send(await made(work))
+            await self._send(await in_worker(work))
 
     async def _send_all(self) -> None:
         """After every look at the rings, what is new. A slow page gets fewer messages; none waits for it."""
@@ -112,7 +112,7 @@ class Session:
             await self._tell_stations()
             await self._tell_state()
             for live in list(self._live.values()):
-                message = await made(live.next) if live.takes_long else live.next()
+                message = await in_worker(live.next) if live.takes_long else live.next()
                 if message is not None:
                     await self._send(message)
             await self._feed.looked()
@@ -195,10 +195,10 @@ class Session:
             self._subscribe(Subscription(watched, message), _key(message))
         elif kind == "window":
             head = {"id": message.get("id"), "window": True}
-            self._ask(partial(Stretch.of(watched, message).window, head, pixels(message)))
+            self._ask(partial(HistoryPart.of(watched, message).window, head, pixels(message)))
         elif kind == "measure":
             head = {"type": "measured", "id": message.get("id")}
-            self._ask(partial(Stretch.of(watched, message).measured, head))
+            self._ask(partial(HistoryPart.of(watched, message).measured, head))
         else:
             raise BadRequest(f"no message {kind!r}")
 
@@ -207,7 +207,7 @@ class Session:
         try:
             self._asked.put_nowait(work)
         except asyncio.QueueFull:
-            raise BadRequest(f"up to {MOST_ASKED} answers at once") from None
+            raise BadRequest(f"up to {MAX_REQUESTS} answers at once") from None
 
     async def _client_on(self, watched: Watched | None) -> PageClient:
         """The client of this page on the run that it shows; made for its first command."""
@@ -240,8 +240,8 @@ class Session:
 
     def _subscribe(self, live: Subscription, key: int) -> None:
         self._live.pop(key, None)
-        if len(self._live) >= MOST_LIVE:
-            raise BadRequest(f"up to {MOST_LIVE} subscriptions")
+        if len(self._live) >= MAX_SUBSCRIPTIONS:
+            raise BadRequest(f"up to {MAX_SUBSCRIPTIONS} subscriptions")
         self._live[key] = live
 
 
@@ -254,6 +254,6 @@ def _key(message: dict[str, Any]) -> int:
 
 def _held(message: dict[str, Any]) -> list[str]:
     held = message.get("held")
-    if not isinstance(held, list) or len(held) > MOST_HELD or not all(isinstance(path, str) for path in held):
-        raise BadRequest(f"held must be up to {MOST_HELD} paths")
+    if not isinstance(held, list) or len(held) > MAX_HELD or not all(isinstance(path, str) for path in held):
+        raise BadRequest(f"held must be up to {MAX_HELD} paths")
     return held

@@ -17,8 +17,9 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 STAY = 10.0
 """s after which a connection that has not shown the token is cut off."""
-MOST = 100
-"""Connections that have not shown the token. With more, the oldest of the address that has the most is cut off."""
+MAX_STRANGERS = 100
+"""Connections that have not shown the token, at most. With more, the oldest of the address that has the most is cut
+off."""
 
 
 class Strangers:
@@ -31,7 +32,7 @@ class Strangers:
     def enter(self, transport: asyncio.Transport) -> None:
         """A new connection: it has some seconds to show the token."""
         self._addresses = {known: address for known, address in self._addresses.items() if not known.is_closing()}
-        if len(self._addresses) >= MOST:
+        if len(self._addresses) >= MAX_STRANGERS:
             ((most, _),) = Counter(self._addresses.values()).most_common(1)
             self._cut_off(next(known for known, address in self._addresses.items() if address == most))
         self._addresses[transport] = str((transport.get_extra_info("peername") or ("",))[0])

@@ -16,7 +16,7 @@ from umo.frames import Reader, Stage
 from umo.frames.last_event import end_of
 from umo.objects import Quality
 from umo.page.box_words import BoxInWords, newest_box
-from umo.page.ending import UNKNOWN, Ending, ending_of
+from umo.page.ending import UNKNOWN_END, Ending, ending_of
 from umo.presentation.durations import duration
 from umo.presentation.in_words import as_shown
 from umo.presentation.qualities import SIGNS, WORDS
@@ -25,11 +25,11 @@ from umo.scope.history import History
 from umo.text import printable
 from umo.twin import declares_twin
 
-ABOUT = ("station", "wiring", "place", "pid", "period")
+TOLD_FACTS = ("station", "wiring", "place", "pid", "period")
 """Facts of the run that a page is told."""
-MOST_EVENTS = 100
-"""The last ones that a page is told of, and the last missed periods."""
-TELLING = 5.0
+MAX_EVENTS = 100
+"""Events that a page is told of, the last ones, and as many missed periods."""
+ENDING_TIME = 5.0
 """s after the end in which the guardian of a run that did not tell its end may still do so."""
 
 
@@ -39,7 +39,7 @@ class Watched:
     def __init__(self, reader: Reader) -> None:
         self.reader = reader
         reader.skip_older_half()
-        self.about: dict[str, Any] = {name: reader.about[name] for name in ABOUT}
+        self.about: dict[str, Any] = {name: reader.about[name] for name in TOLD_FACTS}
         self.station = str(self.about["station"])
         self.place = str(self.about["place"])
         """Folder of the station; empty: it has none."""
@@ -77,7 +77,7 @@ class Watched:
         self._new_misses = False
         self._last_event: Event | None = None
         """Event of the end; None: it told none."""
-        self._misses: deque[tuple[float, int]] = deque(maxlen=MOST_EVENTS)
+        self._misses: deque[tuple[float, int]] = deque(maxlen=MAX_EVENTS)
         """The last periods before which others were missed: when, and how many."""
 
     @classmethod
@@ -113,8 +113,8 @@ class Watched:
         self.box = newest_box(self.reader.about, self.box)
         if self.over:
             found = ending_of(self.reader.about, self._last_event, self.box)
-            if found is None and time.monotonic() - self._ended > TELLING:
-                found = Ending(True, UNKNOWN)
+            if found is None and time.monotonic() - self._ended > ENDING_TIME:
+                found = Ending(True, UNKNOWN_END)
             self.ending = found and Ending(found.failed, printable(found.text))
 
     # What pages are told -------------------------------------------------------------------------------
@@ -122,7 +122,7 @@ class Watched:
     def description(self) -> dict[str, Any]:
         """Message with all that does not change during the run."""
         told: dict[str, Any] = {"type": "description", "name": self.name, "run": self.run}
-        told |= {name: self.about[name] for name in ABOUT}
+        told |= {name: self.about[name] for name in TOLD_FACTS}
         layout = self.reader.layout
         told["objects"] = [as_shown(each) | {"declared": declared_of([TableRow(each)])} for each in layout.objects]
         told |= {"signals": list(map(as_shown, layout.signals)), "tunables": list(map(as_shown, layout.tunables))}
@@ -201,7 +201,7 @@ class Watched:
         return told
 
     def _events(self) -> list[dict[str, Any]]:
-        found = [each.event for each in self.reader.events(self._event - MOST_EVENTS)]
+        found = [each.event for each in self.reader.events(self._event - MAX_EVENTS)]
         return [each._asdict() | {"state": str(each.state)} for each in found]
 
     def _values(self) -> list[Any]:

@@ -11,22 +11,22 @@ from functools import lru_cache
 from math import floor, inf, isfinite, log10
 
 NO_VALUE = "-"
-SIGNIFICANT = 6
+SIGNIFICANT_DIGITS = 6
 MAX_DIGITS = 99
 """Digits after the point, at most: a browser can show 100, and one more is looked at."""
 FEW_STEPS = 1e4
 """Steps of a scale from 0 that six significant digits tell apart."""
-LEAST_POWER, GREATEST_POWER = -4, 9
+MIN_POWER, MAX_POWER = -4, 9
 """Powers of ten from which on, and up to which, six significant digits are shown without an exponent."""
-BEYOND = 1e21
+MAX_FIXED = 1e21
 """Size from which on no digits after the point are shown, as in a browser."""
-DRIFT = 1e-12
+DRIFT_SHARE = 1e-12
 """Share of the resolution: a difference that does not add up to a step within 2**32 steps."""
-CLEAR = 1e-5
+CLEAR_SHARE = 1e-5
 """Share of the resolution by which a digit is smaller: no rounding error of a float decides which raw value is next."""
 MORE_DIGITS = 2
 """Digits beyond those needed, at most, so that a short resolution is not rounded."""
-HALF = 0.49
+OFFSET_SHARE = 0.49
 """Share of a digit by which the value of raw 0 may miss a multiple of it: more may be rounded up or down."""
 
 
@@ -42,28 +42,28 @@ def digits_of(resolution: float, zero_offset: float = 0.0) -> int:
 
 
 def _tells_apart(digit: float, step: float, zero_offset: float) -> bool:
-    if digit < step * (1 - CLEAR):
+    if digit < step * (1 - CLEAR_SHARE):
         return True
     places = zero_offset / digit
-    return abs(digit - step) <= step * DRIFT and abs(places - round(places)) <= HALF
+    return abs(digit - step) <= step * DRIFT_SHARE and abs(places - round(places)) <= OFFSET_SHARE
 
 
 def _is_exact(step: float, digits: int) -> bool:
     places = step * 10.0**digits
-    return digits <= MAX_DIGITS and abs(places - round(places)) <= places * DRIFT
+    return digits <= MAX_DIGITS and abs(places - round(places)) <= places * DRIFT_SHARE
 
 
 def number_text(value: float, digits: int | None = None) -> str:
     """With so many digits after the point; None: six significant digits. `-` if it is not finite."""
     if not isfinite(value):
         return NO_VALUE
-    if digits is not None and abs(value) < BEYOND:
+    if digits is not None and abs(value) < MAX_FIXED:
         return f"{value:z.{digits}f}"
-    mantissa, _, power = f"{value:.{SIGNIFICANT - 1}e}".partition("e")
+    mantissa, _, power = f"{value:.{SIGNIFICANT_DIGITS - 1}e}".partition("e")
     exponent = int(power)
-    if not LEAST_POWER <= exponent < GREATEST_POWER:
+    if not MIN_POWER <= exponent < MAX_POWER:
         return f"{_without_zeros(mantissa)}e{exponent}"
-    return _without_zeros(f"{value:z.{max(SIGNIFICANT - 1 - exponent, 0)}f}")
+    return _without_zeros(f"{value:z.{max(SIGNIFICANT_DIGITS - 1 - exponent, 0)}f}")
 
 
 def scale_texts(levels: Sequence[float]) -> list[str]:

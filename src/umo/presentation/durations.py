@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from umo.presentation.digits import number_text
 
-LONGEST = 1e10
-"""s: 300 years."""
+MAX_RUN = 1e10
+"""s that a run can have lasted: 300 years."""
 
 
 def duration(seconds: float) -> str:
@@ -18,7 +18,7 @@ def duration(seconds: float) -> str:
 
 def lasting(seconds: float) -> str:
     """`12 s`, `3 min`, `2 h 05 min`, `3 d 4 h`; `?` for what no run has lasted."""
-    if not -LONGEST < seconds < LONGEST:
+    if not -MAX_RUN < seconds < MAX_RUN:
         return "?"
     minutes, hours, days = seconds / 60, seconds / 3600, seconds / 86400
     if minutes < 2:

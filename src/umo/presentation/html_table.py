@@ -13,7 +13,7 @@ from umo.presentation.rows import DECLARED, VALUES, TableRow, lines
 from umo.user_code import attempt
 
 T = TypeVar("T")
-MOST_LINES = 200
+MAX_LINES = 200
 STYLE = (
     "<style>.umo{line-height:1.5;font-variant-numeric:tabular-nums}.umo table{border-collapse:collapse;margin:0}"
     ".umo :is(td,th){text-align:left;padding:1px 1em 1px 0;font-weight:normal;vertical-align:top}"
@@ -32,7 +32,7 @@ def html_table(title: str, facts: Mapping[str, str], rows: Sequence[TableRow], *
     """A line for each row, and one for the like ones of lists, with their values or (`values` False) their
     declarations. Columns in which nothing stands are left out."""
     whole = [[rows[place] for place in places] for places in lines([row.about["path"] for row in rows])]
-    shown = whole[:MOST_LINES]
+    shown = whole[:MAX_LINES]
     cells = {name: [text(line) for line in shown] for name, text in (VALUES if values else DECLARED).items()}
     cells = {name: texts for name, texts in cells.items() if any(texts)}
     head = "".join(f"<th>{name}</th>" for name in ("object", *cells))
@@ -41,7 +41,7 @@ def html_table(title: str, facts: Mapping[str, str], rows: Sequence[TableRow], *
         f"<tr><th>{path}</th>{''.join(map(_cell, cells, texts))}</tr>"
         for path, *texts in zip(paths, *cells.values(), strict=True)
     ]
-    more = f"<div>and {len(whole) - MOST_LINES:,} more; show a part of it</div>" if len(whole) > MOST_LINES else ""
+    more = f"<div>and {len(whole) - MAX_LINES:,} more; show a part of it</div>" if len(whole) > MAX_LINES else ""
     table = f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(body)}</tbody></table>" if rows else ""
     return f'{STYLE}<div class="umo">{heading(title, facts)}{table}{more}</div>'
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 SIGNS = "●▲◇◔✕"
-"""Beside the words, where colour alone would not do."""
+"""Signs beside the words, where colour alone would not do."""
 WORDS = ("good", "out of range", "unreferenced", "stale", "bad")
 WHY = (
     "",

@@ -79,7 +79,7 @@ class Watcher:
                 self._due = self._due or now + AFTERMATH
         if self._due is not None and now >= self._due:
             self._next = now + AT_MOST_EVERY
-            self.keep(blackbox.MISSED_ONE)
+            self.keep(blackbox.MISSED_PERIOD)
 
     def keep(self, reason: str) -> None:
         """Write a black box now, or as soon as the one that is being written is finished."""
@@ -111,7 +111,7 @@ class Watcher:
         """At the end: what is being written, and what is wanted still, is finished; a ring left behind is removed."""
         until = monotonic() + PATIENCE
         if self._due is not None and not self._wanted:
-            self.keep(blackbox.MISSED_ONE)
+            self.keep(blackbox.MISSED_PERIOD)
         while self._child and monotonic() < until:
             sleep(0.001)
             self._reap()

@@ -9,7 +9,7 @@ from umo.cycle.stage import Stage
 from umo.errors import CommandRefused, FramesError
 from umo.frames import Reader
 
-ANSWER = 5.0
+ANSWER_TIMEOUT = 5.0
 """s within which the machine takes a command; five periods if they are longer."""
 
 
@@ -22,7 +22,7 @@ class Answers:
         self._reader = reader
         self._number = number
         self._next = start
-        self._limit = max(ANSWER, 5 * reader.about["period"])
+        self._limit = max(ANSWER_TIMEOUT, 5 * reader.about["period"])
         self._until = time.monotonic() + self._limit
 
     def new(self) -> list[Event]:

@@ -32,7 +32,7 @@ from umo.scope.history import samples
 from umo.scope.svg import Scope
 from umo.system.processes import user_name
 
-LOOK = 0.002
+ANSWER_PAUSE = 0.002
 """s between two looks for an answer."""
 
 
@@ -178,7 +178,7 @@ class RemoteStation(RemotePart):
             while (event := answers.end()) is None:
                 if answers.begun:
                     while_running()
-                time.sleep(LOOK)
+                time.sleep(ANSWER_PAUSE)
         except KeyboardInterrupt:
             if do == "call":
                 with suppress(UmoError):

@@ -14,7 +14,7 @@ from umo.errors import FramesError, LeaseHeld, RangeError, UmoError
 from umo.frames.cells import LEASE
 from umo.remote.commanded import Commanded
 
-AFTER = 0.05
+EVENT_DELAY = 0.05
 """s within which the machine's words follow the end of a lease."""
 SIGNS_OF_LIFE = 5
 """Number of signs of life that a client gives in the time of a lease, or the dead-man time of what it holds."""
@@ -98,7 +98,7 @@ class HeldLease:
         """Why what was held at this path has ended, in the machine's words; "": it lasts, or was not held."""
         station, lost = self._station, self.lost  # before the events: the last of them may tell why
         if not (told := self._told(path)) and lost and station.running:
-            time.sleep(AFTER)
+            time.sleep(EVENT_DELAY)
             told = self._told(path)
         if told or not lost:
             return told

@@ -13,10 +13,10 @@ from umo.errors import FramesError
 from umo.frames import Reader, Stage
 from umo.presentation.html_table import never_raises
 
-RATE = 4.0
+MAX_RATE = 4.0
 """Pictures a second, at most."""
-REST = 9
-"""The pause after a picture, in times of what it took: the computer is the station's."""
+PAUSE_RATIO = 9
+"""Pause after a picture, in times of what it took: the computer is the station's."""
 Draw = Callable[[dict[str, str]], str]
 """The HTML of a picture; given are more facts for its heading."""
 
@@ -60,7 +60,7 @@ class LiveView:
             raise TimeoutError(f"{self.station} is still running after {timeout:g} s")
 
     def _follow(self) -> None:
-        pause = 1 / RATE
+        pause = 1 / MAX_RATE
         with suppress(Exception), self._reader:  # the notebook may be gone, with all that it displays
             while not self._stopped.wait(pause):
                 began = time.monotonic()
@@ -68,7 +68,7 @@ class LiveView:
                 self._handle.update(self._bundle(self._repr_html_()), raw=True)
                 if ended:
                     break
-                pause = max(1 / RATE, REST * (time.monotonic() - began))
+                pause = max(1 / MAX_RATE, PAUSE_RATIO * (time.monotonic() - began))
             else:
                 self._handle.update(self._bundle(self._repr_html_()), raw=True)
         atexit.unregister(self.stop)

@@ -30,11 +30,11 @@ except ImportError:  # not on this platform: no machine runs in another process 
 ENTRY = struct.Struct("<IIQ")
 MAX_COMMAND_BYTES = SLOT - ENTRY.size
 """Size of a command's text at most, bytes."""
-DROPS = 4
-"""The most entries that are dropped at one look."""
-PATIENCE = 1.0
+MAX_DROPS = 4
+"""Entries that are dropped at one look, at most."""
+SEND_TIMEOUT = 1.0
 """s that a client waits for room in the queue, and for its turn."""
-PAUSE = 0.002
+SEND_PAUSE = 0.002
 
 
 class Receiver:
@@ -56,7 +56,7 @@ class Receiver:
             self.dropped += 1
             self._head[0] = self.taken
             return None
-        for _ in range(min(head - self.taken, DROPS)):
+        for _ in range(min(head - self.taken, MAX_DROPS)):
             number = self.taken + 1
             text = self._text(number)
             if text is None and self._doubted != number:  # some processors show the head before the rest: look again
@@ -106,7 +106,7 @@ class Sender:
         text = json.dumps(command).encode()
         if len(text) > MAX_COMMAND_BYTES:
             raise CommandRefused(f"a command of {len(text)} bytes is too long; the most are {MAX_COMMAND_BYTES}")
-        until = time.monotonic() + PATIENCE
+        until = time.monotonic() + SEND_TIMEOUT
         while True:
             with self._alone, self._turn(until):
                 head = max(self._head[0], self._reader.taken)
@@ -115,7 +115,7 @@ class Sender:
                     return head + 1
             if time.monotonic() > until:
                 raise CommandRefused("the queue of commands is full: the machine does not take them")
-            time.sleep(PAUSE)
+            time.sleep(SEND_PAUSE)
 
     def _put(self, head: int, text: bytes) -> None:
         number, at = head + 1, QUEUE + head % SLOTS * SLOT
@@ -133,7 +133,7 @@ class Sender:
             except BlockingIOError:
                 if time.monotonic() > until:
                     raise CommandRefused("another client does not let go of the queue of commands") from None
-                time.sleep(PAUSE)
+                time.sleep(SEND_PAUSE)
         try:
             yield
         finally:

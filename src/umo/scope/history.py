@@ -12,9 +12,9 @@ from umo.frames.reader import Frames
 from umo.objects import Quality
 from umo.objects.scaling import FloatArray
 
-SECONDS = 300.0
-MOST_BYTES = 128 << 20
-FEWEST = 1024
+MAX_SECONDS = 300.0
+MAX_BYTES = 128 << 20
+MIN_SAMPLES = 1024
 """Samples that are kept of the largest station."""
 BLOCKS = 64
 """Blocks that the samples are kept in; the oldest is dropped as a whole."""
@@ -35,9 +35,9 @@ class History:
     One thread adds; any thread may read: samples do not move, and do not change once they are there.
     """
 
-    def __init__(self, columns: int, period: float, seconds: float = SECONDS, most: int = MOST_BYTES) -> None:
+    def __init__(self, columns: int, period: float, seconds: float = MAX_SECONDS, most: int = MAX_BYTES) -> None:
         room = most / (8 * (columns + 1)) / (1 + 1 / BLOCKS)
-        self.capacity = max(int(min(seconds / max(period, 1e-6), room)), FEWEST)
+        self.capacity = max(int(min(seconds / max(period, 1e-6), room)), MIN_SAMPLES)
         self._columns = columns
         self._size = -(-self.capacity // BLOCKS)
         self._most = -(-self.capacity // self._size) + 1

@@ -11,8 +11,8 @@ import numpy.typing as npt
 from umo.objects.scaling import FloatArray
 
 HYSTERESIS = 0.1
-"""Half the band around the middle in which no crossing is counted, as a share of the peak-to-peak value."""
-FEWEST = 2.0
+"""Share of the peak-to-peak value: half the band around the middle in which no crossing is counted."""
+MIN_SAMPLES_PER_PIXEL = 2.0
 """Samples per pixel from which they are reduced."""
 
 
@@ -31,7 +31,7 @@ def reduced(times: FloatArray, values: FloatArray, step: float, period: float) -
 
     The time of a point is that of its first sample. Every sample is a point if `step` is below two periods.
     """
-    if step < FEWEST * period or len(times) == 0:
+    if step < MIN_SAMPLES_PER_PIXEL * period or len(times) == 0:
         return Points(times, values, values)
     buckets = np.floor(times / step)
     first = np.flatnonzero(np.diff(buckets, prepend=np.nan) != 0)

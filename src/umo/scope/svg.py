@@ -20,14 +20,14 @@ from umo.scope.history import History
 from umo.scope.reduction import Points, reduced
 from umo.wiring.patterns import chosen
 
-MOST, LONGEST = 16, 300.0
-"""Traces, and s of the span."""
+MAX_TRACES, MAX_SPAN = 16, 300.0
+"""Traces, and s of the span, at most."""
 LEFT, PIXELS, LANE, BAR, LINE, AXIS = 76, 820, 120, 24, 17, 26
 """Widths of the scale and of the traces; heights of a lane, a bar, a line of the legend, the time axis."""
-BESIDE, LONGEST_NAME = 3, 36
-"""Traces in a line of the legend; characters of a name."""
+LEGEND_COLUMNS, MAX_NAME_LENGTH = 3, 36
+"""Traces in a line of the legend; characters of a name, at most."""
 COLOURS = ("#3b82d6", "#d97706", "#16a34a", "#a855f7", "#e0457b", "#0e9aa7", "#b08900", "#8593a3")
-"""Each readable on black and on white."""
+"""Colours of the traces, each readable on black and on white."""
 DASHES = ("", "7 3", "2 2", "9 3 2 3")
 """Dashes of the traces in a lane, one after another: colour is not the only difference."""
 
@@ -36,12 +36,14 @@ class Scope:
     """The last seconds of some objects and signals of a run."""
 
     def __init__(self, reader: Reader, paths: Sequence[str], seconds: float) -> None:
-        if not (isfinite(seconds) and 0 < seconds <= LONGEST):
-            raise RangeError(f"seconds: {seconds!r} is not above 0 and up to {LONGEST:g}")
+        if not (isfinite(seconds) and 0 < seconds <= MAX_SPAN):
+            raise RangeError(f"seconds: {seconds!r} is not above 0 and up to {MAX_SPAN:g}")
         entries = [*reader.layout.objects, *reader.layout.signals]
         self._places = chosen([entry["path"] for entry in entries], paths, str(reader.about["station"]))
-        if len(self._places) > MOST:
-            raise PathError(f"{len(self._places)} objects and signals; a scope shows up to {MOST}: name fewer paths")
+        if len(self._places) > MAX_TRACES:
+            raise PathError(
+                f"{len(self._places)} objects and signals; a scope shows up to {MAX_TRACES}: name fewer paths"
+            )
         self._reader = reader
         self._seconds = seconds
         self._entries = [entries[place] for place in self._places]
@@ -71,7 +73,7 @@ class Scope:
         x = LEFT + (points.times - start) * (PIXELS / self._seconds)
         parts, height = [], 0.0
         for lane in self._lanes():
-            top = LANE + LINE * ceil(len(lane) / BESIDE) if "one" not in self._entries[lane[0]] else BAR
+            top = LANE + LINE * ceil(len(lane) / LEGEND_COLUMNS) if "one" not in self._entries[lane[0]] else BAR
             draw = self._bar if top == BAR else self._curves
             parts.append(f'<g transform="translate(0 {height:g})">{draw(lane, x, points)}</g>')
             height += top
@@ -91,7 +93,7 @@ class Scope:
     # Lanes ---------------------------------------------------------------------------------------------
 
     def _curves(self, lane: list[int], x: FloatArray, points: Points) -> str:
-        top = LINE * ceil(len(lane) / BESIDE) + 6
+        top = LINE * ceil(len(lane) / LEGEND_COLUMNS) + 6
         bottom = top + LANE - 16
         low, high = _span(points.low[lane], points.high[lane])
         scale = (bottom - top) / (high - low)
@@ -103,7 +105,10 @@ class Scope:
             style = f'stroke="{COLOURS[row % len(COLOURS)]}" stroke-dasharray="{DASHES[number % len(DASHES)]}"'
             path = _path(x, bottom - (points.low[row] - low) * scale, bottom - (points.high[row] - low) * scale)
             parts.append(f'<path d="{path}" fill="none" {style} stroke-width="1.4" stroke-linecap="round"/>')
-            place, line = LEFT + number % BESIDE * (PIXELS / BESIDE), LINE * (number // BESIDE) + 12
+            place, line = (
+                LEFT + number % LEGEND_COLUMNS * (PIXELS / LEGEND_COLUMNS),
+                LINE * (number // LEGEND_COLUMNS) + 12,
+            )
             parts.append(f'<path d="M{place:g} {line - 4}h24" {style} stroke-width="2.5"/>')
             parts.append(_text(place + 30, line, self._said(row)))
         return "".join([*parts, _text(4, 12, shown_unit(self._entries[lane[0]]["unit"]))])
@@ -127,7 +132,7 @@ class Scope:
     def _said(self, row: int) -> str:
         """Its name, and its last value."""
         path = str(self._entries[row]["path"])
-        name = path if len(path) <= LONGEST_NAME else f"...{path[3 - LONGEST_NAME :]}"
+        name = path if len(path) <= MAX_NAME_LENGTH else f"...{path[3 - MAX_NAME_LENGTH :]}"
         return f"{name}  {value_text(self._entries[row], *self._now[row])}"
 
 

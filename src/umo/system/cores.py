@@ -13,9 +13,9 @@ from collections.abc import Iterator
 
 from umo.system.realtime import isolated_cores
 
-NAME = "umo core"
-PLACES = 16
-"""The number of places on a core that are counted."""
+SOCKET_NAME = "umo core"
+MAX_PLACES = 16
+"""Places on a core that are counted."""
 
 
 class CorePlace:
@@ -28,7 +28,7 @@ class CorePlace:
         for core, number in _places(cpu):
             taken = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
             try:
-                taken.bind(f"\0{NAME} {core} {number}".encode())
+                taken.bind(f"\0{SOCKET_NAME} {core} {number}".encode())
             except OSError:
                 taken.close()
                 continue
@@ -48,6 +48,6 @@ def _places(cpu: int | None) -> Iterator[tuple[int, int]]:
     if cpu is None and len(allowed) < 2:
         return
     cores = sorted(allowed, key=lambda core: (core in isolated, core), reverse=True) if cpu is None else [cpu]
-    for number in range(PLACES):
+    for number in range(MAX_PLACES):
         for core in cores:
             yield core, number

@@ -16,14 +16,14 @@ from pathlib import Path
 from typing import BinaryIO
 
 PREFIX = "umo-"
-TRIES = 100
-SHARED = (Path("/var/tmp"), Path("/tmp"))
+MAX_FOLDERS = 100
+LASTING_PLACES = (Path("/var/tmp"), Path("/tmp"))
 """Places for records that every user of the computer may read, and only their writer may change; kept over a reboot in
 the first."""
-STATE = "UMO_STATE"
+STATE_VARIABLE = "UMO_STATE"
 """Environment variable that names another place for what outlives a run, for containers and tests."""
-READABLE = 0o755
-"""The most that anybody else may do in a folder: look."""
+READABLE_MODE = 0o755
+"""Mode of a folder of which others may look at most."""
 
 
 def own(place: Path, mode: int = 0o700) -> Path:
@@ -40,7 +40,7 @@ def own(place: Path, mode: int = 0o700) -> Path:
     for path, status in folders(place):
         if status.st_uid == os.getuid() and (path.name + "-").startswith(f"{base}-"):
             return _with_mode(path, mode)
-    for number in range(TRIES):
+    for number in range(MAX_FOLDERS):
         path = place / (f"{base}-{number}" if number else base)
         with suppress(FileExistsError):  # another user's, not a folder, or another process of ours was quicker
             path.mkdir(mode=0o700)
@@ -59,11 +59,11 @@ def checked(path: Path) -> Path:
 
 def lasting() -> Path:
     """The place of the users' folders that outlive a run; OSError where the one that was named cannot be made."""
-    if given := os.environ.get(STATE):
+    if given := os.environ.get(STATE_VARIABLE):
         place = Path(given)
         place.mkdir(parents=True, exist_ok=True)
         return place
-    return first_writable(SHARED)
+    return first_writable(LASTING_PLACES)
 
 
 def folders(place: Path) -> Iterator[tuple[Path, os.stat_result]]:
@@ -149,7 +149,7 @@ def first_writable(places: Iterable[Path]) -> Path:
 
 def _with_mode(path: Path, mode: int) -> Path:
     now = stat.S_IMODE(path.lstat().st_mode)
-    wanted = mode | (now & READABLE)
+    wanted = mode | (now & READABLE_MODE)
     if wanted != now:
         path.chmod(wanted)
     return path

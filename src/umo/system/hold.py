@@ -22,10 +22,10 @@ from umo.errors import DeviceHeld, UmoError
 from umo.text import printable, time_of_day
 
 LINUX = sys.platform.startswith("linux")
-LONGEST = 107
+MAX_NAME_BYTES = 107
 """Bytes of a socket's name."""
 BACKLOG = 4096
-TABLE = Path("/proc/net/unix")
+SOCKET_TABLE = Path("/proc/net/unix")
 
 
 class Hold:
@@ -73,7 +73,7 @@ class Hold:
         taken.listen(BACKLOG)
         note = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)  # its name is what others read in /proc/net/unix
         try:
-            note.bind(f"\0{_note(device, os.getpid())}{self._told}".encode()[:LONGEST])
+            note.bind(f"\0{_note(device, os.getpid())}{self._told}".encode()[:MAX_NAME_BYTES])
             self._notes.append(note)
         except OSError:  # this process has left it before
             note.close()
@@ -117,7 +117,7 @@ def _noted(device: str, pid: int) -> tuple[str, float | None]:
     """The note of the holder about itself: purpose and start time."""
     start = f"@{_note(device, pid)}"
     with suppress(OSError, ValueError):
-        for line in TABLE.read_text(errors="replace").splitlines():
+        for line in SOCKET_TABLE.read_text(errors="replace").splitlines():
             _, found, rest = line.partition(start)
             if found:
                 since, _, purpose = rest.partition(" ")

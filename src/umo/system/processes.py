@@ -21,7 +21,7 @@ FLAGS, PROCESSOR, PRIORITY = 6, 36, 37
 KERNEL_THREAD = 0x200000
 STOPPED, ENDED = "Tt", "ZX"
 """States of processes that were stopped by a signal or a debugger, and of those that have ended."""
-LONGEST_NAME = 15
+MAX_NAME_BYTES = 15
 """Bytes of the name of a process (prctl(2), PR_SET_NAME)."""
 
 
@@ -128,7 +128,7 @@ def _stat(pid: int) -> list[str]:
 def name_process(text: str) -> None:
     """Name this process for lists of processes (`ps -o comm`)."""
     with suppress(OSError):
-        ctypes.CDLL(None).prctl(PR_SET_NAME, text.encode()[:LONGEST_NAME], 0, 0, 0)
+        ctypes.CDLL(None).prctl(PR_SET_NAME, text.encode()[:MAX_NAME_BYTES], 0, 0, 0)
 
 
 def name_of(pid: int) -> str:

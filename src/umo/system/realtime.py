@@ -20,12 +20,12 @@ except ImportError:  # not on this platform
 
 MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
 MADV_WILLNEED, MADV_POPULATE_READ, MADV_POPULATE_WRITE = 3, 22, 23
-IDLE = 16 << 20
+IDLE_BYTES = 16 << 20
 """Bytes from which on an anonymous mapping counts as a library's buffer."""
 IDLE_LIBRARIES = ("blas", "gfortran", "quadmath", "pydantic", "libcrypto", "libssl", "unicodedata", "_decimal")
 """Parts of the names of libraries that no loop calls."""
 LARGE_LIBRARIES = ("_multiarray_umath", "libstdc++")
-"""The same of libraries of which a loop calls a small part."""
+"""Parts of the names of libraries of which a loop calls a small part."""
 BUSY_WAIT = 200e-6
 """s, for waking up and cache warming (docs/decisions/0018)."""
 PR_SET_PDEATHSIG = 1
@@ -143,7 +143,7 @@ def touch_memory(libc: ctypes.CDLL) -> bool:
     for line in Path("/proc/self/maps").read_text().splitlines():
         words = line.split()
         first, last = (int(word, 16) for word in words[0].split("-"))
-        if "r" not in words[1] or words[-1].startswith("[v") or (last - first >= IDLE and len(words) == 5):
+        if "r" not in words[1] or words[-1].startswith("[v") or (last - first >= IDLE_BYTES and len(words) == 5):
             continue
         if any(name in words[-1] for name in IDLE_LIBRARIES):
             continue

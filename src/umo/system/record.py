@@ -28,12 +28,13 @@ from umo.text import printable, some, time_of_day
 FOLDER = "devices"
 SUFFIX = ".json"
 INSPECT = "inspect the machine, then start it with --acknowledge (acknowledge=True), or use `umo acknowledge`"
-"""What is to be done after an unsafe end."""
-LARGEST = 1 << 20
-LONGEST = 2000
-"""Bytes of a record, and characters of the text in it."""
-KEPT_MODE = 0o1644
-"""The sticky bit keeps systemd-tmpfiles from removing an old file (tmpfiles.d(5), XDG base directories)."""
+"""Advice after an unsafe end."""
+MAX_RECORD_BYTES = 1 << 20
+MAX_TEXT_LENGTH = 2000
+"""Bytes of a record, and characters of the text in it, at most."""
+STICKY_MODE = 0o1644
+"""Mode of a record: the sticky bit keeps systemd-tmpfiles from removing an old file (tmpfiles.d(5), XDG base
+directories)."""
 
 
 def state_folder() -> Path:
@@ -159,7 +160,7 @@ class Record:
             self._write(device, "stopped", what, unreached)
 
     def _write(self, device: str, state: str, what: str = "", unreached: Sequence[str] = ()) -> None:
-        ended = Ended(device, self._station, self._wiring, state, time.time(), what[:LONGEST], list(unreached))
+        ended = Ended(device, self._station, self._wiring, state, time.time(), what[:MAX_TEXT_LENGTH], list(unreached))
         ended.id, ended.seen, ended.began = secrets.token_hex(8), self._seen[device], self._began
         _replace(_folder() / _file(device), asdict(ended))
 
@@ -209,7 +210,7 @@ def _read(path: Path, owner: int) -> Ended | None:
         if status.st_uid != owner or not stat.S_ISREG(status.st_mode):
             return None
         try:
-            ended = Ended(**json.loads(opened.read(LARGEST)))
+            ended = Ended(**json.loads(opened.read(MAX_RECORD_BYTES)))
             texts = [ended.device, ended.station, ended.wiring, ended.state, ended.what, ended.id]
             if not all(isinstance(text, str) for text in [*texts, *ended.unreached, *ended.seen]):
                 raise TypeError("texts")
@@ -249,5 +250,5 @@ def _file(device: str) -> str:
 
 
 def _replace(path: Path, content: dict[str, Any]) -> None:
-    with folders.written(path, KEPT_MODE, to_disk=True) as stream:
+    with folders.written(path, STICKY_MODE, to_disk=True) as stream:
         stream.write(json.dumps(content).encode())
