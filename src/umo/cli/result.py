@@ -28,7 +28,7 @@ class Result:
     statistics: Statistics
     outcome: Outcome = field(default_factory=Outcome)
     progress: Progress = field(default_factory=Progress)
-    """As the machine said it last."""
+    """Last progress that the machine told."""
     elapsed: float = 0.0
     """s of wall-clock time."""
     faults: Sequence[str] = ()

@@ -34,13 +34,13 @@ class Option:
 
     name: str
     kind: Any
-    """Its type: int, float, str, bool, Path; a Literal or Enum; a sequence of one of these."""
+    """Type: int, float, str, bool, Path; a Literal or Enum; a sequence of one of these."""
     default: Any
     taker: str
     """"machine", "application", or the type of the driver."""
     required: bool = False
     about: str = ""
-    """Its line in the section "Options:" of its taker's docstring."""
+    """Line in the section "Options:" of its taker's docstring."""
 
     @property
     def flag(self) -> str:

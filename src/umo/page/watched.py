@@ -59,11 +59,11 @@ class Watched:
         self.box = BoxInWords()
         """The newest black box of this run."""
         self.ending: Ending | None = None
-        """How the run ended; None: it has not, or that is still being found out."""
+        """End of the run; None: it has not ended, or its end is still being found out."""
         self.over = False
         """The run has ended, and all its frames are read."""
         self._ended = 0.0
-        """When that was seen, s."""
+        """Time at which that was seen, s."""
         self._frame: Any = reader.latest()
         self._good = np.full(len(reader.layout.objects), np.nan)
         self._seen = time.monotonic()

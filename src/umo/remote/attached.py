@@ -61,7 +61,7 @@ class RemoteStation(RemotePart):
         super().__init__(self, Tree(reader), "")
 
     reader: Reader
-    """Its frames."""
+    """Reader of its frames."""
     held_lease: HeldLease | None
     """The lease that this client holds."""
     _cells: Cells | None

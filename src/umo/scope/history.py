@@ -42,7 +42,7 @@ class History:
         self._size = -(-self.capacity // BLOCKS)
         self._most = -(-self.capacity // self._size) + 1
         self._blocks: list[KeptSamples] = []
-        """Only what is filled. Replaced, never changed."""
+        """Samples that are filled in. They are replaced, never changed."""
         self._newest = self._new_block()
 
     def _new_block(self) -> KeptSamples:

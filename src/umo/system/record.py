@@ -60,7 +60,7 @@ class Ended:
     seen: list[str] = field(default_factory=list)
     """Records of other users that the writer has acknowledged."""
     user: str = ""
-    """Who wrote it, if another user."""
+    """User who wrote it, if another one."""
     mine: bool = True
     began: float = 0.0
     """s since 1970: when the run took its devices"""
@@ -105,7 +105,7 @@ class Record:
         self._began = time.time()
         self._seen: dict[str, list[str]] = {}
         self._former: dict[str, Ended] = {}
-        """This user's records that this run takes the place of."""
+        """Records of this user that this run takes the place of."""
 
     def begin(self, acknowledged: bool) -> None:
         """Record the start of a run. StandsStopped if the last run on a device ended unsafely and was not acknowledged.

@@ -2,9 +2,9 @@
 
 import { unitOf } from "./presentation.js";
 
-const CONSTANT = 1e-9;  // of the value: a smaller change is none
-const GAP = 0.06;  // of a lane: free above and below its trace
-const SHORTEST = 28;  // characters of an axis' name
+const CONSTANT_SHARE = 1e-9;  // of the value: a smaller change is none
+const LANE_GAP = 0.06;  // of a lane: free above and below its trace
+const MAX_NAME_LENGTH = 28;  // characters of an axis' name
 /** Units that have an axis of their own on a narrow screen; with more, each trace gets a lane. */
 export const NARROW_UNITS = 2;
 
@@ -35,7 +35,7 @@ function named(traces) {
   const unit = unitOf(traces[0].entry);
   const names = traces.map(({ path }) => path);
   const all = names.join(", ");
-  const text = all.length <= SHORTEST ? all : names.length > 1 ? `${names.length} traces` : `…${all.slice(1 - SHORTEST)}`;
+  const text = all.length <= MAX_NAME_LENGTH ? all : names.length > 1 ? `${names.length} traces` : `…${all.slice(1 - MAX_NAME_LENGTH)}`;
   return unit ? `${text} [${unit}]` : text;
 }
 
@@ -48,7 +48,7 @@ function named(traces) {
 export function rangeOf(least, most, round) {
   if (least === null || most === null || !Number.isFinite(least) || !Number.isFinite(most)) return [null, null];
   const size = Math.max(Math.abs(least), Math.abs(most));
-  if (most - least > size * CONSTANT) return /** @type {[number, number]} */ (round(least, most, 0.1, true));
+  if (most - least > size * CONSTANT_SHARE) return /** @type {[number, number]} */ (round(least, most, 0.1, true));
   if (!size) return [-1, 1];
   const step = 10 ** Math.floor(Math.log10(size)) / 10;
   return [(Math.floor(least / step) - 2) * step, (Math.ceil(most / step) + 2) * step];
@@ -69,8 +69,8 @@ export function declaredRange({ traces }) {
  */
 export function inLane([least, most], { lane, lanes }) {
   if (lanes === 1) return [least, most];
-  const height = (most - least) / (1 - 2 * GAP);
-  const bottom = least - GAP * height - (lanes - 1 - lane) * height;
+  const height = (most - least) / (1 - 2 * LANE_GAP);
+  const bottom = least - LANE_GAP * height - (lanes - 1 - lane) * height;
   return [bottom, bottom + lanes * height];
 }
 

@@ -7,10 +7,10 @@ import { el } from "./dom.js";
 import { isBinary, scaleTexts } from "./presentation.js";
 
 const { uPlot } = window;
-const BAR = 22;  // CSS pixels of a state
-const NARROW = 600;  // CSS pixels
-const LANE = 64;  // CSS pixels at least of a lane
-const LANED = 62;  // CSS pixels beside the lanes: their axes stand in one place, for which the last one makes room
+const BAR_HEIGHT = 22;  // CSS pixels of a state
+const NARROW_WIDTH = 600;  // CSS pixels below which the page is narrow
+const MIN_LANE_HEIGHT = 64;  // CSS pixels
+const LANE_AXIS_WIDTH = 62;  // CSS pixels beside the lanes: their axes stand in one place, for which the last one makes room
 const FONT = "11px system-ui";
 const COLOURS = 8;
 const MARKS = { command: "--accent", mode: "--cursor", missed: "--bad", guard: "--warn" };
@@ -53,11 +53,11 @@ export class Chart {
 
   /** The first two axes on the left, the others on the right; lanes all on the left. */
   _make() {
-    const narrow = this._element.clientWidth < NARROW;
+    const narrow = this._element.clientWidth < NARROW_WIDTH;
     const units = axesOf(this.numbers, false);
     const inLanes = this._how.lanes || (narrow && units.length > NARROW_UNITS);
     const axes = inLanes ? axesOf(this.numbers, true) : units;
-    this._element.style.minHeight = inLanes ? `${axes.length * LANE + this.states.length * BAR + 60}px` : "";
+    this._element.style.minHeight = inLanes ? `${axes.length * MIN_LANE_HEIGHT + this.states.length * BAR_HEIGHT + 60}px` : "";
     const text = css("--text-dim");
     const grid = { stroke: css("--grid"), width: 1 };
     return new uPlot({
@@ -84,7 +84,7 @@ export class Chart {
     const first = place === 0 || inLanes;
     return {
       scale: axis.scale, side: inLanes || place < (narrow ? 1 : 2) ? 3 : 1, stroke, gap: 3, font: FONT,
-      ...(inLanes ? { size: axis.lane === axis.lanes - 1 ? LANED : 0, splits: (/** @type {uPlot} */ plot) => laneSplits(this._own(plot, axis)) } : {
+      ...(inLanes ? { size: axis.lane === axis.lanes - 1 ? LANE_AXIS_WIDTH : 0, splits: (/** @type {uPlot} */ plot) => laneSplits(this._own(plot, axis)) } : {
         size: growing(), label: axis.name, labelSize: 18, labelGap: 3, labelFont: "12px system-ui",
       }),
       grid: first ? grid : { show: false }, ticks: grid,
@@ -113,7 +113,7 @@ export class Chart {
     const width = this._element.clientWidth;
     const height = this._element.clientHeight;
     if (width < 50 || height < 50) return;
-    this._barsHeight = this.states.length * BAR;
+    this._barsHeight = this.states.length * BAR_HEIGHT;
     this.plot.setSize({ width, height: Math.max(120, height - this._barsHeight) });
     const scale = window.devicePixelRatio;
     this._bars.width = width * scale;
@@ -208,7 +208,7 @@ export class Chart {
   _drawBars(lines) {
     const ctx = /** @type {CanvasRenderingContext2D} */ (this._bars.getContext("2d"));
     const { left, width } = this.plot.bbox;
-    const height = BAR * window.devicePixelRatio;
+    const height = BAR_HEIGHT * window.devicePixelRatio;
     const place = (/** @type {number} */ time) => left + ((time - this.range[0]) / (this.range[1] - this.range[0])) * width;
     ctx.clearRect(0, 0, this._bars.width, this._bars.height);
     ctx.save();

@@ -5,7 +5,7 @@ import { Undo } from "./undo.js";
 
 /** @typedef {{what: string, path: string, state: string, text: string}} Asked */
 
-const KEPT = 30;  // commands that are remembered
+const MAX_REMEMBERED = 30;  // commands that are remembered
 const HOLDING = ["write", "call"];  // commands that hold their path
 const UNANSWERED = "no answer: the connection was lost; whether it was carried out is not known";
 const ENDS = ["done", "refused", "failed", "cancelled"];
@@ -114,7 +114,7 @@ export class Client {
   }
 
   /** @param {Asked} entry */
-  _remember(entry) { this.asked = [entry, ...this.asked].filter(({ state }, i) => i < KEPT || state === "begun"); }
+  _remember(entry) { this.asked = [entry, ...this.asked].filter(({ state }, i) => i < MAX_REMEMBERED || state === "begun"); }
 
   /** @param {string} path */
   _drop(path) {

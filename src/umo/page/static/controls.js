@@ -11,9 +11,9 @@ import { shownQuality } from "./quality.js";
  * @typedef {import("./client.js").Client} Client
  */
 
-const OFTEN = 100;  // ms between two values of a slider that is moved
+const SLIDE_PAUSE = 100;  // ms between two values of a slider that is moved
 const LET_GO = ["pointerup", "pointercancel", "keyup"];  // end a jog wherever they happen: its button may be gone
-const JOG = 0.1;  // of the range: the first value of a jog
+const JOG_SHARE = 0.1;  // of the range: the first value of a jog
 
 /** @param {string} path */
 const name = (path) => path.slice(path.lastIndexOf(".") + 1);
@@ -51,13 +51,13 @@ export class ActuatorControl {
     if (value !== null) this._write(value);
   }
 
-  /** The slider is moved: its newest value every `OFTEN` ms. @param {number} value */
+  /** The slider is moved: its newest value every `SLIDE_PAUSE` ms. @param {number} value */
   _slid(value) {
     this._newest = value;
     this._timer ??= setTimeout(() => {
       this._timer = null;
       if (this._client.leased && this.element.isConnected) this._write(this._newest);
-    }, OFTEN);
+    }, SLIDE_PAUSE);
   }
 
   /** @param {number | string} value */
@@ -255,7 +255,7 @@ export class JogControl {
 }
 
 /** @param {Page.Argument} about */
-const first = ({ maximum }) => (maximum !== undefined && Number.isFinite(maximum) ? Number((JOG * maximum).toPrecision(2)) : "");
+const first = ({ maximum }) => (maximum !== undefined && Number.isFinite(maximum) ? Number((JOG_SHARE * maximum).toPrecision(2)) : "");
 
 /** A tunable number, and the way back to what it was before. */
 export class TunableControl {

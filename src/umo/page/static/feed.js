@@ -1,6 +1,6 @@
 /** The connection to the server: stations, states, and traces against time. It reconnects by itself. */
 
-const RETRY = [250, 500, 1000, 2000];  // ms from one attempt to the next
+const RETRY_PAUSES = [250, 500, 1000, 2000];  // ms from one attempt to the next
 
 /**
  * @typedef {"stations" | "description" | "state" | "connection"} Kind
@@ -98,7 +98,7 @@ export class Feed {
     for (const { reject } of this._waiting.values()) reject(new ConnectionLost("the connection to the server is lost"));
     this._waiting.clear();
     if (news) this._emit("connection");
-    setTimeout(() => this.start(), RETRY[Math.min(this._attempt++, RETRY.length - 1)]);
+    setTimeout(() => this.start(), RETRY_PAUSES[Math.min(this._attempt++, RETRY_PAUSES.length - 1)]);
   }
 
   /** @param {any} message */

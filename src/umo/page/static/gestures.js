@@ -1,8 +1,8 @@
 /** Wheel, click and touch on the plot. */
 
-const CLICK = 4;  // pixels that a pointer may move in a click
-const DOUBLE = 350;  // ms from one click to the next of a double click
-const NEAR = 12;  // pixels between them
+const CLICK_DISTANCE = 4;  // pixels that a pointer may move in a click
+const DOUBLE_CLICK_TIME = 350;  // ms from one click to the next of a double click
+const DOUBLE_CLICK_DISTANCE = 12;  // pixels between them
 
 /**
  * @param {HTMLElement} over  The plot.
@@ -20,7 +20,7 @@ export function gestures(over, act) {
   const place = (event) => event.clientX - over.getBoundingClientRect().left;
   /** @param {number} x @param {number} at */
   const click = (x, at) => {
-    if (at - clicked.at < DOUBLE && Math.abs(x - clicked.x) < NEAR) {
+    if (at - clicked.at < DOUBLE_CLICK_TIME && Math.abs(x - clicked.x) < DOUBLE_CLICK_DISTANCE) {
       clicked = { x: NaN, at: -Infinity };
       act.undoClick();
       act.live();
@@ -56,7 +56,7 @@ export function gestures(over, act) {
   /** @param {PointerEvent} event */
   const end = (event) => {
     touches.delete(event.pointerId);
-    if (event.type === "pointerup" && start !== null && Math.abs(place(event) - start) < CLICK) click(start, event.timeStamp);
+    if (event.type === "pointerup" && start !== null && Math.abs(place(event) - start) < CLICK_DISTANCE) click(start, event.timeStamp);
     start = null;
     if (event.type === "pointerleave") act.hover(null);
   };

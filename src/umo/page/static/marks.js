@@ -2,7 +2,7 @@
 
 import { clockText } from "./presentation.js";
 
-const NEAR = 6;  // pixels from a mark within which it is told
+const MARK_DISTANCE = 6;  // pixels from a mark within which it is told
 
 /** `12.345 s z.motor: limited (by ann): done`. @param {Partial<Page.Event>} event */
 export function sentence(event) {
@@ -36,5 +36,5 @@ function kindOf({ command, asked, who }) {
  * @param {Page.Mark[]} marks @param {number} time @param {number} pixel  s.
  */
 export function markAt(marks, time, pixel) {
-  return marks.findLast((mark) => Math.abs(mark.time - time) <= NEAR * pixel) ?? null;
+  return marks.findLast((mark) => Math.abs(mark.time - time) <= MARK_DISTANCE * pixel) ?? null;
 }

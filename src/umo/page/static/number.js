@@ -3,7 +3,7 @@
 import { el } from "./dom.js";
 import { numberText, unitOf } from "./presentation.js";
 
-const SLIDER = 500;  // steps
+const SLIDER_STEPS = 500;  // steps
 
 /** @typedef {{name?: string, look?: string, digits?: number | null, minimum?: number, maximum?: number, range?: string}} About */
 
@@ -35,7 +35,7 @@ export class NumberInput {
   /** @param {About} about @param {string} label @param {(value: number, done: boolean) => void} slide */
   _slider(about, label, slide) {
     const { minimum = 0, maximum = 0 } = about;
-    const slider = el("input", { type: "range", min: minimum, max: maximum, step: (maximum - minimum) / SLIDER || "any", title: about.range, "aria-label": `${label}, slider` });
+    const slider = el("input", { type: "range", min: minimum, max: maximum, step: (maximum - minimum) / SLIDER_STEPS || "any", title: about.range, "aria-label": `${label}, slider` });
     slider.oninput = () => {
       this.field.value = numberText(Number(slider.value), about.digits);
       slide(Number(slider.value), false);

@@ -12,8 +12,8 @@ import { forbidden } from "./status.js";
  * @typedef {{element: HTMLElement, refresh: (feed: Feed) => void}} Control
  */
 
-const OPEN = 12;  // parts up to which all are unfolded; else the first one is
-const ANSWERS = 3;  // that are shown
+const MAX_UNFOLDED = 12;  // parts up to which all are unfolded; else the first one is
+const MAX_ANSWERS = 3;  // that are shown
 const MODES = ["automatic", "manual"];
 
 export class View {
@@ -65,7 +65,7 @@ export class View {
     this._shownParts = groups.map((group) => (group.family ? new Family(group.title, group.parts, this.feed, this.client) : new Part(group.parts[0], this.feed, this.client)));
     this._parts.replaceChildren(...this._shownParts.map(({ element }) => element));
     this._shownParts.forEach((part, number) => {
-      if (part instanceof Part) part.element.open = number === 0 || groups.length <= OPEN;
+      if (part instanceof Part) part.element.open = number === 0 || groups.length <= MAX_UNFOLDED;
       part.refresh();
     });
   }
@@ -89,7 +89,7 @@ export class View {
 
   /** The last commands of this page, the newest first. Their room stays the same: nothing moves under a held button. */
   _show() {
-    const shown = this.client.asked.slice(0, ANSWERS);
+    const shown = this.client.asked.slice(0, MAX_ANSWERS);
     const text = shown.map(words).join("\n");
     if (text === this._answered) return;
     this._answered = text;

@@ -3,7 +3,7 @@
 import { el, setText } from "./dom.js";
 import { sentence } from "./marks.js";
 
-const EVENTS = 100;  // shown
+const MAX_EVENTS = 100;  // shown
 
 export class Panel {
   /** @param {import("./feed.js").Feed} feed */
@@ -44,7 +44,7 @@ export class Panel {
 
   /** The newest first. @param {Page.Event[]} events */
   _show(events) {
-    const shown = events.slice(-EVENTS).reverse().map(sentence);
+    const shown = events.slice(-MAX_EVENTS).reverse().map(sentence);
     const text = shown.join("\n");
     if (text === this._shown) return;
     this._shown = text;

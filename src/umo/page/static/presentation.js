@@ -1,11 +1,11 @@
 /** How values look, as umo/presentation has it; the server gives each entry its digits and its unit as it is shown. A test compares the two. */
 
 const NO_VALUE = "-";
-const SIGNIFICANT = 6;
-const BEYOND = 1e21;  // size from which on no digits after the point are shown
+const SIGNIFICANT_DIGITS = 6;
+const MAX_FIXED = 1e21;  // size from which on no digits after the point are shown
 const MAX_DIGITS = 99;  // after the point
 const FEW_STEPS = 1e4;  // steps of a scale from 0 that six significant digits tell apart
-const LONGEST_RUN = 1e10;  // s: 300 years
+const MAX_RUN = 1e10;  // s: 300 years
 
 /** A number that ends in a half of its last digit, which is rounded to the even one, as Python does. @param {string} longer  With the digit that is too much, which is 5. @param {string} text  Rounded away from 0. */
 function even(longer, text) {
@@ -22,10 +22,10 @@ function fixed(value, digits) {
 
 /** Six significant digits and a power of ten. @param {number} value @returns {[string, number]} */
 function scientific(value) {
-  const unit = 10 ** (Math.floor(Math.log10(Math.abs(value))) - SIGNIFICANT + 1);
-  const [mantissa, power] = value.toExponential(SIGNIFICANT - 1).split("e");
+  const unit = 10 ** (Math.floor(Math.log10(Math.abs(value))) - SIGNIFICANT_DIGITS + 1);
+  const [mantissa, power] = value.toExponential(SIGNIFICANT_DIGITS - 1).split("e");
   const isHalf = unit > 1 && Math.abs(value) % unit === unit / 2;
-  return [isHalf ? even(value.toExponential(SIGNIFICANT).split("e")[0], mantissa) : mantissa, Number(power)];
+  return [isHalf ? even(value.toExponential(SIGNIFICANT_DIGITS).split("e")[0], mantissa) : mantissa, Number(power)];
 }
 
 /** @param {string} text */
@@ -34,10 +34,10 @@ const withoutZeros = (text) => (text.includes(".") ? text.replace(/\.?0+$/, "") 
 /** A number with so many digits after the point; null: six significant digits. @param {number | null | undefined} value @param {number | null} [digits] */
 export function numberText(value, digits = null) {
   if (value === null || value === undefined || !Number.isFinite(value)) return NO_VALUE;
-  if (digits !== null && Math.abs(value) < BEYOND) return fixed(value, digits);
+  if (digits !== null && Math.abs(value) < MAX_FIXED) return fixed(value, digits);
   const [mantissa, exponent] = scientific(value);
   if (exponent < -4 || exponent >= 9) return `${withoutZeros(mantissa)}e${exponent}`;
-  return withoutZeros(fixed(value, Math.max(SIGNIFICANT - 1 - exponent, 0)));
+  return withoutZeros(fixed(value, Math.max(SIGNIFICANT_DIGITS - 1 - exponent, 0)));
 }
 
 /** The numbers beside a scale, evenly spaced: six significant digits; where these do not do, as many as the step has. @param {number[]} levels @returns {string[]} */
@@ -78,7 +78,7 @@ export function duration(seconds) {
 
 /** `12 s`, `3 min`, `2 h 05 min`, `3 d 4 h`; `?` for what no run has lasted. @param {number} seconds */
 export function lasting(seconds) {
-  if (!(Math.abs(seconds) < LONGEST_RUN)) return "?";
+  if (!(Math.abs(seconds) < MAX_RUN)) return "?";
   const [minutes, hours, days] = [seconds / 60, seconds / 3600, seconds / 86400];
   if (minutes < 2) return `${fixed(seconds, 0)} s`;
   if (hours < 1) return `${fixed(minutes, 0)} min`;

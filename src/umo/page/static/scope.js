@@ -11,12 +11,12 @@ import { markAt, marksOf } from "./marks.js";
 import { Trigger, WAITING } from "./trigger.js";
 
 const SPANS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300];  // s
-const SHORTEST = 0.002;
-const FIRST = { numbers: 4, states: 2 };  // traces where none was chosen
-const MOST = 32;
-const MEASURE = 1000;  // ms
-const SETTLE = 120;  // ms without a change of the view before its history is asked for
-const STEP = 0.01;  // of the time shown: a cursor moved by a key
+const MIN_SPAN = 0.002;
+const FIRST_TRACES = { numbers: 4, states: 2 };  // traces where none was chosen
+const MAX_TRACES = 32;
+const MEASURE_PAUSE = 1000;  // ms
+const SETTLE_TIME = 120;  // ms without a change of the view before its history is asked for
+const CURSOR_STEP = 0.01;  // of the time shown: a cursor moved by a key
 
 export class View {
   /** @param {HTMLElement} element @param {import("./feed.js").Feed} feed */
@@ -57,7 +57,7 @@ export class View {
         button("CSV", "Save every sample of the time shown", () => this._csv()), this._hint),
       this._plot, this._hover, this.legend.element,
     );
-    const chosen = (tracesOfAddress() ?? firstTraces(feed)).filter((path) => feed.entry(path)).slice(0, MOST);
+    const chosen = (tracesOfAddress() ?? firstTraces(feed)).filter((path) => feed.entry(path)).slice(0, MAX_TRACES);
     this._colours = fromAddress(chosen, address.get("colours"));
     /** @type {Chart} */
     this.chart = this._show(chosen, null);
@@ -71,7 +71,7 @@ export class View {
       feed.on("state", () => this._onState()),
       feed.on("connection", () => this._subscribe()),
     );
-    this._timer = setInterval(() => this._measure(), MEASURE);
+    this._timer = setInterval(() => this._measure(), MEASURE_PAUSE);
   }
 
   _arrange() {
@@ -186,14 +186,14 @@ export class View {
   /** @param {[number, number]} view */
   _still([from, to]) {
     const { start, stop } = this.feed.range();
-    const span = Math.min(Math.max(to - from, SHORTEST), Math.max(stop - start, SHORTEST));
+    const span = Math.min(Math.max(to - from, MIN_SPAN), Math.max(stop - start, MIN_SPAN));
     const begin = Math.min(Math.max(from, start), Math.max(stop - span, start));
     const was = this.view;
     this.view = [begin, begin + span];
     if (!was) this._subscribe();
     this._fillSpans();
     this.chart.draw(this.view);
-    this._settle(SETTLE);
+    this._settle(SETTLE_TIME);
   }
 
   /** Ask for the history of the view when it has not changed for a while. @param {number} wait */
@@ -240,7 +240,7 @@ export class View {
     }
     this._fillSpans();
     clearTimeout(this._settling);
-    this._settling = setTimeout(() => this._subscribe(), SETTLE);
+    this._settling = setTimeout(() => this._subscribe(), SETTLE_TIME);
   }
 
   /** The cursors have changed by this. @param {() => void} act */
@@ -283,7 +283,7 @@ export class View {
     this._add.value = "";
     if (!path) return;
     if (!found.length) setText(this._hint, `no object or signal ${path}`);
-    else this._show([...this.paths, ...found].slice(0, MOST));
+    else this._show([...this.paths, ...found].slice(0, MAX_TRACES));
   }
 
   // Measured values, files, keys -------------------------------------------------------------------------
@@ -324,7 +324,7 @@ export class View {
     const acts = {
       " ": () => this.pause(), "+": () => this._zoom(0.5, 0.5), "-": () => this._zoom(2, 0.5), Home: () => this.live(),
       ArrowLeft: () => this._pan(-0.1), ArrowRight: () => this._pan(0.1), Escape: () => this._clear(),
-      a: () => this._setCursor(0), b: () => this._setCursor(1), ",": () => this._moveCursor(-STEP), ".": () => this._moveCursor(STEP),
+      a: () => this._setCursor(0), b: () => this._setCursor(1), ",": () => this._moveCursor(-CURSOR_STEP), ".": () => this._moveCursor(CURSOR_STEP),
     };
     const act = acts[event.key];
     if (!act) return;
@@ -344,7 +344,7 @@ export class View {
 
 /** @param {import("./feed.js").Feed} feed */
 function firstTraces(feed) {
-  const numbers = feed.entries.filter((entry) => !isBinary(entry) && unitOf(entry)).slice(0, FIRST.numbers);
-  const states = feed.entries.filter(isBinary).slice(0, FIRST.states);
+  const numbers = feed.entries.filter((entry) => !isBinary(entry) && unitOf(entry)).slice(0, FIRST_TRACES.numbers);
+  const states = feed.entries.filter(isBinary).slice(0, FIRST_TRACES.states);
   return [...numbers, ...states].map(({ path }) => path);
 }

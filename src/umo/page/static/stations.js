@@ -26,8 +26,8 @@ export function runAfter(lines, name) {
 export function offer(select, { stations, station }) {
   const texts = ["All stations", ...stations.map((line) => nameOf(line, stations) + (line.stage === "ended" ? ", ended" : ""))];
   const values = ["", ...stations.map(({ name }) => name)];
-  const made = texts.map((textContent, i) => el("option", { textContent, value: values[i] }));
-  if (select.innerHTML !== made.map(({ outerHTML }) => outerHTML).join("")) select.replaceChildren(...made);
+  const options = texts.map((textContent, i) => el("option", { textContent, value: values[i] }));
+  if (select.innerHTML !== options.map(({ outerHTML }) => outerHTML).join("")) select.replaceChildren(...options);
   const chosen = station ?? "";
   if (select.value !== chosen) select.value = chosen;
 }

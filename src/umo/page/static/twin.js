@@ -4,7 +4,7 @@ import { TwinView } from "./twin/view.js";
 
 /** @typedef {import("./feed.js").Feed} Feed */
 
-const NONE = "This station declares no twin. A file twin.py in its folder would: docs/howto-declare-a-twin.md.";
+const NO_TWIN = "This station declares no twin. A file twin.py in its folder would: docs/howto-declare-a-twin.md.";
 const LOADING = "The twin is loading\u2026";
 
 export class View {
@@ -22,7 +22,7 @@ export class View {
   /** Show the twin of the feed's station in an empty element. @param {HTMLElement} element @param {Feed} feed */
   async _show(element, feed) {
     if (!feed.description?.twin) {
-      tell(element, NONE);
+      tell(element, NO_TWIN);
       return;
     }
     tell(element, LOADING);

@@ -1,6 +1,6 @@
 /** The values that tunable numbers had before this page changed them. */
 
-const MOST = 50;  // of one number
+const MAX_CHANGES = 50;  // of one number
 
 export class Undo {
   constructor() {
@@ -9,7 +9,7 @@ export class Undo {
   }
 
   /** @param {string} path @param {number} value  Before a change. */
-  push(path, value) { this._before.set(path, [...(this._before.get(path) ?? []), value].slice(-MOST)); }
+  push(path, value) { this._before.set(path, [...(this._before.get(path) ?? []), value].slice(-MAX_CHANGES)); }
 
   /** The value before the last change that was not undone; null: there is none. @param {string} path */
   last(path) { return this._before.get(path)?.at(-1) ?? null; }

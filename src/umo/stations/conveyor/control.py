@@ -49,7 +49,7 @@ class Belt(Compound):
     deviation: Annotated[float, Number("m/s", 0.01, 0.2, tunable=True)] = 0.05
     """Largest difference between setpoint and speed, m/s; while the belt is to move, at most half of the setpoint."""
     settling_time: Annotated[float, Number("s", 0.1, 5.0, tunable=True)] = 0.5
-    """How long it may be larger, s."""
+    """Time for which the deviation may be larger, s."""
 
     def setup(self) -> None:
         self.position = 0.0  # what the belt has travelled, mm
@@ -103,15 +103,15 @@ class Conveyor(
     emergency_stop: BinarySensor[OpenClosed]
     timer: DigitalSensor
     distance: float = 300.0
-    """From the entry barrier to the exit barrier, mm."""
+    """Distance from the entry barrier to the exit barrier, mm."""
     diverter_at: float = 450.0
-    """From the entry barrier to the middle of the diverter, mm."""
+    """Distance from the entry barrier to the middle of the diverter, mm."""
     spacing: float = 200.0
     """Largest distance between the fronts of two parts that follow each other, mm."""
     window: Annotated[float, Number("mm", 1.0, 100.0, tunable=True)] = 20.0
-    """How far a part may slip on the belt from one barrier to the other, mm."""
+    """Distance that a part may slip on the belt from one barrier to the other, mm."""
     push_time: Annotated[float, Number("s", 0.01, 0.2, tunable=True)] = 0.05
-    """From the command to the diverter until it reaches a part, s."""
+    """Time from the command to the diverter until it reaches a part, s."""
 
     def setup(self) -> None:
         self.length = nan  # of the last part measured

@@ -6,7 +6,7 @@ from umo.states import OnOff
 
 from .control import Furnace, Zone
 
-MOST_ZONES = 5000
+MAX_ZONES = 5000
 
 
 def machine(zones: int = 40) -> Furnace:
@@ -15,8 +15,8 @@ def machine(zones: int = 40) -> Furnace:
     Options:
         zones: how many, 1 to 5,000.
     """
-    if not 1 <= zones <= MOST_ZONES:
-        raise DeclarationError(f"a tunnel has 1 to {MOST_ZONES} zones, not {zones}")
+    if not 1 <= zones <= MAX_ZONES:
+        raise DeclarationError(f"a tunnel has 1 to {MAX_ZONES} zones, not {zones}")
     return Furnace(
         zones=[zone() for _ in range(zones)],
         timer=DigitalSensor("sampling_period", minimum=0.0, maximum=99_999.9, resolution=1.0, synchronous=False),

@@ -32,10 +32,10 @@ KINDS = {"heater": (OUT, 16, False), "fan": (OUT, 1, False), "thermocouple": (IN
 HEATER, FAN, THERMOCOUPLE, TICK = range(4)
 FORMS = ("heater:N", "fan:N", "thermocouple:N", "tick")
 FAULTS = ("broken-thermocouple", "loose-thermocouple", "shorted-thermocouple", "stuck-heater", "dead-heater")
-"""Of a zone, `KIND:ZONE` or `KIND:ZONE@SECONDS`, 60 s after the start by default: an open circuit; one for 1 s in every
-5 s; it reads the ambience; full power whatever the duty; no power."""
+"""Faults of a zone, `KIND:ZONE` or `KIND:ZONE@SECONDS`, 60 s after the start by default: an open circuit; one for 1 s
+in every 5 s; it reads the ambience; full power whatever the duty; no power."""
 CAPACITY, POWER, LOSS, FAN_LOSS, CONDUCTION = 2000.0, 16_000.0, 8.0, 4.0, 2.0
-AMBIENCE, LAG, LONGEST_STEP = 25.0, 1.5, 0.1
+AMBIENCE, LAG, MAX_STEP = 25.0, 1.5, 0.1
 OPEN, VOLTS, TYPE_K = 0x7FFF, 0.002, Thermocouple("K")
 
 
@@ -125,8 +125,8 @@ class Plant(Driver[FurnaceChannel]):
 
     def advance(self, periods: int = 1) -> None:
         """Let so many periods pass under the levels as they are."""
-        span = periods * (self.period or LONGEST_STEP)
-        steps = ceil(span / LONGEST_STEP - 1e-9)
+        span = periods * (self.period or MAX_STEP)
+        steps = ceil(span / MAX_STEP - 1e-9)
         for _ in range(steps):
             self._step(span / steps)
         self._measure()

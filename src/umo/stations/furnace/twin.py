@@ -9,11 +9,11 @@ from .control import Furnace
 GLOW: Mapping[float, str] = {
     20: "#4a5568", 200: "#5b3a6e", 400: "#8f2d56", 600: "#d1402f", 800: "#f2802a", 1000: "#ffd34d", 1300: "#fff6d8"
 }  # fmt: skip
-"""degC."""
+"""Colours of a zone by its temperature, degC."""
 ROW = 20
 """Zones in a row."""
 WIDTH, DEPTH, HEIGHT, GAP = 0.22, 0.6, 0.4, 0.02
-"""Of a zone, m."""
+"""Size of a zone and space to the next, m."""
 
 
 def twin(machine: Furnace) -> Twin:

@@ -13,9 +13,9 @@ class ZAxis(ServoAxis):
 
     encoder_zero: BinaryActuator[EnableDisable]
     index: float = 121_999.4
-    """Where the encoder's index pulse stands, um."""
+    """Position of the encoder's index pulse, um."""
     stop: float = 129_500.0
-    """Where the upper end stop stands, um."""
+    """Position of the upper end stop, um."""
     gain: float = 4.3e-3
     integral_time: float = 0.1
     derivative_time: float = 1e-3
@@ -62,9 +62,9 @@ class ThetaAxis(StepperAxis):
     step: StepOutput
     encoder_zero: BinaryActuator[EnableDisable]
     index: float = 227.4438
-    """Where the index pulse stands, deg."""
+    """Position of the index pulse, deg."""
     stop: float = 271.0
-    """Where the clockwise end stop stands, deg."""
+    """Position of the clockwise end stop, deg."""
     step_size: float = 0.225
     velocity: float = 80.0
     acceleration: float = 300.0

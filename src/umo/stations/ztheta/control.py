@@ -44,9 +44,9 @@ class Gripper(Compound):
     vacuum: BinaryActuator[OnOff]
     pressure: BinarySensor[PassFail]
     seal_time: Annotated[float, Number("s", 0.05, 2.0, tunable=True)] = 0.3
-    """How long the vacuum may take to build, s."""
+    """Time that the vacuum may take to build, s."""
     loss_time: Annotated[float, Number("s", 0.0, 0.5, tunable=True)] = 0.02
-    """How long the switch may fail before a held part counts as lost, s."""
+    """Time for which the switch may fail before a held part counts as lost, s."""
 
     def setup(self) -> None:
         self.holding = False
@@ -101,21 +101,21 @@ class Manipulator(
     pressure_solenoid: BinaryActuator[OnOff]
     timer: DigitalSensor
     pick_height: Annotated[float, Number("um", 55_000.0, 65_000.0, tunable=True)] = 59_800.0
-    """The cup presses a part that lies on the courier."""
+    """Height at which the cup presses a part that lies on the courier."""
     clearance: Annotated[float, Number("um", 1_000.0, 10_000.0, tunable=True)] = 4_000.0
-    """Above `pick_height` the arm goes slowly."""
+    """Distance above `pick_height` in which the arm goes slowly."""
     touch_speed: Annotated[float, Number("um/s", 1_000.0, 20_000.0, tunable=True)] = 10_000.0
-    """um per s."""
+    """Speed near a part, um per s."""
     turn_height: Annotated[float, Number("um", 70_000.0, 120_000.0, tunable=True)] = 80_000.0
-    """A part hangs free here."""
+    """Height at which a part hangs free."""
     transit_height: Annotated[float, Number("um", 100_000.0, 120_000.0, tunable=True)] = 112_000.0
-    """The courier may move."""
+    """Height from which on the courier may move."""
     courier_time: Annotated[float, Number("s", 0.0, 10.0, tunable=True)] = 1.0
-    """How long the courier takes to bring the next part, s."""
+    """Time that the courier takes to bring the next part, s."""
     puff_time: Annotated[float, Number("s", 0.01, 0.5, tunable=True)] = 0.05
-    """How long the pressure blows a part off the cup, s."""
+    """Time for which the pressure blows a part off the cup, s."""
     bleed_time: Annotated[float, Number("s", 0.1, 5.0, tunable=True)] = 1.0
-    """How long the cup takes to lose its vacuum without being blown, s."""
+    """Time that the cup takes to lose its vacuum without being blown, s."""
 
     def setup(self) -> None:
         self.unblown = 0  # parts that were put down without the puff

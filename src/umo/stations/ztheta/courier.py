@@ -15,20 +15,20 @@ from typing import NamedTuple
 from .devices import STEP
 
 CLEAR_UM = 100_000.0
-"""z above which the courier moves, um."""
+"""Height of z above which the courier moves, um."""
 TRAVEL = 0.7
 """Duration of every journey of the courier, s; it has settled 0.1 s later."""
 SETTLE = 0.1
 QUIET = 0.05
-"""How long a released part must have lain still before the courier leaves, s."""
+"""Time for which a released part must have lain still before the courier leaves, s."""
 STILL_UM = 5.0
-"""A part that moves up or down by less in one physics step lies still, um."""
+"""Motion in one physics step below which a part lies still, um."""
 LIFT_UM = 5_000.0
-"""A part counts as lifted once it has risen by so much, um."""
+"""Rise from which on a part counts as lifted, um."""
 TOLERANCE_UM = 200.0
-"""Distance between the centre of a placed part and where it ought to be, um."""
+"""Largest distance of the centre of a placed part from where it ought to be, and of its height, um."""
 TOLERANCE_DEG = 1.0
-"""Yaw and height have their tolerances too: this, and `TOLERANCE_UM`."""
+"""Largest error of the yaw of a placed part, deg."""
 
 
 class Pose(NamedTuple):
@@ -106,14 +106,14 @@ class Courier:
         self._absent = absent
         self._from = self._to = park
         self.moving = False
-        """The courier is under way."""
+        """Whether the courier is under way."""
         self._clock = 0.0
         self._quiet = 0.0
         self._height = 0.0
         self.current = -1
         """Index of the part under the cup or on its way to it; -1 before the first one."""
         self.present = False
-        """The current part stands under the cup."""
+        """Whether the current part stands under the cup."""
 
     @property
     def lifted(self) -> bool:

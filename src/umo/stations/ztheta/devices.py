@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 STEP = 0.001
-"""The physics step, s. Every period is a whole multiple of it."""
+"""Physics step, s. Every period is a whole multiple of it."""
 
 
 class EncoderCounter:
@@ -109,11 +109,11 @@ class SuctionCup:
     SUCTION = 60_000.0
     """Vacuum of the sealed cup, Pa."""
     OPEN_FLOW = 8_000.0
-    """What the pump draws through an open cup, Pa."""
+    """Vacuum that the pump draws through an open cup, Pa."""
     LEAKY = 20_000.0
-    """What a leaky cup reaches, Pa."""
+    """Vacuum that a leaky cup reaches, Pa."""
     SWITCH = 30_000.0
-    """The pressure switch passes above this, Pa."""
+    """Vacuum above which the pressure switch passes, Pa."""
     AREA = math.pi * 0.005**2
     """Area within the lip, m2."""
     BUILD, BLEED, VENT = 0.020, 0.150, 0.003

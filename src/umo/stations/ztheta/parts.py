@@ -15,9 +15,9 @@ import numpy as np
 NO_CONTACTS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_SENSOR)  # type: ignore[attr-defined]
 """Flags of MuJoCo: no search for contacts, and none for the contact of the cup."""
 NEAR_UM = 65_000.0
-"""Below this height of the cup's tip the part under it is awake. Its top stands at 60 mm."""
+"""Height of the cup's tip below which the part under it is awake, um. The part's top stands at 60 mm."""
 STILL = 1e-3
-"""A part lies still when no component of its velocity (m/s, rad/s) is larger."""
+"""Largest component of the velocity (m/s, rad/s) of a part that lies still."""
 QUIET_STEPS = 50
 
 

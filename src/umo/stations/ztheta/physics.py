@@ -17,15 +17,15 @@ from .parts import Parts
 mj: Any = mujoco  # its compiled half carries no types
 
 Z_RESOLUTION, Z_ORIGIN, Z_INDEX = 4.64357, -147_871.0, 58_117
-"""Listing 5's encoder, um; the index pulse stands on line 58117, at 121,999.4 um."""
+"""Encoder of Listing 5, um; the index pulse stands on line 58117, at 121,999.4 um."""
 THETA_RESOLUTION, THETA_INDEX_DEG = 0.000529483, 227.4438
-"""Listing 5's encoder, deg; the index pulse stands on line 0."""
+"""Encoder of Listing 5, deg; the index pulse stands on line 0."""
 NOMINAL = 60_200.0
 """Pressure that carries the arm, Pa: 752 counts. Friction holds it at 0 V from 680 to 820 counts."""
 PITCH = 0.05
 """Distance between two parts on the courier, m."""
 SCATTER, SCATTER_DEG = 0.0025, 5.0
-"""How far off its place a part may start: m in x and y, deg of yaw."""
+"""Distance from its place at which a part may start: m in x and y, deg of yaw."""
 COLOURS = ((0.84, 0.20, 0.18, 1.0), (0.20, 0.62, 0.30, 1.0), (0.16, 0.38, 0.80, 1.0))
 
 

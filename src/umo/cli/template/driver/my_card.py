@@ -114,9 +114,9 @@ class Device:
     """
 
     levels: ClassVar[dict[str, int]] = dict.fromkeys(CHANNELS, 0)
-    """Of the device itself: they outlast the connection."""
+    """Levels of the device itself, which outlast the connection."""
     silent: ClassVar[bool] = False
-    """For the tests: the device does not answer."""
+    """Whether the device does not answer, for the tests."""
     wires: ClassVar[dict[str, str]] = {"dac:0": "adc:0", "relay:0": "switch:0"}
 
     def __init__(self, address: int, deadline: float) -> None:

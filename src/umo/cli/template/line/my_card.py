@@ -45,7 +45,7 @@ PLACES = {text: place for place, text in enumerate(CHANNELS)}
 GET, SET = 1, 2
 STATUS = {1: "there is no such channel", 2: "the value is out of range"}
 HEAD, ITEM, CHECKSUM = Struct(">HHB"), Struct(">BBi"), Struct(">H")
-LONGEST = 4096
+MAX_REPLY = 4096
 """Bytes that may come in place of an answer."""
 
 Item = tuple[int, int, int]
@@ -147,7 +147,7 @@ class MyCard(Driver):
                 items = found(received, self._number, function, places)
                 if items is not None:
                     return items
-                if len(received) > LONGEST:
+                if len(received) > MAX_REPLY:
                     raise Lost(f"{len(received)} bytes came that are not the answer")
                 try:
                     received += stream.receive(deadline)

@@ -14,7 +14,7 @@ class Tank(Compound, stop_order=("inlet", "drain"), max_period="200 ms"):
     overflow: BinarySensor[PassFail]
     timer: DigitalSensor
     band: Annotated[float, Number("mm", 1.0, 50.0, tunable=True)] = 10.0
-    """How far the level may stray from its target, mm; `[parameters]` of a wiring or `umo tune` may set it."""
+    """Largest distance of the level from its target, mm; `[parameters]` of a wiring or `umo tune` may set it."""
 
     def setup(self) -> None:
         self.target = 0.0

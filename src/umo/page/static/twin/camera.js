@@ -3,8 +3,8 @@
 import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
-const STEP = Math.PI / 24; // of a key, rad
-const FROM = new THREE.Vector3(0.55, -0.8, 0.5).normalize();
+const KEY_STEP = Math.PI / 24; // of a key, rad
+const START = new THREE.Vector3(0.55, -0.8, 0.5).normalize();
 
 /** @type {Record<string, [number, number]>} */
 const TURNS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
@@ -37,7 +37,7 @@ export class Eye {
 
   /** The first view; in a narrow window from further away, so that as much is seen. */
   reset() {
-    if (!this.view) return this.fit(FROM);
+    if (!this.view) return this.fit(START);
     const target = new THREE.Vector3(...this.view.target);
     const away = new THREE.Vector3(...this.view.eye).sub(target);
     return this.#stand(target, away.multiplyScalar(Math.max(1, 1.2 / this.camera.aspect)));
@@ -96,9 +96,9 @@ export class Eye {
   /** @param {number} x @param {number} y */
   #orbit(x, y) {
     const away = this.camera.position.clone().sub(this.controls.target);
-    away.applyAxisAngle(this.camera.up, x * STEP);
+    away.applyAxisAngle(this.camera.up, x * KEY_STEP);
     const flat = Math.hypot(away.x, away.y);
-    const angle = Math.min(Math.max(Math.atan2(away.z, flat) - y * STEP, -1.45), 1.5);
+    const angle = Math.min(Math.max(Math.atan2(away.z, flat) - y * KEY_STEP, -1.45), 1.5);
     const length = away.length();
     const scale = (length * Math.cos(angle)) / Math.max(flat, 1e-9);
     away.set(away.x * scale, away.y * scale, length * Math.sin(angle));

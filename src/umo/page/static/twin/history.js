@@ -1,7 +1,7 @@
 /** Values of the past: a coarse window over all that the server keeps, a fine one about the time that is shown. */
 
-const MOST = 1_500_000; // numbers in a window
-const TOGETHER = 64; // paths that the server takes at once
+const MAX_NUMBERS = 1_500_000; // numbers in a window
+const MAX_PATHS = 64; // paths that the server takes at once
 const COARSE = 2000; // samples
 const FINE = { before: 4, after: 8, rate: 100 }; // s, s, samples a second
 
@@ -51,10 +51,10 @@ export class History {
 
   /** @param {number} start @param {number} stop @param {number} width @returns {Promise<Window>} */
   async #window(start, stop, width) {
-    const most = Math.max(50, Math.floor(MOST / this.entries.length));
+    const most = Math.max(50, Math.floor(MAX_NUMBERS / this.entries.length));
     const asked = { start, stop, width: Math.min(Math.max(width, 1), most) };
     const parts = [];
-    for (let i = 0; i < this.entries.length; i += TOGETHER) parts.push(this.entries.slice(i, i + TOGETHER));
+    for (let i = 0; i < this.entries.length; i += MAX_PATHS) parts.push(this.entries.slice(i, i + MAX_PATHS));
     const got = await Promise.all(
       parts.map((part) => this.feed.window({ ...asked, paths: part.map((entry) => entry.path) })),
     );

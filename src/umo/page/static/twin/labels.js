@@ -5,7 +5,7 @@ import { valueText } from "../presentation.js";
 
 /** @typedef {import("./scene.js").Body} Body */
 
-const MOST = 60;
+const MAX_LABELS = 60;
 
 export class Labels {
   /**
@@ -87,7 +87,7 @@ export class Labels {
       const paths = pathsOf(body).join();
       return !told.has(paths) && told.add(paths);
     };
-    const driven = this.all ? this.scene.bodies.filter(first).slice(0, MOST) : [];
+    const driven = this.all ? this.scene.bodies.filter(first).slice(0, MAX_LABELS) : [];
     return this.chosen && !driven.includes(this.chosen) ? [...driven, this.chosen] : driven;
   }
 

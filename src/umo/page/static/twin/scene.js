@@ -108,9 +108,9 @@ export class TwinScene {
     place(base, told);
     let node = base;
     const joints = told.joints.map((joint) => {
-      const made = makeJoint(joint, node);
-      node = made.node;
-      return made;
+      const linked = makeJoint(joint, node);
+      node = linked.node;
+      return linked;
     });
     const driven = told.joints.length + told.colours.length > 0;
     const meshes = told.shapes.map((shape) => this.#mesh(shape, driven));
@@ -214,26 +214,26 @@ function geometry({ kind, size, vertices, faces }) {
   if (kind === "ellipsoid") return new THREE.SphereGeometry(0.5, 24, 16);
   if (kind === "cylinder") return new THREE.CylinderGeometry(size[0], size[0], size[1], 32).rotateX(Math.PI / 2);
   if (kind === "capsule") return new THREE.CapsuleGeometry(size[0], size[1], 8, 24).rotateX(Math.PI / 2);
-  const made = new THREE.BufferGeometry();
-  made.setAttribute("position", new THREE.Float32BufferAttribute(vertices, 3));
-  made.setIndex(faces);
-  const flat = made.toNonIndexed();
+  const indexed = new THREE.BufferGeometry();
+  indexed.setAttribute("position", new THREE.Float32BufferAttribute(vertices, 3));
+  indexed.setIndex(faces);
+  const flat = indexed.toNonIndexed();
   flat.computeVertexNormals();
-  made.dispose();
+  indexed.dispose();
   return flat;
 }
 
 /** @param {{colour: string, opacity: number}} shape */
 function material({ colour, opacity }) {
-  const made = new THREE.MeshLambertMaterial({ color: colour });
-  opaque(made, opacity);
-  return made;
+  const surface = new THREE.MeshLambertMaterial({ color: colour });
+  opaque(surface, opacity);
+  return surface;
 }
 
-/** @param {THREE.Material} made @param {number} opacity */
-function opaque(made, opacity) {
-  made.opacity = opacity;
-  made.transparent = opacity < 1;
-  made.depthWrite = opacity === 1;
-  made.needsUpdate = true;
+/** @param {THREE.Material} surface @param {number} opacity */
+function opaque(surface, opacity) {
+  surface.opacity = opacity;
+  surface.transparent = opacity < 1;
+  surface.depthWrite = opacity === 1;
+  surface.needsUpdate = true;
 }

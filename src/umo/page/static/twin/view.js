@@ -11,7 +11,7 @@ import { button, Player } from "./player.js";
 import { TwinScene } from "./scene.js";
 
 const BAD = 4; // quality
-const MANY = 64; // paths of a subscription: more are taken from the state of the station, 10 times a second
+const MAX_PATHS = 64; // paths of a subscription: more are taken from the state of the station, 10 times a second
 
 export class TwinView {
   /** @param {import("../feed.js").Feed} feed @param {Page.Twin} description */
@@ -141,7 +141,7 @@ export class TwinView {
   #subscribe() {
     const { paths } = this.scene;
     this.closers.push(this.feed.on("state", () => this.#stateCame(paths)));
-    if (paths.length && paths.length <= MANY) {
+    if (paths.length && paths.length <= MAX_PATHS) {
       const live = this.feed.subscribe({ paths, span: 0, width: 1 }, (data) => this.#liveCame(paths, data));
       this.closers.push(() => live.close());
     }
@@ -162,7 +162,7 @@ export class TwinView {
     const qualities = [this.feed.ended, ...found.map((latest) => latest?.quality)].join();
     if (qualities !== this.qualities) this.draw();
     this.qualities = qualities;
-    if (paths.length > MANY) this.#take(paths, found.map((latest) => latest?.value ?? NaN));
+    if (paths.length > MAX_PATHS) this.#take(paths, found.map((latest) => latest?.value ?? NaN));
   }
 
   /** New values of the station: drawn if they are others. @param {string[]} paths @param {number[]} values */
