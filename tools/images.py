@@ -1,5 +1,5 @@
-"""Makes the pictures of README and docs from runs of the stations; wants `.venv/bin/pip install -e '.[all,render]'`,
-and for those of page and notebook the extra `page`, Playwright and Chromium."""
+"""Makes the pictures of README and docs from runs of the stations; wants the extras `all` and `dev`,
+and for those of page and notebook Chromium."""
 
 from __future__ import annotations
 

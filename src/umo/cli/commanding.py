@@ -132,7 +132,8 @@ def call(name: str, path: str | None, words: list[str], over: bool, hold: float 
 
 
 def _called(station: RemoteStation, action: dict[str, Any], given: dict[str, Any]) -> Any:
-    """Its result. Progress is shown if the action tells some: what the machine said before is none of it."""
+    """Call an action; its result. Progress is shown if the action tells some: what the machine said before is none of
+    it."""
     with OneLine(err) as line:
         began, before = time.monotonic(), station.progress
 

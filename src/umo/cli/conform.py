@@ -138,7 +138,7 @@ def _wires(wired: Wired, name: str, only: Sequence[str]) -> list[Wire]:
 
 
 def _wire(wires: Iterable[Wire], text: str) -> Wire:
-    """By the text of its channel or the path of its object."""
+    """Find a wire by the text of its channel or the path of its object."""
     known = {wire.item.path: wire for wire in wires} | {wire.channel.text: wire for wire in wires}
     if text not in known:
         raise PathError(f"no channel or object {text!r}{did_you_mean(text, known)} of this driver")
@@ -279,7 +279,7 @@ def _kept(custody: Custody) -> Iterator[list[str]]:
 
 @contextmanager
 def _line(subject: Subject, make: partial[Driver[Any]], place: object) -> Iterator[Subject]:
-    """With a tap before the device, if the driver's address can be changed."""
+    """Put a tap before the device, if the driver's address can be changed."""
     parameters = signature_of(make.func)
     options: dict[str, Any] = {
         name: parameters[name].default for name in ("host", "port", "serial") if name in parameters
@@ -295,7 +295,7 @@ def _line(subject: Subject, make: partial[Driver[Any]], place: object) -> Iterat
 
 
 def _tap(options: dict[str, Any], place: object) -> Tap | None:
-    """By the driver's `place`, which knows what the wiring leaves out; by its options, if it has none."""
+    """Make a tap by the driver's `place`, which knows what the wiring leaves out; by its options, if it has none."""
     if isinstance(place, Serial) and "serial" in options:
         if place.rs485:  # a pseudo terminal has no direction to switch
             return None

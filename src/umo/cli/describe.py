@@ -84,7 +84,7 @@ def _find(name: str) -> type[Driver]:
 
 
 def _doc(cls: type[Driver]) -> str:
-    """Its own docstring: that of `Driver` says nothing of it."""
+    """Docstring of the class itself: that of `Driver` says nothing of it."""
     return inspect.cleandoc(cls.__doc__ or "")
 
 

@@ -141,7 +141,7 @@ def _station(name: str) -> Station:
 
 
 def _announce(connection: connect[Any], station: Station, file: Path | None, what: str) -> None:
-    """Before the first driver is opened, say that no run has the machine, and what this command does to it."""
+    """Say, before the first driver is opened, that no run has the machine, and what this command does to it."""
     name = station.name if file is None else f"{station.name} ({file.stem})"
 
     @cache
@@ -173,7 +173,7 @@ def _hold(connection: connect[Any], item: Any, value: Any, hold: float | None) -
 
 
 def _remark(item: Any, taken: bool) -> str:
-    """Why the value that is shown is not the one that was written."""
+    """Reason why the value that is shown is not the one that was written."""
     if not taken:
         return f"  (inhibited: {item.inhibited})" if item.inhibited else "  (clamped)"
     if item.read() != item.pending:

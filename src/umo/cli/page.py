@@ -160,7 +160,7 @@ def _opening() -> Path:
 
 
 def _open(address: str) -> None:
-    """In the user's browser, by a file that only the user can read: other users see the arguments of processes."""
+    """Open the user's browser by a file that only the user can read: other users see the arguments of processes."""
     file = _opening()
     url = escape(address)
     with written(file, 0o600) as stream:

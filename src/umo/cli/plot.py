@@ -234,5 +234,5 @@ def _missed(axes: Any, trace: Trace) -> None:
 
 
 def _legend(axis: Any) -> None:
-    """Beside the panel, where it covers nothing."""
+    """Put the legend beside the panel, where it covers nothing."""
     axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8, borderaxespad=0.2)

@@ -40,7 +40,7 @@ class Result:
 
     @property
     def failed(self) -> str:
-        """Why the run failed, in a line; "": it did not."""
+        """Reason why the run failed, in a line; "": it did not."""
         failure = self.outcome.failure
         return "" if failure is None else failure.message.partition("\n")[0]
 

@@ -6,7 +6,6 @@ import json
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
-from rich import box
 from rich.table import Table
 from rich.text import Text
 
@@ -23,7 +22,7 @@ from umo.system.record import Ended, all_standing
 from umo.text import printable
 from umo.wiring.patterns import chosen
 
-from .console import out, say
+from .console import out, plain_table, say
 
 COLUMNS = ("station", "pid", "since", "state", "mode", "period", "periods", "missed", "lease", "progress")
 """Facts that `umo ps` shows."""
@@ -64,7 +63,7 @@ def _lines(unread: Callable[[str], object]) -> Iterator[Run]:
 
 
 def how_ended(reader: Reader) -> Text:
-    """That a run has ended, and how as far as it could still tell; red where it failed."""
+    """Sentence that a run has ended, and how as far as it could still tell; red where it failed."""
     name, end = reader.about["station"], end_of(reader)
     if end is None:
         return Text(f"{name} has ended without telling how; `umo ps` names what stands stopped", "red")
@@ -135,7 +134,7 @@ class Run(NamedTuple):
 
 def _table(found: list[Run]) -> Table:
     """The columns in which something stands; that of the lease only where somebody has one."""
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="bold", padding=(0, 1, 0, 0))
+    table = plain_table()
     held = any(run.facts["lease"] not in ("", FREE) for run in found)
     titles = [title for title in COLUMNS if any(run.facts[title] for run in found) and (held or title != "lease")]
     for title in titles:

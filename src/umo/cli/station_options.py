@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -48,7 +49,7 @@ class Option:
 
     @property
     def metavar(self) -> str:
-        """Its value as the help shows it."""
+        """Value of the option as the help shows it."""
         if self.kind is bool:
             return ""
         item = item_of(self.kind)
@@ -131,10 +132,17 @@ def _parse(name: str, options: Sequence[Option], arguments: Sequence[str]) -> tu
     try:
         context = command.make_context(name, list(arguments))
     except click.ClickException as error:
-        raise OptionError(f"{name}: {error.format_message()}") from None
+        raise OptionError(f"{name}: {error.format_message()}{_nearest(error)}") from None
     source, found = context.get_parameter_source, context.params.items()
     given = {key: value for key, value in found if source(key) is ParameterSource.COMMANDLINE}
     return {key: [*value] if isinstance(value, tuple) else value for key, value in given.items()}, context.args
+
+
+def _nearest(error: click.ClickException) -> str:
+    """The choice of an option that is nearest to what was given."""
+    choice = getattr(getattr(error, "param", None), "type", None)
+    given = re.search(r"'(.*)' is not one of", error.format_message())
+    return did_you_mean(given[1], map(str, choice.choices)) if given and isinstance(choice, click.Choice) else ""
 
 
 def _unknown(taker: str, options: Sequence[Option], argument: str) -> str:

@@ -9,7 +9,6 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from rich import box
 from rich.console import Console, Group
 from rich.live import Live
 from rich.table import Table
@@ -23,7 +22,7 @@ from umo.scope.history import samples
 from umo.text import printable, some
 from umo.wiring.patterns import chosen
 
-from .console import out
+from .console import out, plain_table
 from .keys import Wait, pressed
 from .running import attach_first, how_ended
 from .traces import TRACE_SPAN, Traces, spark, traced_span
@@ -120,7 +119,7 @@ class Picture:
         return self._draw(lines, None, self._inhibited(), rest, out.width)
 
     def screen(self, console: Console, keys: bool = False, hint: str = "Ctrl-C: quit") -> Group | Text:
-        """As much as fits the terminal; with keys, a cursor and what they do."""
+        """Draw as much as fits the terminal; with keys, a cursor and what they do."""
         reasons = self._inhibited()
         height = max(1, console.size.height - OTHER_LINES - len(reasons))
         lines, total = self.view.seen(height), len(self.view.lines)
@@ -160,11 +159,11 @@ class Picture:
         return text
 
     def _table(self, lines: list[Line], cursor: Line | None, width: int) -> Table:
-        """Its columns are those that fit: the last ones go first."""
+        """Table of the lines, with the columns that fit: the last ones go first."""
         rows = [self._row(line) for line in lines]
         name = max(len(line.name) for line in self.view.lines + lines)
         left = width - max(name, len(HEADINGS[0])) - COLUMN_GAP
-        table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="bold", padding=(0, 1, 0, 0))
+        table = plain_table()
         table.add_column(HEADINGS[0], no_wrap=True, min_width=name)
         count = 1
         for number, heading in enumerate(HEADINGS[1:], 1):

@@ -50,8 +50,8 @@ class _Packed:
         phases: list[int],
         signals: list[float],
     ) -> None:
-        """To `at` in the file, with what the image shows. Of exactly these types; times but `time` are ns; `seldom` is
-        what changes seldom, packed."""
+        """Write a body to `at` in the file, with what the image shows. The arguments are of exactly these types; times
+        but `time` are ns; `seldom` is what changes seldom, packed."""
         self._struct.pack_into(self._file, at, number, time, missed, began, wake, execution, seldom, *phases, *signals)
         end = at + self._struct.size
         self._file[end : end + len(self._shown)] = self._shown

@@ -35,7 +35,7 @@ def size_of(layout: Layout) -> int:
 
 
 class Cells:
-    """Either end: the machine's, or a client's. FramesError if this memory is not what the frames describe."""
+    """The cells as the machine or a client has them. FramesError if this memory is not what the frames describe."""
 
     def __init__(self, file: int, layout: Layout) -> None:
         self._map = mapped(file, write=True)

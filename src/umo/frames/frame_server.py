@@ -1,4 +1,4 @@
-"""How a run is found: a Unix socket in the user's folder, at which a client gets the descriptors of the shared memory.
+"""The server of a run's frames: a Unix socket in the user's folder, at which clients get the descriptors of its memory.
 
 Only processes of the same user, and root, get them; both ends ask the kernel who the other is (SO_PEERCRED, unix(7)).
 A socket at which nobody listens belongs to a dead process: whoever comes upon it removes it.
@@ -19,6 +19,7 @@ from pathlib import Path
 from umo.errors import FramesError
 from umo.frames.memory import Ends
 from umo.system import passing
+from umo.system.folders import is_own
 
 GREETING = b"umo frames 6"
 MAX_ADDRESS_BYTES = 107
@@ -50,7 +51,7 @@ class FrameServer:
         self._socket.setblocking(False)
 
     def listen(self) -> None:
-        """From now on the run can be found. The socket gets its name when it listens already; FramesError if it cannot
+        """Let the run be found from now on. The socket gets its name when it listens already; FramesError if it cannot
         have it."""
         hidden = self.path.with_name(f".{os.getpid()}-{time.monotonic_ns():x}{self.path.suffix}")
         try:
@@ -138,11 +139,7 @@ def _connect(here: socket.socket, address: str) -> None:
 
 def is_socket(path: Path) -> bool:
     """Whether this is a socket of this user's, and not a link to one."""
-    try:
-        status = path.lstat()
-    except OSError:
-        return False
-    return stat.S_ISSOCK(status.st_mode) and (not hasattr(os, "getuid") or status.st_uid == os.getuid())
+    return is_own(path, stat.S_ISSOCK)
 
 
 def is_served(path: Path) -> bool | None:

@@ -51,7 +51,7 @@ def tell(machine: ConnectedMachine, state: CommandState, text: str) -> None:
 
 
 def _stopper(connection: connect[Any]) -> str:
-    """Who has asked for it: a client by name, a signal, a time limit, or else the program itself."""
+    """Name of who has asked for the stop: a client, a signal, a time limit, or else the program itself."""
     stops = (event for event in reversed(connection.machine.events) if event.asked == "stop")
     who = next((event.who for event in stops if event.state is CommandState.DONE), "")
     signal = connection.stop.signal

@@ -223,7 +223,7 @@ class Places(NamedTuple):
 
     @classmethod
     def of(cls, layout: Layout, first: int, slots: int, entries: int) -> Places:
-        """With so many frames from `first` on, and so many entries in the journal."""
+        """Places in a ring with so many frames from `first` on, and so many entries in the journal."""
         journal = first + slots * layout.dtype.itemsize
         events = journal + entries * ENTRY.itemsize
         tunables = events + EVENTS * EVENT_ROW.itemsize

@@ -53,7 +53,7 @@ class Ends(NamedTuple):
         return cls(frames, cells, pipe[1]), readers
 
     def again(self) -> Ends:
-        """The same memory by other descriptors; OSError if there are no more."""
+        """Other descriptors of the same memory; OSError if there are no more."""
         made: list[int] = []
         try:
             for file in self:

@@ -186,7 +186,7 @@ class Reader:
 
     @property
     def mode(self) -> Mode | None:
-        """Who works the machine; None if it takes no commands from outside."""
+        """Mode of the machine; None if it takes no commands from outside."""
         number = self._live[Live.MODE]
         return Mode(number) if number in set(Mode) else None
 
@@ -202,7 +202,7 @@ class Reader:
 
     @property
     def holder(self) -> str:
-        """Who has the lease; empty: nobody."""
+        """Name of who has the lease; empty: nobody."""
         return self.lease[1]
 
     def lease_held(self, number: int) -> bool:
@@ -273,10 +273,14 @@ class Reader:
         """The value of every object in a frame by path: a number in its unit, or the name of a state; NaN: it was never
         read."""
         numbers = frame["values"].tolist()
-        return {entry["path"]: _shown(entry, value) for entry, value in zip(self.layout.objects, numbers, strict=True)}
+        return {
+            entry["path"]: state_text(entry, value) if "one" in entry and not isnan(value) else value
+            for entry, value in zip(self.layout.objects, numbers, strict=True)
+        }
 
     def inhibited(self, frame: Any, number: int) -> str | None:
-        """Why only the default of an object could be sent in a frame, or which client had taken it; None: neither."""
+        """Reason why only the default of an object could be sent in a frame, or the client that had taken it; None:
+        neither."""
         state = int(frame["restrictions"][number])
         if state in (FREE, ASKED):
             return None
@@ -292,7 +296,7 @@ class Reader:
         return title(self.about["station"], self.about.get("wiring"))
 
     def facts(self, frame: Any) -> dict[str, str]:
-        """What is said of the run at a frame (None: it has none yet), by name, in the order in which it is shown."""
+        """Facts of the run at a frame (None: it has none yet), by name, in the order in which they are shown."""
         state, period = self.state, self.about.get("period") or None
         moment = None if frame is None else float(frame["time"])
         facts = facts_of(
@@ -386,7 +390,7 @@ class Reader:
         return min(max(int(self._live[place]), 0), MAX_COUNT)
 
     def _copy(self, start: int, stop: int) -> Frames:
-        """Whole copies of those of the frames that are still there."""
+        """Copy those of the frames that are still there and whole."""
         numbers = np.arange(start, max(start, stop), dtype=np.uint64)
         if not len(numbers):
             return np.zeros(0, self._dtype)
@@ -446,9 +450,3 @@ def _read(path: Path) -> bytes:
 
 def _text(data: bytes) -> str:
     return data.decode(errors="replace")
-
-
-def _shown(entry: dict[str, Any], value: float) -> float | str:
-    if "one" in entry and not isnan(value):
-        return state_text(entry, value)
-    return value

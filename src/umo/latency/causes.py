@@ -75,7 +75,7 @@ class Evidence:
         """ns above the usual from which a period may have cost a tick."""
 
     def explain(self, row: int) -> Verdict:
-        """Why periods were missed at this row; UNKNOWN at the first two rows, whose past is not at hand."""
+        """Explain why periods were missed at this row; UNKNOWN at the first two rows, whose past is not at hand."""
         first, excess, part = row, 0.0, ""
         while first >= 2:
             before = first - 1

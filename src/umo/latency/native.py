@@ -53,6 +53,6 @@ class Slice(NamedTuple):
 
 
 def run(program: Path, period: float, periods: int, priority: int, cpu: int | None, busy_wait: float = 0.0) -> Slice:
-    """Once, with so many periods; It stops to sleep `busy_wait` s before the tick."""
+    """Run the program once, with so many periods. It stops to sleep `busy_wait` s before each tick."""
     words = [round(period * 1e9), periods, priority, -1 if cpu is None else cpu, round(busy_wait * 1e9)]
     return Slice.of(subprocess.run([str(program), *map(str, words)], capture_output=True, check=True).stdout)

@@ -1,4 +1,4 @@
-"""How a run ended, for the page: from its last event; of one that could not tell it, from what the guardian left."""
+"""The end of a run, for the page: from its last event; if it could not tell it, from what the guardian left."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ UNKNOWN_END = "it ended without a word: all of its processes were killed"
 
 
 class Ending(NamedTuple):
-    """How a run ended."""
+    """End of a run."""
 
     failed: bool
     text: str
 
 
 def ending_of(about: Mapping[str, Any], last: Event | None, box: BoxInWords) -> Ending | None:
-    """How the run ended that `about` describes; None: nothing tells it. `last` is its event of the end. It reads
+    """End of the run that `about` describes; None: nothing tells it. `last` is its event of the end. It reads
     records: call it in a thread; again after a while, as the guardian may still be resetting."""
     stands = _record(about)
     if stands is not None and stands.state == "stopped":

@@ -41,7 +41,7 @@ class Feed:
         self._looked = asyncio.Event()
 
     async def run(self) -> None:
-        """Until cancelled."""
+        """Read the rings until cancelled."""
         around = asyncio.create_task(self._look_around())
         try:
             await self._look_at_rings()
@@ -135,7 +135,7 @@ class Feed:
 
 
 def _opened(paths: list[Path]) -> list[tuple[Path, Watched | Exception]]:
-    """Each with its run, or with what is wrong with it."""
+    """Open rings: each path with its run, or with what is wrong with it."""
     found: list[tuple[Path, Watched | Exception]] = []
     for path in paths:
         try:

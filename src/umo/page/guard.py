@@ -101,12 +101,13 @@ class Guard:
         headers = Headers(scope=scope)
         if not self._is_our_host(headers.get("host", "")):
             return PlainTextResponse("the Host header names another computer\n", 403)
-        origin = headers.get("origin")
-        if origin is not None and origin.lower() != self._own_origin(headers):
+        own = f"http{'s' if self._secure else ''}://{headers.get('host', '')}"
+        if headers.get("origin", own).lower() != own.lower():
             return PlainTextResponse("the Origin header names another site\n", 403)
         if _is_behind_another_site(headers):
             return PlainTextResponse("another site asks for this\n", 403)
-        if self._has_cookie(headers):
+        cookie = cookie_parser(headers.get("cookie", "")).get(self._cookie, "")
+        if hmac.compare_digest(cookie.encode(), self._session.encode()):
             return None
         if scope["type"] == "http" and scope["path"] == "/login" and scope["method"] == "POST":
             return await self._login(scope, receive)
@@ -119,7 +120,8 @@ class Guard:
         return refusal
 
     def _is_our_host(self, text: str) -> bool:
-        """By name, or any address as such, which no other site can have."""
+        """Whether a Host header names this server: by a name of its own, or by an address as such, which no other site
+        can have."""
         name = text[1 : text.find("]")] if text.startswith("[") else text.partition(":")[0]
         name = name.lower().rstrip(".")
         if name in self._names or any(covers(known, name) for known in self._certified):
@@ -129,13 +131,6 @@ class Guard:
         except ValueError:
             return False
         return self._everywhere or address.is_loopback
-
-    def _own_origin(self, headers: Headers) -> str:
-        return f"http{'s' if self._secure else ''}://{headers.get('host', '')}".lower()
-
-    def _has_cookie(self, headers: Headers) -> bool:
-        given = cookie_parser(headers.get("cookie", "")).get(self._cookie, "")
-        return hmac.compare_digest(given.encode(), self._session.encode())
 
     async def _judge(self, scope: Scope, token: str, refusal: Response) -> Response | None:
         """None for the right token. A wrong one is refused after a while, during which it keeps its place."""

@@ -107,7 +107,7 @@ class PageClient:
             await self._answer(message, CommandState.DONE, "")
 
     async def _send(self, do: str, **more: Any) -> int:
-        """In a thread: the queue may be full, or it is another client's turn."""
+        """Send a command in a thread: the queue may be full, or it is another client's turn."""
         send = partial(self._station.send, do, key=self._key, who=self._who, **more)
         return await asyncio.get_running_loop().run_in_executor(SENDERS, send)
 

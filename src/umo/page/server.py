@@ -49,7 +49,7 @@ ATTACHMENT = {"content-disposition": "attachment"}
 
 @dataclass(frozen=True)
 class Options:
-    """How to serve. `first` is shown first; `operate`: pages may command."""
+    """Options of the server. `first` is shown first; `operate`: pages may command."""
 
     host: str
     port: int

@@ -71,7 +71,7 @@ class Session:
         self._client: PageClient | None = None
 
     async def run(self) -> None:
-        """Until the page is closed."""
+        """Carry out the messages of the page until it is closed."""
         self._feed.pages += 1
         sending = asyncio.create_task(self._sending_until_closed())
         try:
@@ -89,7 +89,7 @@ class Session:
     # To the page ---------------------------------------------------------------------------------------
 
     async def _sending_until_closed(self) -> None:
-        """If it fails the socket is closed, and the page connects again."""
+        """Send what is new and what was asked for. If that fails the socket is closed, and the page connects again."""
         try:
             async with asyncio.TaskGroup() as tasks:
                 tasks.create_task(self._send_all())
@@ -106,7 +106,7 @@ class Session:
             await self._send(await in_worker(work))
 
     async def _send_all(self) -> None:
-        """After every look at the rings, what is new. A slow page gets fewer messages; none waits for it."""
+        """Send what is new after every look at the rings. A slow page gets fewer messages; none waits for it."""
         await self._tell(self._server | {"type": "server"})
         while True:
             await self._tell_stations()
@@ -218,7 +218,8 @@ class Session:
         if self._client is None or self._client.watched is not watched:
             await self._drop_client()
             try:
-                self._client = PageClient(watched, self._feed, self._address(), self._tell)
+                address = self._socket.client.host if self._socket.client else "unknown"
+                self._client = PageClient(watched, self._feed, address, self._tell)
             except FramesError as error:
                 raise BadRequest(str(error)) from None
         return self._client
@@ -227,9 +228,6 @@ class Session:
         client, self._client = self._client, None
         if client is not None:
             await client.close()
-
-    def _address(self) -> str:
-        return self._socket.client.host if self._socket.client else "unknown"
 
     async def _watch(self, name: Any, place: Any) -> None:
         if not isinstance(name, str) or not isinstance(place, str | None):

@@ -39,7 +39,7 @@ class Strangers:
         asyncio.get_running_loop().call_later(STAY, self._cut_off, transport)
 
     def leave(self, transport: asyncio.Transport) -> None:
-        """It has shown the token, or has ended."""
+        """Forget a connection that has shown the token, or has ended."""
         self._addresses.pop(transport, None)
 
     def _cut_off(self, transport: asyncio.Transport) -> None:

@@ -70,11 +70,9 @@ class Watched:
         self._shown: list[Any] = []
         self._changed: dict[int, Any] = {}
         self._texts: dict[bool, str] = {}
-        self._event = 0
-        """The number of the next event, when the events were told last."""
-        self._new_events = False
-        self._missed = 0
-        self._new_misses = False
+        self._event = self._missed = 0
+        """Number of the next event, and of missed periods, when the state was made."""
+        self._new_events = self._new_misses = False
         self._last_event: Event | None = None
         """Event of the end; None: it told none."""
         self._misses: deque[tuple[float, int]] = deque(maxlen=MAX_EVENTS)
@@ -168,7 +166,7 @@ class Watched:
         return told | {"facts": self._facts()} | self._clients()
 
     def _facts(self) -> dict[str, str]:
-        """What is said of the run; empty: there is nothing to say."""
+        """Facts of the run in words; empty: there is nothing to say."""
         reader, frame = self.reader, self._frame
         facts = {"station": reader.title, "state": "", "end": self.ending.text if self.ending else ""}
         return (
@@ -205,7 +203,7 @@ class Watched:
         return [each._asdict() | {"state": str(each.state)} for each in found]
 
     def _values(self) -> list[Any]:
-        """For each object value, raw and quality; for each signal its value. None: no value."""
+        """Value, raw and quality of each object, and the value of each signal. None: no value."""
         if self._frame is None:
             return []
         frame = self._frame
@@ -221,7 +219,7 @@ class Watched:
         return dict(zip(old.tolist(), _plain(ages), strict=True))
 
     def line(self) -> dict[str, Any]:
-        """For the list of stations."""
+        """The line of this run in the list of stations."""
         told = {"name": self.name, "station": self.station, "place": self.place}
         told |= {"stage": str(self.stage), "wiring": self.about["wiring"]}
         return told | ({} if self.ending is None else {"ending": self.ending._asdict()})

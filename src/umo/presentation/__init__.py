@@ -1,1 +1,1 @@
-"""How values and runs look, as text and HTML, the same in the terminal, the notebook, the page and in files."""
+"""Values and runs as text and HTML, the same in the terminal, the notebook, the page and in files."""

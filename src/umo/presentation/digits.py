@@ -54,7 +54,7 @@ def _is_exact(step: float, digits: int) -> bool:
 
 
 def number_text(value: float, digits: int | None = None) -> str:
-    """With so many digits after the point; None: six significant digits. `-` if it is not finite."""
+    """A number with so many digits after the point; None: six significant digits. `-` if it is not finite."""
     if not isfinite(value):
         return NO_VALUE
     if digits is not None and abs(value) < MAX_FIXED:
@@ -76,7 +76,7 @@ def scale_texts(levels: Sequence[float]) -> list[str]:
 
 
 def setting_text(value: float) -> str:
-    """What is set, with all digits that a number of these surely has; an integer with all that it has."""
+    """A number that is set, with all digits that a float surely has; an integer with all that it has."""
     return f"{value:.15g}" if isinstance(value, float) else str(value)
 
 

@@ -55,7 +55,7 @@ def _cell(column: str, text: str) -> str:
 
 
 def never_raises(make: Callable[[T], str]) -> Callable[[T], str]:
-    """For `_repr_html_`: what cannot be shown says why."""
+    """Decorate `_repr_html_`: a thing that cannot be shown says why."""
 
     @wraps(make)
     def shown(thing: T) -> str:

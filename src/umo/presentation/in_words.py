@@ -67,7 +67,7 @@ def as_shown(about: About) -> dict[str, Any]:
 
 
 def file_form(about: About) -> str:
-    """How a number is written into a file (`format`), without its unit: an object's stands for one raw integer; what
+    """Format of a number in a file, without its unit: an object's stands for one raw integer; what
     has no resolution has all of its digits."""
     digits = 0 if "one" in about else digits_in(about)
     return "{}" if digits is None else f"{{:z.{digits}f}}"

@@ -73,7 +73,7 @@ def raw_of(line: LikeRows) -> str:
 
 
 def note_of(line: LikeRows) -> str:
-    """Why an actuator is inhibited, why a value is not good."""
+    """Reasons why an actuator is inhibited and why a value is not good."""
     notes = dict.fromkeys(filter(None, (row.note for row in line)))
     return "; ".join(filter(None, [*list(notes)[:2], WHY[worst_of(line)]]))
 

@@ -1,4 +1,4 @@
-"""What is said of a run, in words: by `umo ps`, `umo watch`, notebooks and the page."""
+"""Facts of a run in words, for `umo ps`, `umo watch`, notebooks and the page."""
 
 from __future__ import annotations
 
@@ -17,11 +17,6 @@ def title(station: object, wiring: object) -> str:
     return printable(f"{station} ({wiring})" if wiring else str(station))
 
 
-def progress_text(text: str, done: int, total: int) -> str:
-    """`placing, 1 of 3`."""
-    return ", ".join(filter(None, [printable(text), f"{done} of {total}" if total else ""]))
-
-
 def facts_of(
     state: object,
     mode: object | None = None,
@@ -32,13 +27,14 @@ def facts_of(
     missed: int | None = None,
     period: float | None = None,
 ) -> dict[str, str]:
-    """By name, in the order in which they are shown; empty: there is nothing to say. `holder` of the lease, `time` in s
-    on the cycle's clock, `missed` periods, `period` in s."""
+    """Facts by name, in the order in which they are shown; empty: there is nothing to say. `holder` of the lease,
+    `time` in s on the cycle's clock, `missed` periods, `period` in s."""
+    text, done, total = progress
     return {
         "state": str(state),
         "mode": "" if mode is None else str(mode),
         "lease": "" if mode is None else printable(holder) or FREE,
-        "progress": progress_text(*progress),
+        "progress": ", ".join(filter(None, [printable(text), f"{done} of {total}" if total else ""])),
         "time": "" if time is None else clock_text(time),
         "period": "" if period is None else duration(period),
         "missed": "" if missed is None else f"{missed:,}",

@@ -1,4 +1,4 @@
-"""How a unit looks: `mm/s²` for "mm/s**2". What is shown is a unit that can be typed."""
+"""Units as in print: `mm/s²` for "mm/s**2". What is shown is a unit that can be typed."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ class Commanded(Protocol):
         """A sign of life for these paths."""
 
     def holding(self, path: str, lasts: float = DEAD_MAN_TIME) -> AbstractContextManager[None]:
-        """What is begun in the block is held from then on."""
+        """Hold what is begun in the block from then on."""
 
     def let_go(self, path: str) -> None:
-        """What was held at this path is released."""
+        """Release what was held at this path."""

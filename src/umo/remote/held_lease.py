@@ -6,7 +6,6 @@ import secrets
 import threading
 import time
 from contextlib import suppress
-from types import TracebackType
 
 from umo.cycle.client_commands import LONGEST_LEASE, SHORTEST_LEASE
 from umo.cycle.events import CommandState
@@ -57,9 +56,7 @@ class HeldLease:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.give_back()
 
     def give_back(self) -> None:
@@ -78,7 +75,7 @@ class HeldLease:
             self._station.held_lease = None
 
     def _ask(self) -> int:
-        """Its number. LeaseHeld names the argument that takes it over."""
+        """Ask for the lease; its number. LeaseHeld names the argument that takes it over."""
         try:
             number: int = self._station.ask("lease", key=self.key, who=self.who, seconds=self._seconds, over=self._over)
         except LeaseHeld as error:
@@ -95,7 +92,7 @@ class HeldLease:
         self._wake.set()
 
     def ended(self, path: str) -> str:
-        """Why what was held at this path has ended, in the machine's words; "": it lasts, or was not held."""
+        """Reason why what was held at this path has ended, in the machine's words; "": it lasts, or was not held."""
         station, lost = self._station, self.lost  # before the events: the last of them may tell why
         if not (told := self._told(path)) and lost and station.running:
             time.sleep(EVENT_DELAY)

@@ -54,7 +54,7 @@ class LiveView:
         self._thread.join()
 
     def wait(self, timeout: float | None = None) -> None:
-        """Until the station has ended and its last picture is shown; TimeoutError after `timeout` s."""
+        """Wait until the station has ended and its last picture is shown; TimeoutError after `timeout` s."""
         self._thread.join(timeout)
         if self.live:
             raise TimeoutError(f"{self.station} is still running after {timeout:g} s")
@@ -81,7 +81,7 @@ class LiveView:
         return {"text/html": html, "text/plain": repr(self)}
 
     def _ipython_display_(self) -> None:
-        """As the last expression of a cell: it is displayed already."""
+        """Show nothing as the last expression of a cell: it is displayed already."""
 
     def __repr__(self) -> str:
         return f"<live view of {self.station}>"

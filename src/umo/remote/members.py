@@ -65,7 +65,7 @@ class RemotePart:
         return self[name]
 
     def __getitem__(self, name: str | int) -> Any:
-        """By name, by the key of a list or dict, or by path: `zones[3]`, `station["zones.3.heater"]`."""
+        """Get a member by name, by the key of a list or dict, or by path: `zones[3]`, `station["zones.3.heater"]`."""
         tree, path = self._tree, f"{self._path}.{name}".lstrip(".")
         if path in tree.objects:
             return RemoteObject(self._station, tree.objects[path])
@@ -161,7 +161,7 @@ class RemoteObject:
 
     @property
     def inhibited(self) -> str | None:
-        """Why only the default is sent to this actuator, or which client has taken it; None: it is free."""
+        """Reason why only the default is sent to this actuator, or the client that has taken it; None: it is free."""
         return self._station.reader.inhibited(self._frame(), self._number)
 
     def write(self, value: Any) -> None:

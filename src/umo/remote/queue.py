@@ -102,7 +102,8 @@ class Sender:
             raise FramesError(f"{reader.about['station']}: no queue for commands: {error.strerror}") from None
 
     def send(self, command: dict[str, Any]) -> int:
-        """Its number. CommandRefused if the queue stays full: the machine does not take commands, or too many come."""
+        """Send a command; its number. CommandRefused if the queue stays full: the machine does not take commands, or
+        too many come."""
         text = json.dumps(command).encode()
         if len(text) > MAX_COMMAND_BYTES:
             raise CommandRefused(f"a command of {len(text)} bytes is too long; the most are {MAX_COMMAND_BYTES}")

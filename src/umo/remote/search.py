@@ -89,7 +89,7 @@ def is_path(name: str) -> bool:
 
 
 def several_runs(name: str, fitting: Sequence[Reader]) -> str:
-    """Why a name does not tell which run is meant, and what does."""
+    """Message that a name does not tell which run is meant, and what does."""
     pids = ", ".join(str(reader.about["pid"]) for reader in fitting)
     return f"{len(fitting)} runs of {name} are going on; give the pid of one instead of the name: {pids}"
 

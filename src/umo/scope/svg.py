@@ -130,7 +130,7 @@ class Scope:
         return "".join([*parts, _text(LEFT + 4, BAR - 7, self._said(row))])
 
     def _said(self, row: int) -> str:
-        """Its name, and its last value."""
+        """Name of a trace, and its last value."""
         path = str(self._entries[row]["path"])
         name = path if len(path) <= MAX_NAME_LENGTH else f"...{path[3 - MAX_NAME_LENGTH :]}"
         return f"{name}  {value_text(self._entries[row], *self._now[row])}"

@@ -10,7 +10,7 @@ import errno
 import os
 import stat
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
@@ -82,13 +82,13 @@ def folders(place: Path) -> Iterator[tuple[Path, os.stat_result]]:
             yield path, status
 
 
-def is_own(path: Path) -> bool:
-    """Whether this is a folder of this user's, and not a link to one."""
+def is_own(path: Path, is_kind: Callable[[int], bool] = stat.S_ISDIR) -> bool:
+    """Whether this is a folder of this user's, or a file of another kind (`stat.S_ISSOCK`), and not a link to one."""
     try:
         status = path.lstat()
     except OSError:
         return False
-    return stat.S_ISDIR(status.st_mode) and (not hasattr(os, "getuid") or status.st_uid == os.getuid())
+    return is_kind(status.st_mode) and (not hasattr(os, "getuid") or status.st_uid == os.getuid())
 
 
 def open_own(path: Path, *, follow: bool = False, write: bool = False) -> int:

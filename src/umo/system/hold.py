@@ -34,7 +34,7 @@ class Hold:
 
     def __init__(self, devices: Iterable[str], purpose: str) -> None:
         self.devices = sorted(set(devices))
-        self._told = f"{time.time():.0f} {_ascii(purpose)}"
+        self._told = f"{time.time():.0f} {printable(purpose).encode('ascii', 'replace').decode()}"
         self._sockets: list[socket.socket] = []
         """One for each device, until it is released."""
         self._notes: list[socket.socket] = []
@@ -135,10 +135,6 @@ def _note(device: str, pid: int) -> str:
 
 def _digest(device: str) -> str:
     return hashlib.sha256(device.encode(errors="surrogateescape")).hexdigest()[:24]
-
-
-def _ascii(text: str) -> str:
-    return "".join(c if c.isprintable() and c.isascii() else "?" for c in text)
 
 
 def _user(uid: int) -> str:

@@ -66,8 +66,8 @@ def adjust_oom_score(change: int) -> None:
 
 
 def carry_out(work: Callable[[], int]) -> NoReturn:
-    """In a process that was forked: do its work and end with the status that it gives, 1 after an error, which is
-    printed. Nothing of the process that it was forked from is run: no exit handlers, no callers."""
+    """Do the work of a process that was forked and end it with the status that the work gives, 1 after an error, which
+    is printed. Nothing of the process that it was forked from is run: no exit handlers, no callers."""
     status = 1
     try:
         status = work()

@@ -90,8 +90,9 @@ def default_busy_wait(period: float) -> float:
 
 
 def guard(priority: int, cpu: int | None = None) -> None:
-    """For the guardian: one above the control process, so that an endless loop in that one cannot keep it away; and
-    not on its core, which is the one that `prepare` takes with the same arguments. As far as it is permitted."""
+    """Set the guardian's priority one above the control process, so that an endless loop in that one cannot keep it
+    away; and not on its core, which is the one that `prepare` takes with the same arguments. As far as it is
+    permitted."""
     if not sys.platform.startswith("linux"):
         return
     allowed = os.sched_getaffinity(0)
@@ -159,7 +160,7 @@ def touch_memory(libc: ctypes.CDLL) -> bool:
 
 
 def use_fifo(priority: int) -> Refusal | None:
-    """Before every ordinary process (sched(7), SCHED_FIFO)."""
+    """Run before every ordinary process (sched(7), SCHED_FIFO)."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except OSError as error:

@@ -1,4 +1,5 @@
-"""How the last run on a device ended, recorded on disk: it survives the processes and a restart of the computer.
+"""The end of the last run on a device, recorded on disk: the record survives the processes and a restart of the
+computer.
 
 A record with the state "running" is written before a device is used, and removed at a safe end. If there is a record
 while no process holds the device, the last run ended unsafely: the next run must acknowledge it. Each user has their
@@ -70,7 +71,7 @@ class Ended:
 
     @property
     def brief(self) -> str:
-        """In one short line, what matters first: which machine, what was not reached, on which device, when."""
+        """One short line, what matters first: which machine, what was not reached, on which device, when."""
         name = f"{self.station} ({self.wiring})" if self.wiring else self.station
         if self.state not in ("running", "stopped"):
             return printable(f"{self.device}, how its last run ended is unknown")
@@ -166,7 +167,7 @@ class Record:
 
 
 def standing(device: str) -> list[Ended]:
-    """How the last runs on a device ended, if not safely: this user's, and others' that were not acknowledged yet."""
+    """Ends of the last runs on a device that were not safe: this user's, and others' that were not acknowledged yet."""
     mine = _own(device)
     seen = [] if mine is None else mine.seen
     return [ended for ended in _all(_file(device)) if ended.state != "ended" and (ended.mine or ended.id not in seen)]

@@ -15,7 +15,7 @@ UNSYNCHRONISED = 0x40
 
 
 class _Timex(ctypes.Structure):
-    """As in adjtimex(2), up to `status`; the rest is room."""
+    """The struct timex of adjtimex(2), up to `status`; the rest is room."""
 
     _fields_ = (
         ("modes", ctypes.c_uint),

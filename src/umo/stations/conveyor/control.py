@@ -1,4 +1,4 @@
-"""How the conveyor acts: it measures parts at the entry barrier, expects them at the exit barrier, and sorts them.
+"""The control of the conveyor: it measures parts at the entry barrier, expects them at the exit, and sorts them.
 
 Everything is measured in mm of belt travel, the integral of the belt's actual speed, and not in time. So nothing
 depends on the speed, and it may change at any moment, also in the middle of a part.
@@ -184,7 +184,7 @@ class Conveyor(
         self.diverter.write(OnOff.ON if self._pushes else OnOff.OFF)
 
     async def _sort(self, part: Part) -> None:
-        """From the exit barrier past the diverter."""
+        """See a part from the exit barrier past the diverter."""
         middle = part.front + self.diverter_at + part.length / 2
         await until(lambda: self.belt.position + 1000.0 * value_of(self.belt.speed) * self.push_time >= middle)
         if not part.accepted:
@@ -201,7 +201,7 @@ class Conveyor(
         return self.belt.position > (others or [first])[0].front + self.distance + margin
 
     def _missing(self) -> Exception:
-        """Why the foremost part does not arrive."""
+        """Reason why the foremost part does not arrive."""
         part, *others = self._between
         if part.length < inf and not others:
             return PartMissing(f"part {part.number} did not arrive: taken away, or jammed with no part behind it")

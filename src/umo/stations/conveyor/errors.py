@@ -1,4 +1,4 @@
-"""What can end a run of the conveyor, besides its devices."""
+"""Errors that can end a run of the conveyor, besides those of its devices."""
 
 from umo.errors import TaskFailed
 

@@ -115,7 +115,7 @@ class Plant(Driver):
             self._show(present)
 
     def _drive(self, dead: bool) -> float:
-        """What the belt travels in a period, mm: exact for a drive of the first order."""
+        """Travel of the belt in a period, mm: exact for a drive of the first order."""
         target = self.outputs["drive:setpoint"] / 16.384 + self.outputs["hertz:setpoint"] / 5.0  # one of them is wired
         if dead or not self.outputs["drive:run"]:
             target = 0.0

@@ -1,4 +1,4 @@
-"""How the furnace acts: all zones under PI in one calculation, each with its own interlock and its own fault."""
+"""The control of the furnace: all zones under PI in one calculation, each with its own interlock and its own fault."""
 
 from __future__ import annotations
 
@@ -34,7 +34,8 @@ class Zone(Compound):
     heater: DigitalActuator
     fan: BinaryActuator[OnOff]
     temperature: DigitalSensor
-    limit: float = 1000.0  # above this temperature the heater is inhibited, degC
+    limit: float = 1000.0
+    """Temperature above which the heater is inhibited, degC."""
 
     def interlocks(self) -> Iterator[Interlock]:
         yield Interlock(lambda: value_of(self.temperature) > self.limit, [self.heater], "over-temperature")
@@ -52,17 +53,20 @@ class Furnace(
 ):
     zones: Sequence[Zone]
     timer: DigitalSensor
-    gain: float = 4.0  # of each zone's PI, percent per K
-    integral_time: float = 40.0  # of each zone's PI, s
-    tolerance: Annotated[float, Number("K", 1.0, 20.0, tunable=True)] = (
-        5.0  # a zone has arrived when it is within this of its set temperature, K
-    )
-    following_error: Annotated[float, Number("K", 20.0, 200.0, tunable=True)] = (
-        60.0  # a zone that is further below its setpoint does not heat, K
-    )
-    margin: float = 25.0  # a zone that is further above its limit cannot be switched off, K
-    frozen_after: int = 300  # equal readings in a row: the converter stands still, it has noise when it works
-    most_faulted: float = 0.1  # share of the zones that may be faulted; one of several may be in any case
+    gain: float = 4.0
+    """Gain of each zone's PI, percent per K."""
+    integral_time: float = 40.0
+    """Integral time of each zone's PI, s."""
+    tolerance: Annotated[float, Number("K", 1.0, 20.0, tunable=True)] = 5.0
+    """Distance from its set temperature within which a zone has arrived, K."""
+    following_error: Annotated[float, Number("K", 20.0, 200.0, tunable=True)] = 60.0
+    """Distance below its setpoint from which on a zone does not heat, K."""
+    margin: float = 25.0
+    """Distance above its limit from which on a zone cannot be switched off, K."""
+    frozen_after: int = 300
+    """Equal readings in a row after which a converter stands still: it has noise when it works."""
+    most_faulted: float = 0.1
+    """Share of the zones that may be faulted; one of several may be in any case."""
 
     def setup(self) -> None:
         self.heaters = Vector(zone.heater for zone in self.zones)
@@ -102,9 +106,7 @@ class Furnace(
         """A zone without a valid temperature, or with one that stands still, is faulted: heater off, fan on."""
         quality = self.temperatures.quality
         invalid = (quality == Quality.BAD) | (quality == Quality.OUT_OF_RANGE)
-        hot = (
-            temperatures > self.limits + self.margin
-        ) & ~invalid  # no zone comes out of the range without passing here
+        hot = (temperatures > self.limits + self.margin) & ~invalid  # no zone leaves the range without passing here
         if hot.any():
             raise OverTemperature(f"{_named(hot)}: {temperatures[hot].max():.0f} degC, the heater does not switch off")
         self._equal = np.where(temperatures == self._last, self._equal + 1, 0)
@@ -131,8 +133,8 @@ class Furnace(
 
     @action(peak=lambda furnace: Range("degC", 100.0, furnace.hottest), ramp=Range("K/s", 0.1, 4.0))
     async def heat_up(self, peak: float, ramp: float) -> None:
-        """To the profile with its highest temperature `peak` (degC), at `ramp` (K/s); HeatingError if it takes more
-        than a minute longer than that."""
+        """Heat up to the profile with its highest temperature `peak` (degC), at `ramp` (K/s); HeatingError if it takes
+        more than a minute longer than that."""
         if not (100.0 <= peak <= self.hottest and 0.1 <= ramp <= 4.0):
             raise RangeError(
                 f"peak must be 100 to {self.hottest:g} degC, not {peak:g}, and ramp 0.1 to 4 K/s, not {ramp:g}"
@@ -161,7 +163,8 @@ class Furnace(
         self.heaters.write(0.0)
 
     def results(self) -> dict[str, Any]:
-        """Of the soak: how many zones were good, which were not, the largest error of each (K; None: faulted)."""
+        """Results of the soak: how many zones were good, which were not, the largest error of each (K; None:
+        faulted)."""
         errors = [None if bad else round(float(e), 1) for e, bad in zip(self.soak_errors, self.faulted, strict=True)]
         good = int(((self.soak_errors <= self.tolerance) & ~self.faulted).sum())
         return {"zones_good": good, "zones_faulted": _named(self.faulted) or "none", "soak_errors_K": errors[:1000]}

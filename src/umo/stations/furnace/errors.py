@@ -1,4 +1,4 @@
-"""What can go wrong at the furnace, besides its devices.
+"""Errors of the furnace, besides those of its devices.
 
 TaskFailed
 |-- OverTemperature    a zone is far above its limit: its heater does not switch off

@@ -94,7 +94,7 @@ class Plant(Driver[FurnaceChannel]):
         self._levels.ravel()[self._of(channels)] = raws
 
     def _of(self, channels: Sequence[FurnaceChannel]) -> IntArray:
-        """Where these channels stand among the levels; the same list of them comes in every period."""
+        """Places of these channels among the levels; the same list of them comes in every period."""
         known, places = self._places.get(id(channels), ((), np.zeros(0, np.int64)))
         if known is not channels:
             if len(self._places) > 8:  # parts are moved by lists of their own, each time another

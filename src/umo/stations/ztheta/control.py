@@ -31,7 +31,7 @@ class Counterweight(Compound):
         self.regulator.control()
 
     async def carry(self) -> None:
-        """Until the pressure carries the arm."""
+        """Wait until the pressure carries the arm."""
         try:
             await until(lambda: value_of(self.pressure) >= self.regulator.low, timeout=5.0)
         except TimeExpired:

@@ -49,7 +49,7 @@ class Pose(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class PartReport:
-    """What became of one part. Errors are None until it has been delivered and lifted."""
+    """Report on one part. Errors are None until it has been delivered and lifted."""
 
     index: int
     delivered: bool
@@ -82,7 +82,7 @@ class Report:
 
 
 class _Part:
-    """What the courier remembers of one part."""
+    """Memory of the courier for one part."""
 
     def __init__(self) -> None:
         self.start: Pose | None = None
@@ -92,7 +92,7 @@ class _Part:
 
 
 class Courier:
-    """Where the courier ought to be, and what it saw. Positions in m along its track.
+    """The courier: where it ought to be, and what it saw. Positions in m along its track.
 
     `stops` are its positions with each part under the cup, `look` gives the true pose of a part.
     """
@@ -121,11 +121,11 @@ class Courier:
         return self.present and self._parts[self.current].lifted
 
     def stop(self, part: int) -> float:
-        """Where the courier stands with the part under the cup, m."""
+        """Position of the courier with the part under the cup, m."""
         return self._stops[part]
 
     def target(self, z_um: float) -> float:
-        """Where the courier ought to be after one physics step."""
+        """Position at which the courier ought to be after one physics step, m."""
         if self.moving:
             return self._travel()
         if self.current < 0 and z_um > CLEAR_UM and not self._absent:

@@ -1,4 +1,4 @@
-"""What can go wrong at the z-theta station, besides its axes and its devices."""
+"""Errors of the z-theta station, besides those of its axes and its devices."""
 
 from umo.errors import TaskFailed
 

@@ -37,7 +37,7 @@ class Parts:
         self._quiet = 0
 
     def sleep(self) -> None:
-        """All of them."""
+        """Put all parts to sleep."""
         for part, start in enumerate(self._speeds):
             self._qvel[start : start + 6] = 0.0
             self._set_contacts(part, False)
@@ -51,7 +51,7 @@ class Parts:
         self._qpos[self._riders] += distance
 
     def watch(self, current: int, z_um: float, held: bool) -> None:
-        """Once a step: wake the part under the cup when this is near, let it sleep when it lies still again."""
+        """Wake, once a step, the part under the cup when this is near, let it sleep when it lies still again."""
         if self._awake is None:
             if z_um < NEAR_UM and 0 <= current < len(self.places):
                 self._wake(current)

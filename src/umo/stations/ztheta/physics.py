@@ -100,7 +100,7 @@ class Physics:
         return math.degrees(self._qpos[self._theta])
 
     def pose(self, part: int) -> Pose:
-        """Where the part is, in the courier's frame at its stop."""
+        """Pose of the part, in the courier's frame at its stop."""
         start = self.parts.places[part]
         x, y, z, qw, qx, qy, qz = self._qpos[start : start + 7].tolist()
         x -= float(self._qpos[self._courier_x]) - self.courier.stop(part)

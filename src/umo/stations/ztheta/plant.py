@@ -241,7 +241,7 @@ class Plant(Driver[PlantChannel]):
         return self._opened()
 
     def truth(self) -> Report:
-        """What became of every part so far."""
+        """Report on every part so far."""
         return self._opened().courier.report()
 
     def report(self) -> dict[str, Any]:
