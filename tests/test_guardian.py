@@ -15,7 +15,7 @@ import pytest
 
 import umo
 from helpers import process_box
-from helpers.machines import ResetState, bench, on, relay, wired
+from helpers.machines import Board, bench, on, relay, wired
 from helpers.process_box import Cells
 from helpers.runs import Run, assert_safe, standing
 from umo import connect
@@ -31,8 +31,7 @@ from umo.process.life import MAX_TEXT, Life
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome, plain
 from umo.process.reset import Resetter
-from umo.process.reset_state import Reached
-from umo.process.reset_state import ResetState as ResetBoard
+from umo.process.reset_state import Reached, ResetState
 from umo.process.share import Share
 from umo.process.silence import LOOK, Silence
 from umo.process.start import vanished
@@ -553,7 +552,7 @@ def test_a_report_that_fails_is_told_and_changes_nothing_else(tmp_path: Path, ce
 
 def test_after_a_write_that_failed_everything_is_reset_a_second_time_later(tmp_path: Path) -> None:
     """A device that stalled carried out the abandoned write after the reset had been confirmed."""
-    machine, box = bench(), ResetState(f"test {tmp_path}")
+    machine, box = bench(), Board(f"test {tmp_path}")
     connection = connect(machine, on(box, machine))
     waited: list[float] = []
     connection.pause = waited.append
@@ -705,7 +704,7 @@ def test_a_silent_device_gets_more_time_from_attempt_to_attempt(tmp_path: Path) 
 
 
 def test_a_board_keeps_what_was_reached_and_why_not() -> None:
-    state = ResetBoard(["a", "b", "c"])
+    state = ResetState(["a", "b", "c"])
     state.note(0, Reached.YES)
     state.note(1, Reached.NO, "no route ü" * 100)
     assert [state.reached(i) for i in range(3)] == [Reached.YES, Reached.NO, Reached.UNTRIED]

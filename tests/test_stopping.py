@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from helpers.machines import ResetState, bench, on, wired
+from helpers.machines import Board, bench, on, wired
 from umo import connect, run
 from umo.drivers import Channel
 from umo.drivers.timerfd import TimerFd
@@ -216,14 +216,14 @@ def test_a_signal_while_the_safe_end_is_recorded_changes_nothing_of_the_record(t
 
     monkeypatch.setattr(Record, "finish", interrupted)
     machine, device = bench(), f"test {tmp_path}"
-    with connect(machine, on(ResetState(device), machine)) as m:
+    with connect(machine, on(Board(device), machine)) as m:
         periods(m, 1)
     assert standing(device) == []
 
 
 def test_a_disconnecting_that_is_interrupted_records_the_actuators_that_were_not_reached(tmp_path):
     machine, device = bench(), f"test {tmp_path}"
-    state = ResetState(device)
+    state = Board(device)
     connection = connect(machine, on(state, machine))
 
     def interrupt() -> None:
@@ -239,7 +239,7 @@ def test_a_disconnecting_that_is_interrupted_records_the_actuators_that_were_not
 
 def test_an_actuator_whose_reset_may_still_be_undone_counts_as_not_reached(tmp_path):
     machine, device = bench(), f"test {tmp_path}"
-    connection = connect(machine, on(ResetState(device), machine))
+    connection = connect(machine, on(Board(device), machine))
 
     def interrupt(seconds: float) -> None:
         raise KeyboardInterrupt

@@ -87,7 +87,7 @@ def touching(client: Client, held: list[str], until: Callable[[], bool]) -> None
 
 @pytest.mark.parametrize("do", ["lease", "stop"])
 def test_a_read_only_server_takes_no_command(do: str) -> None:
-    with running(), serving(clients=False) as served, opened(served.socket) as client:
+    with running(), serving(operate=False) as served, opened(served.socket) as client:
         client.get("description")
         client.send(type="command", id=1, do=do)
         assert client.get("error")["text"] == "this page is read-only"
@@ -495,7 +495,7 @@ def test_the_stop_button_is_in_every_view_and_ends_the_run_without_the_lease(pag
 def test_a_read_only_page_has_no_stop_button_and_says_why_its_controls_are_off(
     page: Any, station: umo.RemoteStation
 ) -> None:
-    with serving(clients=False) as served:
+    with serving(operate=False) as served:
         page.goto(served.url + "#view=operate")
         page.get_by_text("This page is read-only.").wait_for()
         assert not page.get_by_role("button", name="Stop", exact=True).is_visible()
