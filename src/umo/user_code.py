@@ -69,8 +69,8 @@ def told_as(kind: type[UmoError], what: str) -> Iterator[None]:
 
 
 def refuse_exit(error: BaseException, what: str) -> None:
-    """TaskFailed in the place of what is no Exception: it would end the whole run without a word, `sys.exit(0)` even as
-    if all were well. A Ctrl-C, and the Cancelled of a sequence, are not refused."""
+    """Turn what is no Exception into a TaskFailed: a SystemExit would end the whole run, `sys.exit(0)` as a success. A
+    Ctrl-C, and the Cancelled of a sequence, stay."""
     if not isinstance(error, Exception | Cancelled) and not is_interrupt(error):
         raise TaskFailed(f"{what} raised {text_of(error)}; it must end by returning or with an error") from error
 

@@ -98,12 +98,12 @@ def _give_up(error: Exception) -> None:
 
 
 def _good_raw(wire: Wire) -> int:
-    """In the middle of the range, and no mark of an invalid reading."""
+    """A raw integer near the middle of the range that does not mark an invalid reading."""
     return next(raw for raw in count(sum(wire.raw_bounds) // 2) if raw not in wire.invalid_raws)
 
 
 def _calibration(wire: Wire) -> Calibration | None:
-    """Without a linearization that is the user's own."""
+    """The calibration, without a linearization of the user's own."""
     calibration, own = wire.calibration, type(wire.linearization).__module__.startswith("umo.objects")
     return calibration if calibration is None or own else calibration._replace(linearization=None)
 

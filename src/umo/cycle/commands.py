@@ -108,7 +108,7 @@ class Commands:
         outputs = ((slot, item) for slot, item in enumerate(image.items) if item.direction is Direction.OUTPUT)
         asked = (slot for slot, item in outputs if not item.synchronous)
         self._unrestricted = np.zeros(len(image.items), np.uint8)
-        """The column `restrictions` while nothing is inhibited and nobody has anything in client."""
+        """The column `restrictions` while nothing is inhibited and no client has taken an actuator."""
         self._unrestricted[[*asked, *(command.slot for command in self._expiring)]] = ASKED
         self._restrict()
 

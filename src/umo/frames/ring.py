@@ -42,7 +42,7 @@ MIN_SLOTS = 16
 ENTRY_BYTES = ENTRY.itemsize
 MAX_INTEGER = (1 << 63) - 1
 COUNTER_PERIODS = 32
-"""Periods after which the counters of the system are read in any case; reading them takes as long as all else."""
+"""Periods after which the counters of the system are read in any case; reading them takes as long as the rest of a frame."""
 UTC_PAUSE = 1_000_000_000
 """ns after which UTC is compared with the monotonic clock again."""
 COLLECTIONS = [name for name, *_ in USAGE].index("collections")
@@ -141,7 +141,7 @@ class Ring:
         self._numbers[(self._tunables_at >> 3) + number] = self._tunables[number].read()
 
     def _tell(self) -> None:
-        """Publish the new events, as far as they are kept. Whoever sees that a number was tuned finds it as tuned."""
+        """Publish the new events, as far as they are kept. Tuned numbers are shown before the event that tells of them."""
         new = min(self._events.number - self._told, len(self._events))
         self._told = self._events.number
         for number, event in enumerate(list(self._events)[-new:], self._told - new):
@@ -156,7 +156,7 @@ class Ring:
             self._live[Live.EVENT] = number + 1
 
     def show(self, clients: Commanding) -> None:
-        """Mode, lease, and what became of the queue."""
+        """Show the mode, the lease, and the number of commands taken and dropped."""
         live, lease = self._live, clients.lease
         live[Live.MODE], live[Live.TAKEN], live[Live.DROPPED] = clients.mode, clients.inbox.taken, clients.inbox.dropped
         if self._shown_lease != (lease.number, lease.holder):
@@ -239,5 +239,5 @@ def _crc(sequence: int) -> int:
 
 
 def _cut(text: str, size: int) -> bytes:
-    """No more than fits, and no half character at the end."""
+    """The text cut to so many bytes, without half a character at the end."""
     return text.encode(errors="replace")[:size].decode(errors="ignore").encode()

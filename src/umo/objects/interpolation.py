@@ -89,7 +89,7 @@ class Cubics:
 
 
 class CubicsOfMany:
-    """Different ones for the elements of an array, in one calculation."""
+    """Evaluates another curve for each element of an array, in one calculation."""
 
     def __init__(self, each: Sequence[Cubics]) -> None:
         begins: dict[Cubics, int] = {}
@@ -126,7 +126,7 @@ def _evaluate(
 
 
 Group = tuple[Any, IntArray | None]
-"""Something with `many`, and the places in an array that are its; None: all."""
+"""An interpolation, and the indices of the elements that it is for; None: all."""
 
 
 def groups_of(each: Sequence[Any]) -> list[Group]:

@@ -41,7 +41,7 @@ TABLE = MUTEX * len(Who)
 MAX_TEXT = 1 << 16
 """Bytes of a report."""
 HOLD_LIMIT = 1.0
-"""Timeout in s for a lock of one's own; others hold it for microseconds to see whether it is free."""
+"""Timeout in s for the process's own lock, which others take for microseconds to test it."""
 REPORT_AT = TABLE + 8 * CELLS
 OUTCOME_AT = REPORT_AT + MAX_TEXT
 LENGTH = OUTCOME_AT + MAX_TEXT
@@ -174,7 +174,7 @@ class Life:
         self._cells[ADMITTED] = 1
 
     def excuse(self, seconds: float) -> None:
-        """The control process was kept from running by others for so long."""
+        """Note for how many s other processes kept the control process from running."""
         self._cells[EXCUSED] = round(seconds * 1e9)
 
     @property
@@ -183,7 +183,7 @@ class Life:
         return int(self._cells[WATCH])
 
     def ask(self, number: int) -> None:
-        """Ask the control process to stop, like this signal does."""
+        """Ask the control process to stop, as this signal does."""
         self._cells[ASKED] = number
 
     @property

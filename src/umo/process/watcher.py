@@ -1,7 +1,7 @@
 """The guardian watches the frames: when a period was missed, it saves the last ones in a black box. It makes their
 memory, and answers those who look for the station.
 
-Nothing here raises: an error costs black boxes, and that the run can be watched and commanded.
+Nothing here raises. After an error there may be no black box, and the run may not be watched or commanded.
 """
 
 from __future__ import annotations
@@ -55,18 +55,18 @@ class Watcher:
         return ""
 
     def forked(self) -> None:
-        """The control process has its descriptors: when it has ended, they are gone."""
+        """Close this process's end of the pipe: it closes for readers when the control process ends."""
         if self.frames is not None:
             os.close(self.frames[0].alive)
 
     @property
     def stop(self) -> int | None:
-        """The signal as after which a client wants the run to end."""
+        """The number of the signal that a client asks to end the run by; None: none does."""
         asked = None if self._cells is None else self._cells.stop
         return None if asked is None else asked[0]
 
     def look(self) -> None:
-        """Clients are answered. A missed period is noticed, and kept a little later."""
+        """Answer clients. Write a black box `AFTERMATH` s after a missed period."""
         self._reap()
         if not self._attach():
             return
@@ -108,7 +108,7 @@ class Watcher:
         return ""
 
     def finish(self) -> None:
-        """At the end: what is being written, and what is wanted still, is finished; a ring left behind is removed."""
+        """At the end: finish the black boxes that are written or wanted, and remove a ring that is left."""
         until = monotonic() + PATIENCE
         if self._due is not None and not self._wanted:
             self.keep(blackbox.MISSED_PERIOD)

@@ -127,8 +127,8 @@ class RemoteObject:
         return frame
 
     def read(self, unit: str | None = None) -> float | str:
-        """The value: a number in `unit` (default: its own), or the name of a state. What was never read: NaN, BadInput
-        for a state."""
+        """The value: a number in `unit` (default: its own), or the name of a state. Before the
+        first reading: NaN; of a state BadInput."""
         value = float(self._frame()["values"][self._number])
         if "one" in self._entry and isnan(value):
             raise BadInput(self.path, Quality.BAD, why="it was never read")

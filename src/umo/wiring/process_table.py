@@ -13,12 +13,12 @@ from umo.wiring.resolved import AT_NEXT_TICK, AT_ONCE, Process, Wired
 from umo.wiring.source import WiringSource
 
 LEAST_PERIODS = 20
-"""Without a finished one a process counts as hanging."""
+"""Number of periods within which one has to end; otherwise the process hangs."""
 AUTO = "auto"
 
 
 def process_of(source: WiringSource, wired: Wired) -> Process:
-    """The settings of the control process; what makes no sense is a fault."""
+    """The settings of the control process. Contradictory ones become mistakes of the wiring."""
     table, names = source.process, [field.name for field in dataclasses.fields(Process)]
     for name in table.keys() - set(names):
         source.mistake(f"process.{name}", f"unknown key{source.near(name, names)}; known: {', '.join(names)}")

@@ -22,7 +22,7 @@ def addresses(host: str) -> tuple[str, ...]:
     """Every numeric address of the host, IPv6 in brackets, so that two names of one device compare equal. A name that
     cannot be looked up stands for itself.
 
-    "Any address" (0.0.0.0, ::) is reached on this computer's own, IPv4 within IPv6 is IPv4. Raises nothing and
+    "Any address" (0.0.0.0, ::) becomes the loopback address; IPv4 within IPv6 becomes IPv4. Raises nothing and
     ends within `LONGEST_LOOKUP`.
     """
     try:
@@ -89,7 +89,7 @@ def _found(host: str, port: int | None, seconds: float) -> Found:
 
 
 def _looked_up(host: str, port: int | None, seconds: float) -> Found:
-    """In a thread, as nothing else can leave a resolver that waits for its server."""
+    """Look up in a thread, as `getaddrinfo` has no timeout."""
     outcome: Future[Found] = Future()
     Thread(target=_look_up, args=(outcome, host, port), name="umo look-up", daemon=True).start()
     try:
