@@ -42,7 +42,7 @@ MIN_SLOTS = 16
 ENTRY_BYTES = ENTRY.itemsize
 MAX_INTEGER = (1 << 63) - 1
 COUNTER_PERIODS = 32
-"""Periods after which the counters of the system are read in any case; reading them takes as long as the rest of a frame."""
+"""Periods after which the counters of the system are read in any case; this takes as long as the rest of a frame."""
 UTC_PAUSE = 1_000_000_000
 """ns after which UTC is compared with the monotonic clock again."""
 COLLECTIONS = [name for name, *_ in USAGE].index("collections")
@@ -141,7 +141,7 @@ class Ring:
         self._numbers[(self._tunables_at >> 3) + number] = self._tunables[number].read()
 
     def _tell(self) -> None:
-        """Publish the new events, as far as they are kept. Tuned numbers are shown before the event that tells of them."""
+        """Publish the new events, as far as they are kept. Tuned numbers are shown before their event."""
         new = min(self._events.number - self._told, len(self._events))
         self._told = self._events.number
         for number, event in enumerate(list(self._events)[-new:], self._told - new):

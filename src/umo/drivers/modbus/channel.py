@@ -42,7 +42,8 @@ TABLES = {table.name: table for table in (COIL, DISCRETE, HOLDING, INPUT)}
 
 
 class Type(NamedTuple):
-    """What registers hold. `bits`: width of the raw integer; of a float, the bits of the whole numbers that it holds exactly."""
+    """What registers hold. `bits`: width of the raw integer; of a float, that of the whole numbers that it holds
+    exactly."""
 
     cells: int
     bits: int
