@@ -115,7 +115,7 @@ class Bus:
 def bus(monkeypatch):
     bus = Bus()
     library = SimpleNamespace(I2cFunc=FUNCS, SMBus=lambda: bus, i2c_msg=Message)
-    monkeypatch.setattr(i2c, "_library", lambda: library)
+    monkeypatch.setattr(i2c, "library", lambda *_: library)
     monkeypatch.setattr(i2c, "_set_timeout", lambda bus, seconds: bus.limits.append(seconds))
     yield bus
     bus.close()
@@ -164,7 +164,7 @@ def test_a_file_that_is_no_bus_is_refused_and_left_closed():
 
 
 def test_without_smbus2_the_error_says_what_to_install(monkeypatch):
-    monkeypatch.setattr(i2c, "_library", lambda: None)
+    monkeypatch.setattr(i2c, "library", lambda *_: None)
     with pytest.raises(DriverError, match=r'pip install "umo\[i2c\]"'):
         I2c(bus=1, address=0x48).open()
 

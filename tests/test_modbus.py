@@ -627,7 +627,7 @@ def test_a_connection_whose_time_is_spent_before_it_begins_leaves_no_socket_open
 
         with (
             patch.object(socket, "socket", make),
-            pytest.raises(DeviceTimeout, match=r"connecting: timed out \(0 ms\)"),
+            pytest.raises(DeviceTimeout, match=r"connecting: timed out \(0 s\)"),
         ):
             driver.open()
         assert [each.fileno() for each in sockets] == [-1]

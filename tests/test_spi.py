@@ -13,7 +13,9 @@ from umo.drivers import spi
 from umo.drivers.spi import Spi
 from umo.errors import DriverError, WiringError
 
-needs_spidev = pytest.mark.skipif(spi._library() is None, reason="needs spidev, which pip builds with a C compiler")
+needs_spidev = pytest.mark.skipif(
+    spi.library("spidev", "spidev") is None, reason="needs spidev, which pip builds with a C compiler"
+)
 
 
 class Device:
@@ -53,7 +55,7 @@ class Device:
 @pytest.fixture
 def device(monkeypatch):
     device = Device()
-    monkeypatch.setattr(spi, "_library", lambda: SimpleNamespace(SpiDev=lambda: device))
+    monkeypatch.setattr(spi, "library", lambda *_: SimpleNamespace(SpiDev=lambda: device))
     return device
 
 
@@ -100,7 +102,7 @@ def test_the_hold_is_of_a_chip_select():
 
 
 def test_without_spidev_the_error_says_what_to_install(monkeypatch):
-    monkeypatch.setattr(spi, "_library", lambda: None)
+    monkeypatch.setattr(spi, "library", lambda *_: None)
     with pytest.raises(DriverError, match=r'pip install "umo\[spi\]" \(it needs a C compiler\)'):
         Spi(bus=0).open()
 

@@ -488,7 +488,9 @@ def test_a_chip_that_does_not_exist_is_an_error_with_those_that_do(chip: Chip, n
 
 def test_two_chips_of_one_label_are_told_apart_by_path(gpio_chip: Callable[..., Chip]) -> None:
     one, other = gpio_chip(label="relays"), gpio_chip(label="relays")
-    with pytest.raises(DriverError, match=f"{one.path} and {other.path} both have the label 'relays'"):
+    with pytest.raises(
+        DriverError, match=rf"{one.path} \(relays\) and {other.path} \(relays\) both have the name 'relays'"
+    ):
         Gpio(chip="relays").open()
 
 

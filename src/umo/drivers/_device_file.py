@@ -1,5 +1,5 @@
-"""Device files such as /dev/ttyUSB0: an error says what the user can do about it. For drivers of serial lines, GPIO
-chips, I2C and SPI buses."""
+"""Device files such as /dev/ttyUSB0, and the small files of sysfs: an error says what the user can do about it. For
+drivers of serial lines, GPIO chips, I2C and SPI buses, IIO devices and counters."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ import errno
 import getpass
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from umo.errors import DriverError
-from umo.text import did_you_mean
+from umo.text import did_you_mean, in_brackets
 
 _MISSING = (errno.ENOENT, errno.ENODEV, errno.ENXIO)
 _REFUSED = (errno.EACCES, errno.EPERM)
-_MOST_LISTED = 8
+_MAX_LISTED = 8
 
 
 @contextmanager
@@ -34,7 +34,7 @@ def explained(path: str, error: OSError) -> str:
     """A missing file with those that exist, a refused one with the group to join, a busy one with who holds it."""
     if error.errno in _MISSING:
         others = similar(path)
-        known = f"; there are: {', '.join(others[:_MOST_LISTED])}" if others else "; there is none of its kind"
+        known = f"; there are: {', '.join(others[:_MAX_LISTED])}" if others else "; there is none of its kind"
         return f"no device {path}{did_you_mean(path, others)}{known}"
     if error.errno in _REFUSED:
         return f"no permission to open {path}{_remedy(path)}"
@@ -54,6 +54,52 @@ def similar(path: str) -> list[str]:
     found = [name for name in names if re.sub(r"\d+", "", name) == stem]
     found.sort(key=lambda name: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name)])
     return [os.path.join(os.path.dirname(path), name) for name in found]
+
+
+def numbered(folder: Path, stem: str) -> list[Path]:
+    """The files of a folder whose names are this stem and a number, in the order of the numbers."""
+    return sorted(folder.glob(f"{stem}[0-9]*"), key=lambda path: (len(path.name), path.name))
+
+
+def one_named(kind: str, wanted: str, there: Mapping[str, Sequence[str]]) -> str:
+    """The device that is wanted by its number or by one of its names: `there` has the names of each number. DriverError
+    names those that there are."""
+    found = [number for number, names in there.items() if wanted in (number, *names)]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        shown = " and ".join(f"{number}{in_brackets(*there[number])}" for number in found)
+        raise DriverError(f"{shown} both have the name {wanted!r}: use a number, or another name")
+    near = did_you_mean(wanted, [each for number, names in there.items() for each in (*names, number)])
+    raise DriverError(f"no {kind} {wanted!r}{near}; {listed(kind, there)}")
+
+
+def listed(kind: str, there: Mapping[str, Sequence[str]]) -> str:
+    """The devices that there are, for a message."""
+    if not there:
+        return f"this computer has no {kind}"
+    return "there are: " + ", ".join(f"{number}{in_brackets(*names)}" for number, names in there.items())
+
+
+def text_in(file: Path) -> str:
+    """The contents of a small file; empty if it cannot be read."""
+    with suppress(OSError):
+        return file.read_text().strip()
+    return ""
+
+
+def put(file: Path, value: str) -> None:
+    """Write a small file; DriverError says which."""
+    try:
+        fd = os.open(file, os.O_WRONLY | os.O_TRUNC | os.O_CLOEXEC)
+        try:
+            os.write(fd, value.encode())
+        finally:
+            os.close(fd)
+    except PermissionError as error:
+        raise DriverError(f"no permission to write {file}: a udev rule can give it to a group") from error
+    except OSError as error:
+        raise DriverError(f"{file}: {value.strip()!r} is refused: {error.strerror}") from error
 
 
 def holders(path: str) -> list[str]:

@@ -56,6 +56,12 @@ class Channel:
         own = tuple(getattr(self, name) for name in _own_fields(kind))
         return ((self.direction, own),) if own else (self.text,)
 
+    def __hash__(self) -> int:  # plans are looked up by their channels in every period, and a string keeps its hash
+        return hash(self.text)
+
+    def __init_subclass__(cls) -> None:
+        cls.__hash__ = Channel.__hash__  # type: ignore[method-assign]  # dataclass would make another one
+
     def check(self, raw: int) -> None:
         """DriverError if this cannot be written: the channel is an input, or the raw integer does not fit its bits."""
         if Direction.OUTPUT not in self.direction:
@@ -92,6 +98,10 @@ class PhysicalScale(NamedTuple):
 
 
 C = TypeVar("C", bound=Channel, default=Channel)
+
+
+class NoWatchdog(DriverError, NotImplementedError):
+    """The circuit has no watchdog of its own, or none that its options name."""
 
 
 class WaitEnded(Exception):
@@ -201,7 +211,7 @@ class Driver(ABC, Generic[C]):
 
     def watchdog(self, seconds: float) -> None:
         """Arm the watchdog of the circuit: after this time without a request it sets its outputs to safe levels."""
-        raise NotImplementedError(f"{type(self).__name__} has no watchdog of its own")
+        raise NoWatchdog(f"{type(self).__name__} has no watchdog of its own")
 
     def check_watchdog(self, seconds: float) -> None:
         """WiringError or DriverError if `watchdog` cannot take this time. Nothing is sent; called before `open`."""

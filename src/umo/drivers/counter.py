@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from umo.drivers._device_file import explained
+from umo.drivers._device_file import explained, listed, numbered, one_named, put, text_in
 from umo.drivers.contract import Channel, Direction, Driver
 from umo.drivers.option_checks import truth, within
 from umo.errors import ChannelError, DriverError, WiringError
@@ -32,10 +32,6 @@ class CounterChannel(Channel):
 
     count: int = 0
     attribute: str = ""
-
-    # Files are looked up by their channels in every period, and a string keeps its hash.
-    def __hash__(self) -> int:
-        return hash(self.text)
 
 
 class Counter(Driver[CounterChannel]):
@@ -157,25 +153,19 @@ class Counter(Driver[CounterChannel]):
         if self._function is None:
             return
         folder = self._count_folder(count)
-        available = _lines(folder / "function_available")
+        available = text_in(folder / "function_available").splitlines()
         if self._function not in available:
             known = f"; it has: {', '.join(available)}" if available else ""
             raise DriverError(
                 f"{folder} has no function {self._function!r}{did_you_mean(self._function, available)}{known}"
             )
-        if _lines(folder / "function") != [self._function]:
-            self._write_file(folder / "function", self._function)
+        if text_in(folder / "function") != self._function:
+            put(folder / "function", self._function)
 
     def _enable(self, count: int) -> None:
         file = self._count_folder(count) / "enable"
-        if _lines(file) == ["0"]:
-            self._write_file(file, "1")
-
-    def _write_file(self, path: Path, text: str) -> None:
-        try:
-            path.write_text(text)
-        except OSError as error:
-            raise DriverError(explained(str(path), error)) from error
+        if text_in(file) == "0":
+            put(file, "1")
 
     def _transfer(self, channel: CounterChannel, text: str | None = None) -> str:
         """Write the file, or read it."""
@@ -236,34 +226,10 @@ class Counter(Driver[CounterChannel]):
 
 def _found(device: str) -> Path:
     """The folder of the counter with this number, name or path."""
-    if "/" in device:
-        folder = Path(os.path.realpath(device))
-        if (folder / "num_counts").is_file():
-            return DEVICES / folder.name if (DEVICES / folder.name).exists() else folder
-        raise DriverError(f"{device} is not a counter{_known()}")
-    if (DEVICES / device).is_dir():
-        return DEVICES / device
-    named = [path for path, name in _names().items() if name == device]
-    if len(named) > 1:
-        raise DriverError(f"{' and '.join(path.name for path in named)} both have the name {device!r}: use a number")
-    if not named:
-        raise DriverError(f"no counter {device!r}{did_you_mean(device, _names().values())}{_known()}")
-    return named[0]
-
-
-def _names() -> dict[Path, str]:
-    folders = sorted(DEVICES.glob("counter*"), key=lambda path: (len(path.name), path.name))
-    return {folder: " ".join(_lines(folder / "name")) for folder in folders}
-
-
-def _known() -> str:
-    names = [f"{path.name} ({name})" if name else path.name for path, name in _names().items()]
-    return f"; there are: {', '.join(names)}" if names else "; this computer has no counters"
-
-
-def _lines(path: Path) -> list[str]:
-    """Of a file; none if it cannot be read."""
-    try:
-        return path.read_text().splitlines()
-    except OSError:
-        return []
+    there = {folder.name: [text_in(folder / "name")] for folder in numbered(DEVICES, "counter")}
+    if "/" not in device:
+        return DEVICES / one_named("counter", device, there)
+    folder = Path(os.path.realpath(device))
+    if not (folder / "num_counts").is_file():
+        raise DriverError(f"{device} is not a counter; {listed('counter', there)}")
+    return DEVICES / folder.name if folder.name in there else folder

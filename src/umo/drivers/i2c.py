@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from umo.drivers._device_file import opening
+from umo.drivers._library import library
 from umo.drivers.option_checks import one_of, within
 from umo.drivers.registers.driver import RegisterDriver
 from umo.drivers.registers.map import RegisterChannel
@@ -70,7 +71,7 @@ class I2c(RegisterDriver):
         self._pec, self._address_bits = pec, address_bits
         if pec and (auto_increment or address_bits != 8):
             raise WiringError("pec is for registers moved one by one, with addresses of 8 bits")
-        self._smbus = _library()
+        self._smbus = library("smbus2", "smbus2")
         self._bus: Any = None
         self._limit = 0.0
         self._messages = False
@@ -183,15 +184,6 @@ class I2c(RegisterDriver):
         if error.errno in _UNABLE:
             return f"the adapter of {self.path} cannot make this transfer ({error.strerror or 'it knows SMBus only'})"
         return super()._explained(error)
-
-
-def _library() -> Any:
-    """smbus2, or None: a wiring can be checked without it. Not in `open`: a guardian has no time for imports."""
-    try:
-        import smbus2
-    except ModuleNotFoundError:
-        return None
-    return smbus2
 
 
 def _open(bus: Any, path: str) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from typing import Any, Literal
 
 from umo.drivers._device_file import opening
+from umo.drivers._library import library
 from umo.drivers.option_checks import one_of, within
 from umo.drivers.registers.driver import RegisterDriver
 from umo.drivers.registers.map import RegisterChannel
@@ -91,7 +92,7 @@ class Spi(RegisterDriver):
         self._masks = {name: within(name, mask, 0, highest) for name, mask in masks.items()}
         self._shift = within("address_shift", address_shift, 0, max(address_bits - 1, 0))
         self._dummies = within("dummy_bytes", dummy_bytes, -self._command, _MOST_DUMMIES)
-        self._spidev = _library()
+        self._spidev = library("spidev", "spidev")
         self._device: Any = None
         super().__init__(registers or {}, page_register, auto_increment, identity or {}, setup or {}, address_bits)
 
@@ -150,15 +151,6 @@ class Spi(RegisterDriver):
             raise DriverError(f"a transfer of {len(sent)} bytes is not one of whole words of {8 * self._word} bits")
         answer = self._device.xfer2(list(_swapped(sent, self._word)))
         return _swapped(bytes(answer), self._word)
-
-
-def _library() -> Any:
-    """spidev, or None: a wiring can be checked without it. Not in `open`: a guardian has no time for imports."""
-    try:
-        import spidev
-    except ModuleNotFoundError:
-        return None
-    return spidev
 
 
 def _swapped(data: bytes, word: int) -> bytes:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import logging
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from operator import index
+from operator import attrgetter, index
 from typing import Any, Protocol
 
 import numpy as np
 
-from umo.drivers.contract import UNREAD, Channel, Driver, IntArray, PhysicalScale
+from umo.drivers.contract import UNREAD, Channel, Driver, IntArray
 from umo.drivers.faults.effects import MARK, Effect
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError
 from umo.presentation.durations import duration
@@ -49,6 +49,11 @@ class Injection:
         return any(effect.output or effect.channel is None for effect in ended)
 
 
+def _of_driver(name: str) -> Any:
+    """What the driver itself has of this name."""
+    return property(attrgetter(f"driver.{name}"))
+
+
 class Faulty(Driver[Any]):
     """A driver with faults on some of its channels. Everything else is the driver's own."""
 
@@ -71,45 +76,18 @@ class Faulty(Driver[Any]):
     def timeout(self, seconds: float) -> None:
         self.driver.timeout = seconds
 
-    @property
-    def period(self) -> float:  # type: ignore[override]
-        return self.driver.period
-
-    @property
-    def realtime(self) -> bool:  # type: ignore[override]
-        return self.driver.realtime
-
-    @property
-    def simulates_time(self) -> bool:  # type: ignore[override]
-        return self.driver.simulates_time
-
-    @property
-    def forms(self) -> Sequence[str]:  # type: ignore[override]
-        return self.driver.forms
-
-    def channel(self, text: str) -> Any:
-        return self.driver.channel(text)
-
-    def devices(self) -> Iterable[str]:
-        return self.driver.devices()
-
-    def physical_scale(self, channel: Channel) -> PhysicalScale | None:
-        return self.driver.physical_scale(channel)
-
-    def check_watchdog(self, seconds: float) -> None:
-        self.driver.check_watchdog(seconds)
-
-    def finalize(self, channel: Channel) -> None:
-        self.driver.finalize(channel)
-
-    def close(self) -> None:
-        self.driver.close()
-
-    def stop_waiting(self) -> None:
-        self.driver.stop_waiting()
-
-    def report(self) -> Mapping[str, Any]:
-        return self.driver.report()
+    period = _of_driver("period")
+    realtime = _of_driver("realtime")
+    simulates_time = _of_driver("simulates_time")
+    forms = _of_driver("forms")
+    channel = _of_driver("channel")
+    devices = _of_driver("devices")
+    physical_scale = _of_driver("physical_scale")
+    check_watchdog = _of_driver("check_watchdog")
+    finalize = _of_driver("finalize")
+    close = _of_driver("close")
+    stop_waiting = _of_driver("stop_waiting")
+    report = _of_driver("report")
 
     # Which faults are in effect ------------------------------------------------------------------------
 

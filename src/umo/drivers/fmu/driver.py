@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import hypot
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from umo.drivers.contract import Direction, Driver, IntArray, PhysicalScale
+from umo.drivers._block_driver import BlockDriver, Plans, in_turn
+from umo.drivers.contract import Direction, IntArray, PhysicalScale
 from umo.drivers.fmu.variables import TICK, FmuChannel, channel_of, check_start, described, variables_of
 from umo.drivers.option_checks import within
 from umo.errors import ChannelsFailed, DriverError
@@ -18,13 +19,12 @@ from umo.errors import ChannelsFailed, DriverError
 if TYPE_CHECKING:
     from umo.drivers.fmu.instance import FmuInstance
 
-_MOST_GROUPS = 64
 _FEW = 8
 """Floats of a group up to which plain arithmetic takes less time than arrays; the results are the same."""
 _MOST_REPORTED = 40
 
 
-class Fmu(Driver[FmuChannel]):
+class Fmu(BlockDriver[FmuChannel]):
     """A model as a plant: a co-simulation unit of FMI 2.0 or 3.0, run by FMPy.
 
     Channels: `NAME` for a variable that is an integer, a boolean or an enumeration, `NAME:SCALE` for a float: the
@@ -63,7 +63,8 @@ class Fmu(Driver[FmuChannel]):
         self._instance: FmuInstance | None = None
         self._steps = 0
         self._start = 0.0
-        self._groups: dict[tuple[str, int], tuple[Sequence[FmuChannel], list[_Group]]] = {}
+        self._reads = Plans[FmuChannel, list[_Group]](lambda channels: self._grouped("Get", channels))
+        self._writes = Plans[FmuChannel, list[_Group]](lambda channels: self._grouped("Set", channels))
 
     def channel(self, text: str) -> FmuChannel:
         return channel_of(self._description, text)
@@ -91,7 +92,8 @@ class Fmu(Driver[FmuChannel]):
         self._instance, self._start, self._steps = instance, instance.time, 0
 
     def close(self) -> None:
-        self._groups.clear()
+        self._reads.clear()
+        self._writes.clear()
         if self._instance is not None:
             self._instance.close()
             self._instance = None
@@ -116,42 +118,26 @@ class Fmu(Driver[FmuChannel]):
         if channel.kind == TICK:
             self._advance()
             return 0
-        out = np.empty(1, np.int64)
-        self.read_many((channel,), out)
-        return int(out[0])
-
-    def write(self, channel: FmuChannel, raw: int) -> None:
-        channel.fit(raw)
-        self.write_many((channel,), np.array([raw], np.int64))
+        return super().read(channel)
 
     def read_many(self, channels: Sequence[FmuChannel], out: IntArray) -> None:
-        failed: dict[str, str] = {}
-        for group in self._grouped("Get", channels):
-            try:
-                group.get(out)
-            except ChannelsFailed as error:
-                failed.update(error.causes)
-            except DriverError as error:
-                if self._opened().lost:
-                    raise
-                failed.update(dict.fromkeys(group.texts, str(error)))
-        if failed:
-            raise ChannelsFailed(failed)
+        self._in_turn(self._reads.of(channels), lambda group: group.get(out))
 
     def write_many(self, channels: Sequence[FmuChannel], raws: IntArray) -> None:
-        groups = self._grouped("Set", channels)
+        groups = self._writes.of(channels)
         for group in groups:
             group.check(raws)  # all of them before the first is set
-        failed: dict[str, str] = {}
-        for group in groups:
-            try:
-                group.set(raws)
-            except DriverError as error:
-                if self._opened().lost:
-                    raise
-                failed.update(dict.fromkeys(group.texts, str(error)))
-        if failed:
-            raise ChannelsFailed(failed)
+        self._in_turn(groups, lambda group: group.set(raws))
+
+    def _write(self, channels: Sequence[FmuChannel], raws: list[int]) -> None:
+        for channel, raw in zip(channels, raws, strict=True):
+            channel.fit(raw)
+        self.write_many(channels, np.array(raws, np.int64))
+
+    def _in_turn(self, groups: Sequence[_Group], transfer: Callable[[_Group], None]) -> None:
+        """Transfer the groups. None is transferred after the model has failed."""
+        instance = self._opened()
+        in_turn(groups, transfer, lambda group: group.texts, lambda error: bool(instance.lost))
 
     def report(self) -> Mapping[str, Any]:
         """The model's time in s and its outputs, at most 40, in its units; a value that is not finite is None."""
@@ -179,18 +165,10 @@ class Fmu(Driver[FmuChannel]):
             self._steps += 1
 
     def _grouped(self, verb: str, channels: Sequence[FmuChannel]) -> list[_Group]:
-        """The channels by type, each type with its buffer: made once for a tuple of channels, as each period has it."""
-        known, groups = self._groups.get((verb, id(channels)), ((), []))
-        if known is channels:
-            return groups
+        """The channels by type, each type with its buffer."""
         instance = self._opened()
         _check_directions(verb, channels)
-        groups = [_Group(instance, verb, kind, channels) for kind in dict.fromkeys(each.kind for each in channels)]
-        if isinstance(channels, tuple):  # nobody changes it, and its id is its own as long as it is kept here
-            if len(self._groups) >= _MOST_GROUPS:
-                self._groups.clear()
-            self._groups[verb, id(channels)] = channels, groups
-        return groups
+        return [_Group(instance, verb, kind, channels) for kind in dict.fromkeys(each.kind for each in channels)]
 
 
 class _Group:

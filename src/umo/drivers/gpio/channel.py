@@ -52,10 +52,6 @@ class GpioChannel(Channel):
     """Which edges are counted; empty: the level is transferred."""
     settings: Settings = Settings()
 
-    # Plans are looked up by their channels in every period, and a string keeps its hash.
-    def __hash__(self) -> int:
-        return hash(self.text)
-
     @property
     def places(self) -> tuple[Hashable, ...]:
         """Its lines."""

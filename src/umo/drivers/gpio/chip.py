@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os
-from glob import glob
+from pathlib import Path
 
 import gpiod
 
-from umo.drivers._device_file import explained
+from umo.drivers._device_file import explained, listed, numbered, one_named
 from umo.errors import DriverError
-from umo.text import did_you_mean
 
 
 def path_of(chip: str) -> str:
@@ -21,7 +20,7 @@ def path_of(chip: str) -> str:
                 raise DriverError(f"{path} is not a GPIO chip")
             return path
     if "/" in chip:
-        raise DriverError(f"no device {chip}{_known({})}")
+        raise DriverError(f"no device {chip}; {listed('GPIO chip', dict.fromkeys(_paths(), ()))}")
     return _labelled(chip)
 
 
@@ -35,26 +34,20 @@ def named(chip: gpiod.Chip) -> dict[str, list[int]]:
 
 
 def _labelled(label: str) -> str:
-    labels, refused = {}, ""
+    labels: dict[str, list[str]] = {}
+    refused = ""
     for path in _paths():
+        labels[path] = []
         try:
             with gpiod.Chip(path) as chip:
-                labels[path] = chip.get_info().label
+                labels[path] = [chip.get_info().label]
         except OSError as error:
-            refused = explained(path, error)
-    found = [path for path, each in labels.items() if each == label]
-    if len(found) > 1:
-        raise DriverError(f"{' and '.join(found)} both have the label {label!r}: use a path")
-    if not found:
-        raise DriverError(f"no GPIO chip {label!r}{_known(labels, label)}{refused and f'; {refused}'}")
-    return os.path.realpath(found[0])
-
-
-def _known(labels: dict[str, str], wanted: str = "") -> str:
-    names = [f"{path} ({labels[path]})" if path in labels else path for path in _paths()]
-    near = did_you_mean(wanted, labels.values())
-    return f"{near}; there are: {', '.join(names)}" if names else "; this computer has no GPIO chips"
+            refused = f"; {explained(path, error)}"
+    try:
+        return os.path.realpath(one_named("GPIO chip", label, labels))
+    except DriverError as error:
+        raise DriverError(f"{error}{refused}") from None
 
 
 def _paths() -> list[str]:
-    return sorted(glob("/dev/gpiochip*"), key=lambda path: (len(path), path))
+    return list(map(str, numbered(Path("/dev"), "gpiochip")))

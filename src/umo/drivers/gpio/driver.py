@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import errno
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from time import monotonic
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, TypeVar
 
-from umo.drivers.contract import Driver, IntArray
+from umo.drivers._block_driver import BlockDriver, Plans
+from umo.drivers._library import library
+from umo.drivers.contract import IntArray
 from umo.drivers.gpio.channel import GpioChannel, checked, parse
 from umo.errors import DriverError, WiringError
 
 if TYPE_CHECKING:
     from umo.drivers.gpio.lines import Lines, LineTransfer
 
-_MOST_PLANS = 256
+T = TypeVar("T")
 
 
-class Gpio(Driver[GpioChannel]):
+class Gpio(BlockDriver[GpioChannel]):
     """The lines of one GPIO chip.
 
     Channels: `line:N` or `line:NAME`, a line of the chip by its number or name; `lines:4-11` or `lines:A,B,C`, up to 63
@@ -56,13 +58,10 @@ class Gpio(Driver[GpioChannel]):
             raise WiringError(f"chip must be the path, name or label of a GPIO chip, not {chip!r}")
         self.chip = chip
         self._settings = checked(bias, drive, active_low, debounce)
-        self._lines_type = _find_lines()  # here and not in `open`: a guardian has no time for imports
+        self._library = library("umo.drivers.gpio.lines", "gpiod")
         self._named: dict[str, GpioChannel] = {}
         self._lines: Lines | None = None
-        self._plans: dict[tuple[GpioChannel, ...], LineTransfer] = {}
-        self._reading: LineTransfer | None = None
-        self._writing: LineTransfer | None = None
-        """The last block of each kind: that of the next period is the same."""
+        self._reads, self._writes = Plans(self._plan), Plans(self._plan)
 
     def channel(self, text: str) -> GpioChannel:
         self._named[text] = channel = parse(text, self._settings)
@@ -70,7 +69,7 @@ class Gpio(Driver[GpioChannel]):
 
     def devices(self) -> Sequence[str]:
         """The chip's device file, however the option names it; a chip that is not there stands for itself."""
-        if self._lines_type is not None:
+        if self._library is not None:
             from umo.drivers.gpio.chip import path_of
 
             with suppress(OSError):
@@ -79,9 +78,9 @@ class Gpio(Driver[GpioChannel]):
 
     def open(self) -> None:
         """Take the lines of the wiring as they are. A line that is in use is refused when it is initialised."""
-        if self._lines_type is None:
+        if self._library is None:
             raise DriverError('the gpio driver needs gpiod: pip install "umo[gpio]"')
-        self._lines = self._lines_type(self.chip)
+        self._lines = self._library.Lines(self.chip)
         self._begin()
 
     def close(self) -> None:
@@ -95,12 +94,7 @@ class Gpio(Driver[GpioChannel]):
         process of umo is about to release is waited for within `timeout`."""
         lines = self._begin()
         self._forget()
-        try:
-            lines.initialize(channel, default, monotonic() + self.timeout)
-        except DriverError:
-            raise
-        except OSError as error:
-            raise self._failed(error) from error
+        self._called(lambda: lines.initialize(channel, default, monotonic() + self.timeout))
 
     def finalize(self, channel: GpioChannel) -> None:
         """The channel is not used further. A level keeps its direction and value until the driver is closed."""
@@ -117,56 +111,21 @@ class Gpio(Driver[GpioChannel]):
         else:
             self.write(channel, default)
 
-    def read(self, channel: GpioChannel) -> int:
-        try:
-            return self._plan((channel,)).read()[0]
-        except DriverError:
-            raise
-        except OSError as error:
-            raise self._failed(error) from error
-
-    def write(self, channel: GpioChannel, raw: int) -> None:
-        try:
-            self._plan((channel,)).write([raw])
-        except DriverError:
-            raise
-        except OSError as error:
-            raise self._failed(error) from error
-
     def read_many(self, channels: Sequence[GpioChannel], out: IntArray) -> None:
-        try:
-            if self._reading is None or self._reading.channels is not channels:
-                self._reading = self._plan(tuple(channels))
-            out[:] = self._reading.read()
-        except DriverError:
-            raise
-        except OSError as error:
-            raise self._failed(error) from error
+        self._begin()
+        out[:] = self._called(lambda: self._reads.of(channels).read())
 
-    def write_many(self, channels: Sequence[GpioChannel], raws: IntArray) -> None:
-        try:
-            if self._writing is None or self._writing.channels is not channels:
-                self._writing = self._plan(tuple(channels))
-            self._writing.write(raws.tolist())
-        except DriverError:
-            raise
-        except OSError as error:
-            raise self._failed(error) from error
+    def _write(self, channels: Sequence[GpioChannel], raws: list[int]) -> None:
+        self._begin()
+        self._called(lambda: self._writes.of(channels).write(raws))
 
     def _plan(self, channels: tuple[GpioChannel, ...]) -> LineTransfer:
-        """Made once for these channels; a machine has few groups of them, the bound is for others."""
-        lines = self._begin()
-        plan = self._plans.get(channels)
-        if plan is None:
-            if len(self._plans) >= _MOST_PLANS:
-                self._forget()
-            plan = self._plans[channels] = lines.plan(channels)
-        return plan
+        return self._begin().plan(channels)
 
     def _forget(self) -> None:
         """The lines have changed: all transfers are planned afresh."""
-        self._plans.clear()
-        self._reading = self._writing = None
+        self._reads.clear()
+        self._writes.clear()
 
     def _begin(self) -> Lines:
         """The chip is open; one that had gone is opened again, its lines initialised as before."""
@@ -174,15 +133,22 @@ class Gpio(Driver[GpioChannel]):
             raise DriverError("it is not open")
         if not self._lines.connected:
             self._forget()
+            lines = self._lines
             try:
-                self._lines.connect(self._named.values(), monotonic() + self.timeout)
+                self._called(lambda: lines.connect(self._named.values(), monotonic() + self.timeout))
             except DriverError:
-                self._lines.disconnect()
+                lines.disconnect()
                 raise
-            except OSError as error:
-                self._lines.disconnect()
-                raise self._failed(error) from error
         return self._lines
+
+    def _called(self, call: Callable[[], T]) -> T:
+        """A call of the chip; DriverError if the system refuses it."""
+        try:
+            return call()
+        except DriverError:
+            raise
+        except OSError as error:
+            raise self._failed(error) from error
 
     def _failed(self, error: OSError) -> DriverError:
         """A chip that has gone is let go of; the next call opens it again."""
@@ -191,14 +157,3 @@ class Gpio(Driver[GpioChannel]):
             self._lines.disconnect()
             return DriverError(f"{self._lines.name}: the chip has gone")
         return DriverError(f"{self.chip}: {error.strerror or error}")
-
-
-def _find_lines() -> type[Lines] | None:
-    """The library's side, None without gpiod: a wiring can be checked all the same."""
-    try:
-        from umo.drivers.gpio.lines import Lines
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] != "gpiod":
-            raise
-        return None
-    return Lines

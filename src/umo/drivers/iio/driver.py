@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
 
-import numpy as np
-
-from umo.drivers._device_file import explained
-from umo.drivers.contract import Channel, Direction, Driver, IntArray, PhysicalScale
+from umo.drivers._block_driver import BlockDriver, in_turn
+from umo.drivers._device_file import explained, text_in
+from umo.drivers.contract import Channel, Direction, IntArray, PhysicalScale
 from umo.drivers.iio import sysfs
 from umo.drivers.iio.scan import Scan, element, trigger_named
-from umo.errors import ChannelError, ChannelsFailed, DeviceTimeout, DriverError, WiringError
+from umo.errors import ChannelError, DeviceTimeout, DriverError, WiringError
+from umo.presentation.durations import duration
 
 FORMS = ("in_TYPE[N]", "in_TYPE[N]-TYPE[M]", "in_TYPE[N]_x", "out_TYPE[N] (names of the kernel, without _raw)")
 _NAME = re.compile(r"(in|out)_[a-z][a-z0-9_]*(-[a-z][a-z0-9_]*)?")
@@ -36,7 +36,7 @@ class IioChannel(Channel):
         return (self.name,)
 
 
-class Iio(Driver[IioChannel]):
+class Iio(BlockDriver[IioChannel]):
     """One device of Linux Industrial I/O.
 
     Channels have the kernel's names without `_raw`: `in_voltage0`, `in_voltage1-voltage2`, `in_accel_x` (inputs),
@@ -143,33 +143,22 @@ class Iio(Driver[IioChannel]):
             self._inputs.add(channel.name)
         super().initialize(channel, default)
 
-    def read(self, channel: IioChannel) -> int:
-        out = np.empty(1, np.int64)
-        self.read_many((channel,), out)
-        return int(out[0])
-
     def read_many(self, channels: Sequence[IioChannel], out: IntArray) -> None:
         deadline = self._begin()
         names = {channel.name for channel in channels if channel.direction is Direction.INPUT}
         scanned = self._scanned(names, deadline) if names and self.trigger else {}
 
-        def take(i: int, channel: IioChannel) -> None:
-            name = channel.name
+        def read(i: int) -> None:
+            name = channels[i].name
             out[i] = scanned[name] if name in scanned else _integer(self._transfer(name))
 
-        self._each(channels, take, deadline)
-
-    def write(self, channel: IioChannel, raw: int) -> None:
-        self._write((channel,), [raw])
-
-    def write_many(self, channels: Sequence[IioChannel], raws: IntArray) -> None:
-        self._write(channels, raws.tolist())
+        self._in_turn(channels, read, deadline)
 
     def _write(self, channels: Sequence[IioChannel], raws: list[int]) -> None:
         for channel, raw in zip(channels, raws, strict=True):  # before the first is sent
             channel.check(raw)
         deadline = self._begin()
-        self._each(channels, lambda i, channel: self._transfer(channel.name, str(raws[i])), deadline)
+        self._in_turn(channels, lambda i: self._transfer(channels[i].name, str(raws[i])), deadline)
 
     # How -----------------------------------------------------------------------------------------------
 
@@ -189,21 +178,15 @@ class Iio(Driver[IioChannel]):
             self._scan.close()
         self._scan = self._folder = None
 
-    def _each(self, channels: Sequence[IioChannel], move: Callable[[int, IioChannel], object], deadline: float) -> None:
-        failed: dict[str, str] = {}
-        for i, channel in enumerate(channels):
+    def _in_turn(self, channels: Sequence[IioChannel], transfer: Callable[[int], object], deadline: float) -> None:
+        """Transfer the channels by their numbers, until the deadline."""
+
+        def carry_out(i: int) -> None:
             if i and monotonic() > deadline:
-                raise DeviceTimeout(f"{i} of {len(channels)} channels took longer than {self.timeout * 1000:g} ms")
-            try:
-                move(i, channel)
-            except TimeoutError:
-                raise
-            except DriverError as error:
-                if len(channels) == 1:
-                    raise
-                failed[channel.text] = str(error)
-        if failed:
-            raise ChannelsFailed(failed)
+                raise DeviceTimeout(f"{i} of {len(channels)} channels took longer than {duration(self.timeout)}")
+            transfer(i)
+
+        in_turn(range(len(channels)), carry_out, lambda i: [channels[i].text])
 
     def _scanned(self, names: set[str], deadline: float) -> dict[str, int]:
         """The newest scan. It holds every input that was initialised or is asked for."""
@@ -243,7 +226,7 @@ class Iio(Driver[IioChannel]):
             return DeviceTimeout("the device did not answer its driver in the kernel")
         if error.errno == errno.EBUSY and self._folder is not None:
             enable = self._folder / "buffer" / "enable"
-            on = f"; its buffer is on ({enable})" if sysfs.text(enable) == "1" else ""
+            on = f"; its buffer is on ({enable})" if text_in(enable) == "1" else ""
             return DriverError(f"{explained(sysfs.place(self._folder), error)}{on}")
         if error.errno == errno.ENOENT and self._folder is not None and self._folder.exists():
             return DriverError(f"{self.device} has no such channel: {', '.join(sysfs.channels(self._folder))}")

@@ -14,10 +14,9 @@ from pathlib import Path
 from time import monotonic
 from typing import Literal, NamedTuple
 
-from umo.drivers._device_file import opening
+from umo.drivers._device_file import numbered, one_named, opening, put, text_in
 from umo.drivers.iio import sysfs
 from umo.errors import DeviceTimeout, DriverError
-from umo.text import did_you_mean
 
 LENGTH = 256
 """Records that the kernel's buffer holds: those of one period must fit."""
@@ -76,12 +75,12 @@ class ScanLayout:
 def element(folder: Path, channel: str) -> tuple[str, int, ScanType]:
     """A channel's place in a scan; DriverError if it has none."""
     elements = folder / "scan_elements"
-    kind = sysfs.text(elements / f"{channel}_type")
+    kind = text_in(elements / f"{channel}_type")
     if not kind:
         there = sorted(file.name.removesuffix("_type") for file in elements.glob("in_*_type"))
         listed = f"those that have: {', '.join(there)}" if there else f"{folder.name} has no buffer"
         raise DriverError(f"{channel} cannot be scanned by a trigger; {listed}")
-    return channel, int(sysfs.text(elements / f"{channel}_index")), ScanType.parse(kind)
+    return channel, int(text_in(elements / f"{channel}_index")), ScanType.parse(kind)
 
 
 class Scan:
@@ -117,7 +116,7 @@ class Scan:
         folder = self._folder
         put(folder / "buffer" / "enable", "0")  # left on by a process that was killed: the file is ours, nobody reads
         for file in sorted((folder / "scan_elements").glob("*_en")):
-            if sysfs.text(file) != "0":
+            if text_in(file) != "0":
                 put(file, "0")
         for channel in sorted(self.channels):
             put(folder / "scan_elements" / f"{channel}_en", "1")
@@ -160,25 +159,11 @@ class Scan:
         return len(data) == size * LENGTH
 
 
-def put(file: Path, value: str) -> None:
-    """Write an attribute; DriverError says which."""
-    try:
-        fd = os.open(file, os.O_WRONLY | os.O_TRUNC | os.O_CLOEXEC)
-        try:
-            os.write(fd, value.encode())
-        finally:
-            os.close(fd)
-    except PermissionError as error:
-        raise DriverError(f"no permission to write {file}: a udev rule can give it to a group") from error
-    except OSError as error:
-        raise DriverError(f"{file}: {value.strip()!r} is refused: {error.strerror}") from error
-
-
 def trigger_named(name: str) -> Path:
     """The folder of the trigger; DriverError names those that exist."""
-    there = {sysfs.text(folder / "name"): folder for folder in sysfs.folders("trigger")}
-    if name in there:
-        return there[name]
-    listed = f"there are: {', '.join(sorted(there))}" if there else "there is none"
-    how = f"; a timer is made by: mkdir /sys/kernel/config/iio/triggers/hrtimer/{name}"
-    raise DriverError(f"no trigger {name!r}{did_you_mean(name, there)}; {listed}{how}")
+    folders = {text_in(folder / "name"): folder for folder in numbered(sysfs.SYSFS, "trigger")}
+    try:
+        return folders[one_named("trigger", name, dict.fromkeys(folders, ()))]
+    except DriverError as error:
+        how = f"a timer is made by: mkdir /sys/kernel/config/iio/triggers/hrtimer/{name}"
+        raise DriverError(f"{error}; {how}") from None

@@ -11,9 +11,8 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
+from umo.drivers._device_file import numbered, one_named, text_in
 from umo.drivers.contract import PhysicalScale
-from umo.errors import DriverError
-from umo.text import did_you_mean
 
 SYSFS = Path("/sys/bus/iio/devices")
 DEV = Path("/dev")
@@ -49,35 +48,10 @@ UNITS = {
 
 def find(device: str) -> Path:
     """The sysfs folder of the device with this name, label or number (`iio:device0`)."""
-    named = [folder for folder in folders() if device in (folder.name, text(folder / "name"), text(folder / "label"))]
-    if len(named) == 1:
-        return named[0]
-    if named:
-        raise DriverError(f"{len(named)} IIO devices are {device!r}; give one by its label or number: {_listed(named)}")
-    there = folders()
-    if not there:
-        raise DriverError(f"no IIO device {device!r}; there is none")
-    names = [text(folder / "name") for folder in there]
-    raise DriverError(f"no IIO device {device!r}{did_you_mean(device, names)}; there are: {_listed(there)}")
-
-
-def folders(kind: str = "iio:device") -> list[Path]:
-    """All devices, or triggers, in order of their numbers."""
-    return sorted(SYSFS.glob(f"{kind}[0-9]*"), key=lambda folder: int(folder.name.removeprefix(kind)))
-
-
-def _listed(folders: list[Path]) -> str:
-    return ", ".join(
-        f"{folder.name} ({', '.join(filter(None, (text(folder / 'name'), text(folder / 'label'))))})"
-        for folder in folders
-    )
-
-
-def text(file: Path) -> str:
-    """The contents of a small file; empty if there is none."""
-    with suppress(OSError):
-        return file.read_text().strip()
-    return ""
+    there = {
+        folder.name: [text_in(folder / "name"), text_in(folder / "label")] for folder in numbered(SYSFS, "iio:device")
+    }
+    return SYSFS / one_named("IIO device", device, there)
 
 
 def channels(folder: Path) -> list[str]:

@@ -89,10 +89,6 @@ class ModbusChannel(Channel):
     scale: float = 0.0
     unit: int = 1
 
-    # Plans are looked up by their channels in every period, and a string keeps its hash.
-    def __hash__(self) -> int:
-        return hash(self.text)
-
     @property
     def end(self) -> int:
         return self.address + self.cells

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from time import monotonic
 from typing import TYPE_CHECKING, Literal
 
-import numpy as np
-
-from umo.drivers._plans import Plans
-from umo.drivers.contract import Driver, IntArray
+from umo.drivers._block_driver import BlockDriver, Plans, in_turn
+from umo.drivers._library import library
+from umo.drivers.contract import IntArray, NoWatchdog
 from umo.drivers.modbus.answer import Refused
 from umo.drivers.modbus.channel import HIGHEST_ADDRESS, HOLDING, ModbusChannel, parse
-from umo.drivers.modbus.plan import Request, Requests, plan_reads, plan_writes
+from umo.drivers.modbus.plan import Requests, plan_reads, plan_writes
 from umo.drivers.modbus.unchanged import Unchanged
 from umo.drivers.option_checks import duration, one_of, within
 from umo.drivers.streams import Host, Serial, place_of
 from umo.drivers.streams.line import Parity
-from umo.errors import ChannelsFailed, DriverError, WiringError
+from umo.errors import DriverError, WiringError
+from umo.presentation.durations import duration as duration_text
 
 if TYPE_CHECKING:
     from umo.drivers.modbus.unit import Unit
@@ -28,22 +28,7 @@ _MOST_REGISTERS, _MOST_READ_BACK = 123, 121
 _DEFAULT = Host("127.0.0.1", 502, "modbus tcp"), Serial("", 19200, "even")
 
 
-def _find_unit() -> type[Unit] | None:
-    """The protocol's side; None without pymodbus: a wiring can be checked all the same."""
-    try:
-        from umo.drivers.modbus.unit import Unit
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] != "pymodbus":
-            raise
-        return None
-    return Unit
-
-
-class _NoWatchdog(DriverError, NotImplementedError):
-    """NotImplementedError, as every driver without a watchdog raises it, and a DriverError."""
-
-
-class Modbus(Driver[ModbusChannel]):
+class Modbus(BlockDriver[ModbusChannel]):
     """One unit of a Modbus device, on TCP or on a serial line (RTU). Several units: one driver for each.
 
     Channels: `coil:N` and `holding:N[:TYPE]` (both directions), `discrete:N` and `input:N[:TYPE]` (inputs). TYPE is
@@ -127,8 +112,7 @@ class Modbus(Driver[ModbusChannel]):
         self._skip = 0.0 if skip_unchanged is None else duration("skip_unchanged", skip_unchanged)
         self._recovery = duration("recovery", recovery)
         self._unchanged = Unchanged(self._skip)
-        # Imported here and not in `open`: a guardian has no time for imports.
-        self._unit_type = _find_unit() if self.place.prepared() else None
+        self._protocol = library("umo.drivers.modbus.unit", "pymodbus") if self.place.prepared() else None
         self._connection: Unit | None = None
         self._reads, self._writes = Plans(self._plan_reads), Plans(self._plan_writes)
 
@@ -141,11 +125,11 @@ class Modbus(Driver[ModbusChannel]):
 
     def open(self) -> None:
         """Connect, within `timeout`."""
-        if self._unit_type is None:
-            library = "pymodbus" if isinstance(self.place, Host) else "pymodbus and pyserial"
-            raise DriverError(f'the modbus driver needs {library}: pip install "umo[modbus]"')
-        self._connection = self._unit_type(self.place, self._unit, self._recovery, self._answers_as)
-        self._connection.open(self.timeout)
+        if self._protocol is None:
+            needs = "pymodbus" if isinstance(self.place, Host) else "pymodbus and pyserial"
+            raise DriverError(f'the modbus driver needs {needs}: pip install "umo[modbus]"')
+        self._connection = self._protocol.Unit(self.place, self._unit, self._recovery, self._answers_as)
+        self._begin()
 
     def close(self) -> None:
         self._unchanged.forget()
@@ -161,39 +145,31 @@ class Modbus(Driver[ModbusChannel]):
         else:
             self.write(channel, default)
 
-    def read(self, channel: ModbusChannel) -> int:
-        out = np.empty(1, np.int64)
-        self.read_many((channel,), out)
-        return int(out[0])
-
-    def write(self, channel: ModbusChannel, raw: int) -> None:
-        self._write((channel,), [raw], self._read_write)
-
     def read_many(self, channels: Sequence[ModbusChannel], out: IntArray) -> None:
         plan = self._reads.of(channels)
         unit = self._begin()
-        self._each(plan, lambda _, request: request.decode(unit.read(request), out))
+        self._in_turn(plan, lambda i: plan[i].decode(unit.read(plan[i]), out))
 
     def write_many(self, channels: Sequence[ModbusChannel], raws: IntArray) -> None:
-        self._write(channels, raws.tolist(), self._read_write, self._skip > 0)
+        self._write(channels, raws.tolist(), skip=self._skip > 0)
 
     def watchdog(self, seconds: float) -> None:
         """Write the time, in ms, into the watchdog's register; 0 turns most watchdogs off."""
         self.check_watchdog(seconds)
         milliseconds = max(round(seconds * 1000), 1 if seconds else 0)
-        self._write((self.channel(f"holding:{self.watchdog_register}"),), [milliseconds])
+        self._write((self.channel(f"holding:{self.watchdog_register}"),), [milliseconds], read_back=False)
 
     def check_watchdog(self, seconds: float) -> None:
         if self.watchdog_register is None:
-            raise _NoWatchdog("a watchdog needs the option watchdog_register")
+            raise NoWatchdog("a watchdog needs the option watchdog_register")
         if not 0 <= seconds <= _LONGEST_WATCHDOG:
-            raise DriverError(f"a watchdog of {seconds:g} s does not fit its register (0 to 65.535 s)")
+            raise DriverError(f"a watchdog of {duration_text(seconds)} does not fit its register (0 to 65.535 s)")
         if seconds and self._skip and self._skip + self.period >= seconds:
-            text = f"skip_unchanged and a period, {(self._skip + self.period) * 1000:g} ms"
-            raise DriverError(f"{text}, are not shorter than the watchdog, {seconds * 1000:g} ms")
+            together = f"skip_unchanged and a period, {duration_text(self._skip + self.period)}"
+            raise DriverError(f"{together}, are not shorter than the watchdog, {duration_text(seconds)}")
 
     def _write(
-        self, channels: Sequence[ModbusChannel], raws: list[int], read_back: bool = False, skip: bool = False
+        self, channels: Sequence[ModbusChannel], raws: list[int], *, read_back: bool = True, skip: bool = False
     ) -> None:
         plan = self._writes.of(channels)
         # All values are encoded before the first is sent: one that does not fit leaves the device alone.
@@ -203,17 +179,18 @@ class Modbus(Driver[ModbusChannel]):
             sent = [i for i, request in enumerate(plan) if not self._unchanged.covers(request, cells[i], now)]
             plan, cells = tuple(plan[i] for i in sent), [cells[i] for i in sent]
 
-        def carry_out(i: int, request: Request) -> None:
+        def carry_out(i: int) -> None:
+            request = plan[i]
             if self._skip:
                 self._unchanged.begins(request)
-            if read_back and request.table is HOLDING:
+            if self._read_write and read_back and request.table is HOLDING:
                 request.check_taken(cells[i], unit.write_and_read(request, cells[i]))
             else:
                 unit.write(request, cells[i])
             if self._skip:
                 self._unchanged.confirmed(request, cells[i], now)
 
-        self._each(plan, carry_out)
+        self._in_turn(plan, carry_out)
 
     def _begin(self) -> Unit:
         if self._connection is None:
@@ -226,9 +203,14 @@ class Modbus(Driver[ModbusChannel]):
             raise
         return self._connection
 
-    def _each(self, plan: Requests, carry_out: Callable[[int, Request], None]) -> None:
+    def _in_turn(self, plan: Requests, carry_out: Callable[[int], None]) -> None:
+        """Carry out the requests by their numbers. After a lost connection the later ones fail too."""
+
+        def texts_of(i: int) -> Iterable[str]:
+            return [item.channel.text for item in plan[i].items]
+
         try:
-            _each(plan, carry_out)
+            in_turn(range(len(plan)), carry_out, texts_of, lambda error: not isinstance(error, Refused))
         except BaseException:
             self._unchanged.forget()
             raise
@@ -238,30 +220,3 @@ class Modbus(Driver[ModbusChannel]):
 
     def _plan_writes(self, channels: Sequence[ModbusChannel]) -> Requests:
         return plan_writes(channels, most_registers=_MOST_READ_BACK if self._read_write else _MOST_REGISTERS)
-
-
-def _each(plan: Requests, carry_out: Callable[[int, Request], None]) -> None:
-    """Carry out request after request. After a lost connection the later requests fail too. Errors are raised at the
-    end."""
-    if len(plan) == 1:
-        carry_out(0, plan[0])
-        return
-    failed: dict[str, str] = {}
-    for i, request in enumerate(plan):
-        try:
-            carry_out(i, request)
-        except Refused as refused:
-            failed.update(_blamed([request], refused))
-        except ChannelsFailed as error:
-            failed.update(error.causes)
-        except DriverError as error:
-            if i == 0 or isinstance(error, TimeoutError):
-                raise
-            failed.update(_blamed(plan[i:], error))
-            break
-    if failed:
-        raise ChannelsFailed(failed)
-
-
-def _blamed(requests: Sequence[Request], error: DriverError) -> dict[str, str]:
-    return {item.channel.text: str(error) for request in requests for item in request.items}

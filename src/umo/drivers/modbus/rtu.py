@@ -205,9 +205,6 @@ class Rtu:
         self._known = 0.0
         """When the line was opened that was last used."""
 
-    def open(self, deadline: float) -> None:
-        self._line.open(deadline)
-
     def close(self) -> None:
         self._line.leave()
 

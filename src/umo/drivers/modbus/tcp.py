@@ -48,9 +48,6 @@ class Tcp:
             self._stream.close()
         self._stream = None
 
-    def open(self, deadline: float) -> None:
-        self.begin(deadline)
-
     def failed(self, error: Lost) -> None:
         """An answer that comes late is lost with the connection."""
         self.close()

@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from time import monotonic
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 from pymodbus.client.mixin import ModbusClientMixin
 from pymodbus.framer import FramerBase
@@ -23,7 +23,9 @@ from umo.drivers.modbus.rtu import Rtu
 from umo.drivers.modbus.tcp import Tcp
 from umo.drivers.streams import Host, Lost, Place, TimedOut
 from umo.errors import DeviceTimeout, DriverError
+from umo.presentation.durations import duration
 
+T = TypeVar("T")
 EXCEPTIONS = {
     1: "illegal function",
     2: "illegal data address",
@@ -38,12 +40,10 @@ EXCEPTIONS = {
 
 
 class Transport(Protocol):
-    """The way to one unit: Tcp or Rtu. `open`, `begin` and `exchange` raise Lost."""
+    """The way to one unit: Tcp or Rtu. `begin` and `exchange` raise Lost."""
 
     @property
     def framer(self) -> FramerBase: ...
-
-    def open(self, deadline: float) -> None: ...
 
     def begin(self, deadline: float) -> bool: ...
 
@@ -90,27 +90,19 @@ class Unit:
             INPUT: client.read_input_registers,
         }
 
-    def open(self, timeout: float) -> None:
-        """Connect within `timeout` s."""
-        self._timeout = timeout
-        try:
-            self._transport.open(monotonic() + timeout)
-        except Lost as lost:
-            raise self._broken("connecting", lost) from None
-
     def recover(self, timeout: float) -> None:
         """Wait until answers to whoever had the line before cannot come any more, for at most `timeout` s."""
-        try:
-            self._transport.recover(monotonic() + timeout)
-        except Lost as lost:
-            raise self._broken("connecting", lost) from None
+        self._connecting(self._transport.recover, timeout)
 
     def begin(self, timeout: float) -> bool:
         """Begin one call of the driver: connected, nothing left over, all of it to end within `timeout` s. True if the
         connection is a new one: the device may have been off."""
         self._timeout = timeout
+        return self._connecting(self._transport.begin, timeout)
+
+    def _connecting(self, call: Callable[[float], T], timeout: float) -> T:
         try:
-            return self._transport.begin(monotonic() + timeout)
+            return call(monotonic() + timeout)
         except Lost as lost:
             raise self._broken("connecting", lost) from None
 
@@ -178,7 +170,7 @@ class Unit:
             return Refused(f"{self._name}: {what}: recovering: {error}")
         if not isinstance(error, TimedOut):
             return DriverError(f"{self._name}: {what}: {error}")
-        limit = f"{self._timeout * 1000:g} ms"
+        limit = duration(self._timeout)
         why = f"{error} within {limit}" if str(error) else f"timed out ({limit})"
         return DeviceTimeout(f"{self._name}: {what}: {why}")
 

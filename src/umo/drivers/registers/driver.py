@@ -9,20 +9,19 @@ from operator import le
 from time import monotonic
 from typing import Any, TypeVar
 
-import numpy as np
-
-from umo.drivers._plans import Plans
-from umo.drivers.contract import Direction, Driver, IntArray
+from umo.drivers._block_driver import BlockDriver, Plans, in_turn
+from umo.drivers.contract import Direction, IntArray
 from umo.drivers.option_checks import within
 from umo.drivers.registers.blocks import BlockPart, RegisterBlock, places_of, plan
 from umo.drivers.registers.map import FORMS, LARGEST, ChipRegisters, Register, RegisterChannel
-from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, WiringError
+from umo.errors import DeviceTimeout, DriverError, WiringError
+from umo.presentation.durations import duration
 
 D = TypeVar("D")
 T = TypeVar("T")
 
 
-class RegisterDriver(Driver[RegisterChannel]):
+class RegisterDriver(BlockDriver[RegisterChannel]):
     """A chip with a register map. A bus derives from it and transfers bytes.
 
     A bit field is written by writing its whole register. The other bits are those that this driver wrote last; before
@@ -49,8 +48,8 @@ class RegisterDriver(Driver[RegisterChannel]):
         )
         self._page_register = page_register
         self._auto_increment = auto_increment
-        self._identity = [self._readable(name, value) for name, value in identity.items()]
-        self._setup = [self._writable(name, value) for name, value in setup.items()]
+        self._identity = self._values("identity", identity, Direction.INPUT)
+        self._setup = self._values("setup", setup, Direction.OUTPUT)
         self._plan = partial(plan, joined=auto_increment, longest=self.longest)
         self._reads, self._writes = Plans(self._plan), Plans(self._plan_write)
         self._opened = self._connected = self._broken = False
@@ -73,18 +72,10 @@ class RegisterDriver(Driver[RegisterChannel]):
         self._shadow.clear()
         self._shut()
 
-    def read(self, channel: RegisterChannel) -> int:
-        out = np.empty(1, np.int64)
-        self.read_many((channel,), out)
-        return int(out[0])
-
-    def write(self, channel: RegisterChannel, raw: int) -> None:
-        self._write((channel,), [raw])
-
     def read_many(self, channels: Sequence[RegisterChannel], out: IntArray) -> None:
         self._begin()
 
-        def take(block: RegisterBlock) -> None:
+        def read(block: RegisterBlock) -> None:
             data = self._read_block(block.page, block.address, block.size)
             if block.like is not None:
                 block.like.decode(data, out)
@@ -94,10 +85,7 @@ class RegisterDriver(Driver[RegisterChannel]):
                 for i, channel in placed:
                     out[i] = channel.decode(contents)
 
-        self._each(self._reads.of(channels), take)
-
-    def write_many(self, channels: Sequence[RegisterChannel], raws: IntArray) -> None:
-        self._write(channels, raws.tolist())
+        in_turn(self._reads.of(channels), read, _texts_of)
 
     def _write(self, channels: Sequence[RegisterChannel], raws: list[int]) -> None:
         lowest, highest, blocks = self._writes.of(channels)
@@ -105,7 +93,7 @@ class RegisterDriver(Driver[RegisterChannel]):
             for channel, raw in zip(channels, raws, strict=True):
                 channel.check(raw)
         self._begin()
-        self._each(blocks, lambda block: self._put_block(block, raws))
+        in_turn(blocks, lambda block: self._put_block(block, raws), _texts_of)
 
     def _plan_write(
         self, channels: tuple[RegisterChannel, ...]
@@ -194,21 +182,6 @@ class RegisterDriver(Driver[RegisterChannel]):
         self._connected = self._broken = False
         self._disconnect()
 
-    def _each(self, blocks: Sequence[RegisterBlock], carry_out: Callable[[RegisterBlock], None]) -> None:
-        """Block after block. One that fails does not stop the others, except by a timeout."""
-        failed: dict[str, str] = {}
-        for block in blocks:
-            try:
-                carry_out(block)
-            except TimeoutError:
-                raise
-            except DriverError as error:
-                if len(blocks) == 1:
-                    raise
-                failed.update({channel.text: str(error) for part in block.parts for _, channel in part.channels})
-        if failed:
-            raise ChannelsFailed(failed)
-
     def _read_block(self, page: int | None, address: int, size: int) -> bytes:
         self._turn_to(page)
         data = self._transfer("reading", self._get, address, size)
@@ -234,7 +207,7 @@ class RegisterDriver(Driver[RegisterChannel]):
         if self._deadline is None:
             self._deadline = monotonic() + self.timeout
         elif monotonic() > self._deadline:
-            raise DeviceTimeout(f"{what} {address:#04x}: timed out ({self.timeout * 1000:g} ms)")
+            raise DeviceTimeout(f"{what} {address:#04x}: timed out ({duration(self.timeout)})")
         try:
             return call(address, data)
         except TimeoutError as error:
@@ -246,14 +219,16 @@ class RegisterDriver(Driver[RegisterChannel]):
             self._broken = True
             raise DriverError(f"{what} {address:#04x}: {self._explained(error)}") from error
 
-    def _readable(self, name: str, value: int) -> tuple[RegisterChannel, int]:
-        channel = self.channel(name)
-        if Direction.INPUT not in channel.direction:
-            raise WiringError(f"identity: {name} cannot be read")
-        return channel, within(f"identity.{name}", value, channel.lowest, channel.highest)
+    def _values(self, option: str, values: Mapping[str, int], needed: Direction) -> list[tuple[RegisterChannel, int]]:
+        """The channels and values of an option that has them by name."""
+        found = []
+        for name, value in values.items():
+            channel = self.channel(name)
+            if needed not in channel.direction:
+                raise WiringError(f"{option}: {name} cannot be {'read' if needed is Direction.INPUT else 'written'}")
+            found.append((channel, within(f"{option}.{name}", value, channel.lowest, channel.highest)))
+        return found
 
-    def _writable(self, name: str, value: int) -> tuple[RegisterChannel, int]:
-        channel = self.channel(name)
-        if Direction.OUTPUT not in channel.direction:
-            raise WiringError(f"setup: {name} cannot be written")
-        return channel, within(f"setup.{name}", value, channel.lowest, channel.highest)
+
+def _texts_of(block: RegisterBlock) -> list[str]:
+    return [channel.text for part in block.parts for _, channel in part.channels]

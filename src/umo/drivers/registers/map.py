@@ -65,9 +65,6 @@ class RegisterChannel(Channel):
     bytewise: bool = False
     """The chip counts its addresses in bytes: a register of 16 bits takes two."""
 
-    def __hash__(self) -> int:  # plans are looked up in every period, and a string keeps its hash
-        return hash(self.text)
-
     @property
     def places(self) -> tuple[Hashable, ...]:
         """Its bits, so that two fields of one register are two places, and a field is within its register."""

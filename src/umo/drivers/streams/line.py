@@ -15,6 +15,7 @@ from time import monotonic, sleep
 from typing import Any, Literal, get_args
 
 from umo.drivers._device_file import opening
+from umo.drivers._library import library
 from umo.drivers.option_checks import one_of, within
 from umo.drivers.streams.stream import Dial, Stream
 from umo.errors import DriverError
@@ -50,12 +51,8 @@ class Serial:
         return [f"serial {os.path.realpath(self.path)}"]
 
     def prepared(self) -> bool:
-        """Import pyserial; False if it is missing. For constructors: a guardian has no time for imports in `open`."""
-        try:
-            import_module("serial.rs485")
-        except ModuleNotFoundError:
-            return False
-        return True
+        """Import pyserial; False if it is missing."""
+        return library("serial.rs485", "serial") is not None
 
     def dial(self) -> Dial:
         return partial(opened, self)

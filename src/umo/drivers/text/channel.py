@@ -117,10 +117,6 @@ class TextChannel(Channel):
         object.__setattr__(self, "least", self.lowest)
         object.__setattr__(self, "most", min(self.highest, _MOST_RAW))
 
-    # Plans are looked up by their channels in every period, and a string keeps its hash.
-    def __hash__(self) -> int:
-        return hash(self.text)
-
     @property
     def places(self) -> tuple[Hashable, ...]:
         """What it sets; for an input what it asks, and which part of the answer it takes."""

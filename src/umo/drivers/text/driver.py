@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Literal, TypeVar, get_args
 
-import numpy as np
-
-from umo.drivers._plans import Plans
-from umo.drivers.contract import Driver, IntArray, PhysicalScale
+from umo.drivers._block_driver import BlockDriver, Plans, in_turn
+from umo.drivers.contract import IntArray, NoWatchdog, PhysicalScale
 from umo.drivers.option_checks import one_of, within
 from umo.drivers.streams import Host, Serial, place_of
 from umo.drivers.streams.line import Flow, Parity
@@ -16,7 +14,8 @@ from umo.drivers.text.channel import ChannelOptions, Channels, Query, QueryOptio
 from umo.drivers.text.conversation import Dialogue, TextLink
 from umo.drivers.text.exchange import Asked, Told, plan_reads, plan_writes
 from umo.drivers.text.pattern import NoValue, Pattern
-from umo.errors import ChannelsFailed, DriverError, WiringError
+from umo.errors import DriverError, WiringError
+from umo.presentation.durations import duration
 
 _QUIET = 0.5
 _LONGEST_WATCHDOG = 86400.0
@@ -24,7 +23,10 @@ Encoding = Literal["ascii", "latin-1", "utf-8"]
 _DEFAULT = Host("", 5025), Serial("", 9600, "none")
 
 
-class Text(Driver[TextChannel]):
+Step = TypeVar("Step", Asked, Told)
+
+
+class Text(BlockDriver[TextChannel]):
     """A device with a line protocol, which the wiring declares: SCPI instruments, controllers, an Arduino sketch.
 
     Channels: the names in `channels`; `zone{n}` is zone0, zone1, ..., with `{n}` in the texts of its table too.
@@ -176,20 +178,9 @@ class Text(Driver[TextChannel]):
             self._link.close()
             self._link = None
 
-    def read(self, channel: TextChannel) -> int:
-        out = np.empty(1, np.int64)
-        self.read_many((channel,), out)
-        return int(out[0])
-
-    def write(self, channel: TextChannel, raw: int) -> None:
-        self._write((channel,), [raw])
-
     def read_many(self, channels: Sequence[TextChannel], out: IntArray) -> None:
         plan, link = self._reads.of(channels), self._begin()
-        _each(plan, channels, lambda asked: asked.read(link, out))
-
-    def write_many(self, channels: Sequence[TextChannel], raws: IntArray) -> None:
-        self._write(channels, raws.tolist())
+        _in_turn(plan, channels, lambda asked: asked.read(link, out))
 
     def watchdog(self, seconds: float) -> None:
         """Send `watchdog_set` with this time."""
@@ -201,9 +192,9 @@ class Text(Driver[TextChannel]):
 
     def check_watchdog(self, seconds: float) -> None:
         if self._watchdog_set is None:
-            raise _NoWatchdog("a watchdog needs the option watchdog_set")
+            raise NoWatchdog("a watchdog needs the option watchdog_set")
         if not 0 <= seconds <= _LONGEST_WATCHDOG:
-            raise DriverError(f"a watchdog of {seconds:g} s is not within 0 to {_LONGEST_WATCHDOG:g} s")
+            raise DriverError(f"a watchdog of {duration(seconds)} is not within 0 to {duration(_LONGEST_WATCHDOG)}")
 
     def _write(self, channels: Sequence[TextChannel], raws: list[int]) -> None:
         # All requests are made before the first is sent: a value that does not fit leaves the device alone.
@@ -212,7 +203,7 @@ class Text(Driver[TextChannel]):
         if self._joins:
             told = [line for each in told for line in each.lines(requests, self._longest)]
         link = self._begin()
-        _each(told, channels, lambda each: each.write(link, requests))
+        _in_turn(told, channels, lambda each: each.write(link, requests))
 
     def _begin(self) -> TextLink:
         if self._link is None:
@@ -221,33 +212,13 @@ class Text(Driver[TextChannel]):
         return self._link
 
 
-class _NoWatchdog(DriverError, NotImplementedError):
-    """NotImplementedError, as every driver without a watchdog raises it, and a DriverError."""
+def _in_turn(steps: Sequence[Step], channels: Sequence[TextChannel], carry_out: Callable[[Step], object]) -> None:
+    """Carry out the lines. After a lost connection the later ones fail too."""
 
+    def texts_of(step: Step) -> list[str]:
+        return [channels[place].text for place in step.places]
 
-Step = TypeVar("Step", Asked, Told)
-
-
-def _each(
-    steps: Sequence[Step], channels: Sequence[TextChannel], carry_out: Callable[[Step], Mapping[int, str] | None]
-) -> None:
-    """Carry out line after line. After a lost connection the later lines fail too. Errors are raised at the end."""
-    failed: dict[int, str] = {}
-    for i, step in enumerate(steps):
-        try:
-            if some := carry_out(step):
-                failed.update(some)
-        except NoValue as error:
-            failed.update(dict.fromkeys(step.places, str(error)))
-        except DriverError as error:
-            if i == 0 or isinstance(error, TimeoutError):
-                raise
-            failed.update((place, str(error)) for later in steps[i:] for place in later.places)
-            break
-    if failed and len(channels) == 1:
-        raise NoValue(failed[0])
-    if failed:
-        raise ChannelsFailed({channels[place].text: cause for place, cause in failed.items()})
+    in_turn(steps, carry_out, texts_of, lambda error: not isinstance(error, NoValue))
 
 
 def _query(table: QueryOptions | None, where: str) -> Query | None:

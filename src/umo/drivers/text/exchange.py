@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import groupby
 from typing import NamedTuple
 
@@ -10,9 +10,7 @@ from umo.drivers.contract import IntArray
 from umo.drivers.text.channel import Query, TextChannel
 from umo.drivers.text.conversation import TextLink
 from umo.drivers.text.pattern import NoValue, Pattern, UnexpectedAnswer, shown
-from umo.errors import DriverError
-
-_NOTHING: Mapping[int, str] = {}
+from umo.errors import ChannelsFailed, DriverError
 
 
 class Asked(NamedTuple):
@@ -27,29 +25,29 @@ class Asked(NamedTuple):
     def places(self) -> list[int]:
         return [place for part in self.parts for place, _ in part]
 
-    def read(self, link: TextLink, out: IntArray) -> Mapping[int, str]:
-        """Put the values into their places; why the device has no value for some of them."""
+    def read(self, link: TextLink, out: IntArray) -> None:
+        """Put the values into their places. ChannelsFailed for those for which the device has no value."""
         answer, parts = link.ask(self.request), self.parts
         answers = [answer] if len(parts) == 1 else answer.split(self.by)
         if len(answers) != len(parts):
             text = f"{len(parts)} queries, {len(answers)} answers: {shown(answer)}"
             raise link.dropped(UnexpectedAnswer(text))
-        failed = _NOTHING
-        i = 0
+        failed: dict[str, str] = {}
         try:
-            for part in parts:
-                line = answers[i]
-                i += 1
+            for part, line in zip(parts, answers, strict=True):
                 for place, channel in part:
                     try:
                         if link.errors and len(answers) > 1:
                             link.refuse(line, self.request)
                         out[place] = channel.raw(line)
                     except NoValue as error:
-                        failed = {**failed, place: str(error)}
+                        if len(parts) == len(part) == 1:
+                            raise
+                        failed[channel.text] = str(error)
         except UnexpectedAnswer as error:
             raise link.dropped(error) from None
-        return failed
+        if failed:
+            raise ChannelsFailed(failed)
 
 
 class Told(NamedTuple):

@@ -1,0 +1,17 @@
+"""Libraries that a driver needs and umo does not: optional extras."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+
+def library(module: str, name: str) -> Any:
+    """The module; None if the library of this name, which it needs, is not installed: a wiring can be checked without
+    it. For constructors: a guardian has no time for imports in `open`."""
+    try:
+        return import_module(module)
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] != name:
+            raise
+        return None
