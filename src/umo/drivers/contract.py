@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from enum import Flag
-from functools import cache
+from functools import cache, cached_property
 from operator import index
 from typing import Any, Generic, NamedTuple
 
@@ -20,11 +20,12 @@ IntArray = npt.NDArray[np.int64]
 INT64 = np.iinfo(np.int64)
 """The raw integers that a transfer can have."""
 UNREAD = -0x7EAD_7EAD_7EAD_7EAD
-"""What a place of a buffer has before the driver fills it; it counts as not read. A channel of 64 bits that reads
-exactly this loses the reading: one raw integer of 2**64."""
+"""Raw integer of a place in a buffer that the driver has not filled yet; it counts as not read. A channel of 64 bits
+that reads exactly this loses the reading: one raw integer of 2**64."""
 
-LONGEST_TIMEOUT = 1.0
-"""s; a longer timeout is given in the wiring. Those of a period add up, and a stop and the guardian wait for them."""
+MAX_DEFAULT_TIMEOUT = 1.0
+"""Default timeout in s at most; a longer one is given in the wiring. The timeouts of a period add up, and a stop and
+the guardian wait for them."""
 
 
 class Direction(Flag):
@@ -73,13 +74,15 @@ class Channel:
         if not self.lowest <= raw <= self.highest:
             raise DriverError(f"{raw} does not fit {self.text}: it takes {self.lowest} to {self.highest}")
 
-    @property
+    @cached_property
     def lowest(self) -> int:
-        return -(1 << (self.bits - 1)) if self.signed else 0
+        """The least raw integer that its bits and an int64 hold."""
+        return max(-(1 << (self.bits - 1)), INT64.min) if self.signed else 0
 
-    @property
+    @cached_property
     def highest(self) -> int:
-        return (1 << (self.bits - 1 if self.signed else self.bits)) - 1
+        """The greatest raw integer that its bits and an int64 hold."""
+        return min((1 << (self.bits - 1 if self.signed else self.bits)) - 1, INT64.max)
 
 
 @cache
@@ -94,7 +97,7 @@ class PhysicalScale(NamedTuple):
     resolution: float
     zero_offset: float
     units: str
-    """As pint knows them: "mV", "degC"."""
+    """The unit as pint knows it: "mV", "degC"."""
 
 
 C = TypeVar("C", bound=Channel, default=Channel)
@@ -118,7 +121,7 @@ class Driver(ABC, Generic[C]):
     are such failures, and change nothing. Use `Driver[MyChannel]` for a derived channel class.
     """
 
-    timeout: float = LONGEST_TIMEOUT
+    timeout: float = MAX_DEFAULT_TIMEOUT
     """Timeout of one call in s; set from the wiring before `open`. Default: 10 periods, at most 1 s. It is longer while
     objects are initialised and reset."""
     period: float = 0.0

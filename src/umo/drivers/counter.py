@@ -20,10 +20,10 @@ DEVICES = Path("/sys/bus/counter/devices")
 FORMS = ("count:N", "preset:N", "ceiling:N", "floor:N", "enable:N", "direction:N (N the number of the count, from 0)")
 _TEXT = re.compile(r"(count|preset|ceiling|floor|enable|direction):(0|[1-9][0-9]{0,3})")
 _DIRECTIONS = {"forward": 0, "backward": 1}
-_WIDEST = 63
-"""Bits of an unsigned value: raw values are int64."""
-_LONGEST = 64
-"""Bytes of the content of a file."""
+_MAX_BITS = 63
+"""Bits of an unsigned value at most: raw values are int64."""
+_MAX_FILE_SIZE = 64
+"""Bytes in a file at most."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Counter(Driver[CounterChannel]):
         if not isinstance(device, str) or not device:
             raise WiringError(f"device must be the name or path of a counter, not {device!r}")
         truth("signed", signed)
-        within("bits", bits, 1, _WIDEST + signed)
+        within("bits", bits, 1, _MAX_BITS + signed)
         self.device, self._bits, self._signed, self._function = device, bits, signed, function
         self._wired_enables: set[int] = set()
         self._used: dict[CounterChannel, int | None] = {}
@@ -77,7 +77,7 @@ class Counter(Driver[CounterChannel]):
         one_bit = attribute in ("enable", "direction")
         direction = Direction.INPUT if attribute == "direction" else Direction.BOTH
         signed = self._signed and attribute in ("count", "preset")
-        bits = 1 if one_bit else self._bits if signed else min(self._bits, _WIDEST)
+        bits = 1 if one_bit else self._bits if signed else min(self._bits, _MAX_BITS)
         return CounterChannel(text, direction, bits, signed, count, attribute)
 
     def devices(self) -> Sequence[str]:
@@ -174,7 +174,7 @@ class Counter(Driver[CounterChannel]):
             file = self._files[channel] = self._opened(channel)
         try:
             if text is None:
-                return os.pread(file, _LONGEST, 0).decode("ascii", "replace").strip()
+                return os.pread(file, _MAX_FILE_SIZE, 0).decode("ascii", "replace").strip()
             os.pwrite(file, text.encode(), 0)
         except OSError as error:
             raise self._failed(channel, text, error) from error

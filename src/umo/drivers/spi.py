@@ -17,7 +17,7 @@ from umo.errors import DriverError, WiringError
 _MODES = (0, 1, 2, 3)
 _ADDRESS_BITS = (0, 8, 16, 24)
 _WORDS = (8, 16, 32)
-_MOST_DUMMIES = 16
+_MAX_DUMMIES = 16
 
 
 class Spi(RegisterDriver):
@@ -52,7 +52,7 @@ class Spi(RegisterDriver):
     Source: the kernel's Documentation/spi/spidev.rst.
     """
 
-    longest = 256
+    max_block_size = 256
 
     def __init__(
         self,
@@ -91,7 +91,7 @@ class Spi(RegisterDriver):
             masks["read_mask"] = 0
         self._masks = {name: within(name, mask, 0, highest) for name, mask in masks.items()}
         self._shift = within("address_shift", address_shift, 0, max(address_bits - 1, 0))
-        self._dummies = within("dummy_bytes", dummy_bytes, -self._command, _MOST_DUMMIES)
+        self._dummies = within("dummy_bytes", dummy_bytes, -self._command, _MAX_DUMMIES)
         self._spidev = library("spidev", "spidev")
         self._device: Any = None
         super().__init__(registers or {}, page_register, auto_increment, identity or {}, setup or {}, address_bits)

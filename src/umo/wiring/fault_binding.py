@@ -93,17 +93,14 @@ class _Binding:
         about: dict[str, Any] = {"text": str(fault), "begin": at, "end": at + lasts}
         if wire is not None:
             about |= {"channel": wire.channel, "output": wire.item.direction is Direction.OUTPUT}
-        plain = {
-            "disconnect": effects.Disconnect,
-            "exception": effects.DriverMistake,
-            "wrong length": effects.WrongLength,
-        }
-        if kind in plain:
-            return plain[kind](**about)
-        if kind == "delay":
-            return effects.Delay(**about, duration=seconds(self.given) if self.given else inf)
+        if kind == "disconnect":
+            return Effect(**about, loss="disconnected")
         if kind == "drop-out":
-            return effects.DropOut(**about, share=self._share())
+            return Effect(**about, loss="no answer", share=self._share())
+        if kind == "delay":
+            return Effect(**about, takes=seconds(self.given) if self.given else inf)
+        if kind in ("exception", "wrong length"):
+            return Effect(**about, mistake=kind == "exception", short=kind == "wrong length")
         assert wire is not None
         return self._of_levels(about, wire)
 
@@ -115,7 +112,7 @@ class _Binding:
         if kind == "bit flip":
             return effects.BitFlip(**about, bit=self._bit(wire) if self.given else None)
         if kind == "out of range":
-            return effects.OutOfRange(**about, level=self._no_state(wire) if binary else self._beyond(wire))
+            return effects.Stuck(**about, given=self._no_state(wire) if binary else self._beyond(wire))
         if kind == "noise" and binary:
             return effects.Chatter(**about, share=self._share())
         if binary:

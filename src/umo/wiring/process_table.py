@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from umo.drivers.contract import LONGEST_TIMEOUT
+from umo.drivers.contract import MAX_DEFAULT_TIMEOUT
 from umo.duration import seconds
 from umo.errors import DeclarationError
 from umo.presentation.durations import duration
@@ -76,12 +76,14 @@ def _outputs(source: WiringSource, given: Any, wired: Wired) -> str:
 
 def remarks(wired: Wired) -> list[str]:
     """Remarks on settings that a wiring may have, with what they cost."""
-    period = f"a period takes up to {longest_period(wired):g} s, and so does a stop"
-    costs = f"{period}; a process that hangs is found after {wired.process.hang_timeout:g} s (process.hang_timeout)"
+    period = f"a period takes up to {duration(longest_period(wired))}, and so does a stop"
+    costs = f"{period}; a process that hangs is found after {duration(wired.process.hang_timeout)}"
+    most = duration(MAX_DEFAULT_TIMEOUT)
     return [
-        f"drivers.{name}.timeout is {driver.timeout:g} s, more than {LONGEST_TIMEOUT:g} s: if nothing answers, {costs}"
+        f"drivers.{name}.timeout is {duration(driver.timeout)}, more than {most}: if nothing answers, {costs} "
+        "(process.hang_timeout)"
         for name, driver in wired.drivers.items()
-        if driver.timeout > LONGEST_TIMEOUT
+        if driver.timeout > MAX_DEFAULT_TIMEOUT
     ]
 
 

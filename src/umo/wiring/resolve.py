@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from umo.drivers import registry
-from umo.drivers.contract import INT64, LONGEST_TIMEOUT, Channel, Direction, Driver
+from umo.drivers.contract import INT64, MAX_DEFAULT_TIMEOUT, Channel, Direction, Driver
 from umo.drivers.faults.words import InjectedFault
 from umo.drivers.faults.wrapper import Injection
 from umo.duration import seconds
@@ -118,7 +118,7 @@ class _Resolver:
                 continue
             driver.period = period or 0.0
             timeout = self.source.duration(f"drivers.{name}.timeout", table.get("timeout"))
-            driver.timeout = timeout or min(10 * (period or 0.1), LONGEST_TIMEOUT)
+            driver.timeout = timeout or min(10 * (period or 0.1), MAX_DEFAULT_TIMEOUT)
             watchdog = self.source.duration(f"drivers.{name}.watchdog", table.get("watchdog"))
             if watchdog is not None and type(driver).watchdog is Driver.watchdog:
                 self.source.mistake(f"drivers.{name}.watchdog", f"{table['type']} has no watchdog of its own")
@@ -293,7 +293,7 @@ class _Resolver:
             return
         if isinstance(item, DigitalActuator) and operator.gt(*wire.raw_bounds):
             self.source.mistake(key, f"no multiple of the resolution {calibration.resolution:g} lies within the range")
-        lowest, highest = max(channel.lowest, INT64.min), min(channel.highest, INT64.max)
+        lowest, highest = channel.lowest, channel.highest
         if not lowest <= min(ends) <= max(ends) <= highest:
             self.source.mistake(
                 key,

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from math import inf, isfinite
 from random import Random
 
-from umo.drivers.contract import INT64, Channel
+from umo.drivers.contract import Channel
 
 MARK = "(injected fault)"
 Shift = Callable[[int, float], int]
@@ -16,20 +16,26 @@ Shift = Callable[[int, float], int]
 
 @dataclass(eq=False, kw_only=True)
 class Effect:
-    """One fault on one channel, or on every call of a driver. It acts from `begin` until `end`, s of machine time."""
+    """One fault on one channel, or on every call of a driver. It acts from `begin` until `end`, s of machine time.
+    Here are those of whole calls and transfers; classes that derive from it change raw integers."""
 
     text: str
     channel: Channel | None = None
-    """None: the whole driver."""
+    """The channel that it is about; None: the whole driver."""
     output: bool = False
     begin: float = 0.0
     end: float = inf
+    takes: float = 0.0
+    """Duration in s of every call that concerns the channel."""
+    loss: str = ""
+    """Why transfers of the channel fail; empty: they do not."""
+    share: float = 1.0
+    """Share of the transfers that fail, or have the other level."""
+    short: bool = False
+    """A block transfer ends before the channel: this one and those behind it are not read, or not written."""
+    mistake: bool = False
+    """The code of the driver raises what is not an error of a device."""
     random: Random = field(default_factory=Random)
-
-    @property
-    def short(self) -> bool:
-        """Whether a block transfer ends before this channel."""
-        return False
 
     def start(self, seed: int, again: int = 0) -> None:
         """A run begins. The numbers are the same for the same seed, whatever other faults there are; `again` tells
@@ -40,17 +46,9 @@ class Effect:
     def set_in(self, level: int | None) -> None:
         """The fault begins. `level` is the raw integer that the output has; None: an input, or never written."""
 
-    @property
-    def takes(self) -> float:
-        """How long a call that concerns the channel takes, s."""
-        return 0.0
-
-    def call(self) -> None:
-        """Before a call that concerns the channel: raise what the whole call ends in."""
-
     def lost(self) -> str:
         """Why this transfer of the channel fails; empty if it does not."""
-        return ""
+        return self.loss if self.loss and self.random.random() < self.share else ""
 
     def changed(self, raw: int, since: float) -> int:
         """The raw integer that another one becomes, `since` s after the fault began."""
@@ -74,7 +72,7 @@ class Stuck(Effect):
 
 @dataclass(eq=False, kw_only=True)
 class Noise(Effect):
-    """Normally distributed, with this standard deviation."""
+    """Noise with a normal distribution of this standard deviation."""
 
     deviation: float
     shift: Shift
@@ -87,15 +85,13 @@ class Noise(Effect):
 class Chatter(Effect):
     """The noise of a binary channel: a share of the transfers has the other level."""
 
-    share: float
-
     def changed(self, raw: int, since: float) -> int:
         return raw ^ (self.random.random() < self.share)
 
 
 @dataclass(eq=False, kw_only=True)
 class Drift(Effect):
-    """By so much in a second."""
+    """A change by so much in a second."""
 
     rate: float
     shift: Shift
@@ -122,63 +118,6 @@ class BitFlip(Effect):
         return flipped - width if self.channel.signed and flipped > self.channel.highest else flipped
 
 
-@dataclass(eq=False, kw_only=True)
-class OutOfRange(Effect):
-    """A level beyond the range of the object."""
-
-    level: int
-
-    def changed(self, raw: int, since: float) -> int:
-        return self.level
-
-
-@dataclass(eq=False, kw_only=True)
-class Delay(Effect):
-    """Every call takes so long."""
-
-    duration: float = inf
-
-    @property
-    def takes(self) -> float:
-        return self.duration
-
-
-@dataclass(eq=False, kw_only=True)
-class DropOut(Effect):
-    """A share of the transfers fails."""
-
-    share: float
-
-    def lost(self) -> str:
-        return f"no answer {MARK}" if self.random.random() < self.share else ""
-
-
-@dataclass(eq=False, kw_only=True)
-class Disconnect(Effect):
-    """Every transfer fails."""
-
-    def lost(self) -> str:
-        return f"disconnected {MARK}"
-
-
-@dataclass(eq=False, kw_only=True)
-class DriverMistake(Effect):
-    """The code of the driver raises what is not an error of a device."""
-
-    def call(self) -> None:
-        raise RuntimeError(f"a mistake in the driver {MARK}")
-
-
-@dataclass(eq=False, kw_only=True)
-class WrongLength(Effect):
-    """A block transfer ends before the channel: this one and those behind it are not read, or not written."""
-
-    @property
-    def short(self) -> bool:
-        return True
-
-
 def limited(raw: float, channel: Channel) -> int:
     """The nearest level that the channel can have."""
-    lowest, highest = max(channel.lowest, INT64.min), min(channel.highest, INT64.max)
-    return int(min(max(round(raw) if isfinite(raw) else raw, lowest), highest))
+    return int(min(max(round(raw) if isfinite(raw) else raw, channel.lowest), channel.highest))

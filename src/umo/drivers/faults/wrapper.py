@@ -126,11 +126,12 @@ class Faulty(Driver[Any]):
         """A call: raises if it fails as a whole. The channels that are lost, each with its cause."""
         if takes := max((effect.takes for effect in effects), default=0.0):
             self._delay(takes)
-        for effect in effects:
-            effect.call()
+        if any(effect.mistake for effect in effects):
+            raise RuntimeError(f"a mistake in the driver {MARK}")
         lost: dict[str, Exception | str] = {}
         for effect in effects:
-            if cause := effect.lost():
+            if loss := effect.lost():
+                cause = f"{loss} {MARK}"
                 if effect.channel is None:
                     raise DriverError(cause)
                 lost[_text(effect)] = cause

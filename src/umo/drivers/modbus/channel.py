@@ -12,12 +12,10 @@ from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from umo.drivers.contract import Channel, Direction
+from umo.drivers.contract import INT64, Channel, Direction
 from umo.errors import ChannelError, DriverError
 
 HIGHEST_ADDRESS = 65535
-_RAW_END = 1 << 63
-"""Raw integers are of 64 bits with a sign, everywhere in umo."""
 
 
 @dataclass(frozen=True, eq=False)  # one object per table, compared and hashed by identity
@@ -68,7 +66,7 @@ FORMS = (
 _NUMBER = r"(0|[1-9][0-9]{0,4})"
 _SCALE = r"[0-9]{1,13}(?:\.[0-9]{1,13})?(?:e-?[0-9]{1,2})?"
 _SCALES = 1e-12, 1e12
-"""Bounds of a float channel's scale: each of its raw integers is a normal float, with all its digits."""
+"""Scales from and to which the raw integers of a float lie within the floats that carry all their digits."""
 _TEXT = re.compile(
     rf"(coil|discrete):{_NUMBER}|(holding|input):{_NUMBER}(?::(u?int(?:16|32|64))|:(float(?:32|64)):({_SCALE}))?"
 )
@@ -107,8 +105,7 @@ class ModbusChannel(Channel):
             return self._rounded(struct.unpack(self._packing, whole.to_bytes(2 * self.cells, "big"))[0])
         if self.signed and whole >> (self.bits - 1):
             return whole - (1 << self.bits)
-        if whole >= _RAW_END:
-            raise DriverError(f"{self.text} reads {whole}, more than the 63 bits of a raw integer")
+        self.fit(whole)
         return whole
 
     def words(self, raw: int) -> list[int]:
@@ -126,7 +123,7 @@ class ModbusChannel(Channel):
 
     def _rounded(self, value: float) -> int:
         quotient = value / self.scale
-        if not math.isfinite(quotient) or not -_RAW_END <= (raw := round(quotient)) < _RAW_END:
+        if not math.isfinite(quotient) or not INT64.min <= (raw := round(quotient)) <= INT64.max:
             raise DriverError(f"{self.text} reads {value:g}, for which there is no raw integer")
         return raw
 

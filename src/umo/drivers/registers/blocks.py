@@ -13,7 +13,7 @@ from umo.drivers.contract import IntArray
 from umo.drivers.registers.map import Register, RegisterChannel
 
 _CODES = {8: "b", 16: "h", 32: "i", 64: "q"}
-"""Of struct and numpy, by width; upper case: unsigned."""
+"""Codes of struct and numpy by width in bits; unsigned ones are in upper case."""
 
 
 class BlockPart(NamedTuple):
@@ -53,7 +53,7 @@ class RegisterBlock(NamedTuple):
     size: int
     parts: tuple[BlockPart, ...]
     places: tuple[Hashable, ...]
-    """Of its bytes in the chip."""
+    """Places of its bytes in the chip."""
     like: LikeRegisters | None
     """None: the registers differ, and are converted one by one."""
 
@@ -62,16 +62,16 @@ class RegisterBlock(NamedTuple):
         return min(i for part in self.parts for i, _ in part.channels)
 
 
-def plan(channels: Sequence[RegisterChannel], *, joined: bool, longest: int) -> tuple[RegisterBlock, ...]:
+def plan(channels: Sequence[RegisterChannel], *, joined: bool, max_size: int) -> tuple[RegisterBlock, ...]:
     """Each register once, with all of its fields. `joined`: those that follow each other go in one block of at most
-    `longest` bytes. Blocks are in the order of the channels."""
+    `max_size` bytes. Blocks are in the order of the channels."""
     of: dict[Register, list[tuple[int, RegisterChannel]]] = {}
     for placed in enumerate(channels):
         of.setdefault(placed[1].register, []).append(placed)
     runs: list[list[Register]] = []
     for register in sorted(of, key=lambda each: (-1 if each.page is None else each.page, each.address)):
         run = runs[-1] if runs else []
-        if joined and run and _follows(register, run) and register.address + register.size - run[0].address <= longest:
+        if joined and run and _follows(register, run) and register.address + register.size - run[0].address <= max_size:
             run.append(register)
         else:
             runs.append([register])
@@ -108,7 +108,9 @@ def _like(parts: Sequence[BlockPart]) -> LikeRegisters | None:
 
 
 def _code(part: BlockPart) -> str:
-    """Of struct and numpy; empty if they have none for this part. An unsigned value of 64 bits may not fit an int64."""
+    """The code of struct and numpy; empty if they have none for this part.
+
+    An unsigned value of 64 bits may not fit an int64."""
     register = part.register
     fits = register.bits in _CODES and (register.signed or register.bits < 64)
     if not fits or register.shift or not part.whole or len(part.channels) > 1:

@@ -13,7 +13,7 @@ from umo.drivers._block_driver import BlockDriver, Plans, in_turn
 from umo.drivers.contract import Direction, IntArray
 from umo.drivers.option_checks import within
 from umo.drivers.registers.blocks import BlockPart, RegisterBlock, places_of, plan
-from umo.drivers.registers.map import FORMS, LARGEST, ChipRegisters, Register, RegisterChannel
+from umo.drivers.registers.map import FORMS, ChipRegisters, Register, RegisterChannel
 from umo.errors import DeviceTimeout, DriverError, WiringError
 from umo.presentation.durations import duration
 
@@ -29,8 +29,8 @@ class RegisterDriver(BlockDriver[RegisterChannel]):
     """
 
     forms = ("REGISTER", "REGISTER.FIELD (names of the option registers)", *FORMS)
-    longest = 32
-    """Bytes of a block."""
+    max_block_size = 32
+    """Bytes of a block at most."""
 
     def __init__(
         self,
@@ -50,11 +50,11 @@ class RegisterDriver(BlockDriver[RegisterChannel]):
         self._auto_increment = auto_increment
         self._identity = self._values("identity", identity, Direction.INPUT)
         self._setup = self._values("setup", setup, Direction.OUTPUT)
-        self._plan = partial(plan, joined=auto_increment, longest=self.longest)
+        self._plan = partial(plan, joined=auto_increment, max_size=self.max_block_size)
         self._reads, self._writes = Plans(self._plan), Plans(self._plan_write)
         self._opened = self._connected = self._broken = False
         self._deadline: float | None = None
-        """Of the call, from its first transfer on."""
+        """Deadline of the call, set by its first transfer."""
         self._page: int | None = None
         self._shadow: dict[Hashable, int] = {}
         """The bytes that were written last, by their places: two registers of the wiring may be one of the chip."""
@@ -99,10 +99,8 @@ class RegisterDriver(BlockDriver[RegisterChannel]):
         self, channels: tuple[RegisterChannel, ...]
     ) -> tuple[list[int], list[int], tuple[RegisterBlock, ...]]:
         """The limits of each channel, and the blocks. No value is within the limits of an input."""
-        writable = [channel.direction is not Direction.INPUT for channel in channels]
-        lowest = [channel.lowest if can else LARGEST for channel, can in zip(channels, writable, strict=True)]
-        highest = [channel.highest if can else -1 for channel, can in zip(channels, writable, strict=True)]
-        return lowest, highest, self._plan(channels)
+        limits = [(1, 0) if each.direction is Direction.INPUT else (each.lowest, each.highest) for each in channels]
+        return [low for low, _ in limits], [high for _, high in limits], self._plan(channels)
 
     def _put_block(self, block: RegisterBlock, raws: Sequence[int]) -> None:
         like = block.like

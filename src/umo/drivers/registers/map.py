@@ -12,17 +12,14 @@ from typing import Any, Literal
 
 from umo.drivers.contract import Channel, Direction
 from umo.drivers.option_checks import checked_table, one_of, truth, within
-from umo.errors import ChannelError, DriverError, WiringError
+from umo.errors import ChannelError, WiringError
 
 WIDTHS = (8, 16, 24, 32, 40, 48, 56, 64)
 ACCESS = {"r": Direction.INPUT, "w": Direction.OUTPUT, "rw": Direction.BOTH}
 KEYS = ("address", "bits", "byte_order", "signed", "shift", "page", "access", "initial", "fields")
 FIELD_KEYS = ("bits", "signed")
-LARGEST = (1 << 63) - 1
-"""The largest raw integer that the contract's buffers (int64) hold."""
-
 FORMS = ("ADDRESS:BITS[:big|little][:signed]", "REGISTER.BIT", "REGISTER.HIGH:LOW")
-"""Of channels that the wiring does not name."""
+"""Forms of channels that the wiring does not name."""
 
 _DIRECT = re.compile(r"(0x[0-9a-fA-F]+|[0-9]+):([0-9]+)(?::(big|little))?(:signed)?")
 _BITS = re.compile(r"([0-9]+)(?::([0-9]+))?")
@@ -84,8 +81,7 @@ class RegisterChannel(Channel):
         raw = contents >> self.low & (1 << self.bits) - 1
         sign = 1 << self.bits - 1 if self.signed else 0
         raw = (raw ^ sign) - sign
-        if raw > LARGEST:
-            raise DriverError(f"{self.text} is {raw:#x}, which is too large for 63 bits and a sign")
+        self.fit(raw)
         return raw
 
     def encode(self, raw: int, contents: int) -> int:
@@ -109,7 +105,7 @@ class ChipRegisters:
         self._paged, self._bytewise = paged, bytewise
         self.registers: dict[str, Register] = {}
         self.fields: dict[str, dict[str, tuple[int, int, bool]]] = {}
-        """By register and name: lowest bit, number of bits, sign."""
+        """Lowest bit, number of bits and sign of each field, by register and name."""
         for name, table in tables.items():
             self._add(name, table)
 

@@ -17,9 +17,7 @@ from umo.drivers.text.template import Template, numbered
 from umo.errors import ChannelError, DriverError, WiringError
 
 _NUMBERED = re.compile(r"\{n\}")
-_MOST_BITS = 64
-_MOST_RAW = (1 << 63) - 1
-"""Raw integers are int64, whatever the channel."""
+_MAX_BITS = 64
 T = TypeVar("T")
 
 
@@ -110,12 +108,6 @@ class TextChannel(Channel):
     reading: ReadCommand | None = None
     setting: WriteCommand | None = None
     physical: PhysicalScale | None = field(default=None, compare=False)
-    least: int = field(init=False, compare=False)
-    most: int = field(init=False, compare=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "least", self.lowest)
-        object.__setattr__(self, "most", min(self.highest, _MOST_RAW))
 
     @property
     def places(self) -> tuple[Hashable, ...]:
@@ -134,18 +126,16 @@ class TextChannel(Channel):
         """The raw integer in an answer."""
         assert self.reading is not None
         raw = self.reading.raw(line)
-        return raw if self.least <= raw <= self.most else self._fitting(raw)
+        if not self.lowest <= raw <= self.highest:
+            raise NoValue(f"{raw} does not fit channel {self.text}: {self.lowest} to {self.highest}")
+        return raw
 
     def request(self, raw: int) -> str:
-        """The request that sets it to a raw integer; DriverError if it has no level for it."""
+        """The request that sets it to a raw integer; DriverError if it does not fit, or has no level."""
         if self.setting is None:
             raise DriverError(f"channel {self.text} cannot be written: it has no set")
-        return self.setting.request(raw if self.least <= raw <= self.most else self._fitting(raw))
-
-    def _fitting(self, raw: int) -> int:
-        if not self.least <= raw <= self.most:
-            raise NoValue(f"{raw} does not fit channel {self.text}: {self.least} to {self.most}")
-        return raw
+        self.fit(raw)
+        return self.setting.request(raw)
 
 
 @dataclass
@@ -154,7 +144,7 @@ class Channels:
 
     tables: Mapping[str, ChannelOptions]
     acknowledge: Pattern | None
-    """Of channels that have none of their own; `confirm` too."""
+    """Pattern for channels that have none of their own, as `confirm` is the query for them."""
     confirm: Query | None
     _forms: list[tuple[re.Pattern[str], str]] = field(init=False, default_factory=list)
     _made: dict[str, TextChannel] = field(init=False, default_factory=dict)
@@ -193,8 +183,8 @@ class Channels:
             raise WiringError(f'{where} needs ask = "..." or set = "..."')
         direction = Direction.BOTH if reading and setting else Direction.INPUT if reading else Direction.OUTPUT
         levels = [*(reading.states.values() if reading else ()), *(setting.levels if setting else ())]
-        bits = table.get("bits", max(levels).bit_length() or 1 if levels else _MOST_BITS)
-        within(f"{where}.bits", bits, 1, _MOST_BITS)
+        bits = table.get("bits", max(levels).bit_length() or 1 if levels else _MAX_BITS)
+        within(f"{where}.bits", bits, 1, _MAX_BITS)
         signed = table.get("signed", bits > 1 and not levels)
         if units is not None and levels:
             raise WiringError(f"{where}.units is for a number; levels have no unit")
@@ -203,7 +193,7 @@ class Channels:
         if levels and max(levels) > channel.highest:
             raise WiringError(f"{where}: level {max(levels)} does not fit its {bits} bits")
         template = setting.template if setting else None
-        if template and (why := template.loss(max(-channel.least, channel.most))):
+        if template and (why := template.loss(max(-channel.lowest, channel.highest))):
             raise WiringError(f"{where}.set: {why}")
         return channel
 

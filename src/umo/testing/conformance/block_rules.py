@@ -17,13 +17,14 @@ from umo.testing.conformance.trial import Trial
 from umo.text import some
 
 T = TypeVar("T")
-MOST_PAIRS = 30
-
+MAX_PAIRS = 30
+"""Pairs of channels that are tried as blocks, in each of their orders."""
 LOOKS = 5
-FEWEST = 4
-"""Blocks and patterns of levels that are tried at any rate."""
+"""Looks at a channel until it has stood still for one of them."""
+FEWEST_BLOCKS = 4
+"""Blocks that are tried at any rate."""
 PATTERNS = 8
-"""Patterns beside those in which one output alone is not at its default."""
+"""Patterns of levels beside those in which one output alone is not at its default."""
 
 
 def orders(texts: Sequence[T]) -> list[tuple[T, ...]]:
@@ -31,8 +32,8 @@ def orders(texts: Sequence[T]) -> list[tuple[T, ...]]:
     whole = tuple(texts)
     half = len(whole) // 2
     found = [whole, whole[::-1], whole[1:] + whole[:1], whole[:half], whole[half:], whole[::2], whole[1::2]]
-    found += islice(combinations(whole, 2), MOST_PAIRS)
-    found += [pair[::-1] for pair in islice(combinations(whole, 2), MOST_PAIRS)]
+    pairs = list(islice(combinations(whole, 2), MAX_PAIRS))
+    found += [*pairs, *(pair[::-1] for pair in pairs)]
     return [each for each in dict.fromkeys((*found, *((text,) for text in whole))) if each]
 
 
@@ -56,21 +57,16 @@ def block_read(trial: Trial) -> str | None:
     texts = trial.readable
     if not texts:
         raise NotTried("the driver has no inputs")
-    left, outputs = "", trial.subject.outputs
+    outputs = trial.subject.outputs
     with trial.opened() as probe:
         levels = cycle(patterns(outputs))
-        for number, order in enumerate(blocks := orders(texts)):
-            if number >= FEWEST and not trial.budget.more:
-                left = f"{number} of {len(blocks)} blocks"
-                break
-            trial.share = number / len(blocks)
+        for order in trial.as_time_allows(orders(texts), FEWEST_BLOCKS, "blocks"):
             for output, raw in zip(outputs, next(levels), strict=True):
                 probe.write(output.channel, raw)
             _compare(trial, probe, order)
         probe.read_many(())
-    trial.spare("block read", [left] if left else [])
     moving = [each.channel for each in trial.subject.inputs if not each.steady]
-    return "; ".join(filter(None, (left, f"{some(moving)}: only as far as they stand still" if moving else ""))) or None
+    return f"{some(moving)}: only as far as they stand still" if moving else None
 
 
 def _compare(trial: Trial, probe: Probe, texts: tuple[str, ...]) -> None:
@@ -94,14 +90,10 @@ def _compare(trial: Trial, probe: Probe, texts: tuple[str, ...]) -> None:
     Cost(each=20, more=300),
 )
 def block_write(trial: Trial) -> str | None:
-    outputs, left = trial.seen, ""
+    outputs = trial.seen
     with trial.opened() as probe:
         tasks = [*((outputs, raws) for raws in patterns(outputs)), *_parts(outputs)]
-        for number, (part, raws) in enumerate(tasks):
-            if number >= FEWEST and not trial.budget.more:
-                left = f"{number} of {len(tasks)} blocks"
-                break
-            trial.share = number / len(tasks)
+        for number, (part, raws) in enumerate(trial.as_time_allows(tasks, FEWEST_BLOCKS, "blocks")):
             step = 1 if number % 2 else -1
             before = {each: each.default for each in outputs if each not in part}
             for each in before:
@@ -110,8 +102,7 @@ def block_write(trial: Trial) -> str | None:
             _check(trial, probe, part, raws, "write_many")
             _check(trial, probe, tuple(before), list(before.values()), "a write_many of others")
         probe.write_many([], [])
-    trial.spare("block write", [left] if left else [])
-    return trial.remark(*filter(None, [left]))
+    return trial.remark()
 
 
 def _parts(outputs: tuple[Output, ...]) -> Iterator[tuple[tuple[Output, ...], list[int]]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cached_property
@@ -42,15 +41,23 @@ class Clients:
         """s that a call may take that is to succeed, as umo gives when it initialises and resets."""
         return max(PATIENCE, self.subject.timeout)
 
+    def bring_up(self, probe: Probe) -> None:
+        """Open it and initialise its channels."""
+        probe.open()
+        for text in self.channels:
+            probe.initialize(text, self.default(text))
+
     @contextmanager
     def opened(self, direct: bool = False) -> Iterator[Probe]:
-        """An open driver with its channels initialised. At the end its outputs are reset, its channels are finalised,
-        and it is closed."""
-        probe = self.new(direct)
+        """A new driver, open and with its channels initialised, which is left at the end."""
+        with self.leaving(self.new(direct)) as probe:
+            self.bring_up(probe)
+            yield probe
+
+    @contextmanager
+    def leaving(self, probe: Probe) -> Iterator[Probe]:
+        """The driver is left at the end (`leave`). An error of that does not replace one that is on its way."""
         try:
-            probe.open()
-            for text in self.channels:
-                probe.initialize(text, self.default(text))
             yield probe
         except BaseException:
             with suppress(OSError, Stopped):
@@ -154,13 +161,3 @@ class Clients:
         except OSError as error:
             return error
         return None
-
-    @contextmanager
-    def own_error_first(self) -> Iterator[None]:
-        """For the tidying up in a `finally`: an error of it does not replace one that is on its way."""
-        on_its_way = sys.exception()
-        try:
-            yield
-        except (OSError, Stopped):
-            if on_its_way is None:
-                raise

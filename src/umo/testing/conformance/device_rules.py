@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import pairwise
 
 from umo.cycle import connect
@@ -13,13 +14,13 @@ from umo.testing.conformance.recovery import rewrite
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.subject import Output
 from umo.testing.conformance.timing_rules import in_time
-from umo.testing.conformance.trial import Trial
+from umo.testing.conformance.trial import DriverCall, Trial
 
-MOST = 8
+MAX_ALONE = 8
 """Channels that are read alone while the device is away."""
-ROUNDS = 3
-"""Levels that are read afresh."""
-ALONE = "(if it must be alone: `sole_writer` of the subject, --sole-writer)"
+FRESH_LEVELS = 3
+"""Levels of each output that are read afresh."""
+SOLE_WRITER = "(if it must be alone: `sole_writer` of the subject, --sole-writer)"
 
 
 @rule("reset after failure", "Reset reaches the default also after calls that failed.", Cost(each=12, waits=6))
@@ -66,26 +67,24 @@ def _carried_out_unknown(trial: Trial, probe: Probe, output: Output) -> None:
 def vanish(trial: Trial) -> str | None:
     loss = trial.loss
     with trial.opened() as probe:
-        alone = [(probe.read, (text,)) for text in trial.readable[:MOST]]
-        for call, arguments in (*trial.transfers(probe), *alone):
-            call(*arguments)  # what is kept of it must not be given later
+        alone: list[DriverCall] = [partial(probe.read, text) for text in trial.readable[:MAX_ALONE]]
+        for call in (*trial.transfers(probe), *alone):
+            call()  # what is kept of it must not be given later
         trial.hurry(probe)
         with loss():
-            for call, arguments in (*alone, *reversed(trial.transfers(probe, default=False))):
-                if in_time(trial, probe, call, *arguments) is None:
+            for call in (*alone, *reversed(trial.transfers(probe, default=False))):
+                if in_time(trial, probe, call) is None:
                     raise RuleBroken(f"{trial.watch.doing} succeeded while the device was away")
             other = _not_opened(trial)
         probe.timeout = trial.patience
         _moves_nothing(trial, probe)
-        for call, arguments in trial.transfers(probe, default=False):
-            if (error := trial.failure(call, *arguments)) is not None:
-                raise RuleBroken(f"the device is back, but {trial.watch.doing} failed: {text_of(error)}")
+        trial.must_work(probe, "the device is back", default=False)
         _right(trial, probe, "the device was away")
         _opens_after_all(trial, other)
         with loss():
             pass  # nobody has noticed
-        for call, arguments in trial.transfers(probe):
-            if trial.failure(call, *arguments) is not None and (error := trial.failure(call, *arguments)) is not None:
+        for call in trial.transfers(probe):
+            if (error := trial.failure(trial.insist, call)) is not None:
                 raise RuleBroken(f"the device was away and is back, but {trial.watch.doing} fails: {text_of(error)}")
     return trial.looked()
 
@@ -108,10 +107,8 @@ def _not_opened(trial: Trial) -> Probe:
     probe = trial.new()
     trial.hurry(probe)
     error = in_time(trial, probe, probe.open)
-    if error is None:
-        call, arguments = trial.transfers(probe)[0]
-        if trial.failure(call, *arguments) is None:
-            raise RuleBroken(f"{trial.watch.doing} of a new driver succeeded while the device was away")
+    if error is None and trial.failure(trial.transfers(probe)[0]) is None:
+        raise RuleBroken(f"{trial.watch.doing} of a new driver succeeded while the device was away")
     probe.close()
     return probe
 
@@ -145,8 +142,7 @@ def _right(trial: Trial, probe: Probe, after: str) -> None:
 )
 def two_clients(trial: Trial) -> str | None:
     with trial.opened() as first:
-        for call, arguments in trial.transfers(first):
-            call(*arguments)  # a device may be in use from the first transfer on
+        trial.use(first)  # a device may be in use from the first transfer on
         second = trial.new()
         try:
             refusal = trial.failure(_join, trial, second)
@@ -156,23 +152,17 @@ def two_clients(trial: Trial) -> str | None:
                 if not trial.subject.sole_writer:
                     _side_by_side(trial, first, second)
                     _read_back(trial, first, second)
-            _goes_on(trial, first, "a second client is there")
+            trial.must_work(first, "a second client is there")
         finally:
             error = trial.failure(trial.leave, second)
         if error is not None and refusal is None:
             raise RuleBroken(f"the second client could not leave: {text_of(error)}")
-        _goes_on(trial, first, "a second client came and left")
+        trial.must_work(first, "a second client came and left")
         _right(trial, first, "a second client came and left")
     remark = trial.looked()
     if refusal is not None:
         return f"the second is refused: {text_of(refusal)}"
     return "; ".join(filter(None, (remark, "a second client must not write" if trial.subject.sole_writer else "")))
-
-
-def _goes_on(trial: Trial, first: Probe, since: str) -> None:
-    for call, arguments in trial.transfers(first):
-        if (error := trial.failure(call, *arguments)) is not None:
-            raise RuleBroken(f"since {since}, {trial.watch.doing} failed: {text_of(error)}")
 
 
 def _side_by_side(trial: Trial, first: Probe, second: Probe) -> None:
@@ -189,7 +179,7 @@ def _side_by_side(trial: Trial, first: Probe, second: Probe) -> None:
             trial.expect(second, other, other.other(1), f"a write of another client to {one.channel}")
             trial.expect(first, one, one.other(1), f"a write of another client to {other.channel}")
         except RuleBroken as broken:
-            raise RuleBroken(f"{broken} {ALONE}") from broken
+            raise RuleBroken(f"{broken} {SOLE_WRITER}") from broken
 
 
 def _read_back(trial: Trial, first: Probe, second: Probe) -> None:
@@ -212,15 +202,12 @@ def _read_back(trial: Trial, first: Probe, second: Probe) -> None:
         there, found = trial.comes_to(lambda: first.read(text), lambda level: level != read[1])  # noqa: B023
         if not there:
             why = f"{text} reads {found}, as the driver has written, but another client has written {raw} since"
-            raise RuleBroken(f"{why} {ALONE}")
+            raise RuleBroken(f"{why} {SOLE_WRITER}")
 
 
 def _join(trial: Trial, second: Probe) -> None:
-    second.open()
-    for text in trial.channels:
-        second.initialize(text, trial.default(text))
-    for call, arguments in trial.transfers(second):
-        call(*arguments)
+    trial.bring_up(second)
+    trial.use(second)
 
 
 @rule("fresh", "A reading is that of its own call, not of an earlier one.", Cost(opens=2, each=12))
@@ -239,7 +226,7 @@ def _is_fresh(trial: Trial, probe: Probe, second: Probe | None, output: Output) 
     view, old = trial.view(output), 0
     other = second is not None and view != output.channel
     mover = second if second is not None and other else probe
-    for number in range(ROUNDS):
+    for number in range(FRESH_LEVELS):
         levels = (output.default, output.other(number))
         before, raw = levels if number % 2 else levels[::-1]
         mover.write(output.channel, before)
@@ -249,8 +236,8 @@ def _is_fresh(trial: Trial, probe: Probe, second: Probe | None, output: Output) 
         trial.arrive(second if other else None, output, raw)
         found = probe.read_many((view,))[0] if number % 2 else probe.read(view)
         old += trial.alike(view, seen, found) and not trial.same(output, raw, found)
-    if old >= ROUNDS - 1:
-        raise RuleBroken(f"{trial.watch.doing} gave the level before, {old} times of {ROUNDS}: an earlier reading")
+    if old >= FRESH_LEVELS - 1:
+        raise RuleBroken(f"{trial.watch.doing} gave an earlier reading, {old} times of {FRESH_LEVELS}")
 
 
 @rule(

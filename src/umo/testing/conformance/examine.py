@@ -5,13 +5,14 @@ from __future__ import annotations
 import platform
 import re
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Future, wait
 from contextlib import suppress
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from math import inf
-from threading import Event, Thread
+from threading import Thread
 from time import monotonic
-from typing import Any
+from typing import Any, TypeVar
 
 from umo.drivers.contract import Driver
 from umo.errors import Failure, StopError, text_of
@@ -24,18 +25,20 @@ from umo.testing.conformance.rules import NotTried, Rule, RuleBroken, chosen_rul
 from umo.testing.conformance.subject import Subject
 from umo.testing.conformance.trial import Trial
 
+T = TypeVar("T")
 OnProgress = Callable[[str, float], object]
-"""Called with the rule and the share of the whole that is done, ten times a second."""
+"""Function that is called with the rule and the share of the whole that is done, ten times a second."""
 OnPlan = Callable[[TimePlan], object]
-"""Called with what the run will take, before the first rule."""
-INTERVAL = 0.1
+"""Function that is called with what the run will take, before the first rule."""
+LOOK_INTERVAL = 0.1
+"""s between two looks at a rule that is tried: for its progress, and whether a call hangs."""
 MINUTES = 2.0
-"""The time budget of a run."""
+"""Time budget of a run."""
 TIME_UP = "left out, as the time was up (--minutes)"
 HANG = 2.0
-"""s, and four times its timeout, after which a call counts as hanging."""
+"""Time in s, beside four times its timeout, after which a call counts as hanging."""
 on_certificate: list[Callable[[Certificate], object]] = []
-"""Called with each certificate."""
+"""Functions that are called with each certificate."""
 
 
 class Hangs(Exception):
@@ -87,9 +90,9 @@ class _Examination:
         self.trial, self.rules, self.progress = trial, rules, progress
         self.findings: list[Finding] = []
         self.causes: dict[str, str] = {}
-        """What was found already, and by which rule."""
+        """Rules that were broken already, by the cause."""
         self.hangs = ""
-        """What hung already before the first rule."""
+        """The call that hung already before the first rule."""
         self.ended = ""
         """Why the rest cannot be tried; the rules of all calls are."""
         self._weights = [1.0] * len(rules)
@@ -104,7 +107,7 @@ class _Examination:
                 self.trial.restore()
 
         try:
-            _in_thread(self.trial, measure, lambda: None)
+            _in_thread(self.trial, measure)
         except Hangs as error:
             self.hangs = str(error)
         plan = self.trial.budget.plan(self.trial.pace, self.trial.cycles, self.trial.subject.line is not None)
@@ -127,7 +130,10 @@ class _Examination:
         try:
             if self.hangs:
                 raise Hangs(self.hangs)
-            finding = _supervised(self.trial, rule, self.causes, part)
+            self.trial.share = 0.0
+            finding = _in_thread(
+                self.trial, lambda: _tried(self.trial, rule, self.causes), lambda: part(self.trial.share)
+            )
         except Hangs as error:
             self.ended = f"the driver hangs in {self.trial.watch.doing}"
             return _told(rule, Judgement.FAILED, str(error))
@@ -140,13 +146,12 @@ class _Examination:
         if "dead" in self.causes:
             self.ended = f"as above: {self.causes['dead']}"
             return
-        found: list[str] = []
         try:
-            _in_thread(self.trial, lambda: found.append(self.trial.dead() and self.trial.dead()), lambda: None)
+            dead = _in_thread(self.trial, lambda: self.trial.dead() and self.trial.dead())
         except Hangs:
-            found = [f"the driver hangs in {self.trial.watch.doing}"]
-        if found and found[0]:
-            self.ended = f"since the rule {rule.id}: {found[0]}"
+            dead = f"the driver hangs in {self.trial.watch.doing}"
+        if dead:
+            self.ended = f"since the rule {rule.id}: {dead}"
 
     def _part(self, number: int, rule: Rule) -> Callable[[float], object]:
         """The progress of one rule as that of the whole."""
@@ -166,29 +171,14 @@ def _stop_error(subject: Subject, unreached: Iterable[str]) -> StopError:
     return StopError("not brought to their defaults", failures)
 
 
-def _supervised(trial: Trial, rule: Rule, causes: dict[str, str], progress: Callable[[float], object]) -> Finding:
-    """The finding on one rule. Hangs if a call does not return."""
-    found: list[Finding] = []
-    errors: list[BaseException] = []
-
-    def work() -> None:
-        try:
-            found.append(_tried(trial, rule, causes))
-        except BaseException as error:
-            errors.append(error)
-
-    trial.share = 0.0
-    _in_thread(trial, work, lambda: progress(trial.share))
-    if errors:
-        raise errors[0]
-    return found[0]
-
-
 def _tried(trial: Trial, rule: Rule, causes: dict[str, str]) -> Finding:
-    cause = ""
+    cause, trial.left_out = "", []
     trial.watch.until = inf if rule.theme == "standing" else trial.budget.latest
     try:
-        verdict, why = Judgement.PASSED, rule.check(trial) or ""
+        verdict, remark = Judgement.PASSED, rule.check(trial)
+        why = "; ".join(filter(None, [remark, *trial.left_out]))
+        if trial.left_out:
+            trial.budget.parts.append(f"{rule.id}: {'; '.join(trial.left_out)}")
     except TimeUp:  # its calls took longer than planned
         verdict, why = Judgement.NOT_TRIED, TIME_UP
         trial.budget.left_out.append(rule.id)
@@ -207,30 +197,31 @@ def _tried(trial: Trial, rule: Rule, causes: dict[str, str]) -> Finding:
     return _told(rule, verdict, why)
 
 
-def _in_thread(trial: Trial, work: Callable[[], None], look: Callable[[], object]) -> None:
-    """Carry out the work. Hangs if a call of the driver does not return. An exception here, such as KeyboardInterrupt,
-    ends the work at its next call of the driver."""
-    ended = Event()  # Thread.join that Ctrl-C interrupts takes a running thread for ended (CPython 3.11, 3.12)
+def _in_thread(trial: Trial, work: Callable[[], T], look: Callable[[], object] = lambda: None) -> T:
+    """The result of the work. Hangs if a call of the driver does not return. An exception here, such as
+    KeyboardInterrupt, ends the work at its next call of the driver."""
+    outcome: Future[T] = Future()  # Thread.join takes a running thread for ended after Ctrl-C (CPython 3.11, 3.12)
 
     def run() -> None:
         try:
-            work()
-        finally:
-            ended.set()
+            outcome.set_result(work())
+        except BaseException as error:
+            outcome.set_exception(error)
 
     try:
         Thread(target=run, name="umo conformance", daemon=True).start()
-        while not ended.is_set():
+        while not outcome.done():
             look()
-            ended.wait(INTERVAL)
+            wait([outcome], LOOK_INTERVAL)
             _check_hang(trial)
     except Hangs:
         raise
     except BaseException:
         trial.watch.stopped = True
-        over = not ended.wait(4 * trial.patience + HANG)
-        trial.watch.stopped, trial.watch.over = False, over
+        ended = wait([outcome], 4 * trial.patience + HANG).done
+        trial.watch.stopped, trial.watch.over = False, not ended
         raise
+    return outcome.result()
 
 
 def _check_hang(trial: Trial) -> None:
@@ -249,7 +240,7 @@ def _bring_to_defaults(trial: Trial) -> tuple[str, ...]:
     if trial.subject.line is not None:
         trial.subject.line.heal()
     try:
-        _in_thread(trial, lambda: trial.restore(always=True), lambda: None)
+        _in_thread(trial, lambda: trial.restore(always=True))
     except Hangs:
         return tuple(output.channel for output in trial.subject.outputs)
     return tuple(trial.unreached)

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from umo.presentation.durations import duration
 from umo.testing.conformance.certificate import TransferTime
 from umo.testing.conformance.growth import Allowed, grows
 from umo.testing.conformance.long_run import WARM, LongRun, fails_at_once
@@ -24,17 +25,16 @@ from umo.testing.conformance.trial import Trial
 DESCRIPTORS = "/proc/self/fd"
 OPENINGS = 100
 """Times that the driver is opened and closed, and that its connection is dropped."""
-FEWEST = 3
-"""Of these, at any rate."""
-SILENT = 3
-"""Times that it is opened on a line where nobody answers."""
-FADE = 5.0
+FEWEST_OPENINGS = 3
+"""Openings that are made at any rate."""
+SILENT_OPENINGS = 3
+"""Openings on a line where nobody answers."""
+MAX_CLOSING_TIME = 5.0
 """s until what was closed has ended at the other end too."""
-TIMED = 300
-
-
-CONNECTION = Allowed(fewest=FEWEST, size=1024.0, circular=50.0)
-"""A connection is lost seldom."""
+TIMED_CALLS = 300
+"""Calls of each kind that are timed at most."""
+PER_LOST_CONNECTION = Allowed(fewest=FEWEST_OPENINGS, size=1024.0, circular=50.0)
+"""Memory that may be left over by each lost connection: one is lost seldom."""
 
 
 @rule(
@@ -67,13 +67,14 @@ def _churned(trial: Trial) -> dict[str, tuple[int, int, int]]:
     """Counts before and after the driver was opened, used, cut off and closed many times, and how often; once for both
     rules."""
     if "churned" not in trial.kept:
-        most = OPENINGS if trial.cycles is None else max(FEWEST, trial.cycles // OPENINGS)
+        most = OPENINGS if trial.cycles is None else max(FEWEST_OPENINGS, trial.cycles // OPENINGS)
         _open_often(trial, 2, 2, 1)  # imports, caches
         before = _counts(trial, None)
-        closed = _open_often(trial, FEWEST, most, SILENT)  # kept: closing is not left to the garbage collector
-        after, openings = _counts(trial, before), len(closed) - SILENT
+        # The closed drivers are kept: closing is not left to the garbage collector.
+        closed = _open_often(trial, FEWEST_OPENINGS, most, SILENT_OPENINGS)
+        after, openings = _counts(trial, before), len(closed) - SILENT_OPENINGS
         trial.kept["churned"] = {key: (before[key], after[key], openings) for key in before}
-        trial.spare("descriptors", [f"{openings} of {most} openings"] if openings < most else [])
+        trial.left_out += [f"{openings} of {most} openings"] if openings < most else []
     found: dict[str, tuple[int, int, int]] = trial.kept["churned"]
     return found
 
@@ -92,8 +93,8 @@ def _open_in_silence(trial: Trial) -> Probe:
     trial.hurry(probe)
     with line.silent() if line is not None else nullcontext():
         trial.failure(probe.open)
-        for call, arguments in trial.transfers(probe)[::2]:
-            trial.failure(call, *arguments)
+        for call in trial.transfers(probe)[::2]:
+            trial.failure(call)
         trial.failure(probe.close)
     return probe
 
@@ -101,13 +102,11 @@ def _open_in_silence(trial: Trial) -> Probe:
 def _open_and_cut(trial: Trial) -> Probe:
     line = trial.subject.line
     with trial.opened() as probe:
-        for call, arguments in trial.transfers(probe):
-            call(*arguments)
+        trial.use(probe)
         if line is not None:
             line.drop()
             for _ in range(2):  # the first may find the end of the connection
-                for call, arguments in trial.transfers(probe):
-                    trial.failure(call, *arguments)
+                trial.try_out(probe)
     if line is not None:
         with line.gone():
             other = trial.new()
@@ -118,7 +117,7 @@ def _open_and_cut(trial: Trial) -> Probe:
 
 def _counts(trial: Trial, goal: dict[str, int] | None) -> dict[str, int]:
     """Descriptors and threads, without those of the line. What is closing is waited for, as far as the goal."""
-    end = monotonic() + FADE
+    end = monotonic() + MAX_CLOSING_TIME
     while True:
         gc.collect()  # each time: a call that still runs may leave a cycle behind when it ends
         found = {"descriptors": _descriptors(trial), "threads": threading.active_count()}
@@ -140,7 +139,7 @@ def time_per_transfer(trial: Trial) -> str:
         kinds = _kinds(trial, probe)
         for kind, call in kinds.items():
             taken: list[float] = []
-            most = TIMED if trial.cycles is None else max(20, min(trial.cycles, TIMED))
+            most = TIMED_CALLS if trial.cycles is None else max(20, min(trial.cycles, TIMED_CALLS))
             while len(taken) < 5 or (len(taken) < most and trial.budget.more):
                 began = perf_counter()
                 probe.call(kind, call)
@@ -151,9 +150,8 @@ def time_per_transfer(trial: Trial) -> str:
         raise NotTried("the subject has no channels")
     for kind, each in trial.times.items():
         if each.median > trial.subject.timeout:
-            took, limit = each.median * 1e3, trial.subject.timeout * 1e3
-            raise RuleBroken(f"{kind} takes {took:.1f} ms, its timeout is {limit:g} ms")
-    return ", ".join(f"{kind} {each.median * 1e6:.0f} us" for kind, each in trial.times.items())
+            raise RuleBroken(f"{kind} takes {duration(each.median)}, its timeout is {duration(trial.subject.timeout)}")
+    return ", ".join(f"{kind} {each.median * 1e6:.0f} µs" for kind, each in trial.times.items())
 
 
 def _kinds(trial: Trial, probe: Probe) -> dict[str, Callable[[], Any]]:
@@ -185,7 +183,7 @@ def long_run(trial: Trial) -> str:
         run.go()
     if run.slow:
         _compare_with_a_new_one(trial, run)
-    trial.spare("long run", [f"{run.calls:,} of {run.most:,} transfers"] if run.calls < run.most else [])
+    trial.left_out += [f"{run.calls:,} of {run.most:,} transfers"] if run.calls < run.most else []
     return run.remark
 
 
@@ -195,8 +193,8 @@ def _compare_with_a_new_one(trial: Trial, run: LongRun) -> None:
         new = LongRun(trial, probe)
         new.go(WARM)
     if run.slower_than(new.early):
-        took, early = run.late * 1e3, new.early * 1e3
-        raise RuleBroken(f"a cycle takes {took:.3g} ms after {run.calls:,} transfers, {early:.3g} ms with a new driver")
+        took = f"{duration(run.late)} after {run.calls:,} transfers, {duration(new.early)} with a new driver"
+        raise RuleBroken(f"a cycle takes {took}")
 
 
 @rule(
@@ -223,27 +221,22 @@ def memory(trial: Trial) -> str:
 def _over_lost_connections(trial: Trial, line: Tap) -> str:
     """As `grows`, of calls that connect again."""
     with trial.opened() as probe:
-        call, arguments = trial.transfers(probe)[0]
+        call = trial.transfers(probe)[0]
 
         def lose() -> None:
             line.drop()
             for _ in range(2):  # the first may find the end of the connection
-                trial.failure(call, *arguments)
+                trial.failure(call)
 
-        return grows(trial, lose, "lost connections", CONNECTION)
+        return grows(trial, lose, "lost connections", PER_LOST_CONNECTION)
 
 
 def _without_a_device(trial: Trial, line: Tap) -> str:
     """As `grows`, of calls that fail as the device is away."""
     with trial.opened() as probe, line.gone():
         trial.hurry(probe)
-        calls = [call for call in trial.transfers(probe) if fails_at_once(trial, *call)]
-        turns = cycle(calls)
+        calls = [call for call in trial.transfers(probe) if fails_at_once(trial, call)]
         if not calls:
             return "calls without the device do not fail at once"
-
-        def fail() -> None:
-            call, arguments = next(turns)
-            trial.failure(call, *arguments)
-
-        return grows(trial, fail, "calls without the device")
+        turns = cycle(calls)
+        return grows(trial, lambda: trial.failure(next(turns)), "calls without the device")

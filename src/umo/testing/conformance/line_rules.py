@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import combinations
 from time import sleep
 from typing import Any
@@ -14,13 +15,13 @@ from umo.testing.conformance.requests import constant
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.subject import Output
 from umo.testing.conformance.traffic import Change, Traffic
-from umo.testing.conformance.trial import Trial
+from umo.testing.conformance.trial import DriverCall, Trial
 
-OWN = 0.1
+IDLE_TIME = 0.1
 """s in which a driver that is left alone must send nothing to be judged."""
-EQUAL = 3
+EQUAL_WRITES = 3
 """Writes of one level, whose requests are compared."""
-REFERENCES = 2
+REFERENCE_CALLS = 2
 """Calls that succeed, whose requests are counted."""
 
 
@@ -40,11 +41,11 @@ def retry(trial: Trial) -> str | None:
     tried = False
     with trial.opened() as probe:
         with line.counting() as traffic:
-            sleep(max(OWN, trial.haste))
+            sleep(max(IDLE_TIME, trial.haste))
         if traffic.asked:
             raise NotTried("the driver sends requests by itself")
         for number in range(len(trial.transfers(probe)) - bool(trial.subject.outputs)):
-            usual = [_counted(trial, probe, number) for _ in range(REFERENCES)]
+            usual = [_counted(trial, probe, number) for _ in range(REFERENCE_CALLS)]
             if not usual[0].asked:
                 continue
             tried = True
@@ -73,26 +74,16 @@ def _counted(trial: Trial, probe: Probe, number: int, fault: Callable[[], Any] |
     probe.timeout = trial.patience
     if trial.subject.outputs:
         texts = [each.channel for each in trial.subject.outputs]
-        _insist(trial, probe.write_many, texts, [each.other() for each in trial.subject.outputs])
+        trial.insist(probe.write_many, texts, [each.other() for each in trial.subject.outputs])
     else:
-        _insist(trial, *_flat(trial.transfers(probe)[0]))
-    call, arguments = trial.transfers(probe)[number]
+        trial.insist(trial.transfers(probe)[0])
+    call = trial.transfers(probe)[number]
     if fault is None:
-        return trial.traffic(call, *arguments)
+        return trial.traffic(call)
     trial.hurry(probe)
     with trial.line.counting() as traffic, fault():
-        trial.failure(call, *arguments)
+        trial.failure(call)
     return traffic
-
-
-def _flat(call: tuple[Callable[..., object], tuple[Any, ...]]) -> tuple[Any, ...]:
-    return call[0], *call[1]
-
-
-def _insist(trial: Trial, call: Callable[..., object], *arguments: Any) -> None:
-    """A call that may fail once: the one before may have left something behind."""
-    if trial.failure(call, *arguments) is not None:
-        call(*arguments)
 
 
 def _check_once(trial: Trial, traffic: Traffic, usual: list[Traffic], opening: list[int], what: str) -> None:
@@ -109,11 +100,11 @@ def _check_once(trial: Trial, traffic: Traffic, usual: list[Traffic], opening: l
 def _check_refused(trial: Trial, probe: Probe, opening: list[int]) -> None:
     """A request that the device answers with an error is sent as often as one that it carries out."""
     for text in trial.subject.refused:
-        for call, arguments in list(_transfers_of(trial, probe, text))[::2]:
-            usual = _usual_of(trial, probe, call == probe.write)
+        for call in list(_transfers_of(trial, probe, text))[::2]:
+            usual = _usual_of(trial, probe, call.func == probe.write)
             probe.timeout = trial.patience
             with trial.line.counting() as traffic:
-                trial.failure(call, *arguments)
+                trial.failure(call)
             if usual is not None:
                 _check_once(trial, traffic, [usual], opening, "was refused")
 
@@ -123,7 +114,7 @@ def _check_doubled(trial: Trial, probe: Probe, output: Output) -> None:
     differs between equal writes too, as a number does."""
     levels = dict.fromkeys((*(output.other(number) for number in range(3)), output.default))
     sent: dict[int, list[list[bytes]]] = {raw: [] for raw in levels}
-    for raw in [*levels] * EQUAL:
+    for raw in [*levels] * EQUAL_WRITES:
         with trial.line.counting() as traffic:
             probe.write(output.channel, raw)
         sent[raw].append(traffic.requests)
@@ -161,8 +152,8 @@ def error_answer(trial: Trial) -> str | None:
     with trial.opened() as probe:
         expected = values(trial, probe)
         for text in trial.subject.refused:
-            for call, arguments in _transfers_of(trial, probe, text):
-                answered, error = _refusal(trial, call, *arguments)
+            for call in _transfers_of(trial, probe, text):
+                answered, error = _refusal(trial, call)
                 if not answered:
                     silent.append(trial.watch.doing)
                     continue
@@ -179,23 +170,23 @@ def error_answer(trial: Trial) -> str | None:
     return "; ".join(words) or None
 
 
-def _refusal(trial: Trial, call: Callable[..., object], *arguments: Any) -> tuple[str, OSError | None]:
+def _refusal(trial: Trial, call: DriverCall) -> tuple[str, OSError | None]:
     """The error of a call that the device refuses; whether it was answered: "seen", "perhaps" without a line, or ""."""
     if trial.subject.line is None:
-        return "perhaps", trial.failure(call, *arguments)
+        return "perhaps", trial.failure(call)
     with trial.subject.line.counting(answers=True) as traffic:
-        error = trial.failure(call, *arguments)
+        error = trial.failure(call)
     if not traffic.asked:
         return "perhaps", error
     return "seen" if traffic.answer else "", error
 
 
-def _transfers_of(trial: Trial, probe: Probe, text: str) -> Iterator[tuple[Callable[..., object], tuple[Any, ...]]]:
+def _transfers_of(trial: Trial, probe: Probe, text: str) -> Iterator[partial[Any]]:
     """Reads and writes of a channel that the device refuses, in the directions that it has."""
     direction = probe.channel(text).direction
     if Direction.INPUT in direction:
-        yield probe.read, (text,)
-        yield probe.read_many, ((text,),)
+        yield partial(probe.read, text)
+        yield partial(probe.read_many, (text,))
     if Direction.OUTPUT in direction and trial.subject.outputs:
-        yield probe.write, (text, 0)
-        yield probe.write_many, ((text,), (0,))
+        yield partial(probe.write, text, 0)
+        yield partial(probe.write_many, (text,), (0,))

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Callable
+from functools import partial
 from math import inf
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from umo.testing.conformance.budget import CALLS
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rules import RuleBroken
 from umo.testing.conformance.subject import Output
-from umo.testing.conformance.trial import Trial
+from umo.testing.conformance.trial import DriverCall, Trial
 
 WARM = 50
 """Cycles in which a loop-back that takes its time is found."""
@@ -83,7 +82,7 @@ class LongRun:
         """One call that fails."""
         call = self.failing[self._turn % len(self.failing)]
         self._turn += 1
-        self.trial.failure(*call)
+        self.trial.failure(call)
 
     def go(self, most: int | None = None) -> None:
         """So many cycles; default: until there were enough transfers, or the time is up."""
@@ -174,25 +173,25 @@ class LongRun:
 
     # Calls that fail ------------------------------------------------------------------------------------
 
-    def _failing(self) -> list[tuple[Callable[..., Any], Any]]:
+    def _failing(self) -> list[DriverCall]:
         """Calls that the device or the driver refuses at once."""
         trial, probe = self.trial, self.probe
-        calls: list[tuple[Any, ...]] = []
+        calls: list[DriverCall] = []
         for text in trial.subject.refused:
             direction = probe.channel(text).direction
             if Direction.INPUT in direction:
-                calls += [(probe.read, text), (probe.read_many, (*trial.readable, text))]
+                calls += [partial(probe.read, text), partial(probe.read_many, (*trial.readable, text))]
             if Direction.OUTPUT in direction and trial.subject.outputs:
-                calls += [(probe.write, text, 0)]
+                calls += [partial(probe.write, text, 0)]
         if trial.subject.outputs:
             only_in = [t for t in trial.readable if Direction.OUTPUT not in probe.channel(t).direction]
-            calls += [(probe.write_many, (text,), (0,)) for text in only_in[:1]]
-        return [call for call in calls if fails_at_once(trial, call[0], call[1:])]
+            calls += [partial(probe.write_many, (text,), (0,)) for text in only_in[:1]]
+        return [call for call in calls if fails_at_once(trial, call)]
 
 
-def fails_at_once(trial: Trial, call: Callable[..., Any], arguments: tuple[Any, ...]) -> bool:
+def fails_at_once(trial: Trial, call: DriverCall) -> bool:
     """Whether a call fails, and not by waiting."""
-    error = trial.failure(call, *arguments)
+    error = trial.failure(call)
     return error is not None and not isinstance(error, TimeoutError) and trial.watch.took < QUICK
 
 

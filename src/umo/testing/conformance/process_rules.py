@@ -7,6 +7,7 @@ import logging
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from functools import partial
 from io import StringIO
 from threading import get_native_id
 from time import monotonic, sleep
@@ -18,12 +19,13 @@ from umo.testing.conformance.process import change, state, threads
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.trial import Trial
 
-IDLE = 0.25
+IDLE_TIME = 0.25
 """s for which processor time is measured."""
-BUSY = 0.5
-"""Part of a time in which a thread could run that it may not use for waiting."""
+MAX_SHARE = 0.5
+"""Share of the time in which a thread could run that it uses at most while it waits."""
 TRIES = 2
-WAITS = {
+"""Tries of which the best counts."""
+WAITING_FUNCTIONS = {
     "recv", "recv_into", "recvfrom", "recvfrom_into", "recvmsg", "select", "poll", "read", "readinto", "readline",
     "ioctl", "sleep", "connect",
 }  # fmt: skip
@@ -36,14 +38,14 @@ def idle(trial: Trial) -> str | None:
     if not threads():
         raise NotTried("the kernel does not tell the processor time of threads")
     with trial.opened() as probe:
-        for call, arguments in trial.transfers(probe)[::2]:
-            call(*arguments)
-        _quiet(trial, lambda: sleep(IDLE), "between two calls")
+        for call in trial.transfers(probe)[::2]:
+            call()
+        _quiet(trial, lambda: sleep(IDLE_TIME), "between two calls")
         if trial.subject.line is None:
             return "between calls only: there is no line that could be silent"
-        probe.timeout = max(trial.haste, IDLE)
-        for call, arguments in trial.transfers(probe)[:4:2]:
-            _quiet(trial, lambda: trial.unanswered(call, *arguments), "")  # noqa: B023
+        probe.timeout = max(trial.haste, IDLE_TIME)
+        for call in trial.transfers(probe)[:4:2]:
+            _quiet(trial, partial(trial.unanswered, call), "")
     return None
 
 
@@ -55,7 +57,7 @@ def _quiet(trial: Trial, wait: Callable[[], object], when: str) -> None:
         wait()
         took = monotonic() - began
         shares.append(_share(trial, before, took))
-        if took < IDLE / 2 or shares[-1] < BUSY:  # one that ends at once does not wait
+        if took < IDLE_TIME / 2 or shares[-1] < MAX_SHARE:  # one that ends at once does not wait
             return
     when = when or f"in {trial.watch.doing}, while the device was silent"
     raise RuleBroken(f"{min(shares):.0%} of a processor was used {when}")
@@ -86,14 +88,12 @@ def _interrupted(trial: Trial, number: int) -> bool:
     """Whether a call of this kind waited, and so was interrupted. What it leaves behind is not judged."""
     probe, before, waits = trial.new(), sys.getprofile(), _Interrupt()
     try:
-        probe.open()
-        for text in trial.channels:
-            probe.initialize(text, trial.default(text))
-        call, arguments = trial.transfers(probe)[number]
+        trial.bring_up(probe)
+        call = trial.transfers(probe)[number]
         trial.watch.interrupted = False
         sys.setprofile(waits)
         try:
-            trial.failure(call, *arguments)
+            trial.failure(call)
         finally:
             sys.setprofile(before)
         if waits.raised and not trial.watch.interrupted:
@@ -110,7 +110,7 @@ class _Interrupt:
         self.raised = ""
 
     def __call__(self, frame: FrameType, event: str, function: Any) -> None:
-        if event == "c_call" and not self.raised and getattr(function, "__name__", "") in WAITS:
+        if event == "c_call" and not self.raised and getattr(function, "__name__", "") in WAITING_FUNCTIONS:
             self.raised = function.__name__
             raise KeyboardInterrupt
 
@@ -123,8 +123,7 @@ def process(trial: Trial) -> str | None:
     gc.disable()  # as in the control process
     try:
         with _printed(trial) as printed, trial.opened() as probe:
-            for call, arguments in trial.transfers(probe):
-                call(*arguments)
+            trial.use(probe)
             try:
                 _fail(trial, probe)
             except NotTried as reason:
@@ -144,12 +143,12 @@ def _fail(trial: Trial, probe: Probe) -> None:
     """Calls without an answer, with a garbled one, and without the device. Then the driver is in use again."""
     trial.fail_some(probe)
     if trial.subject.line is not None:
-        for call, arguments in trial.transfers(probe)[::3]:
+        for call in trial.transfers(probe)[::3]:
             _resume(trial, probe)
             trial.hurry(probe)
-            trial.spoiled(lambda answer: bytes(each ^ 0x95 for each in answer), True, call, *arguments)
+            trial.spoiled(lambda answer: bytes(each ^ 0x95 for each in answer), True, call)
             with trial.line.gone():
-                trial.failure(call, *arguments)
+                trial.failure(call)
     _resume(trial, probe)
 
 
@@ -157,8 +156,7 @@ def _resume(trial: Trial, probe: Probe) -> None:
     """Calls of which the first may find out that the connection is lost."""
     probe.timeout = trial.patience
     for _ in range(TRIES):
-        for call, arguments in trial.transfers(probe):
-            trial.failure(call, *arguments)
+        trial.try_out(probe)
 
 
 @contextmanager

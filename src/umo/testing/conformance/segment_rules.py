@@ -13,35 +13,28 @@ from umo.testing.conformance.subject import Output
 from umo.testing.conformance.trial import Trial
 from umo.text import some
 
-FEWEST = 2
+FEWEST_OUTPUTS = 2
 """Outputs that are initialised at any rate, each from two levels."""
-MOST = 8
+MAX_OTHERS = 8
 """Other outputs that are looked at beside one."""
 
 
 @rule("initialise", "An output comes up at its default; the others stay where they are.",
       Cost(opens=8, each=14, more=24))  # fmt: skip
 def initialise(trial: Trial) -> str | None:
-    for output, _ in _left_levels(trial, "initialise"):
-        probe = trial.new()
+    for output, _ in _left_levels(trial):
         others = [each for each in trial.visible if each != output]
-        try:
+        with trial.leaving(trial.new()) as probe:
             probe.open()
             probe.initialize(output.channel, output.default)
             trial.expect(probe, output, output.default, f"initialize({output.default})")
-            _check_the_rest(trial, probe, output, others[:MOST])
-        finally:
-            with trial.own_error_first():
-                trial.leave(probe)
+            _check_the_rest(trial, probe, output, others[:MAX_OTHERS])
     return trial.remark()
 
 
-def _left_levels(trial: Trial, rule: str) -> Iterator[tuple[Output, int]]:
+def _left_levels(trial: Trial) -> Iterator[tuple[Output, int]]:
     """Each output, and the level at which a process that died has left it; the other outputs are at other levels."""
-    for number, output in enumerate(trial.seen):
-        if number >= FEWEST and not trial.budget.more:
-            trial.spare(rule, [f"{number} of {len(trial.seen)} outputs"])
-            return
+    for output in trial.as_time_allows(trial.seen, FEWEST_OUTPUTS, "outputs"):
         for left in dict.fromkeys((output.default, output.other())):
             _leave_at(trial, output, left)
             yield output, left
@@ -120,9 +113,8 @@ def _check_inputs(trial: Trial, probe: Probe) -> None:
 )
 def glitch(trial: Trial) -> str | None:
     watched: set[str] = set()
-    for output, left in _left_levels(trial, "glitch"):
-        probe = trial.new()
-        try:
+    for output, left in _left_levels(trial):
+        with trial.leaving(trial.new()) as probe:
             with trial.observing(output, until=output.default) as levels:
                 probe.open()
                 probe.initialize(output.channel, output.default)
@@ -131,9 +123,6 @@ def glitch(trial: Trial) -> str | None:
             with trial.observing(output, until=output.default) as levels:
                 probe.reset(output.channel, output.default)
             watched |= _direct(trial, output, levels, output.other(), "reset")
-        finally:
-            with trial.own_error_first():
-                trial.leave(probe)
     unseen = _short_pulses(trial)
     watched |= {each.channel for each in trial.visible} - set(unseen)
     unwatched = [each.channel for each in trial.subject.outputs if each.channel not in watched]
@@ -148,14 +137,11 @@ def _short_pulses(trial: Trial) -> list[str]:
     """The outputs of which they cannot be seen: neither in a record of levels, nor in the requests."""
     if trial.subject.levels is not None:
         return []
-    unseen: list[str] = []
-    for number, output in enumerate(trial.visible):
-        if trial.subject.line is not None and number >= FEWEST and not trial.budget.more:
-            trial.spare("glitch", [f"pulses of {len(trial.visible) - number} of {len(trial.visible)} outputs"])
-            return unseen + [each.channel for each in trial.visible[number:]]
-        if not looks_for_pulses(trial, output):
-            unseen.append(output.channel)
-    return unseen
+    if trial.subject.line is None:
+        return [each.channel for each in trial.visible]
+    tried = trial.as_time_allows(trial.visible, FEWEST_OUTPUTS, "outputs watched for pulses")
+    seen = {output for output in tried if looks_for_pulses(trial, output)}
+    return [each.channel for each in trial.visible if each not in seen]
 
 
 def _direct(trial: Trial, output: Output, levels: Sequence[int], left: int, doing: str) -> set[str]:
@@ -216,19 +202,15 @@ def reopen(trial: Trial) -> str | None:
     probe = trial.new()
     probe.close()
     for _ in range(3):
-        try:
-            probe.open()
-            for text in trial.channels:
-                probe.initialize(text, trial.default(text))
-            for output in trial.visible:
-                trial.expect(probe, output, output.default, f"initialize({output.default}) of a driver opened again")
-            for text in trial.channels:
-                _use(trial, probe, text)
-        except OSError as error:
-            raise RuleBroken(f"opened again, {call_of(error)} failed: {text_of(error)}") from error
-        finally:
-            with trial.own_error_first():
-                trial.leave(probe)
+        with trial.leaving(probe):
+            try:
+                trial.bring_up(probe)
+                for output in trial.visible:
+                    trial.expect(probe, output, output.default, f"initialize({output.default}) when opened again")
+                for text in trial.channels:
+                    _use(trial, probe, text)
+            except OSError as error:
+                raise RuleBroken(f"opened again, {call_of(error)} failed: {text_of(error)}") from error
         probe.close()
         for output in trial.subject.outputs[:1]:
             _leave_at(trial, output, output.other())

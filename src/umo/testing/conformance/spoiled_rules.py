@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from functools import partial
 from random import Random
-from typing import Any
 
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.recovery import recovers, rewrite, values
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
-from umo.testing.conformance.spoiling import MOST, NO_ANSWER, Spoilt, each_spoiled, spoiled_read
+from umo.testing.conformance.spoiling import MAX_CHANNELS, NO_ANSWER, Spoilt, each_spoiled, spoiled_read
 from umo.testing.conformance.traffic import Change
-from umo.testing.conformance.trial import Trial
+from umo.testing.conformance.trial import DriverCall, Trial
 
 UNSTEADY = (
     "whether answers to reads carry a number is not seen, as nothing says that an input stays the same "
@@ -39,29 +38,32 @@ def late_answer(trial: Trial) -> str | None:
     return None if trial.line.ordered else "on a serial line: answers that come before the next request"
 
 
-SpoiledCall = tuple[Callable[..., object], tuple[Any, ...]]
+def _reads(trial: Trial, probe: Probe) -> list[DriverCall]:
+    return [partial(probe.read, text) for text in trial.readable[:MAX_CHANNELS]]
 
 
-def _calls(trial: Trial, probe: Probe) -> list[SpoiledCall]:
+def _writes(trial: Trial, probe: Probe) -> list[DriverCall]:
+    return [partial(probe.write, each.channel, each.other()) for each in trial.subject.outputs[:1]]
+
+
+def _calls(trial: Trial, probe: Probe) -> list[DriverCall]:
     """Reads of two channels, and a write."""
-    found: list[SpoiledCall] = [(probe.read, (text,)) for text in trial.readable[:MOST]]
-    found += [(probe.write, (each.channel, each.other())) for each in trial.subject.outputs[:1]]
-    return found
+    return _reads(trial, probe) + _writes(trial, probe)
 
 
-def _comes_late(trial: Trial, probe: Probe, behind: bool, asked: SpoiledCall, later: SpoiledCall) -> bool:
+def _comes_late(trial: Trial, probe: Probe, behind: bool, asked: DriverCall, later: DriverCall) -> bool:
     """Whether the first call had an answer, which came after its timeout."""
     line = trial.line
     _alive(trial, probe)
     before = line.spoiled
     with line.late(behind=behind):
-        error = trial.failure(asked[0], *asked[1])
+        error = trial.failure(asked)
     first = trial.watch.doing
     if line.spoiled == before:
         return False
     if error is None:
         raise RuleBroken(f"{first} succeeded before its answer came")
-    error, lost = trial.unanswered(later[0], *later[1])
+    error, lost = trial.unanswered(later)
     if error is None and lost:
         raise RuleBroken(f"{trial.watch.doing} took the late answer to the {first}")
     return True
@@ -83,26 +85,16 @@ def _late_level(trial: Trial, probe: Probe, behind: bool) -> bool:
         trial.failure(probe.read, view)
     probe.timeout = trial.patience
     rewrite(trial, probe, output, new, f"a timeout of {view}")
-    there, found = trial.comes_to(lambda: _read_twice(probe, view), lambda level: trial.same(output, new, level))
+    there, found = trial.comes_to(lambda: trial.insist(probe.read, view), lambda level: trial.same(output, new, level))
     if not there and not trial.fallen(view, found):
         raise RuleBroken(f"{view} read {found} after a timeout of it; {output.channel} is at {new}")
     return line.spoiled > before
 
 
-def _read_twice(probe: Probe, text: str) -> int:
-    """The second time only if the first fails: with that the driver may find out what it has to."""
-    try:
-        return probe.read(text)
-    except OSError:
-        return probe.read(text)
-
-
 def _alive(trial: Trial, probe: Probe) -> None:
     """A call that succeeds, so that the driver is connected; then the short timeout. After a failure it may fail."""
     probe.timeout = trial.patience
-    call, arguments = trial.transfers(probe)[0]
-    if trial.failure(call, *arguments) is not None:
-        call(*arguments)
+    trial.insist(trial.transfers(probe)[0])
     trial.hurry(probe)
 
 
@@ -113,9 +105,7 @@ def answer_in_pieces(trial: Trial) -> None:
         expected, before = values(trial, probe), line.spoiled
         with line.split():
             recovers(trial, probe, expected, "an answer in pieces", tries=1)
-            for call, arguments in trial.transfers(probe):
-                if (error := trial.failure(call, *arguments)) is not None:
-                    raise RuleBroken(f"{trial.watch.doing} failed with an answer in pieces: {error}")
+            trial.must_work(probe, "answers come in pieces")
     if line.spoiled == before:
         raise NotTried(NO_ANSWER)
 
@@ -130,15 +120,16 @@ def old_answer(trial: Trial) -> None:
     with trial.opened() as probe:
         tried = False
         why = [] if trial.known or not trial.readable else [UNSTEADY]
-        for call, arguments in [*_steady_reads(trial, probe), *_calls(trial, probe)[len(trial.readable[:MOST]) :]]:
+        steady: list[DriverCall] = [partial(probe.read, text) for text in trial.known[:1]]
+        for call in [*steady, *_writes(trial, probe)]:
             _alive(trial, probe)
-            old = _numbered(trial, probe, call, arguments)
+            old = _numbered(trial, probe, call)
             if isinstance(old, str):
                 why.append(old)
                 continue
-            for later, its in _calls(trial, probe):
+            for later in _calls(trial, probe):
                 _alive(trial, probe)
-                found, changed = trial.spoiled(lambda answer: old, False, later, *its)  # noqa: B023
+                found, changed = trial.spoiled(lambda answer: old, False, later)  # noqa: B023
                 if changed and not isinstance(found, OSError):
                     raise RuleBroken(f"{trial.watch.doing} succeeded with an earlier answer")
                 tried |= changed
@@ -147,18 +138,13 @@ def old_answer(trial: Trial) -> None:
         raise NotTried("; ".join(why) or NO_ANSWER)
 
 
-def _steady_reads(trial: Trial, probe: Probe) -> Iterator[SpoiledCall]:
-    for text in trial.known[:1]:
-        yield probe.read, (text,)
-
-
-def _numbered(trial: Trial, probe: Probe, call: Callable[..., object], arguments: tuple[Any, ...]) -> bytes | str:
+def _numbered(trial: Trial, probe: Probe, call: DriverCall) -> bytes | str:
     """An answer to the call, which has a number in it, or why it is not known to have one."""
     probe.timeout = trial.patience
     line = trial.line
     line.exchanges.clear()
     for _ in range(4):
-        call(*arguments)
+        call()
     doing = trial.watch.doing
     line.settle()
     trial.hurry(probe)
@@ -193,7 +179,7 @@ def short_answer(trial: Trial) -> str | None:
         ],
     )
     with trial.opened() as probe:
-        for text in trial.known[:MOST]:
+        for text in trial.known[:MAX_CHANNELS]:
             for hangup in (False, True):
                 spoiled_read(trial, probe, text, Spoilt("an answer without its end", lambda a: a[:-1], hangup))
     return whole

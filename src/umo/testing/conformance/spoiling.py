@@ -13,10 +13,10 @@ from umo.testing.conformance.subject import Output
 from umo.testing.conformance.traffic import Change
 from umo.testing.conformance.trial import Trial
 
-MOST = 2
+MAX_CHANNELS = 2
 """Channels that are tried with each spoiled answer."""
 NO_ANSWER = "the device answers neither reads nor writes over the line"
-ENVELOPE = 2
+ENVELOPE_SIZE = 2
 """Bytes by which an answer is longer than its value where it has a structure."""
 
 
@@ -35,9 +35,9 @@ def each_spoiled(trial: Trial, ways: list[Spoilt], structured: bool = False) -> 
     """Reads and a write with each of the answers; `structured`: only answers that have a structure."""
     tried, plain = set(), set()
     with trial.opened() as probe:
-        texts = [trial.view(each) for each in trial.viewed[:MOST]]
+        texts = [trial.view(each) for each in trial.viewed[:MAX_CHANNELS]]
         texts += [text for text in trial.readable if text not in texts and trial.default(text) is None]
-        texts = texts[:MOST]
+        texts = texts[:MAX_CHANNELS]
         if structured:
             plain = {text for text in texts if not _has_structure(trial, probe, text)}
         for way in ways:
@@ -61,7 +61,7 @@ def _has_structure(trial: Trial, probe: Probe, text: str) -> bool:
         return trial.subject.structured
     if answer[-1:] in b"\r\n;>" and answer.isascii() and len(answer) > 1:
         return True
-    return trial.subject.checksum or len(answer) >= -(-probe.channel(text).bits // 8) + ENVELOPE
+    return trial.subject.checksum or len(answer) >= -(-probe.channel(text).bits // 8) + ENVELOPE_SIZE
 
 
 def _acknowledged(trial: Trial, probe: Probe) -> bool:
@@ -70,7 +70,7 @@ def _acknowledged(trial: Trial, probe: Probe) -> bool:
     probe.timeout = trial.patience
     probe.write(output.channel, output.other())
     answer = _answer(trial, probe, probe.write, output.channel, output.default)
-    return trial.subject.structured and (not answer or trial.subject.checksum or len(answer) > ENVELOPE)
+    return trial.subject.structured and (not answer or trial.subject.checksum or len(answer) > ENVELOPE_SIZE)
 
 
 def _answer(trial: Trial, probe: Probe, call: Callable[..., object], *arguments: Any) -> bytes:

@@ -41,15 +41,11 @@ def end(trial: Trial) -> str | None:
     trial.restore(always=True)
     if trial.unreached:
         raise RuleBroken(f"{some(trial.unreached)} could not be brought to the default")
-    probe = trial.new()
-    try:
+    with trial.leaving(trial.new()) as probe:
         probe.open()
         for output in trial.visible:  # reset again: a model that is opened anew knows nothing of the reset before
             probe.reset(output.channel, output.default)
             trial.expect(probe, output, output.default, f"reset({output.default}) at the end")
-    finally:
-        with trial.own_error_first():
-            trial.leave(probe)
     _check_closed(trial, probe)
     return trial.looked()
 

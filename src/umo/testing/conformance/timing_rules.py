@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from time import sleep
 from typing import Any
 
 from umo.presentation.durations import duration
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
-from umo.testing.conformance.trial import Trial
+from umo.testing.conformance.trial import DriverCall, Trial
 
 TRIES = 3
 """Calls of which the shortest counts: the computer may have been busy with something else."""
-STEADY = 0.3
-"""s: the timeout of a call whose answer trickles, so that two waits in place of one can be told."""
-STEP = 0.7
-"""Part of the timeout between two bytes that trickle."""
-DELAY = 2.0
-"""Times the short timeout by which an answer is late that a longer timeout waits for; at most this many s."""
+TRICKLE_TIMEOUT = 0.3
+"""Timeout in s of a call whose answer trickles, so that two waits in place of one can be told."""
+TRICKLE_STEP = 0.7
+"""Share of the timeout between two bytes that trickle."""
+MAX_DELAY = 2.0
+"""Delay in s at most of an answer that a longer timeout waits for; it is twice the short timeout."""
 
 
 @rule(
@@ -30,28 +31,29 @@ DELAY = 2.0
 def timeout(trial: Trial) -> None:
     line = trial.line
     with trial.opened() as probe:
-        for call, arguments in trial.transfers(probe):
-            call(*arguments)  # what is kept of it must not be given later
+        trial.use(probe)  # what is kept of it must not be given later
         trial.hurry(probe)
-        first = [(probe.initialize, (each.channel, each.default)) for each in trial.subject.outputs[:1]]
-        for call, arguments in (*first, *trial.transfers(probe)):
-            error, lost = _lost_in_time(trial, probe, call, *arguments)
+        first: list[DriverCall] = [
+            partial(probe.initialize, each.channel, each.default) for each in trial.subject.outputs[:1]
+        ]
+        for call in (*first, *trial.transfers(probe)):
+            error, lost = _lost_in_time(trial, probe, call)
             if error is None and lost:
                 raise RuleBroken(f"{trial.watch.doing} succeeded without an answer")
             if error is not None and not isinstance(error, TimeoutError):
                 raise RuleBroken(f"{trial.watch.doing} raised {type(error).__name__}, not a TimeoutError: {error}")
         with line.endless(trial.haste / 4):
-            for call, arguments in trial.transfers(probe)[1::2]:  # the blocks
-                in_time(trial, probe, call, *arguments)
+            for call in trial.transfers(probe)[1::2]:  # the blocks
+                in_time(trial, probe, call)
     probes = [trial.new() for _ in range(TRIES)]
     with line.silent():
         _open_in_time(trial, probes)
     _without_a_connection(trial)
 
 
-def _lost_in_time(trial: Trial, probe: Probe, call: Callable[..., object], *arguments: Any) -> tuple[Any, bool]:
+def _lost_in_time(trial: Trial, probe: Probe, call: DriverCall) -> tuple[OSError | None, bool]:
     for _ in range(TRIES):
-        found = trial.unanswered(call, *arguments)
+        found = trial.unanswered(call)
         if trial.watch.took <= allowed(probe.timeout):
             return found
     raise RuleBroken(_slow(trial, probe.timeout))
@@ -78,8 +80,8 @@ def _without_a_connection(trial: Trial) -> None:
         trial.hurry(probe)
         with trial.line.unreachable() as possible:
             if possible:
-                for call, arguments in trial.transfers(probe, default=False)[1::2]:
-                    if in_time(trial, probe, call, *arguments) is None:
+                for call in trial.transfers(probe, default=False)[1::2]:
+                    if in_time(trial, probe, call) is None:
                         raise RuleBroken(f"{trial.watch.doing} succeeded without a connection")
                 _open_in_time(trial, others)
 
@@ -99,7 +101,7 @@ def allowed(timeout: float) -> float:
 
 
 def _slow(trial: Trial, timeout: float) -> str:
-    return f"{trial.watch.doing} took {trial.watch.took * 1e3:.0f} ms, its timeout is {duration(timeout)}"
+    return f"{trial.watch.doing} took {duration(round(trial.watch.took, 3))}, its timeout is {duration(timeout)}"
 
 
 @rule(
@@ -109,22 +111,22 @@ def _slow(trial: Trial, timeout: float) -> str:
 )
 def one_deadline(trial: Trial) -> None:
     line, tried = trial.line, False
-    steady = max(trial.haste, STEADY)
+    steady = max(trial.haste, TRICKLE_TIMEOUT)
 
     def half(answer: bytes) -> bytes:
         sleep(0.9 * steady)
         return answer[: len(answer) // 2]
 
     with trial.opened() as probe:
-        for call, arguments in trial.transfers(probe)[::2]:
+        for call in trial.transfers(probe)[::2]:
             probe.timeout = trial.patience
-            call(*arguments)  # connected
+            call()  # connected
             probe.timeout = steady
             before = line.spoiled
-            with line.trickling(STEP * steady):
-                in_time(trial, probe, call, *arguments)
+            with line.trickling(TRICKLE_STEP * steady):
+                in_time(trial, probe, call)
             with line.spoiling(half):
-                in_time(trial, probe, call, *arguments)
+                in_time(trial, probe, call)
             tried |= line.spoiled > before
     if not tried:
         raise NotTried("no call was answered")
@@ -136,32 +138,26 @@ def one_deadline(trial: Trial) -> None:
     Cost(opens=2, each=3, waits=8),
 )
 def patience(trial: Trial) -> str | None:
-    delay = min(2 * trial.haste, DELAY, trial.patience / 2)
+    delay = min(2 * trial.haste, MAX_DELAY, trial.patience / 2)
     quick = min(trial.haste, delay / 2)
-    probe = trial.new()
 
     def slow(answer: bytes) -> bytes:
         sleep(delay)
         return answer
 
     line = trial.line
-    try:
+    with trial.leaving(trial.new()) as probe:
         hurried = _open_in_a_hurry(probe, trial, quick)
         probe.timeout = trial.patience
         for text in trial.channels:
             probe.initialize(text, trial.default(text))
         with line.spoiling(slow):
-            for call, arguments in trial.transfers(probe)[::-2]:  # the last is a reset
+            for call in trial.transfers(probe)[::-2]:  # the last is a reset
                 probe.timeout = quick
                 probe.timeout = trial.patience
-                if (error := trial.failure(call, *arguments)) is not None:
-                    raise RuleBroken(
-                        f"{trial.watch.doing} failed with a timeout of {trial.patience:g} s and an answer after "
-                        f"{delay:g} s: {error}"
-                    )
-    finally:
-        with trial.own_error_first():
-            trial.leave(probe)
+                if (error := trial.failure(call)) is not None:
+                    times = f"a timeout of {duration(trial.patience)} and an answer after {duration(delay)}"
+                    raise RuleBroken(f"{trial.watch.doing} failed with {times}: {error}")
     return None if hurried else f"open needs more than {duration(quick)}: it was opened with the longer timeout"
 
 

@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from functools import partial
 from math import inf
 from time import monotonic
-from typing import Any
+from typing import Any, TypeVar
 
 from umo.errors import text_of
 from umo.testing.conformance.budget import Budget, CallTime
 from umo.testing.conformance.certificate import TransferTime
 from umo.testing.conformance.probe import Probe, call_of
 from umo.testing.conformance.process import State, state, threads
-from umo.testing.conformance.rules import NotTried
+from umo.testing.conformance.rules import NotTried, RuleBroken
 from umo.testing.conformance.sight import Sight
 from umo.testing.conformance.subject import Subject
 from umo.testing.conformance.taps import Tap
 from umo.testing.conformance.traffic import Change, Traffic
 
+DriverCall = Callable[[], object]
+"""A call of the driver."""
+T = TypeVar("T")
 MEASURED = 3
+"""Calls of each kind from which the time of a call is measured."""
 HASTE_LEAST = 0.2
 """s: no shorter timeout is chosen by the kit itself."""
 HASTE = 10
@@ -38,6 +43,8 @@ class Trial(Sight):
         self.haste = subject.timeout
         """s: the timeout of calls that must time out."""
         self.share = 0.0
+        self.left_out: list[str] = []
+        """What the present rule left out for want of time, in words."""
         self.times: dict[str, TransferTime] = {}
         self.kept: dict[str, Any] = {}
         """Results that several rules share."""
@@ -56,8 +63,8 @@ class Trial(Sight):
         began = monotonic()
         taken = []
         with self.opened() as probe:
-            for call, arguments in self.transfers(probe) * MEASURED:
-                call(*arguments)
+            for call in self.transfers(probe) * MEASURED:
+                call()
                 taken.append(self.watch.took)
         opening = monotonic() - began - sum(taken)
         self.haste = min(self.subject.timeout, max(HASTE_LEAST, HASTE * max(taken, default=0.0)))
@@ -68,33 +75,58 @@ class Trial(Sight):
         """Its calls have a timeout that is waited for from now on."""
         probe.timeout = self.haste
 
-    def spare(self, rule: str, left: Sequence[str]) -> None:
-        """Note what a rule left out for want of time."""
-        if left:
-            self.budget.parts.append(f"{rule}: {'; '.join(left)}")
+    def as_time_allows(self, tasks: Sequence[T], fewest: int, what: str) -> Iterator[T]:
+        """The tasks of a rule, `fewest` of them at any rate, the others as long as there is time. `what` they are, if
+        some are left out: "blocks"."""
+        for number, task in enumerate(tasks):
+            if number >= fewest and not self.budget.more:
+                self.left_out.append(f"{number} of {len(tasks)} {what}")
+                return
+            self.share = number / len(tasks)
+            yield task
 
-    def transfers(self, probe: Probe, default: bool = True) -> list[tuple[Callable[..., object], tuple[Any, ...]]]:
-        """One call of each kind: its function and arguments. Outputs are written their defaults, or other levels."""
-        found: list[tuple[Callable[..., object], tuple[Any, ...]]] = []
+    def transfers(self, probe: Probe, default: bool = True) -> list[DriverCall]:
+        """One call of each kind. Outputs are written their defaults, or other levels."""
+        found: list[DriverCall] = []
         if self.readable:
-            found += [(probe.read, (self.readable[0],)), (probe.read_many, (self.readable,))]
+            found += [partial(probe.read, self.readable[0]), partial(probe.read_many, self.readable)]
         if outputs := self.subject.outputs:
             texts = [each.channel for each in outputs]
             raws = [each.default if default else each.other() for each in outputs]
-            found += [(probe.write, (texts[0], raws[0])), (probe.write_many, (texts, raws))]
-            found += [(probe.reset, (texts[-1], outputs[-1].default))]
+            found += [partial(probe.write, texts[0], raws[0]), partial(probe.write_many, texts, raws)]
+            found += [partial(probe.reset, texts[-1], outputs[-1].default)]
         return found
+
+    def use(self, probe: Probe) -> None:
+        """A call of each kind, which has to succeed."""
+        for call in self.transfers(probe):
+            call()
+
+    def try_out(self, probe: Probe) -> None:
+        """A call of each kind, which may fail."""
+        for call in self.transfers(probe):
+            self.failure(call)
+
+    def must_work(self, probe: Probe, since: str, default: bool = True) -> None:
+        """RuleBroken if a call of any kind fails."""
+        for call in self.transfers(probe, default):
+            if (error := self.failure(call)) is not None:
+                raise RuleBroken(f"since {since}, {self.watch.doing} fails: {text_of(error)}")
+
+    def insist(self, call: Callable[..., T], *arguments: Any) -> T:
+        """A call that may fail once: only then the driver may find out what the calls before have left behind."""
+        with suppress(OSError):
+            return call(*arguments)
+        return call(*arguments)
 
     def dead(self) -> str:
         """Why the device cannot be used at all; empty if it can."""
         probe, doing = None, ""
         try:
             probe = self.new()
-            probe.open()
-            for text in self.channels:
-                probe.initialize(text, self.default(text))
-            for call, arguments in self.transfers(probe):
-                call(*arguments)
+            self.bring_up(probe)
+            for call in self.transfers(probe):
+                call()
                 doing = self.watch.doing
         except OSError as error:
             missing = self.subject.line.missing if self.subject.line is not None else ""
@@ -160,5 +192,5 @@ class Trial(Sight):
         away = self.subject.gone if self.subject.line is None else self.subject.line.silent
         if away is not None:
             with away():
-                for call, arguments in self.transfers(probe, default=False)[::3]:  # a read and a write
-                    self.failure(call, *arguments)
+                for call in self.transfers(probe, default=False)[::3]:  # a read and a write
+                    self.failure(call)

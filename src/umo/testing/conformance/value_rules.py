@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from functools import partial
 
 import numpy as np
 
@@ -11,11 +11,11 @@ from umo.errors import DriverError
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.subject import Output
-from umo.testing.conformance.trial import Trial
+from umo.testing.conformance.trial import DriverCall, Trial
 from umo.text import some
 
 INT64 = 1 << 63
-FEWEST = 8
+FEWEST_LEVELS = 8
 """Levels of each output that are tried at any rate."""
 
 
@@ -33,19 +33,14 @@ def answers(trial: Trial) -> None:
     Cost(each=12, more=600),
 )
 def raw_range(trial: Trial) -> str | None:
-    left = []
     with trial.opened() as probe:
-        for number, output in enumerate(trial.seen):
-            samples = output.samples
-            for tried, raw in enumerate(samples):
-                if tried >= FEWEST and not trial.budget.more:
-                    left.append(f"{output.channel}: {tried} of {len(samples)} levels")
-                    break
-                trial.share = (number + tried / len(samples)) / len(trial.seen)
-                probe.write(output.channel, raw)
-                trial.expect(probe, output, raw, f"write({raw})")
-    trial.spare("range", left)
-    return trial.remark(*left)
+        tasks = [(output, raw) for output in trial.seen for raw in output.samples[:FEWEST_LEVELS]]
+        fewest = len(tasks)
+        tasks += [(output, raw) for output in trial.seen for raw in output.samples[FEWEST_LEVELS:]]
+        for output, raw in trial.as_time_allows(tasks, fewest, "levels"):
+            probe.write(output.channel, raw)
+            trial.expect(probe, output, raw, f"write({raw})")
+    return trial.remark()
 
 
 @rule("one beyond", "A raw level beyond the channel's bits is refused by an OSError, and changes nothing.",
@@ -82,15 +77,13 @@ def _beyond_words(probe: Probe, output: Output) -> tuple[int, ...]:
 def _refused(trial: Trial, probe: Probe, output: Output, raw: int) -> None:
     """Alone, in a block of one, and behind the others in a block."""
     before = [each for each in trial.visible if each != output]
-    blocks = [[output]] + ([[*before, output]] if before else [])
-    ways: list[tuple[Any, ...]] = [(probe.write, output.channel, raw)]
-    ways += [
-        (probe.write_many, [each.channel for each in block], [*(each.default for each in block[:-1]), raw])
-        for block in blocks
-    ]
-    for call, *arguments in ways:
+    calls: list[DriverCall] = [partial(probe.write, output.channel, raw)]
+    for others in [[], before] if before else [[]]:
+        texts = [each.channel for each in (*others, output)]
+        calls += [partial(probe.write_many, texts, [*(each.default for each in others), raw])]
+    for call in calls:
         probe.write(output.channel, output.default)
-        error = trial.failure(call, *arguments)
+        error = trial.failure(call)
         came_to = trial.level(probe, output)
         if error is None:
             raise RuleBroken(f"{trial.subject.name} took {raw} for {output.channel}, which is at {came_to} now")
