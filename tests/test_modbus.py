@@ -23,8 +23,6 @@ from helpers.peers.modbus_map import CELL, coil, discrete, holding, input_regist
 from umo import BinaryActuator, Compound, check
 from umo.drivers.contract import Driver
 from umo.drivers.modbus import Modbus
-from umo.drivers.modbus import driver as modbus
-from umo.drivers.modbus.plan import plan_reads
 from umo.drivers.streams import Stream, hosts
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, WiringError
 from umo.states import OnOff
@@ -169,7 +167,7 @@ def test_a_look_up_that_does_not_end_is_left_alone_and_the_name_stands_for_itsel
             ends.wait(PATIENT)
         raise socket.gaierror(socket.EAI_AGAIN, "no server")
 
-    with patch.object(socket, "getaddrinfo", stuck), patch.object(hosts, "LONGEST_LOOKUP", 0.01):
+    with patch.object(socket, "getaddrinfo", stuck), patch.object(hosts, "MAX_LOOKUP_TIME", 0.01):
         assert Modbus(host="press.lan").devices() == ["modbus tcp press.lan:502"]
         ends.set()
         for thread in threading.enumerate():
@@ -333,7 +331,7 @@ def test_a_watchdog_without_a_register_is_refused_like_one_that_does_not_exist(
 
 def test_a_plan_is_made_once_and_the_number_of_plans_is_bounded(start: Start, connected: Connect) -> None:
     driver = connected(start())
-    with patch.object(modbus, "plan_reads", wraps=plan_reads) as planning:
+    with patch.object(driver._reads, "_make", wraps=driver._reads._make) as planning:
         for _ in range(3):
             read(driver, "coil:1", "coil:2")
         assert planning.call_count == 1

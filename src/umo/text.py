@@ -54,6 +54,12 @@ def in_a_line(text: str) -> str:
     return "; ".join(line.strip() for line in text.splitlines() if line.strip())
 
 
+def reason_of(error: Exception) -> str:
+    """The text of the operating system for an error, as a part of a sentence."""
+    text = getattr(error, "strerror", None) or str(error)
+    return text[:1].lower() + text[1:]
+
+
 def in_brackets(*words: str) -> str:
     """` (one, other)`; words that are empty are left out."""
     text = ", ".join(filter(None, words))

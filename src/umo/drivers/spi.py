@@ -14,10 +14,7 @@ from umo.drivers.registers.driver import RegisterDriver
 from umo.drivers.registers.map import RegisterChannel
 from umo.errors import DriverError, WiringError
 
-_MODES = (0, 1, 2, 3)
-_ADDRESS_BITS = (0, 8, 16, 24)
-_WORDS = (8, 16, 32)
-_MAX_DUMMIES = 16
+_MAX_DUMMY_BYTES = 16
 
 
 class Spi(RegisterDriver):
@@ -74,12 +71,9 @@ class Spi(RegisterDriver):
         identity: dict[str, int] | None = None,
         setup: dict[str, int] | None = None,
     ) -> None:
-        for name, value, choices in (
-            ("mode", mode, _MODES),
-            ("address_bits", address_bits, _ADDRESS_BITS),
-            ("bits_per_word", bits_per_word, _WORDS),
-        ):
-            one_of(name, value, choices)
+        one_of("mode", mode, (0, 1, 2, 3))
+        one_of("address_bits", address_bits, (0, 8, 16, 24))
+        one_of("bits_per_word", bits_per_word, (8, 16, 32))
         self.path = f"/dev/spidev{within('bus', bus, 0, 65535)}.{within('chip_select', chip_select, 0, 255)}"
         self._settings: dict[str, int] = {"mode": mode, "bits_per_word": bits_per_word}
         self._settings["max_speed_hz"] = within("max_speed_hz", max_speed_hz, 1, 1_000_000_000)
@@ -91,7 +85,7 @@ class Spi(RegisterDriver):
             masks["read_mask"] = 0
         self._masks = {name: within(name, mask, 0, highest) for name, mask in masks.items()}
         self._shift = within("address_shift", address_shift, 0, max(address_bits - 1, 0))
-        self._dummies = within("dummy_bytes", dummy_bytes, -self._command, _MAX_DUMMIES)
+        self._dummies = within("dummy_bytes", dummy_bytes, -self._command, _MAX_DUMMY_BYTES)
         self._spidev = library("spidev", "spidev")
         self._device: Any = None
         super().__init__(registers or {}, page_register, auto_increment, identity or {}, setup or {}, address_bits)

@@ -10,6 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from umo.errors import DriverError, WiringError
+from umo.text import reason_of
 
 
 class ReportFile:
@@ -27,7 +28,7 @@ class ReportFile:
             self._fill_draft("")
             self._draft.unlink()
         except (OSError, RuntimeError, ValueError) as error:  # the last two: a loop of symlinks, a null byte
-            raise WiringError(f"no report can be written to {path}: {_reason(error)}") from None
+            raise WiringError(f"no report can be written to {path}: {reason_of(error)}") from None
 
     def write(self, content: Mapping[str, object]) -> None:
         """DriverError where it cannot be written any more; the file then is as it was."""
@@ -38,7 +39,7 @@ class ReportFile:
         except OSError as error:
             with suppress(OSError):
                 self._draft.unlink()
-            raise DriverError(f"the report {self._given} cannot be written: {_reason(error)}") from None
+            raise DriverError(f"the report {self._given} cannot be written: {reason_of(error)}") from None
 
     def _look(self) -> None:
         try:
@@ -52,8 +53,3 @@ class ReportFile:
         self._draft.unlink(missing_ok=True)
         with self._draft.open("x") as file:  # a new file, not one that somebody else has put there
             file.write(text)
-
-
-def _reason(error: Exception) -> str:
-    text = (error.strerror if isinstance(error, OSError) else None) or str(error)
-    return text[:1].lower() + text[1:]

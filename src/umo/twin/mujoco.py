@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import importlib
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -90,7 +91,7 @@ def _name(model: Any, number: int) -> str:
 
 def _shape(mj: Any, model: Any, geom: int) -> Shape | None:
     """None for what is not drawn: planes, height fields, what is transparent."""
-    kinds, kind = mj.mjtGeom, model.geom_type[geom]
+    kinds = mj.mjtGeom
     r, g, b, opacity = _colour(model, geom)
     options: dict[str, Any] = {
         "position": _floats(model.geom_pos[geom]),
@@ -100,24 +101,19 @@ def _shape(mj: Any, model: Any, geom: int) -> Shape | None:
     }
     x, y, z = _floats(model.geom_size[geom])
     whole = (2 * x, 2 * y, 2 * z)
-    if opacity == 0.0:
-        return None
-    if kind == kinds.mjGEOM_BOX:
-        return Cuboid(whole, **options)
-    if kind == kinds.mjGEOM_ELLIPSOID:
-        return Ellipsoid(whole, **options)
-    if kind == kinds.mjGEOM_SPHERE:
-        return Sphere(x, **options)
-    if kind == kinds.mjGEOM_CYLINDER:
-        return Cylinder(x, 2 * y, **options)
-    if kind == kinds.mjGEOM_CAPSULE:
-        return Capsule(x, 2 * y, **options)
-    if kind == kinds.mjGEOM_MESH:
-        return _mesh(model, int(model.geom_dataid[geom]), options)
-    return None
+    shapes: dict[int, Callable[..., Shape]] = {
+        int(kinds.mjGEOM_BOX): partial(Cuboid, whole),
+        int(kinds.mjGEOM_ELLIPSOID): partial(Ellipsoid, whole),
+        int(kinds.mjGEOM_SPHERE): partial(Sphere, x),
+        int(kinds.mjGEOM_CYLINDER): partial(Cylinder, x, 2 * y),
+        int(kinds.mjGEOM_CAPSULE): partial(Capsule, x, 2 * y),
+        int(kinds.mjGEOM_MESH): partial(_mesh, model, int(model.geom_dataid[geom])),
+    }
+    shape = shapes.get(int(model.geom_type[geom]))
+    return shape(**options) if shape is not None and opacity else None
 
 
-def _mesh(model: Any, mesh: int, options: dict[str, Any]) -> Mesh:
+def _mesh(model: Any, mesh: int, **options: Any) -> Mesh:
     vertex, face = int(model.mesh_vertadr[mesh]), int(model.mesh_faceadr[mesh])
     vertices = model.mesh_vert[vertex : vertex + model.mesh_vertnum[mesh]]
     faces = model.mesh_face[face : face + model.mesh_facenum[mesh]]
@@ -134,7 +130,7 @@ def _byte(share: float) -> int:
 
 
 def _view(model: Any) -> Viewpoint | None:
-    """Of the first camera that stands in the world. It looks along its own -z, as far as the model's middle is."""
+    """The view of the first camera that stands in the world: along its own -z, as far as the model's middle is."""
     for number in range(model.ncam):
         if model.cam_bodyid[number] == 0:
             eye, ahead = model.cam_pos0[number], -model.cam_mat0[number].reshape(3, 3)[:, 2]

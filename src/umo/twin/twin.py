@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from graphlib import CycleError, TopologicalSorter
 from typing import Any
 
 from umo.cycle.frame import signals_of
@@ -37,8 +38,12 @@ class Twin:
                 raise DeclarationError(
                     f"twin: body {body.name!r} has no parent {body.parent!r}{did_you_mean(body.parent, known)}"
                 )
-        for body in self.bodies:
-            _check_circle(body, known)
+        try:
+            TopologicalSorter({body.name: [body.parent] for body in self.bodies if body.parent}).prepare()
+        except CycleError as error:
+            circle = error.args[1][::-1]
+            text = f"body {circle[0]!r} is carried by itself: {' < '.join(circle)}"
+            raise DeclarationError(f"twin: {text}") from None
 
     @classmethod
     def from_mujoco(
@@ -86,21 +91,12 @@ def entries_of(machine: Compound | Layout) -> list[Mapping[str, Any]]:
 
 
 def _paths(bodies: Sequence[Mapping[str, Any]]) -> Iterable[str]:
-    """Of every value that a body shows."""
+    """The paths of every value that a body shows."""
     for body in bodies:
         for kind in ("joints", "colours", "visible"):
             yield from (drive["path"] for drive in body[kind])
         for load in body["carried"]:
             yield from (load["sensor"], load["speed"])
-
-
-def _check_circle(body: Body, known: Mapping[str, Body]) -> None:
-    passed = [body.name]
-    while body.parent is not None:
-        body = known[body.parent]
-        if body.name in passed:
-            raise DeclarationError(f"twin: body {body.name!r} is carried by itself: {' < '.join([*passed, body.name])}")
-        passed.append(body.name)
 
 
 Declaration = Callable[[Any], Twin]

@@ -11,7 +11,7 @@ for a single path outranks a pattern, and keeps its number.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from umo.errors import Mistake, PathError
@@ -50,45 +50,50 @@ def expand(source: WiringSource, paths: Iterable[str]) -> dict[str, str]:
     source.refused |= {path for each in filter(is_pattern, singles) for path in paths if matches(each, path)}
     for path, entry in source.entries.items():
         _check_numbering(source, path, entry, single=True)
-    origin: dict[str, str] = {}
-    twice: dict[tuple[str, str], list[str]] = {}
     for pattern, entry in patterns.items():
         _check_numbering(source, pattern, entry, single=False)
-        found = [path for path in paths if matches(pattern, path)]
-        if not found:
-            near = source.near(pattern, dict.fromkeys(map(generalised, paths)))
-            source.mistake(f'wire."{pattern}"', f"no object of the machine matches{near}")
-        for number, path in enumerate(found):
-            if path in origin:
-                twice.setdefault((pattern, origin[path]), []).append(path)
-            elif path not in singles:
-                origin[path] = pattern
-                source.entries[path] = _numbered(entry, number)
-    for (pattern, other), found in twice.items():
-        source.mistake(f'wire."{pattern}"', counted(f"{found[0]} is wired by {other!r} as well", len(found) - 1))
-    return origin
+    allotted = _allotted(source, patterns, paths, singles, 'wire."{}"', "no object of the machine matches", "wired")
+    for pattern, found in allotted.items():
+        source.entries |= {path: _numbered(patterns[pattern], number) for path, number in found.items()}
+    return {path: pattern for pattern, found in allotted.items() for path in found}
 
 
 def expand_parameters(source: WiringSource, known: Iterable[str]) -> dict[str, list[tuple[str, Any]]]:
     """The names, each with its value, that every line of the parameters sets: a pattern those that match and have no
     line of their own."""
-    found: dict[str, list[tuple[str, Any]]] = {}
+    given = source.parameters
+    patterns = list(filter(is_pattern, given))
+    allotted = _allotted(source, patterns, list(known), given, "parameters.{!r}", "no such parameter", "set")
+    return {key: [(name, value) for name in allotted.get(key, (key,))] for key, value in given.items()}
+
+
+def _allotted(
+    source: WiringSource,
+    patterns: Iterable[str],
+    names: Sequence[str],
+    singles: Container[str],
+    key: str,
+    missing: str,
+    done: str,
+) -> dict[str, dict[str, int]]:
+    """The names that each pattern stands for, each with its number among those that match: those that have no line of
+    their own (`singles`). A pattern that matches none, or what another one stands for, is a mistake (of this `key`)."""
     origin: dict[str, str] = {}
+    allotted: dict[str, dict[str, int]] = {}
     twice: dict[tuple[str, str], list[str]] = {}
-    for key, value in source.parameters.items():
-        names = [name for name in known if matches(key, name)] if is_pattern(key) else [key]
-        if not names:
-            near = source.near(key, dict.fromkeys(map(generalised, known)))
-            source.mistake(f"parameters.{key!r}", f"no such parameter{near}")
-        own = [name for name in names if name == key or name not in source.parameters]
-        for name in own:
-            if name in origin:
-                twice.setdefault((key, origin[name]), []).append(name)
-            origin[name] = key
-        found[key] = [(name, value) for name in own]
-    for (pattern, other), names in twice.items():
-        source.mistake(f"parameters.{pattern!r}", counted(f"{names[0]} is set by {other!r} as well", len(names) - 1))
-    return found
+    for pattern in patterns:
+        found = [name for name in names if matches(pattern, name)]
+        if not found:
+            near = source.near(pattern, dict.fromkeys(map(generalised, names)))
+            source.mistake(key.format(pattern), f"{missing}{near}")
+        free = {name: number for number, name in enumerate(found) if name not in singles}
+        for name in filter(origin.__contains__, free):
+            twice.setdefault((pattern, origin[name]), []).append(name)
+        allotted[pattern] = {name: number for name, number in free.items() if name not in origin}
+        origin |= dict.fromkeys(allotted[pattern], pattern)
+    for (pattern, other), found in twice.items():
+        source.mistake(key.format(pattern), counted(f"{found[0]} is {done} by {other!r} as well", len(found) - 1))
+    return allotted
 
 
 def collapsed(faults: Iterable[Mistake], origin: Mapping[str, str]) -> list[Mistake]:

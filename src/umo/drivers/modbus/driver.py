@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from time import monotonic
 from typing import TYPE_CHECKING, Literal
 
@@ -22,9 +23,10 @@ from umo.presentation.durations import duration as duration_text
 if TYPE_CHECKING:
     from umo.drivers.modbus.unit import Unit
 
-_LONGEST_WATCHDOG = 65.535
-_MOST_REGISTERS, _MOST_READ_BACK = 123, 121
-"""Registers of one write by function 16, and by function 23."""
+_MAX_WATCHDOG = 65.535
+"""Time in s that the watchdog's register can hold at most."""
+_MAX_REGISTERS, _MAX_READ_BACK = 123, 121
+"""Registers of one write at most, by function 16 and by function 23."""
 _DEFAULT = Host("127.0.0.1", 502, "modbus tcp"), Serial("", 19200, "even")
 
 
@@ -107,14 +109,15 @@ class Modbus(BlockDriver[ModbusChannel]):
         self._unit, self._answers_as = unit, answers_as
         self._little = word_order == "little"
         self.watchdog_register = watchdog_register
-        self._bridge_gaps = bridge_gaps
         self._read_write = read_write
         self._skip = 0.0 if skip_unchanged is None else duration("skip_unchanged", skip_unchanged)
         self._recovery = duration("recovery", recovery)
         self._unchanged = Unchanged(self._skip)
         self._protocol = library("umo.drivers.modbus.unit", "pymodbus") if self.place.prepared() else None
         self._connection: Unit | None = None
-        self._reads, self._writes = Plans(self._plan_reads), Plans(self._plan_writes)
+        most = _MAX_READ_BACK if read_write else _MAX_REGISTERS
+        self._reads = Plans[ModbusChannel, Requests](partial(plan_reads, bridge_gaps=bridge_gaps))
+        self._writes = Plans[ModbusChannel, Requests](partial(plan_writes, most_registers=most))
 
     def channel(self, text: str) -> ModbusChannel:
         return parse(text, little=self._little, unit=self._unit)
@@ -162,7 +165,7 @@ class Modbus(BlockDriver[ModbusChannel]):
     def check_watchdog(self, seconds: float) -> None:
         if self.watchdog_register is None:
             raise NoWatchdog("a watchdog needs the option watchdog_register")
-        if not 0 <= seconds <= _LONGEST_WATCHDOG:
+        if not 0 <= seconds <= _MAX_WATCHDOG:
             raise DriverError(f"a watchdog of {duration_text(seconds)} does not fit its register (0 to 65.535 s)")
         if seconds and self._skip and self._skip + self.period >= seconds:
             together = f"skip_unchanged and a period, {duration_text(self._skip + self.period)}"
@@ -214,9 +217,3 @@ class Modbus(BlockDriver[ModbusChannel]):
         except BaseException:
             self._unchanged.forget()
             raise
-
-    def _plan_reads(self, channels: Sequence[ModbusChannel]) -> Requests:
-        return plan_reads(channels, bridge_gaps=self._bridge_gaps)
-
-    def _plan_writes(self, channels: Sequence[ModbusChannel]) -> Requests:
-        return plan_writes(channels, most_registers=_MOST_READ_BACK if self._read_write else _MOST_REGISTERS)

@@ -9,24 +9,25 @@ from threading import Thread
 from time import monotonic
 from typing import Any
 
-from umo.drivers.streams.stream import Gone, Stream, TimedOut, plain
+from umo.drivers.streams.stream import Gone, Stream, TimedOut
 from umo.errors import DriverError
+from umo.text import reason_of
 
-LONGEST_LOOKUP = 2.0
-"""Seconds, for the names of devices. The resolver itself has no limit."""
+MAX_LOOKUP_TIME = 2.0
+"""Time in s for the look-up of a device's name. The resolver itself has no limit."""
 Found = list[tuple[Any, ...]]
-"""As `socket.getaddrinfo` returns it."""
+"""Result of `socket.getaddrinfo`."""
 
 
 def addresses(host: str) -> tuple[str, ...]:
     """Every numeric address of the host, IPv6 in brackets, so that two names of one device compare equal. A name that
     cannot be looked up stands for itself.
 
-    "Any address" (0.0.0.0, ::) becomes the loopback address; IPv4 within IPv6 becomes IPv4. Raises nothing and
-    ends within `LONGEST_LOOKUP`.
+    "Any address" (0.0.0.0, ::) is reached on this computer's own, IPv4 within IPv6 is IPv4. Raises nothing and
+    ends within `MAX_LOOKUP_TIME`.
     """
     try:
-        found = _found(host, None, LONGEST_LOOKUP)
+        found = _found(host, None, MAX_LOOKUP_TIME)
     except (OSError, ValueError):
         return (host.lower().rstrip("."),)
     return tuple(sorted({_normal(str(address[0]), address[3:]) for *_, address in found}))
@@ -48,7 +49,7 @@ class TcpDial:
             try:
                 connection = _connected(place, (deadline - monotonic()) / (len(self._found) - tried))
             except OSError as error:
-                why, timed_out = plain(error), isinstance(error, TimeoutError)
+                why, timed_out = reason_of(error), isinstance(error, TimeoutError)
             else:
                 return Stream(connection, "the device closed the connection")
         raise TimedOut if timed_out else Gone(why)
@@ -59,7 +60,7 @@ class TcpDial:
         except TimeoutError:
             raise TimedOut(f"{self._host} was not looked up") from None
         except OSError as error:
-            raise DriverError(f"{self._host}:{self._port}: {plain(error)}") from None
+            raise DriverError(f"{self._host}:{self._port}: {reason_of(error)}") from None
         except ValueError:  # UnicodeError, and a NUL
             raise DriverError(f"{self._host!r} is not the name of a host") from None
 

@@ -9,8 +9,10 @@ from contextlib import suppress
 from time import monotonic
 from typing import Protocol
 
-_MOST = 4096
-"""Bytes that are received at once."""
+from umo.text import reason_of
+
+_MAX_RECEIVED = 4096
+"""Bytes that are received at once, at most."""
 
 
 class Lost(Exception):
@@ -55,7 +57,7 @@ class Stream:
     def waiting(self) -> bytes:
         """What has come in so far, at most 4096 bytes. Raises Gone."""
         try:
-            return os.read(self._fd, _MOST) or self._ended()
+            return os.read(self._fd, _MAX_RECEIVED) or self._ended()
         except OSError as error:
             return _nothing(error)
 
@@ -65,7 +67,7 @@ class Stream:
         if left <= 0 or not self._in.poll(left * 1000):
             raise TimedOut
         try:
-            return os.read(self._fd, _MOST) or self._ended()
+            return os.read(self._fd, _MAX_RECEIVED) or self._ended()
         except OSError as error:
             return _nothing(error)
 
@@ -91,14 +93,8 @@ def _nothing(error: OSError) -> bytes:
     """What was transferred, b"": the stream is not ready. Any other error is Gone."""
     if isinstance(error, BlockingIOError):
         return b""
-    raise Gone(plain(error)) from None
-
-
-def plain(error: OSError) -> str:
-    """The text of the operating system, as a part of a sentence."""
-    text = error.strerror or str(error)
-    return text[:1].lower() + text[1:]
+    raise Gone(reason_of(error)) from None
 
 
 Dial = Callable[[float], Stream]
-"""Opens a stream by a deadline, in s of `monotonic`. Raises Lost or DriverError."""
+"""Function that opens a stream by a deadline, in s of `monotonic`. It raises Lost or DriverError."""
