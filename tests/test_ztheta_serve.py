@@ -34,7 +34,7 @@ from umo.plant.modbus_server import Connection, answer
 from umo.plant.register_map import RegisterMap, register_maps
 from umo.plant.report_file import ReportFile
 from umo.plant.serve import serve, serve_until_signal, turn
-from umo.plant.simulation import FAR_BEHIND, MOST_PERIODS, Pace, Simulation
+from umo.plant.simulation import MAX_LAG, MAX_PERIODS, Pace, Simulation
 from umo.process.station import find
 from umo.stations.ztheta.objects import machine
 from umo.stations.ztheta.plant import Plant
@@ -158,7 +158,7 @@ def test_every_period_is_taken_or_given_up_and_never_too_many_at_once(steps: lis
     for step in steps:
         now += step
         due = pace.due(now)
-        assert 0 <= due <= MOST_PERIODS
+        assert 0 <= due <= MAX_PERIODS
         taken += due
     while due := pace.due(now):
         taken += due
@@ -170,8 +170,8 @@ def test_a_short_delay_is_caught_up_with_and_a_long_one_is_not() -> None:
     pace = Pace(0.001, 0.0)
     assert [pace.due(0.0500001) for _ in range(4)] == [20, 20, 10, 0]
     assert pace.given_up == 0
-    assert pace.due(0.05 + (FAR_BEHIND + 1.5) * 0.001) == MOST_PERIODS
-    assert pace.given_up == FAR_BEHIND + 1 - MOST_PERIODS
+    assert pace.due(0.05 + (MAX_LAG + 1.5) * 0.001) == MAX_PERIODS
+    assert pace.given_up == MAX_LAG + 1 - MAX_PERIODS
 
 
 # The box ------------------------------------------------------------------------------------------
@@ -530,7 +530,7 @@ def test_a_signal_ends_the_server_with_the_report_written(number: signal.Signals
 def test_the_report_is_written_when_another_part_has_been_placed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(serving, "REPORT_EVERY", 0.0)
+    monkeypatch.setattr(serving, "REPORT_INTERVAL", 0.0)
     path, stop = tmp_path / "report.json", asyncio.Event()
     seen: set[int] = set()
     plant = FakePlant()
@@ -606,7 +606,7 @@ def test_a_report_never_follows_a_draft_that_somebody_else_has_put_there(tmp_pat
 def test_a_report_that_cannot_be_written_any_more_is_said_at_the_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(serving, "REPORT_EVERY", 0.0)
+    monkeypatch.setattr(serving, "REPORT_INTERVAL", 0.0)
     folder, stop = tmp_path / "folder", asyncio.Event()
     folder.mkdir()
     plant = FakePlant()

@@ -70,7 +70,7 @@ timeout = "30 ms"
 @pytest.fixture(autouse=True)
 def few_transfers(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where they are many in the search for what adds up."""
-    monkeypatch.setattr(long_run, "CALLS", 80)
+    monkeypatch.setattr(long_run, "LONG_RUN_TRANSFERS", 80)
     monkeypatch.setattr(leak_rules, "OPENINGS", 3)
     monkeypatch.setattr(growth, "CYCLES", 10)
 

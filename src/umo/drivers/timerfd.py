@@ -14,21 +14,22 @@ from umo.errors import DriverError
 
 CLOCK_MONOTONIC = 1
 TFD_TIMER_ABSTIME = 1
-MOST_AWAKE = 15 / 16
+MAX_AWAKE_SHARE = 15 / 16
 """Share of its processor that a thread which waits busily uses at most. The kernel holds up a real-time thread
 that uses more than 95 % (sched(7), sched_rt_runtime_us)."""
-LOOK_EVERY = 10, 30_000_000
-"""Periods, and ns at most, between two looks at the processor time: a system call, which in each period made the period
-longer."""
-MOST_OWED = 1, 2_000_000
-"""Periods, and ns at most, of sleep that are owed before a tick is waited for asleep."""
-NAP = 50_000_000
-"""ns of sleep, at most, before a look whether a stop has ended the wait."""
-LEFT_OUT = 8
+LOOK_INTERVAL = 10, 30_000_000
+"""Interval in periods, and in ns at most, between two looks at the processor time: a system call, which in each period
+made the period longer."""
+MAX_OWED_SLEEP = 1, 2_000_000
+"""Sleep in periods, and in ns at most, that may be owed before a tick is waited for asleep."""
+MAX_NAP = 50_000_000
+"""Sleep in ns at most before a look whether a stop has ended the wait."""
+LEFT_OUT_PERIODS = 8
 """Periods for which work is left out that did not end before its tick; doubled after each time in a row."""
-MOST_DOUBLINGS = 12
-FADE = 8
-"""A long time that the work took fades by this part in each period."""
+MAX_DOUBLINGS = 12
+"""Doublings of these periods at most."""
+FADING = 8
+"""Divisor of what the expected time of the work loses in each period after a long one."""
 TFD_CLOEXEC = getattr(os, "O_CLOEXEC", 0)
 
 
@@ -51,7 +52,7 @@ class WhileWaiting:
         self._work = work
         self._clock = clock
         self._took = 0
-        """ns that it is expected to take: its longest time of late."""
+        """Expected duration in ns: its longest one of late."""
         self._overran = 0
         """Times in a row that it did not end before its tick."""
         self._left_out = 0
@@ -63,15 +64,15 @@ class WhileWaiting:
             self._left_out -= 1
             return now
         if due - now <= self._took:
-            self._took -= self._took // FADE
+            self._took -= self._took // FADING
             return now
         self._work()
         after = self._clock()
         if after <= due:
-            self._took, self._overran = max(after - now, self._took - self._took // FADE), 0
+            self._took, self._overran = max(after - now, self._took - self._took // FADING), 0
         else:
-            self._left_out = LEFT_OUT << self._overran
-            self._overran = min(self._overran + 1, MOST_DOUBLINGS)
+            self._left_out = LEFT_OUT_PERIODS << self._overran
+            self._overran = min(self._overran + 1, MAX_DOUBLINGS)
         return after
 
 
@@ -98,23 +99,23 @@ class Ticker:
         self._fd = -1
         self._nanoseconds = round(period * 1e9)
         self._next = clock() + self._nanoseconds
-        self._look_after = min(LOOK_EVERY[0] * self._nanoseconds, LOOK_EVERY[1])
-        self._bearable = min(MOST_OWED[0] * self._nanoseconds, MOST_OWED[1])
+        self._look_after = min(LOOK_INTERVAL[0] * self._nanoseconds, LOOK_INTERVAL[1])
+        self._bearable = min(MAX_OWED_SLEEP[0] * self._nanoseconds, MAX_OWED_SLEEP[1])
         self._looked = 0, 0
         """The time and the processor time used when `_is_tired` looked last, in ns."""
         self._owed = 0.0
-        """ns that the thread should have slept by then and had not."""
+        """Sleep in ns that the thread should have had by then and had not."""
         self._napped = 0
-        """ns that it has slept since then for this reason."""
+        """Sleep in ns that it has had since then for this reason."""
         self._busy_wait = 0
         self._ended = False
-        """The wait is to end, or the next one."""
+        """Whether the wait is to end, or the next one."""
         self.meanwhile: WhileWaiting | None = None
-        """What is done between the waking up and the tick."""
+        """Work that is done between the waking up and the tick."""
         self.due = 0
-        """When the tick that ended the last `wait` was due, in ns of CLOCK_MONOTONIC."""
+        """Time at which the tick was due that ended the last `wait`, in ns of CLOCK_MONOTONIC."""
         self.woke = 0
-        """When the last `wait` went on, on the same clock: `woke - due` is how late it woke."""
+        """Time at which the last `wait` went on, on the same clock: `woke - due` is how late it woke."""
 
     def start(self) -> None:
         """The first tick comes one period from now."""
@@ -131,7 +132,7 @@ class Ticker:
     def wait_busily(self, seconds: float) -> None:
         """Sleep until so many seconds before each tick, and look at the clock from then on until it comes: the thread
         is awake, and its processor too. Costs this share of a processor. Where this and the work of the periods exceed
-        `MOST_AWAKE`, some ticks are waited for asleep."""
+        `MAX_AWAKE_SHARE`, some ticks are waited for asleep."""
         self._busy_wait = round(seconds * 1e9)
         if self._arm(self._next - self._busy_wait) < 0:
             self._refused()
@@ -151,7 +152,7 @@ class Ticker:
         if self._busy_wait and self._is_tired(now):
             self._napped += due - now
             while now < due and not self._ended:
-                self._nap(min(due - now, NAP) * 1e-9)
+                self._nap(min(due - now, MAX_NAP) * 1e-9)
                 now = clock()
         while now < wake_at:
             if self._ended:  # this once: a loop that goes on all the same keeps its pace
@@ -183,7 +184,7 @@ class Ticker:
         then, before = self._looked
         if now - then >= self._look_after:
             used = self._used()
-            self._owed = max(self._owed + (used - before) - MOST_AWAKE * (now - then), 0.0)
+            self._owed = max(self._owed + (used - before) - MAX_AWAKE_SHARE * (now - then), 0.0)
             self._looked, self._napped = (now, used), 0
         return self._owed - self._napped > self._bearable
 

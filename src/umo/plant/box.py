@@ -8,7 +8,7 @@ from .modbus_server import DEVICE_FAILURE, ILLEGAL_ADDRESS, ILLEGAL_VALUE, Excep
 from .register_map import Point, RegisterMap
 from .simulation import Simulation
 
-WRITES = frozenset((5, 6, 15, 16, 23))
+WRITE_FUNCTIONS = frozenset((5, 6, 15, 16, 23))
 
 
 class Watchdog:
@@ -58,7 +58,7 @@ class Box:
             for point in registers.points
             for offset in range(point.cells)
         }
-        """What stands at an address, and which of its cells; None: the watchdog's time."""
+        """Object at each address, and which of its cells; None: the watchdog's time."""
         if registers.watchdog_register is not None:
             self._cells["holding", registers.watchdog_register] = (None, 0)
 
@@ -68,7 +68,7 @@ class Box:
         self.requests += 1
         try:
             simulation.catch_up()
-            self.watchdog.feed(simulation.clock(), write=request[0] in WRITES)
+            self.watchdog.feed(simulation.clock(), write=request[0] in WRITE_FUNCTIONS)
             return answer(request, self)
         except OSError:  # the plant's own: a DriverError
             return bytes([request[0] | 0x80, DEVICE_FAILURE])

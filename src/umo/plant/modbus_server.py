@@ -15,7 +15,7 @@ ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE, DEVICE_FAILURE = 1, 2, 3, 4
 
 _READS = {1: ("coil", 2000), 2: ("discrete", 2000), 3: ("holding", 125), 4: ("input", 125)}
 _HEADER = struct.Struct(">HHHB")  # transaction, protocol (0), length of what follows, unit
-_LONGEST = 254
+_MAX_LENGTH = 254
 _ON, _OFF = 0xFF00, 0x0000
 
 
@@ -178,7 +178,7 @@ class Connection(asyncio.Protocol):
         if len(buffer) < _HEADER.size:
             return False
         transaction, protocol, length, unit = _HEADER.unpack_from(buffer)
-        if protocol != 0 or not 2 <= length <= _LONGEST:
+        if protocol != 0 or not 2 <= length <= _MAX_LENGTH:
             transport.close()  # not Modbus, or out of step: there is no way back into step
             return False
         end = _HEADER.size - 1 + length

@@ -20,13 +20,13 @@ from .register_map import RegisterMap
 from .report_file import ReportFile
 from .simulation import Simulation
 
-LONGEST_WATCHDOG = 65.535
-"""Seconds: what the register can say."""
-REPORT_EVERY = 0.1
-"""How often, in s, the plant's report is looked at."""
+MAX_WATCHDOG = 65.535
+"""Time in s that the register of a watchdog can hold at most."""
+REPORT_INTERVAL = 0.1
+"""Time in s between two looks at the plant's report."""
 
 Ready = Callable[[str, str, int], object]
-"""Called with each box's name, host and port once requests are taken."""
+"""Function that is called with each box's name, host and port once requests are taken."""
 Summary = dict[str, Any]
 
 
@@ -58,8 +58,8 @@ async def serve(
     DriverError if the plant cannot be opened. An exception of the plant's code ends the service.
     """
     for each in maps:
-        if not 0 <= each.watchdog <= LONGEST_WATCHDOG:
-            raise WiringError(f"the watchdog takes 0 (off) to {LONGEST_WATCHDOG} s, not {each.watchdog:g} s")
+        if not 0 <= each.watchdog <= MAX_WATCHDOG:
+            raise WiringError(f"the watchdog takes 0 (off) to {MAX_WATCHDOG} s, not {each.watchdog:g} s")
     file = None if report is None else ReportFile(report)
     simulation = Simulation(plant, asyncio.get_running_loop().time)
     boxes = [Box(simulation, each) for each in maps]
@@ -103,14 +103,14 @@ async def _keep_pace(
 ) -> None:
     """Time passes in the plant, in small steps between the requests; the watchdogs are looked at."""
     clock = simulation.clock
-    seen: object = None
-    look = clock()
+    reported: object = None
+    next_look = clock()
     while not stop.is_set():
         turn(simulation, boxes)
-        if report is not None and clock() >= look:
-            look = clock() + REPORT_EVERY
+        if report is not None and clock() >= next_look:
+            next_look = clock() + REPORT_INTERVAL
             summary = summary_of(simulation, boxes)
-            if seen != (seen := summary | {"requests": 0}):
+            if reported != (reported := summary | {"requests": 0}):
                 with contextlib.suppress(DriverError):  # it is written again, and said, at the end
                     report.write(summary)
         await asyncio.sleep(simulation.pace.left(clock()))

@@ -11,10 +11,10 @@ from umo.drivers.contract import Direction
 from umo.errors import DriverError, Failure, text_of
 from umo.wiring import Wired
 
-MOST_PERIODS = 20
-"""Periods of the plant in one go; requests are answered in between."""
-FAR_BEHIND = 1000
-"""More periods behind than this, the plant stops catching up and lets them go."""
+MAX_PERIODS = 20
+"""Periods of the plant in one go at most; requests are answered in between."""
+MAX_LAG = 1000
+"""Periods behind at most: with more the plant stops catching up and lets them go."""
 
 
 class Pace:
@@ -27,12 +27,12 @@ class Pace:
         self.given_up = 0
 
     def due(self, now: float) -> int:
-        """Take the periods that have passed, at most `MOST_PERIODS`."""
+        """Take the periods that have passed, at most `MAX_PERIODS`."""
         passed = int((now - self._start) / self._period) - self._taken
-        if passed > FAR_BEHIND:
-            self._give_up(passed - MOST_PERIODS)
-            passed = MOST_PERIODS
-        take = max(0, min(passed, MOST_PERIODS))
+        if passed > MAX_LAG:
+            self._give_up(passed - MAX_PERIODS)
+            passed = MAX_PERIODS
+        take = max(0, min(passed, MAX_PERIODS))
         self._taken += take
         return take
 
@@ -59,7 +59,7 @@ class Simulation:
         self.clock = clock
         self.pace = Pace(wired.period, clock())
         self.failure: Exception | None = None
-        """What the plant raised while time passed, or a mistake in its code: it cannot go on."""
+        """Exception that the plant raised while time passed, or a mistake in its code: it cannot go on."""
         self._wired = wired
         self._timer = wired.wires.index(timer)
         if wired.injection is not None:
@@ -114,7 +114,7 @@ class Simulation:
         return failures
 
     def catch_up(self) -> None:
-        """Let the periods pass that are due by the clock, at most `MOST_PERIODS`. Whatever the plant raises is kept as
+        """Let the periods pass that are due by the clock, at most `MAX_PERIODS`. Whatever the plant raises is kept as
         `failure` too."""
         try:
             for _ in range(self.pace.due(self.clock())):

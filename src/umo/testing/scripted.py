@@ -11,7 +11,7 @@ from umo.drivers.contract import Channel, Direction, Driver, IntArray
 from umo.errors import ChannelError, ChannelsFailed
 
 Reading = Any
-"""What a channel reads: an integer, a sequence of readings (the last one stays), a callable, an exception."""
+"""Reading of a channel: an integer, a sequence of readings (the last one stays), a callable, an exception."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Scripted(Driver):
         self._actions[number] = action
 
     def set(self, channel: str, reading: Reading) -> None:
-        """What the channel reads from now on."""
+        """Set the reading of the channel from now on."""
         if isinstance(reading, Sequence) and not isinstance(reading, str | bytes):
             if not reading:
                 raise ValueError(f"the script of {channel!r} is empty")
@@ -66,7 +66,7 @@ class Scripted(Driver):
             self._scripts[channel] = repeat(reading)
 
     def get(self, channel: str) -> Any:
-        """What was last written to the channel, 0 before."""
+        """The level that was last written to the channel, 0 before."""
         return self._raws.get(channel, 0)
 
     def segments(self, *segments: str) -> list[Call]:

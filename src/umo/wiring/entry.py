@@ -18,7 +18,7 @@ from umo.system.packages import station_of
 from umo.text import did_you_mean
 from umo.wiring.plain import as_plain
 
-PLAIN = {
+PLAIN_MESSAGES = {
     "int_type": "must be a whole number",
     "int_from_float": "must be a whole number",
     "float_type": "must be a number",
@@ -27,8 +27,8 @@ PLAIN = {
     "dict_type": "must be a table",
     "finite_number": "must be a finite number",
 }
-"""pydantic's messages in plain words."""
-UNQUOTED = ("int_type", "float_type", "bool_type")
+"""Messages of pydantic in plain words."""
+UNQUOTED_TYPES = ("int_type", "float_type", "bool_type")
 Numeric = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 
 
@@ -45,7 +45,7 @@ class Entry(BaseModel):
     resolution: Numeric | None = None
     zero_offset: Numeric | None = None
     linearization: dict[str, Any] | None = None
-    """Such as `{ thermocouple = "K" }` (`umo.objects.linearization`); `{}`: this circuit has none."""
+    """Linearization such as `{ thermocouple = "K" }` (`umo.objects.linearization`); `{}`: this circuit has none."""
     invalid_raws: list[StrictInt] | None = None
     """Digital sensors: raw values with which this circuit reports an invalid reading."""
     minimum: Numeric | None = None
@@ -119,8 +119,8 @@ def faults_of(
         elif detail["type"] == "missing":
             yield key, "is missing"
         else:
-            message = PLAIN.get(detail["type"]) or f"{detail['msg'][0].lower()}{detail['msg'][1:]}"
-            quoted = isinstance(detail["input"], str) and detail["type"] in UNQUOTED
+            message = PLAIN_MESSAGES.get(detail["type"]) or f"{detail['msg'][0].lower()}{detail['msg'][1:]}"
+            quoted = isinstance(detail["input"], str) and detail["type"] in UNQUOTED_TYPES
             yield key, f"{message}{', without quotes' * quoted}, not {detail['input']!r}"
 
 
@@ -133,7 +133,7 @@ def _keys_within(types: Mapping[str, inspect.Parameter], where: list[str]) -> li
 
 
 def _fields(annotation: Any) -> dict[str, Any]:
-    """Of a TypedDict or a dataclass, or of the one in a union."""
+    """The fields of a TypedDict or a dataclass, or of the one in a union."""
     if get_origin(annotation) in (UnionType, Union):
         return next(filter(None, map(_fields, get_args(annotation))), {})
     return get_type_hints(annotation) if getattr(annotation, "__annotations__", None) else {}

@@ -11,7 +11,7 @@ from typing import Any
 from umo.drivers.contract import Direction, Driver
 from umo.drivers.faults import effects
 from umo.drivers.faults.effects import Effect, Shift, limited
-from umo.drivers.faults.words import FORM, OF_DRIVERS, InjectedFault
+from umo.drivers.faults.words import FORM, KINDS_OF_DRIVERS, InjectedFault
 from umo.drivers.faults.wrapper import Faulty, Injection
 from umo.duration import seconds
 from umo.errors import DeclarationError
@@ -24,12 +24,12 @@ from umo.text import did_you_mean
 from umo.wiring.resolved import Wire
 
 _AMOUNT = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)")
-LARGEST = 1e30
-"""Amount; nothing that is calculated with it overflows."""
+MAX_AMOUNT = 1e30
+"""Amount at most; nothing that is calculated with it overflows."""
 SHARES = {"noise": 10.0, "drop-out": 50.0}
-"""Percent, where nothing is given."""
-PART = {"noise": 0.01, "drift": 0.01, "out of range": 0.1}
-"""Parts of the object's range, where nothing is given; drift: in a second."""
+"""Shares in percent, where none is given."""
+PARTS = {"noise": 0.01, "drift": 0.01, "out of range": 0.1}
+"""Amounts as parts of the object's range, where none is given; drift: in a second."""
 
 
 def inject(
@@ -71,8 +71,8 @@ def _effects_of(
         for wire in found:
             yield wire.driver, _Binding(fault, wire).effect()
     elif fault.path in drivers:
-        if fault.kind not in OF_DRIVERS:
-            raise DeclarationError(f"{fault.kind} is for objects; a whole driver has: {', '.join(OF_DRIVERS)}")
+        if fault.kind not in KINDS_OF_DRIVERS:
+            raise DeclarationError(f"{fault.kind} is for objects; a whole driver has: {', '.join(KINDS_OF_DRIVERS)}")
         yield drivers[fault.path], _Binding(fault, None).effect()
     else:
         known = [*(wire.item.path for wire in wires), *drivers]
@@ -128,7 +128,7 @@ class _Binding:
 
     def _number(self, what: str) -> tuple[float, str]:
         found = _AMOUNT.fullmatch(self.given)
-        if found is None or abs(float(found[1])) > LARGEST:
+        if found is None or abs(float(found[1])) > MAX_AMOUNT:
             raise DeclarationError(f"{self.given!r} is not {what}")
         return float(found[1]), found[2]
 
@@ -174,7 +174,7 @@ class _Binding:
         """A difference, and how it is added to a raw integer."""
         assert wire.calibration is not None
         if not self.given:
-            return PART[self.fault.kind] * (wire.calibration.maximum - wire.calibration.minimum), _by_value(wire)
+            return PARTS[self.fault.kind] * (wire.calibration.maximum - wire.calibration.minimum), _by_value(wire)
         number, steps = self._difference(wire)
         return number, _by_steps(wire) if steps else _by_value(wire)
 
@@ -184,7 +184,10 @@ class _Binding:
         assert wire.calibration is not None
         if not self.given:  # of the electrical range
             low, high = wire.ends
-            top, wanted = to_raw(high, *wire.scale), to_raw(high + PART["out of range"] * (high - low), *wire.scale)
+            top, wanted = (
+                to_raw(high, *wire.scale),
+                to_raw(high + PARTS["out of range"] * (high - low), *wire.scale),
+            )
             level = limited(wanted, wire.channel)
             if level == top or (level > top) is not (wanted > top):
                 raise DeclarationError(f"{wire.item.path} has no level above its range in {_carried(wire)}")

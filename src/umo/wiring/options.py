@@ -18,10 +18,11 @@ from umo.wiring.source import read
 RESERVED = ("type", "timeout", "watchdog")
 """Keys of a driver's table that are not options of the driver."""
 REALTIME = "realtime"
-"""The option of a run that belongs to the wiring and not to a driver: its timer keeps the pace of the wall clock."""
+"""Option of a run that belongs to the wiring and not to a driver: its timer keeps the pace of the wall clock."""
 FAULT, FAULT_SEED = "fault", "fault_seed"
-"""Two more: faults to inject, in addition to those of the wiring, and the seed of their random numbers."""
-OF_WIRINGS = (REALTIME, FAULT, FAULT_SEED)
+"""Options of the same kind: faults to inject, in addition to those of the wiring, and the seed of their random
+numbers."""
+WIRING_OPTIONS = (REALTIME, FAULT, FAULT_SEED)
 WiringText = Path | str | Mapping[str, Any]
 """A wiring as a TOML file or as its contents."""
 SIMULATED = {"wire": {"timer": {"driver": "simulated"}}}
@@ -51,7 +52,7 @@ def share(
         drivers, complete = _driver_options(SIMULATED if wiring is None else wiring)
     else:  # whoever connects reads the wiring anyway
         drivers, complete = {}, True
-    of_wiring = {*drivers, *(OF_WIRINGS if wiring != {} else ())}
+    of_wiring = {*drivers, *(WIRING_OPTIONS if wiring != {} else ())}
     known = of_wiring.union(*(parameters_of(each, skip) for each, skip in takers.values() if each is not None))
     for name in given:
         if name not in known and complete:  # else it may be of a driver that the wiring misspells: `check` says so
@@ -85,7 +86,7 @@ def _driver_options(wiring: WiringText) -> tuple[dict[str, tuple[str, inspect.Pa
         except TypeError:  # a driver that is made already
             continue
         new = {key: (str(name), parameter) for key, parameter in parameters.items() if key not in taken}
-        taken |= {key: found for key, found in new.items() if key not in OF_WIRINGS}
+        taken |= {key: found for key, found in new.items() if key not in WIRING_OPTIONS}
     return taken, complete
 
 

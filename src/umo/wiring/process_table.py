@@ -12,8 +12,8 @@ from umo.presentation.durations import duration
 from umo.wiring.resolved import AT_NEXT_TICK, AT_ONCE, Process, Wired
 from umo.wiring.source import WiringSource
 
-LEAST_PERIODS = 20
-"""Number of periods within which one has to end; otherwise the process hangs."""
+HANG_PERIODS = 20
+"""Periods without a finished one after which a process counts as hanging, by default."""
 AUTO = "auto"
 
 
@@ -37,7 +37,7 @@ def _hang_timeout(source: WiringSource, given: Any, wired: Wired) -> float:
     period, waits = wired.period or 0.0, longest_period(wired)
     hang = source.duration("process.hang_timeout", given)
     if hang is None:
-        return max(LEAST_PERIODS * period, Process().hang_timeout, 1.2 * waits)
+        return max(HANG_PERIODS * period, Process().hang_timeout, 1.2 * waits)
     if hang < 2 * period:
         source.mistake("process.hang_timeout", f"{duration(hang)} is less than two periods")
     elif hang <= waits and wired.realtime:

@@ -31,7 +31,7 @@ from umo.signature import signature_of
 from umo.system.packages import station_of
 from umo.wiring.fault_binding import inject
 from umo.wiring.linearized import from_table
-from umo.wiring.options import FAULT, FAULT_SEED, OF_WIRINGS, REALTIME, RESERVED
+from umo.wiring.options import FAULT, FAULT_SEED, REALTIME, RESERVED, WIRING_OPTIONS
 from umo.wiring.patterns import collapsed, counted, expand, expand_parameters
 from umo.wiring.process_table import process_of
 from umo.wiring.resolved import Parameter, Wire, Wired, fault_of_parameters
@@ -41,7 +41,8 @@ if TYPE_CHECKING:
     from umo.wiring.entry import Entry
 
 DEFAULT_PERIOD = "1 ms"
-GIVEN = "--fault "
+FAULT_OPTION = "--fault "
+"""File of a mistake in a fault that the command line gives."""
 
 
 def check(root: Compound, wiring: Path | str | Mapping[str, Any] | None = None) -> list[Mistake]:
@@ -61,8 +62,8 @@ def resolve(
     drivers take (`umo.wiring.options.share`)."""
     found, faults = _Resolver(root, wiring, options or {}).run()
     if faults:
-        wired = any(not each.file.startswith(GIVEN) for each in faults)
-        what, where = ("fault", "in the wiring") if wired else ("mistake", f"in {GIVEN.strip()}")
+        wired = any(not each.file.startswith(FAULT_OPTION) for each in faults)
+        what, where = ("fault", "in the wiring") if wired else ("mistake", f"in {FAULT_OPTION.strip()}")
         raise WiringError(f"{len(faults)} {what}{'s' * (len(faults) > 1)} {where}", faults)
     return found
 
@@ -72,7 +73,7 @@ class _Resolver:
         self, root: Compound, wiring: Path | str | Mapping[str, Any] | None, options: Mapping[str, Any]
     ) -> None:
         self.root = root
-        self.options = {name: value for name, value in options.items() if name not in OF_WIRINGS}
+        self.options = {name: value for name, value in options.items() if name not in WIRING_OPTIONS}
         self.realtime = options.get(REALTIME, False)
         self.given = options
         self.items = {item.path: item for item in atoms(root)}
@@ -367,7 +368,7 @@ class _Resolver:
         if number < written:
             self.source.mistake("faults", f"fault {text!r}: {why}")
         else:
-            self.source.mistakes.append(Mistake(f"{GIVEN}{text!r}", "", why))
+            self.source.mistakes.append(Mistake(f"{FAULT_OPTION}{text!r}", "", why))
 
     def _pace(self, wires: list[Wire], timer: Atomic | None) -> bool:
         """Bring the timer's wire to real time; False if its driver runs in real time by itself."""
@@ -387,7 +388,7 @@ class _Resolver:
         if period is None:
             return
         for node in [self.root, *walk(self.root)]:
-            if why := _unfit(period, node):
+            if why := _fault_of_period(period, node):
                 self.source.mistake('wire."timer".period', f"{period * 1e3:g} ms is {why}")
 
     def _check_time(self, wired: Wired) -> None:
@@ -442,7 +443,7 @@ class _Resolver:
         return ""
 
 
-def _unfit(period: float, node: Node) -> str:
+def _fault_of_period(period: float, node: Node) -> str:
     """The fault of such a period for the object; empty if it fits."""
     if isinstance(node, Compound) and node._settings.max_period is not None:
         longest = seconds(node._settings.max_period)

@@ -142,7 +142,7 @@ class Parameter(NamedTuple):
 
     number: MachineNumber
     value: Any
-    """As it is set; of a number that is no field as the wiring has it, as its range may depend on fields."""
+    """Value as it is set; of a number that is no field as the wiring has it, as its range may depend on fields."""
 
 
 def apply_parameters(
@@ -219,8 +219,8 @@ class Process:
     busily (spins); 0: it sleeps until the tick. None: 200 us, at most half of the period, if SCHED_FIFO and a core were
     granted; otherwise 0. Of a control process only: `connect` and `umo.run` sleep until the tick."""
     outputs: str = AT_ONCE
-    """When `update` of the whole machine sends: "at once", or "at next tick": right after the next tick, before
-    sampling."""
+    """Time at which `update` of the whole machine sends: "at once", or "at next tick": right after the next tick,
+    before sampling."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,13 +229,13 @@ class Wired:
 
     drivers: dict[str, Driver]
     wires: list[Wire]
-    """In declared order."""
+    """Wires in declared order."""
     period: float | None = None
     """The sampling period in s; None for a machine without a timer."""
     timer: Atomic | None = None
     parameters: list[Parameter] = field(default_factory=list)
     watchdogs: dict[str, float] = field(default_factory=dict)
-    """Seconds by driver name."""
+    """Times in s of the watchdogs, by the name of the driver."""
     hardware: dict[str, tuple[str, ...]] = field(default_factory=dict)
     """The devices that each driver takes, by its name; drivers that take none are left out."""
     process: Process = Process()

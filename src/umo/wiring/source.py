@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from umo.wiring.entry import Entry
 
 SECTIONS = ("drivers", "wire", "parameters", "process", "faults", "fault_seed")
-SUGGESTIONS = 10
-"""Names for which the nearest one is looked up: it takes 20 ms among a hundred, and a generated file may have a
-thousand wrong."""
+MAX_SUGGESTIONS = 10
+"""Wrong names for which the nearest one is looked up, at most: it takes 20 ms among a hundred, and a generated file may
+have a thousand wrong."""
 
 
 @dataclass
@@ -68,9 +68,9 @@ class WiringSource:
         return value
 
     def near(self, name: str, known: Iterable[str]) -> str:
-        """As `did_you_mean`, for the first `SUGGESTIONS` wrong names."""
+        """As `did_you_mean`, for the first `MAX_SUGGESTIONS` wrong names."""
         self.suggested += 1
-        return did_you_mean(name, known) if self.suggested <= SUGGESTIONS else ""
+        return did_you_mean(name, known) if self.suggested <= MAX_SUGGESTIONS else ""
 
 
 def read(wiring: Path | str | Mapping[str, Any]) -> WiringSource:

@@ -22,8 +22,8 @@ KINDS = {
     "wrong length": "",
     "out of range": "[DISTANCE]",
 }
-"""Each kind with its amount."""
-OF_DRIVERS = ("delay", "drop-out", "disconnect", "exception")
+"""Amounts of the kinds."""
+KINDS_OF_DRIVERS = ("delay", "drop-out", "disconnect", "exception")
 """Kinds that a whole driver can have too."""
 FORM = "PATH KIND [amount] [at TIME] [for TIME]"
 _TEXT = re.compile(r"(?P<head>.*?)(?:\s+at\s+(?P<at>.+?))?(?:\s+for\s+(?P<for>.+?))?", re.DOTALL)
@@ -42,14 +42,14 @@ class InjectedFault:
     kind: str
     """One of `KINDS`."""
     amount: str | float = ""
-    """With a unit: in the units of the object. A number alone: raw steps. Empty: the kind's default."""
+    """Amount with a unit, or in raw steps as a number alone. Empty: the kind's default."""
     at: float | str = 0.0
-    """When it begins: s, or a text such as "30 ms"."""
+    """Time at which it begins: s, or a text such as "30 ms"."""
     for_: float | str = inf
-    """How long it lasts. Default: to the end of the run."""
+    """Time for which it lasts, as `at`. Default: to the end of the run."""
 
     def __post_init__(self) -> None:
-        amount = _shown(self.amount) if isinstance(self.amount, int | float) else " ".join(self.amount.split())
+        amount = _number_text(self.amount) if isinstance(self.amount, int | float) else " ".join(self.amount.split())
         ends = self.for_ == inf
         set_ = object.__setattr__  # frozen
         set_(self, "kind", _kind(self.kind))
@@ -83,13 +83,13 @@ class InjectedFault:
     def __str__(self) -> str:
         words = [self.path, self.kind, str(self.amount)]
         if self.at:
-            words.append(f"at {_shown(self.at)} s")
+            words.append(f"at {_number_text(self.at)} s")
         if self.for_ != inf:
-            words.append(f"for {_shown(self.for_)} s")
+            words.append(f"for {_number_text(self.for_)} s")
         return " ".join(filter(None, words))
 
 
-def _shown(number: object) -> str:
+def _number_text(number: object) -> str:
     """The shortest text of a number that is read as the same one."""
     return repr(number).removesuffix(".0")
 

@@ -18,8 +18,8 @@ from umo.errors import ChannelsFailed, DeviceTimeout, DriverError
 from umo.presentation.durations import duration
 
 log = logging.getLogger("umo")
-EARLY = 1e-9
-"""s; the machine's time is a sum of periods."""
+ROUNDING = 1e-9
+"""Time in s by which a fault may begin early: the machine's time is a sum of periods."""
 
 
 class HasNow(Protocol):
@@ -97,14 +97,14 @@ class Faulty(Driver[Any]):
         if clock is None or clock.now == self._now:
             return self._acting
         self._now = now = clock.now
-        acting = [each for each in self.effects if each.begin - EARLY <= now < each.end - EARLY]
+        acting = [each for each in self.effects if each.begin - ROUNDING <= now < each.end - ROUNDING]
         for effect in acting:
             if effect not in self._acting:
                 effect.set_in(self.levels.get(_text(effect)) if effect.output else None)
-                _tell("begins", effect, now)
+                _log("begins", effect, now)
         for effect in self._acting:
             if effect not in acting:
-                _tell("ends", effect, now)
+                _log("ends", effect, now)
         self._acting = acting
         return acting
 
@@ -112,7 +112,7 @@ class Faulty(Driver[Any]):
         """None is in effect from now on; those that were."""
         acting, self._acting = self._acting, []
         for effect in acting:
-            _tell("ends", effect, self._now)
+            _log("ends", effect, self._now)
         return acting
 
     def _concerning(self, channels: Sequence[Channel], output: bool) -> list[Effect]:
@@ -191,7 +191,7 @@ class Faulty(Driver[Any]):
             getattr(self.driver, segment)(channel, None)
         elif not any(effect.short for effect in effects):
             changed = self._changed(raw, effects, channel.text)
-            with _told(changed != raw):
+            with _marked(changed != raw):
                 getattr(self.driver, segment)(channel, changed)
             self.levels[channel.text] = changed
 
@@ -224,7 +224,7 @@ class Faulty(Driver[Any]):
         meant = raws[kept].tolist()
         changed = [self._changed(raw, effects, each.text) for each, raw in zip(moved, meant, strict=True)]
         if changed:
-            with _told(changed != meant):
+            with _marked(changed != meant):
                 lost |= _partly(lambda: self.driver.write_many(moved, np.array(changed, np.int64)))
         self.levels |= {each.text: raw for each, raw in zip(moved, changed, strict=True) if each.text not in lost}
         if lost:
@@ -243,7 +243,7 @@ def bare(driver: Driver[Any]) -> Driver[Any]:
 
 
 @contextmanager
-def _told(changed: bool) -> Iterator[None]:
+def _marked(changed: bool) -> Iterator[None]:
     """A level that a fault has `changed` may be one that the driver or the device refuses: then that says so."""
     try:
         yield
@@ -266,6 +266,6 @@ def _text(effect: Effect) -> str:
     return "" if effect.channel is None else effect.channel.text
 
 
-def _tell(what: str, effect: Effect, now: float) -> None:
+def _log(what: str, effect: Effect, now: float) -> None:
     where = "" if effect.channel is None else f" (channel {effect.channel.text})"
     log.warning("injected fault %s at %s s: %s%s", what, f"{now:.6g}", effect.text, where)

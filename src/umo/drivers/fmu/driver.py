@@ -19,9 +19,9 @@ from umo.errors import ChannelsFailed, DriverError
 if TYPE_CHECKING:
     from umo.drivers.fmu.instance import FmuInstance
 
-_FEW = 8
+_FEW_FLOATS = 8
 """Floats of a group up to which plain arithmetic takes less time than arrays; the results are the same."""
-_MOST_REPORTED = 40
+_MAX_REPORTED = 40
 
 
 class Fmu(BlockDriver[FmuChannel]):
@@ -145,7 +145,7 @@ class Fmu(BlockDriver[FmuChannel]):
         found: dict[str, Any] = {"time_s": round(instance.time, 9)}
         if not instance.lost:
             outputs = [each for each in variables_of(self._description).values() if each.causality == "output"]
-            for variable in outputs[:_MOST_REPORTED]:
+            for variable in outputs[:_MAX_REPORTED]:
                 found[variable.name] = instance.value(variable)
         return found
 
@@ -183,7 +183,7 @@ class _Group:
         self._values: npt.NDArray[Any] = np.ctypeslib.as_array(buffer)
         scales = [channel.scale for channel in self._channels]
         self._scales = None if None in scales else np.array(scales, float)
-        self._few = scales if None not in scales and len(scales) <= _FEW else []
+        self._few = scales if None not in scales and len(scales) <= _FEW_FLOATS else []
         self._counts = np.zeros(len(places))
         self._lowest, self._highest = self._channels[0].lowest, self._channels[0].highest  # the same for one type
         self._call, self._function = instance.call, instance.function(verb, kind)

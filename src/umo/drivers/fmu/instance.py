@@ -24,7 +24,7 @@ from umo.errors import DriverError
 
 WARNING, DISCARD, ERROR, FATAL = 1, 2, 3, 4
 STATUS = {DISCARD: "discard", ERROR: "error", FATAL: "fatal", 5: "pending"}
-LONGEST = 300
+MAX_MESSAGE_LENGTH = 300
 _logs: dict[int, deque[str]] = {}
 _numbers = count(1)
 
@@ -33,7 +33,7 @@ def _log(number: int | None, _name: bytes | None, status: int, _category: bytes 
     """A message of an instance, by the number that it was given as its environment. Only what has gone wrong is kept:
     logging is on, as some models say nothing at all without it, and others report every call then."""
     if status >= WARNING and number in _logs:
-        _logs[number].append(" ".join((message or b"").decode(errors="replace").split())[:LONGEST])
+        _logs[number].append(" ".join((message or b"").decode(errors="replace").split())[:MAX_MESSAGE_LENGTH])
 
 
 _logger = fmi2.fmi2CallbackLoggerTYPE(_log)

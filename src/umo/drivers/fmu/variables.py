@@ -20,8 +20,8 @@ from umo.errors import ChannelError, DriverError, WiringError
 from umo.text import COMPARED_NAMES
 
 TICK = "tick"
-WIDTH = 48
-"""Bits of a float's raw integer, with sign. Times a scale and divided by it in doubles, each of them comes back."""
+FLOAT_BITS = 48
+"""Bits of a float's raw integer, with its sign. Times a scale and divided by it in doubles, each of them comes back."""
 FLOATS = ("Real", "Float64", "Float32")
 INTEGERS: Mapping[str, tuple[int, bool]] = {
     "Boolean": (1, False),
@@ -31,10 +31,12 @@ INTEGERS: Mapping[str, tuple[int, bool]] = {
 }
 """Bits and sign of the types that are integers already."""
 SETTABLE = ("input", "parameter")
-MOST_LISTED = 6
-ALL = "?"
-"""The text of no channel with which `umo drivers` asks for the forms: the answer has all variables."""
-LONGEST_UNIT = 40
+LISTED_NAMES = 6
+"""Variables that an error lists."""
+ANY_CHANNEL = "?"
+"""Text that is no channel's, with which `umo drivers` asks for the forms: the answer has all variables."""
+MAX_UNIT_LENGTH = 40
+"""Characters of a unit at most: a longer one is not looked at."""
 _FACTOR = r"(?:1|[^\W\d_]+(?:\^?-?\d)?)"
 _PRODUCT = rf"{_FACTOR}(?:[.*/]{_FACTOR})*"
 _UNIT = re.compile(rf"{_PRODUCT}(?:/\({_PRODUCT}\))?")
@@ -49,7 +51,7 @@ class FmuChannel(Channel):
     reference: int = 0
     """FMI's value reference."""
     kind: str = TICK
-    """Its type, as `kind_of` gives it: Real for fmi2GetReal."""
+    """Type of the variable, as `kind_of` gives it: Real for fmi2GetReal."""
     scale: float | None = None
     """Floats: the change of the variable for one count."""
     units: str | None = None
@@ -113,7 +115,7 @@ def channel_of(description: Any, text: str) -> FmuChannel:
     variable = variables.get(name)
     if variable is None:
         taken = {each: known for each, known in variables.items() if _is_channel(description, known)}
-        near, others = (list(taken), []) if text == ALL else (_nearest(name, taken), _others(taken))
+        near, others = (list(taken), []) if text == ANY_CHANNEL else (_nearest(name, taken), _others(taken))
         forms = [f"{each}:SCALE" if taken[each].type in FLOATS else each for each in near]
         raise ChannelError(text, [*forms, *others, TICK])
     kind, bits, signed = _raw(description, variable, text)
@@ -145,7 +147,7 @@ def _units(variable: Any) -> str | None:
 @lru_cache(maxsize=256)
 def _known_to_pint(text: str) -> str | None:
     """`m3/s` of FMI is `m**3/s`, `N.m` is `N*m`. None: pint does not know it."""
-    if len(text) > LONGEST_UNIT or not _UNIT.fullmatch(text):
+    if len(text) > MAX_UNIT_LENGTH or not _UNIT.fullmatch(text):
         return None
     units = _DIGIT.sub(r"**\1", text.replace("^", "").replace(".", "*"))
     try:
@@ -215,7 +217,7 @@ def _raw(description: Any, variable: Any, text: str) -> tuple[str, int, bool]:
     if variable.dimensions:
         raise WiringError(f"{text} is an array; umo takes single variables")
     if kind in FLOATS:
-        return kind, WIDTH, True
+        return kind, FLOAT_BITS, True
     if kind not in INTEGERS:
         raise WiringError(f"{text} is a {kind}; umo takes floats, integers, booleans and enumerations")
     return kind, *INTEGERS[kind]
@@ -242,11 +244,11 @@ def _direction(variable: Any, text: str) -> Direction:
 def _nearest(name: str, variables: Mapping[str, Any]) -> list[str]:
     """Some variables: those that are most alike, then those that contain the name, then the first."""
     known = list(variables)[:COMPARED_NAMES]
-    near = difflib.get_close_matches(name[:200], known, n=MOST_LISTED, cutoff=0.5)
+    near = difflib.get_close_matches(name[:200], known, n=LISTED_NAMES, cutoff=0.5)
     within = [each for each in known if name.lower() in each.lower()]
-    return list(dict.fromkeys([*near, *within, *known]))[:MOST_LISTED]
+    return list(dict.fromkeys([*near, *within, *known]))[:LISTED_NAMES]
 
 
 def _others(variables: Mapping[str, Any]) -> list[str]:
-    others = len(variables) - MOST_LISTED
+    others = len(variables) - LISTED_NAMES
     return [f"{others} others"] if others > 0 else []

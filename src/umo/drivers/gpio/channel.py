@@ -21,14 +21,16 @@ FORMS = (
 BIASES = ("as-is", "disabled", "pull-up", "pull-down")
 DRIVES = ("push-pull", "open-drain", "open-source")
 EDGES = ("rising", "falling", "both")
-MOST_LINES = 63
-"""Of one number, which is at most 63 bits wide."""
+MAX_LINES = 63
+"""Lines of one number at most: it has 63 bits."""
 COUNT_BITS = 63
+"""Bits of a number of edges."""
 
 _NUMBER = re.compile(r"0|[1-9][0-9]{0,4}")
 _RANGE = re.compile(r"(0|[1-9][0-9]{0,4})-(0|[1-9][0-9]{0,4})")
 _EDGES = re.compile(rf"(.+?)(?::({'|'.join(EDGES)}))?")
-_LONGEST_DEBOUNCE = 2**32 - 1
+_MAX_DEBOUNCE = 2**32 - 1
+"""Debounce period in us at most."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ class GpioChannel(Channel):
     lines: tuple[int | str, ...] = ()
     """Numbers on the chip, or names."""
     edges: str = ""
-    """Which edges are counted; empty: the level is transferred."""
+    """Edges that are counted; empty: the level is transferred."""
     settings: Settings = Settings()
 
     @property
@@ -106,7 +108,7 @@ def _microseconds(text: object) -> int | None:
         period = round(seconds(text) * 1e6) if isinstance(text, str) else -1
     except DeclarationError:
         return None
-    return period if 0 <= period <= _LONGEST_DEBOUNCE else None
+    return period if 0 <= period <= _MAX_DEBOUNCE else None
 
 
 def _line(place: str, text: str) -> int | str:
@@ -122,9 +124,9 @@ def _lines(place: str, text: str) -> tuple[int | str, ...]:
     if match := _RANGE.fullmatch(place):
         first, last = int(match[1]), int(match[2])
         step = 1 if first <= last else -1
-        lines = tuple(range(first, last + step, step)) if abs(last - first) < MOST_LINES else ()
+        lines = tuple(range(first, last + step, step)) if abs(last - first) < MAX_LINES else ()
     else:
         lines = tuple(_line(each, text) for each in place.split(","))
-    if not 0 < len(lines) <= MOST_LINES or len(set(lines)) != len(lines):
+    if not 0 < len(lines) <= MAX_LINES or len(set(lines)) != len(lines):
         raise ChannelError(text, FORMS)
     return lines

@@ -23,11 +23,11 @@ from umo.errors import DriverError
 from umo.text import did_you_mean
 
 CONSUMER = "umo"
-"""What other programs (gpioinfo) see at a line in use."""
-MOST_LINES = 64
-"""Of one request (GPIO_V2_LINES_MAX)."""
-_AGAIN = 0.002
-"""s until a line is asked for again that another process of umo holds."""
+"""Name that other programs (gpioinfo) see at a line in use."""
+MAX_REQUEST_LINES = 64
+"""Lines of one request at most (GPIO_V2_LINES_MAX)."""
+_RETRY_INTERVAL = 0.002
+"""Time in s until a line is asked for again that another process of umo holds."""
 _ACTIVE = Value.ACTIVE  # a member of an enumeration takes longer to look up than to compare
 _LEVELS = {0: Value.INACTIVE, 1: Value.ACTIVE}
 
@@ -66,7 +66,7 @@ class LineTransfer:
             bank.set(dict(zip(part, levels)))  # noqa: B905  (the part's, of all levels)
 
     def _levels(self, raws: Sequence[int]) -> list[Value]:
-        """Of all lines, in the order of the requests."""
+        """The levels of all lines, in the order of the requests."""
         if self._plain:
             try:
                 return list(map(_LEVELS.__getitem__, raws))
@@ -103,7 +103,7 @@ class Lines:
         with opening(self.name):
             self._chip = gpiod.Chip(self.name)
         self._numbers = named(self._chip)
-        self._take(channels)
+        self._hold(channels)
         for channel, default in self.used.items():
             self.initialize(channel, default, deadline)
 
@@ -166,9 +166,9 @@ class Lines:
             raise DriverError(f"{self.name} has no line named {line!r}{others}")
         return offsets[0]
 
-    def _take(self, channels: Iterable[GpioChannel]) -> None:
-        """As they are, in as few requests as possible. A line that cannot be had now is asked for when it is
-        initialised, so that one that is in use does not keep the guardian from resetting the others."""
+    def _hold(self, channels: Iterable[GpioChannel]) -> None:
+        """Hold the lines as they are, in as few requests as possible. A line that is in use now is asked for when it is
+        initialised, so that it does not keep the guardian from resetting the others."""
         assert self._chip is not None
         wanted: dict[int, None] = {}
         counted = set()
@@ -182,7 +182,7 @@ class Lines:
             else:
                 wanted.update(dict.fromkeys(offsets))
         free = [each for each in wanted if each not in counted and not self._chip.get_line_info(each).used]
-        size = ceil(len(free) / max(1, ceil(len(free) / MOST_LINES)))  # requests of equal size
+        size = ceil(len(free) / max(1, ceil(len(free) / MAX_REQUEST_LINES)))  # requests of equal size
         for start in range(0, len(free), max(1, size)):
             part = free[start : start + size]
             try:
@@ -232,7 +232,7 @@ class Lines:
                     busy = (others or used)[:1]
                     who = f'{self._called(busy[0].offset)} is in use by "{busy[0].consumer}"' if busy else "in use"
                     raise DriverError(f"{self.name}: {who}") from error
-            sleep(_AGAIN)
+            sleep(_RETRY_INTERVAL)
 
     def _refused(self, settings: Iterable[int], error: OSError) -> DriverError:
         """Why the chip does not take a line with its settings. Raises ENODEV if the chip has gone."""

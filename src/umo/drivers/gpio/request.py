@@ -17,7 +17,7 @@ class Bank:
     def __init__(self, request: gpiod.LineRequest, settings: dict[int, gpiod.LineSettings]) -> None:
         self.request = request
         self._settings = settings
-        """Of the lines that were initialised."""
+        """Settings of the lines that were initialised."""
         self.levels = {offset: each.output_value for offset, each in settings.items()}
         """The level last set of each output."""
 

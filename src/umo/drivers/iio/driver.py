@@ -22,7 +22,8 @@ from umo.presentation.durations import duration
 FORMS = ("in_TYPE[N]", "in_TYPE[N]-TYPE[M]", "in_TYPE[N]_x", "out_TYPE[N] (names of the kernel, without _raw)")
 _NAME = re.compile(r"(in|out)_[a-z][a-z0-9_]*(-[a-z][a-z0-9_]*)?")
 _GONE = (errno.ENODEV, errno.ENOENT, errno.EBADF)
-_LONGEST = 64
+_MAX_FILE_SIZE = 64
+"""Bytes in a file of a raw value at most."""
 
 
 @dataclass(frozen=True)
@@ -215,7 +216,7 @@ class Iio(BlockDriver[IioChannel]):
             if fd is None:
                 fd = self._files[name, way] = os.open(self._folder / f"{name}_raw", way | os.O_CLOEXEC)
             if value is None:
-                return os.pread(fd, _LONGEST, 0).decode("ascii", "replace")
+                return os.pread(fd, _MAX_FILE_SIZE, 0).decode("ascii", "replace")
             os.pwrite(fd, value.encode(), 0)
             return ""
         except OSError as error:

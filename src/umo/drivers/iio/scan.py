@@ -18,7 +18,7 @@ from umo.drivers._device_file import numbered, one_named, opening, put, text_in
 from umo.drivers.iio import sysfs
 from umo.errors import DeviceTimeout, DriverError
 
-LENGTH = 256
+BUFFER_LENGTH = 256
 """Records that the kernel's buffer holds: those of one period must fit."""
 
 _TYPE = re.compile(r"(be|le):([su])(\d+)/(\d+)(?:X(\d+))?>>(\d+)")
@@ -124,7 +124,7 @@ class Scan:
             files = [each / "sampling_frequency" for each in (trigger_named(trigger), folder)]
             put(next((file for file in files if file.exists()), files[0]), f"{frequency:.6f}".rstrip("0").rstrip("."))
         put(folder / "trigger" / "current_trigger", trigger)
-        put(folder / "buffer" / "length", str(LENGTH))
+        put(folder / "buffer" / "length", str(BUFFER_LENGTH))
         put(folder / "buffer" / "enable", "1")
 
     def close(self) -> None:
@@ -149,14 +149,14 @@ class Scan:
         size = self._layout.size
         before, self._drained = self._drained, self._clock()
         try:
-            data = os.read(self._fd, size * LENGTH)
+            data = os.read(self._fd, size * BUFFER_LENGTH)
         except BlockingIOError:
             return False
         if not data or len(data) % size:
             raise DriverError(f"a record of {len(data) % size} bytes in place of {size}")
         self._values = self._layout.decode(data[-size:])
         self._taken = before  # at the earliest: it was not there at the drain before
-        return len(data) == size * LENGTH
+        return len(data) == size * BUFFER_LENGTH
 
 
 def trigger_named(name: str) -> Path:

@@ -43,7 +43,7 @@ UNITS = {
     "energy": (1.0, "J"),
     "electricalconductivity": (1.0, "S/m"),
 }
-"""By the channel's type: the factor from the kernel's unit to one that pint knows, and that unit."""
+"""Factors from the kernel's units to those that pint knows, and these units, by the type of the channel."""
 
 
 def find(device: str) -> Path:

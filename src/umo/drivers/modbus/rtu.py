@@ -20,17 +20,19 @@ from pymodbus.framer import FramerRTU
 from pymodbus.pdu import DecodePDU, ModbusPDU
 
 from umo.drivers.modbus.answer import Recovering, answer_size
-from umo.drivers.modbus.rtu_frame import SUM, answer_end, has_come, is_answer
+from umo.drivers.modbus.rtu_frame import CHECKSUM_SIZE, answer_end, has_come, is_answer
 from umo.drivers.streams import Gone, Lost, Serial, Stream, TimedOut
 from umo.errors import DriverError
 
-_LONGEST = 256
-_MOST = 16
+_MAX_STRAY = 256
+"""Stray bytes that are kept."""
+_MAX_DISCARDS = 16
+"""Reads of up to 4 KiB after which a line that does not fall silent is left."""
 _UNMISTAKABLE = (5, 6)
 """Functions whose answer repeats what was written: a late one of an earlier request has another address or value, or
 confirms that the same value was written."""
-_STEP = 0.005
-"""s between two looks at a line while a unit recovers."""
+_LOOK_INTERVAL = 0.005
+"""Time in s between two looks at a line while a unit recovers."""
 
 
 UnitFunction = tuple[int, int]
@@ -57,15 +59,15 @@ class SerialLine:
         self._key = key
         self._users = 0
         self._port: Stream | None = None
-        self.opened = 0.0
-        """When the port was."""
+        self.opened_at = 0.0
+        """Time at which the port was opened."""
         self._owed: dict[UnitFunction, Owed | None] = {}
-        """What is owed by the units that were asked since the line was opened."""
-        self._last = 0.0
-        """When the last byte was on the line."""
+        """Answers that are owed by the units that were asked since the line was opened; None: there is none."""
+        self._last_byte_at = 0.0
+        """Time at which the last byte was on the line."""
         self._stray = b""
         """Bytes that came in since the last request was sent."""
-        self._asked: UnitFunction | None = None
+        self._last_asked: UnitFunction | None = None
         """Unit and function of that request."""
 
     @classmethod
@@ -94,9 +96,9 @@ class SerialLine:
         """If it is not, or has failed since. DriverError, in words of its own."""
         if self._port is None:
             self._port = self._dial(deadline)
-            self.opened = self._last = monotonic()
+            self.opened_at = self._last_byte_at = monotonic()
             self._owed.clear()
-            self._asked = None
+            self._last_asked = None
 
     def close(self) -> None:
         if self._port is not None:
@@ -107,7 +109,7 @@ class SerialLine:
         """What may be taken for the answer if this is asked now."""
         if asked[1] in _UNMISTAKABLE:
             return None
-        return self._owed.get(asked, Owed(b"", self.opened))
+        return self._owed.get(asked, Owed(b"", self.opened_at))
 
     def settle(self, asked: UnitFunction) -> None:
         """Nothing is owed: the answer has come, or its time is over."""
@@ -116,40 +118,40 @@ class SerialLine:
     def exchange(self, frame: bytes, deadline: float) -> bytes:
         """Send a frame; unit, function and data of its answer."""
         self._wait_for_silence(deadline)
-        request, asked = frame[:-SUM], (frame[0], frame[1])
-        self._last = monotonic() + len(frame) * self.place.character  # it is on its way for so long
-        self._asked, self._stray = asked, b""
+        request, asked = frame[:-CHECKSUM_SIZE], (frame[0], frame[1])
+        self._last_byte_at = monotonic() + len(frame) * self.place.character  # it is on its way for so long
+        self._last_asked, self._stray = asked, b""
         try:
             self.port.send(frame, deadline)
             answer = self._answer(request, deadline)
         except BaseException:
             self._owed[asked] = Owed(request, monotonic())
-            self._take(b"")
+            self._consider(b"")
             raise
         self.settle(asked)
         return answer
 
     def discard(self) -> None:
-        """Whatever has come in unasked, at most `_MOST` times 4 KiB. A late answer is owed no more."""
-        for _ in range(_MOST):
+        """Discard what has come in unasked. A late answer is owed no more."""
+        for _ in range(_MAX_DISCARDS):
             data = self.port.waiting()
             if not data:
                 return
-            self._last = monotonic()
-            self._take(data)
+            self._last_byte_at = monotonic()
+            self._consider(data)
 
-    def _take(self, data: bytes) -> None:
+    def _consider(self, data: bytes) -> None:
         """Bytes that came in unasked may be an answer that is owed."""
-        self._stray = (self._stray + data)[-_LONGEST:]
+        self._stray = (self._stray + data)[-_MAX_STRAY:]
         for asked, owed in self._owed.items():
-            came = has_come if asked == self._asked else is_answer
+            came = has_come if asked == self._last_asked else is_answer
             if owed is not None and owed.request and came(owed.request, self._stray):
                 self._owed[asked] = None
 
     def _wait_for_silence(self, deadline: float) -> None:
         """Until nobody has sent anything for 3.5 characters."""
         self.discard()
-        while (pause := self._last + self._silence - monotonic()) > 0:
+        while (pause := self._last_byte_at + self._silence - monotonic()) > 0:
             if monotonic() + pause > deadline:
                 raise TimedOut("the line was not silent")
             sleep(pause)
@@ -168,7 +170,7 @@ class SerialLine:
             elif len(data) > end:
                 raise Lost(f"an answer of {len(data)} bytes in place of {end}")
             else:
-                return data[:-SUM]
+                return data[:-CHECKSUM_SIZE]
 
     def _answered(self, request: bytes, data: bytes) -> bytes:
         """The request that the data begins to answer: this one, or another one whose answer is late."""
@@ -181,9 +183,9 @@ class SerialLine:
         try:
             more = self.port.receive(deadline)
         except TimedOut:
-            size = answer_size(request) + SUM
+            size = answer_size(request) + CHECKSUM_SIZE
             raise TimedOut(f"{len(data)} of {size} bytes of an answer came" if data else "") from None
-        self._last = monotonic()
+        self._last_byte_at = monotonic()
         self._stray += more
         return more
 
@@ -202,8 +204,8 @@ class Rtu:
         self._unit = unit
         self._recovery = recovery
         self._deadline = 0.0
-        self._known = 0.0
-        """When the line was opened that was last used."""
+        self._known_opening = 0.0
+        """Time at which the line that was used last had been opened."""
 
     def close(self) -> None:
         self._line.leave()
@@ -212,14 +214,14 @@ class Rtu:
         """The line is open; everything until the next `begin` ends by this time. True if the line was opened anew."""
         self._deadline = deadline
         self._line.open(deadline)
-        known, self._known = self._known, self._line.opened
-        return known != self._line.opened
+        known, self._known_opening = self._known_opening, self._line.opened_at
+        return known != self._line.opened_at
 
     def recover(self, deadline: float) -> None:
         """Wait until the recovery from opening the line is over, or the deadline."""
-        until = min(self._line.opened + self._recovery, deadline)
+        until = min(self._line.opened_at + self._recovery, deadline)
         while (left := until - monotonic()) > 0:
-            sleep(min(left, _STEP))
+            sleep(min(left, _LOOK_INTERVAL))
             self._line.discard()
 
     def exchange(self, request: ModbusPDU) -> bytes:
@@ -239,7 +241,7 @@ class Rtu:
             elif owed.since + self._recovery > latest and line.owed(asked) is not None:
                 raise Recovering(f"a late answer may still come, for {left * 1000:.0f} ms")
             else:
-                sleep(min(left, _STEP))
+                sleep(min(left, _LOOK_INTERVAL))
 
     def failed(self, error: Lost) -> None:
         """The line itself, or its unit, which then still owes its answer."""

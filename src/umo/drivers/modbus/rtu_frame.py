@@ -9,7 +9,7 @@ from pymodbus.framer import FramerRTU
 from umo.drivers.modbus.answer import EXCEPTION_SIZE, answer_size, answer_starts, check, check_start
 from umo.drivers.streams import Lost
 
-SUM = 2
+CHECKSUM_SIZE = 2
 """Bytes of the check sum."""
 
 
@@ -20,12 +20,12 @@ def answer_end(request: bytes, data: bytes) -> int:
     if len(data) < EXCEPTION_SIZE:
         return 0
     size = EXCEPTION_SIZE if data[1] & 0x80 else answer_size(request)
-    if len(data) < size + SUM:
+    if len(data) < size + CHECKSUM_SIZE:
         return 0
-    if not _is_intact(data[: size + SUM]):
+    if not _is_intact(data[: size + CHECKSUM_SIZE]):
         raise Lost("an answer with a wrong check sum")
     check(request, data[:size])
-    return size + SUM
+    return size + CHECKSUM_SIZE
 
 
 def is_answer(request: bytes, data: bytes) -> bool:
@@ -40,7 +40,7 @@ def has_come(request: bytes, data: bytes) -> bool:
     if any(_end(request, data[at:]) for at in range(len(data))):
         return True
     for start in answer_starts(request):
-        size = SUM + (answer_size(request) if len(start) > 2 else EXCEPTION_SIZE)
+        size = CHECKSUM_SIZE + (answer_size(request) if len(start) > 2 else EXCEPTION_SIZE)
         right = sum(map(eq, data, start))
         if (right == 3 or (right == 2 and len(data) == size)) and not _is_intact(data[:size]):
             return True
@@ -57,4 +57,4 @@ def _end(request: bytes, data: bytes) -> int:
 
 def _is_intact(frame: bytes) -> bool:
     """Whether the check sum at its end is right."""
-    return bool(FramerRTU.check_CRC(frame[:-SUM], int.from_bytes(frame[-SUM:], "big")))
+    return bool(FramerRTU.check_CRC(frame[:-CHECKSUM_SIZE], int.from_bytes(frame[-CHECKSUM_SIZE:], "big")))

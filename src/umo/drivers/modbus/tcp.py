@@ -13,7 +13,7 @@ from umo.drivers.modbus.answer import check
 from umo.drivers.streams import Gone, Host, Lost, Stream, TimedOut
 
 _HEADER = struct.Struct(">HHH")
-_SHORTEST, _LONGEST = 2, 254  # what may follow the header: unit, function and up to 252 bytes of data
+_MIN_LENGTH, _MAX_LENGTH = 2, 254  # what may follow the header: unit, function and up to 252 bytes of data
 
 
 class Tcp:
@@ -88,7 +88,7 @@ def frame_end(data: bytes) -> int:
     if len(data) < _HEADER.size:
         return 0
     _, protocol, length = _HEADER.unpack_from(data)
-    if protocol or not _SHORTEST <= length <= _LONGEST:
+    if protocol or not _MIN_LENGTH <= length <= _MAX_LENGTH:
         raise Lost("the received data is not Modbus")
     end = _HEADER.size + length
     return end if len(data) >= end else 0

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from umo.drivers.modbus.plan import Request
 
-_MOST = 256
+_MAX_REQUESTS = 256
+"""Requests that are remembered."""
 
 
 class Unchanged:
@@ -28,7 +29,7 @@ class Unchanged:
 
     def confirmed(self, request: Request, cells: list[int], now: float) -> None:
         """`now`: when the request began."""
-        if len(self._confirmed) >= _MOST:
+        if len(self._confirmed) >= _MAX_REQUESTS:
             self._confirmed.clear()
         self._confirmed[_key(request)] = cells, now
 

@@ -22,8 +22,8 @@ from umo.errors import DriverError
 
 Parity = Literal["none", "even", "odd", "mark", "space"]
 Flow = Literal["none", "rtscts", "xonxoff"]
-_BUSY = 0.02
-"""s between two attempts to open a line that another process, perhaps one of umo that is ending, still holds."""
+_RETRY_INTERVAL = 0.02
+"""Time in s until a line is opened again that another process, perhaps one of umo that is ending, still holds."""
 
 
 @dataclass(frozen=True)
@@ -74,9 +74,9 @@ def opened(place: Serial, deadline: float) -> Stream:
             try:
                 return Stream(_open(place), "the serial line is gone")
             except OSError as error:
-                if error.errno not in (errno.EAGAIN, errno.EBUSY) or monotonic() + _BUSY >= deadline:
+                if error.errno not in (errno.EAGAIN, errno.EBUSY) or monotonic() + _RETRY_INTERVAL >= deadline:
                     raise
-                sleep(_BUSY)
+                sleep(_RETRY_INTERVAL)
 
 
 class _File(io.FileIO):

@@ -20,7 +20,7 @@ class Host:
     host: str
     port: int
     protocol: str = "tcp"
-    """What `devices` puts before the address."""
+    """Text that `devices` puts before the address."""
 
     def __post_init__(self) -> None:
         within("port", self.port, 1, 65535)

@@ -11,8 +11,8 @@ from umo.drivers.text.channel import Query
 from umo.drivers.text.pattern import BLANKS, NoValue, Pattern, UnexpectedAnswer, shown, stripped
 from umo.errors import DeviceTimeout, DriverError
 
-_MOST_DOUBLED = 4
-"""How often the quiet time is doubled: a device that answered late once is given longer."""
+_MAX_DOUBLINGS = 4
+"""Doublings of the quiet time at most: a device that answered late once is given longer."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Dialogue:
     quiet: float
     boot_time: float
     starts_always: bool
-    """A new connection starts the device; else only the first one."""
+    """Whether each new connection starts the device; else only the first one does."""
     longest_answer: int
 
 
@@ -48,8 +48,8 @@ class TextLink:
         self._end = dialogue.answer_terminator.encode(dialogue.encoding)
         self._stream: Stream | None = None
         self._ready = False
-        self._looked = False
-        """Nothing has come in unasked, as has just been seen."""
+        self._is_known_idle = False
+        """Whether it is known that nothing has come in unasked since the last look."""
         self._boots = True
         self._failures = 0
         """Connections that were dropped in succession."""
@@ -70,7 +70,7 @@ class TextLink:
         stream = self._stream or self._open()
         if not self._ready:
             self._prepare(stream)
-        self._looked = True
+        self._is_known_idle = True
 
     def close(self) -> None:
         if self._stream is not None:
@@ -156,7 +156,7 @@ class TextLink:
     def _settle(self, stream: Stream) -> None:
         """Wait until the device has started and the line was quiet for its time; what comes in is thrown away."""
         dialogue = self._dialogue
-        quiet = dialogue.quiet * 2 ** min(max(self._failures - 1, 0), _MOST_DOUBLED)
+        quiet = dialogue.quiet * 2 ** min(max(self._failures - 1, 0), _MAX_DOUBLINGS)
         while (ready := max(self._heard + quiet, self._started)) > (now := monotonic()):
             if now >= self._deadline:
                 what = "the device has not started yet" if now < self._started else "the line is not quiet"
@@ -194,9 +194,9 @@ class TextLink:
         if dialogue.pause:
             self._pause(request)
         try:
-            if not self._looked and not stream.idle():
+            if not self._is_known_idle and not stream.idle():
                 self._look(stream)
-            self._looked = False
+            self._is_known_idle = False
             stream.send((request + dialogue.terminator).encode(dialogue.encoding), self._deadline)
         except TimedOut:
             raise self._late(request) from None
@@ -214,12 +214,12 @@ class TextLink:
             if wait > self._deadline - monotonic():
                 raise self._late(request)
             sleep(wait)
-            self._looked = False
+            self._is_known_idle = False
 
     def _line(self, request: str) -> str:
         """The next line, without its terminator and the blanks around it."""
         end = self._end
-        received = b"" if self._data else self._take(request)
+        received = b"" if self._data else self._received(request)
         at = received.find(end)
         whole = 0 <= at == len(received) - len(end) <= self._longest  # as it mostly is: no more and no less
         line = received[:at] if whole else self._pieces(received, request)
@@ -239,7 +239,7 @@ class TextLink:
             if len(data) > self._longest:
                 break
             searched = max(len(data) - len(end) + 1, 0)  # a terminator may be in two pieces
-            data += self._take(request)
+            data += self._received(request)
         if not 0 <= at <= self._longest:
             text = f"the answer to {shown(request)} is longer than {self._longest} bytes"
             raise self.dropped(UnexpectedAnswer(text))
@@ -247,8 +247,8 @@ class TextLink:
         del data[: at + len(end)]
         return line
 
-    def _take(self, request: str) -> bytes:
-        """Wait for some bytes."""
+    def _received(self, request: str) -> bytes:
+        """Bytes that were waited for."""
         assert self._stream is not None
         try:
             return self._stream.receive(self._deadline)

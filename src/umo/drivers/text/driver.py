@@ -17,8 +17,10 @@ from umo.drivers.text.pattern import NoValue, Pattern
 from umo.errors import DriverError, WiringError
 from umo.presentation.durations import duration
 
-_QUIET = 0.5
-_LONGEST_WATCHDOG = 86400.0
+_DEFAULT_QUIET = 0.5
+"""Quiet time in s of a serial line."""
+_MAX_WATCHDOG = 86400.0
+"""Time in s of a watchdog at most."""
 Encoding = Literal["ascii", "latin-1", "utf-8"]
 _DEFAULT = Host("", 5025), Serial("", 9600, "none")
 
@@ -119,7 +121,7 @@ class Text(BlockDriver[TextChannel]):
         within("longest_request", longest_request, 1, 1 << 20)
         within("longest_answer", longest_answer, 1, 1 << 20)
         if quiet is None:
-            quiet = _QUIET if serial else 0.0
+            quiet = _DEFAULT_QUIET if serial else 0.0
         for name, seconds in (("pause", pause), ("boot_time", boot_time), ("quiet", quiet)):
             if not 0 <= seconds <= 60:
                 raise WiringError(f"{name} must be from 0 to 60 s, not {seconds!r}")
@@ -193,8 +195,8 @@ class Text(BlockDriver[TextChannel]):
     def check_watchdog(self, seconds: float) -> None:
         if self._watchdog_set is None:
             raise NoWatchdog("a watchdog needs the option watchdog_set")
-        if not 0 <= seconds <= _LONGEST_WATCHDOG:
-            raise DriverError(f"a watchdog of {duration(seconds)} is not within 0 to {duration(_LONGEST_WATCHDOG)}")
+        if not 0 <= seconds <= _MAX_WATCHDOG:
+            raise DriverError(f"a watchdog of {duration(seconds)} is not within 0 to {duration(_MAX_WATCHDOG)}")
 
     def _write(self, channels: Sequence[TextChannel], raws: list[int]) -> None:
         # All requests are made before the first is sent: a value that does not fit leaves the device alone.

@@ -9,16 +9,16 @@ from decimal import MAX_EMAX, MIN_EMIN, Context, Decimal, InvalidOperation
 from umo.errors import DriverError, WiringError
 
 BLANKS = " \t\r"
-_SHOWN = 60
+_SHOWN_CHARACTERS = 60
 _WILD = re.compile(r"(\{\}|\*)")
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _NONE = re.compile(r"[+-]?(?:nan|n?inf(?:inity)?)", re.IGNORECASE)
-_ALL = ("", "{}", "")
+_WHOLE_LINE = ("", "{}", "")
 _OVERFLOW = Decimal("9.9E37")
-_SHORT = 18
-"""Characters of a number that need no check for an overflow."""
+_MAX_SAFE_LENGTH = 18
+"""Characters of a number up to which no check for an overflow is needed."""
 EXACT = Context(prec=60, Emax=MAX_EMAX, Emin=MIN_EMIN)
-"""60 digits: 64 bits, a scale, and the decimals that decide how they are rounded."""
+"""Arithmetic of 60 digits: for 64 bits, a scale, and the decimals that decide how they are rounded."""
 
 
 class NoValue(DriverError):
@@ -32,7 +32,7 @@ class UnexpectedAnswer(DriverError):
 def shown(text: object) -> str:
     """What the device sent, for a message: quoted, and not more than 60 characters of it."""
     whole = repr(text)
-    return whole if len(whole) <= _SHOWN else f"{whole[:_SHOWN]}..."
+    return whole if len(whole) <= _SHOWN_CHARACTERS else f"{whole[:_SHOWN_CHARACTERS]}..."
 
 
 def stripped(line: str) -> str:
@@ -54,8 +54,8 @@ class Pattern:
     has_value: bool = False
     regex: re.Pattern[str] | None = field(init=False, compare=False, default=None)
     pieces: tuple[str, ...] = field(init=False, compare=False, default=())
-    is_all: bool = field(init=False, compare=False, default=False)
-    """It is "{}": the whole line is the value."""
+    is_whole_line: bool = field(init=False, compare=False, default=False)
+    """Whether it is "{}": the whole line is the value."""
 
     def __post_init__(self) -> None:
         text = self.text
@@ -72,7 +72,7 @@ class Pattern:
         if not text:
             raise WiringError(f"{self.where} is empty")
         object.__setattr__(self, "pieces", pieces)
-        object.__setattr__(self, "is_all", pieces == _ALL)
+        object.__setattr__(self, "is_whole_line", pieces == _WHOLE_LINE)
 
     def _compiled(self, text: str) -> re.Pattern[str]:
         try:
@@ -85,7 +85,7 @@ class Pattern:
 
     def match(self, line: str) -> str | None:
         """The value in the line, "" for a pattern without; None if the line is not of this form."""
-        if self.is_all:
+        if self.is_whole_line:
             return line if line.isprintable() else None
         pieces = self.pieces
         if len(pieces) == 1:
@@ -113,17 +113,17 @@ class RawOf:
 
     scale: Decimal | None
     factors: tuple[int, ...] = field(init=False, compare=False, default=())
-    """By the number of digits after the point; none if the scale is not 1, 0.1, 0.01 and so on."""
+    """Factors by the number of digits after the point; none if the scale is not 1, 0.1, 0.01 and so on."""
 
     def __post_init__(self) -> None:
         _, digits, exponent = (self.scale or Decimal(1)).normalize().as_tuple()
-        if digits == (1,) and isinstance(exponent, int) and -_SHORT <= exponent <= 0:
+        if digits == (1,) and isinstance(exponent, int) and -_MAX_SAFE_LENGTH <= exponent <= 0:
             object.__setattr__(self, "factors", tuple(10**i for i in range(-exponent, -1, -1)))
 
     def __call__(self, text: str) -> int:
         whole, _, part = text.partition(".")
         digits, decimals = whole + part, len(part)
-        if decimals < len(self.factors) and digits.isdigit() and digits.isascii() and len(digits) <= _SHORT:
+        if decimals < len(self.factors) and digits.isdigit() and digits.isascii() and len(digits) <= _MAX_SAFE_LENGTH:
             return int(digits) * self.factors[decimals]
         return raw_of(text, self.scale)
 

@@ -8,16 +8,16 @@ from time import monotonic
 
 from umo.testing.conformance.rules import LINE, NOTHING, Rule
 
-LATE, LATER = 0.1, 5.0
-"""Part of the budget, and s, by which a rule may take longer than planned, before it is cut short."""
-SLACK = 1.15
-"""What is measured from a few calls is no more exact than this."""
-CALLS = 70_000
+LATE_SHARE, LATE_TIME = 0.1, 5.0
+"""Share of the budget, and time in s, by which a rule may take longer than planned before it is cut short."""
+SAFETY_FACTOR = 1.15
+"""Factor on times that were measured from a few calls: they are no more exact than this."""
+LONG_RUN_TRANSFERS = 70_000
 """Transfers of the long run: more than a number of 16 bits has."""
-SHARE = 0.3
-"""Part of the time to spare that a rule gets which can use it."""
-SHARES = {"long run": 0.9, "memory": 1.0}
-"""Of the last ones."""
+SPARE_SHARE = 0.3
+"""Share of the time to spare that a rule gets which can use it."""
+SPARE_SHARES = {"long run": 0.9, "memory": 1.0}
+"""Shares of the last rules."""
 
 
 @dataclass(frozen=True)
@@ -25,10 +25,10 @@ class CallTime:
     """What one call takes, in s; measured from a few calls."""
 
     opening: float = 0.0
-    """To open a driver, to initialise, reset and finalise its channels, and to close it."""
+    """Time to open a driver, to initialise, reset and finalise its channels, and to close it."""
     transfer: float = 0.0
     wait: float = 0.0
-    """To wait for a timeout."""
+    """Time to wait for a timeout."""
     channels: int = 1
 
 
@@ -38,11 +38,11 @@ class TimePlan:
 
     pace: CallTime
     budget: float
-    """s that it may take."""
+    """Time in s that it may take."""
     least: dict[str, float]
-    """s of each rule, at least."""
+    """Time in s of each rule at least."""
     shown: dict[str, float]
-    """s of each rule with all that it can use."""
+    """Time in s of each rule with all that it can use."""
 
     @property
     def full(self) -> float:
@@ -90,17 +90,17 @@ class Budget:
         self.left_out: list[str] = []
         """Rules that did not fit."""
         self.parts: list[str] = []
-        """What rules left out, in words."""
+        """Parts of rules that were left out, in words."""
 
     def plan(self, pace: CallTime, cycles: int | None, line: bool = True) -> TimePlan:
         """Taken as the basis from now on. `cycles`: of the long run; None: all that it can use. `line`: whether there
         is one between driver and device."""
-        opening, transfer = pace.opening * SLACK, pace.transfer * pace.channels * SLACK
+        opening, transfer = pace.opening * SAFETY_FACTOR, pace.transfer * pace.channels * SAFETY_FACTOR
         shown = {}
         for rule in self._rules:
             cost = rule.cost if line or rule.theme not in LINE else NOTHING
             self._least[rule.id] = cost.opens * opening + cost.each * transfer + cost.waits * pace.wait
-            more = pace.transfer * SLACK * CALLS if rule.id == "long run" else cost.more * transfer
+            more = pace.transfer * SAFETY_FACTOR * LONG_RUN_TRANSFERS if rule.id == "long run" else cost.more * transfer
             shown[rule.id] = self._least[rule.id] + (more if cycles is None else min(more, cycles * transfer))
         return TimePlan(pace, self._seconds, dict(self._least), shown)
 
@@ -112,14 +112,14 @@ class Budget:
             return False
         behind = self._rules[self._rules.index(rule) + 1 :]
         spare = max(0.0, left - self._least[rule.id] - sum(self._least[each.id] for each in behind))
-        share = SHARES.get(rule.id, SHARE)
+        share = SPARE_SHARES.get(rule.id, SPARE_SHARE)
         self._until = self._clock() + self._least[rule.id] + share * spare
         return True
 
     @property
     def latest(self) -> float:
         """The time on the clock at which a rule is cut short."""
-        return self._end + LATE * self._seconds + LATER
+        return self._end + LATE_SHARE * self._seconds + LATE_TIME
 
     @property
     def more(self) -> bool:

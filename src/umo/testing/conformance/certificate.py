@@ -14,11 +14,11 @@ from rich.text import Text
 from umo.testing.conformance.rules import LINE
 from umo.text import in_brackets, some
 
-WIDTH = 140
+TABLE_WIDTH = 140
 
 
 class Judgement(StrEnum):
-    """Of one rule."""
+    """The verdict on one rule."""
 
     PASSED = "passed"
     FAILED = "failed"
@@ -41,7 +41,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class TransferTime:
-    """Of one kind of transfer, in s."""
+    """Times of one kind of transfer, in s."""
 
     median: float
     p99: float
@@ -64,7 +64,7 @@ class Certificate:
     unreached: tuple[str, ...] = ()
     """Outputs that could not be brought to their defaults at the end."""
     left_out: tuple[str, ...] = ()
-    """What did not fit into the time."""
+    """Parts that did not fit into the time."""
     date: str = ""
     versions: dict[str, str] = field(default_factory=dict)
     platform: str = ""
@@ -93,7 +93,7 @@ class Certificate:
 
     @property
     def status(self) -> str:
-        """In words."""
+        """The result in words."""
         if not self.passed:
             return "FAILED"
         gaps = ["" if self.line_tried else "the line was not tried", "cut short" if self.left_out else ""]
@@ -105,7 +105,7 @@ class Certificate:
 
     @property
     def summary(self) -> str:
-        """One line."""
+        """The result in one line."""
         counts = [(sum(each.verdict is verdict for each in self.findings), verdict.value) for verdict in Judgement]
         return f"{self.name}: {self.status}; {', '.join(f'{count} rules {what}' for count, what in counts)}"
 
@@ -132,7 +132,7 @@ class Certificate:
         return table
 
     def __str__(self) -> str:
-        console = Console(width=WIDTH, color_system=None)
+        console = Console(width=TABLE_WIDTH, color_system=None)
         with console.capture() as captured:
             console.print(self.table())
         return "\n" + captured.get()

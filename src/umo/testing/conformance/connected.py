@@ -7,8 +7,8 @@ from typing import Any
 from umo.objects import Compound, DigitalActuator, DigitalSensor
 from umo.testing.conformance.trial import Trial
 
-WIDEST = 1 << 40
-"""The widest range of raw levels of an object."""
+MAX_LEVEL = 1 << 40
+"""Raw level of an object at most, up and down."""
 
 
 class Machine(Compound):
@@ -23,7 +23,7 @@ def machine_of(trial: Trial) -> tuple[Machine, dict[str, Any]]:
     outputs = [
         each
         for each in trial.subject.outputs
-        if each.least < each.greatest and max(abs(each.least), abs(each.greatest)) <= WIDEST
+        if each.least < each.greatest and max(abs(each.least), abs(each.greatest)) <= MAX_LEVEL
     ]
     inputs = [text for text in trial.readable if text not in {each.channel for each in outputs}]
     machine = Machine(
@@ -41,5 +41,5 @@ def machine_of(trial: Trial) -> tuple[Machine, dict[str, Any]]:
 
 def _sensor(trial: Trial, text: str) -> DigitalSensor:
     channel = trial.new().channel(text)
-    low, high = max(channel.lowest, -WIDEST), min(channel.highest, WIDEST)
+    low, high = max(channel.lowest, -MAX_LEVEL), min(channel.highest, MAX_LEVEL)
     return DigitalSensor("count", minimum=low, maximum=high, resolution=1)

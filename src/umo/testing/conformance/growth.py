@@ -12,22 +12,22 @@ from time import monotonic
 from umo.testing.conformance.rules import RuleBroken
 from umo.testing.conformance.trial import Trial
 
-ROUNDS, MOST_ROUNDS = 3, 9
-"""Measurements of memory: a cache may still fill in the first ones. More, if it grew in each of them."""
-CACHE = 5000
+ROUNDS, MAX_ROUNDS = 3, 9
+"""Measurements of memory: a cache may still fill in the first ones. There are more if it grew in each of them."""
+CACHE_FILLING_CALLS = 5000
 """Calls after which a cache is full, if there is time for so many."""
 CYCLES = 1000
 """Cycles of one measurement at most."""
-FREE = 4096
+FREE_GROWTH = 4096
 """Bytes by which the memory may grow at any rate."""
 
 
 @dataclass(frozen=True)
 class Allowed:
-    """What may be left over each time."""
+    """Memory that may be left over each time."""
 
     fewest: int = 30
-    """Times that it is repeated at any rate."""
+    """Repetitions that are made at any rate."""
     size: float = 4.0
     """Bytes: less than one entry of a list."""
     circular: float = 0.5
@@ -41,7 +41,7 @@ def grows(trial: Trial, repeat: Callable[[], object], what: str, each: Allowed =
     while count < min(each.fewest, most) or (count < most and trial.budget.more and monotonic() - began < 1.0):
         repeat()  # warm, and how many fit
         count += 1
-    allowed = FREE + each.size * count
+    allowed = FREE_GROWTH + each.size * count
     growths: list[int] = []
     circular = 1 << 60
     with _traced():
@@ -65,7 +65,7 @@ def grows(trial: Trial, repeat: Callable[[], object], what: str, each: Allowed =
 
 
 def _may_fill(trial: Trial, rounds: int, count: int) -> bool:
-    return rounds < MOST_ROUNDS or (rounds * count < CACHE and trial.budget.more)
+    return rounds < MAX_ROUNDS or (rounds * count < CACHE_FILLING_CALLS and trial.budget.more)
 
 
 @contextmanager

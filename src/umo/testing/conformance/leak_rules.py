@@ -16,7 +16,7 @@ import numpy as np
 from umo.presentation.durations import duration
 from umo.testing.conformance.certificate import TransferTime
 from umo.testing.conformance.growth import Allowed, grows
-from umo.testing.conformance.long_run import WARM, LongRun, fails_at_once
+from umo.testing.conformance.long_run import WARMING_CYCLES, LongRun, fails_at_once
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.taps import Tap
@@ -191,7 +191,7 @@ def _compare_with_a_new_one(trial: Trial, run: LongRun) -> None:
     """RuleBroken if a new driver is quicker: else it is the computer or the device that has become slow."""
     with trial.opened(direct=True) as probe:
         new = LongRun(trial, probe)
-        new.go(WARM)
+        new.go(WARMING_CYCLES)
     if run.slower_than(new.early):
         took = f"{duration(run.late)} after {run.calls:,} transfers, {duration(new.early)} with a new driver"
         raise RuleBroken(f"a cycle takes {took}")

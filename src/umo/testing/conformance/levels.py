@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from random import Random
 
-FEW = 300
-"""A range of at most so many levels is tried in full."""
-BYTES = 256
+FEW_LEVELS = 300
+"""Levels of a range up to which all are tried."""
+BYTE_VALUES = 256
 STRIDES = (1, 77, 151, 203, 99, 235, 173, 59)
 """Odd numbers: number * stride runs through all values of a byte, in another order for each byte of a level."""
 
 
 def levels(least: int, greatest: int, default: int) -> tuple[int, ...]:
     """Levels of the range, no one twice: the default, the ends, a shuffled mixture of the others."""
-    if greatest - least < FEW:
+    if greatest - least < FEW_LEVELS:
         mixed = list(range(least, greatest + 1))
     else:
         mixed = [*_powers(least, greatest), *_bytes(least, greatest)]
@@ -34,8 +34,8 @@ def _bytes(least: int, greatest: int) -> Iterator[int]:
     """Levels whose bytes each run through all their values, as far as the range has them."""
     bits = max(least.bit_length(), greatest.bit_length()) + (least < 0)
     size = -(-bits // 8)
-    for number in range(BYTES):
-        word = bytes((number * STRIDES[i % len(STRIDES)] + 31 * i) % BYTES for i in range(size))
+    for number in range(BYTE_VALUES):
+        word = bytes((number * STRIDES[i % len(STRIDES)] + 31 * i) % BYTE_VALUES for i in range(size))
         for kept in (bits, bits - 1):  # the lower bytes stay if the level does not fit
             raw = int.from_bytes(word, "little") & ((1 << kept) - 1)
             if least < 0 and raw >> (kept - 1):

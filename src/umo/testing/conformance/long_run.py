@@ -10,25 +10,25 @@ from math import inf
 import numpy as np
 
 from umo.drivers.contract import Direction
-from umo.testing.conformance.budget import CALLS
+from umo.testing.conformance.budget import LONG_RUN_TRANSFERS
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rules import RuleBroken
 from umo.testing.conformance.subject import Output
 from umo.testing.conformance.trial import DriverCall, Trial
 
-WARM = 50
+WARMING_CYCLES = 50
 """Cycles in which a loop-back that takes its time is found."""
-FEWEST = 5
-"""Cycles at any rate."""
-TABLE = 64
-"""Different sets of levels."""
-QUICK = 0.02
-"""s within which a call must fail to be repeated often."""
-SLOWER, SLOW = 3.0, 0.002
-"""Times the duration of the first cycles, and s more, from which on a cycle has become slow."""
-FREE = 1 << 20
+FEWEST_CYCLES = 5
+"""Cycles that are run at any rate."""
+LEVEL_SETS = 64
+"""Sets of levels that are written in turn."""
+QUICK_FAILURE = 0.02
+"""Time in s within which a call must fail to be repeated often."""
+SLOW_FACTOR, SLOW_TIME = 3.0, 0.002
+"""Factor on the duration of the first cycles, and s more, from which on a cycle has become slow."""
+FREE_GROWTH = 1 << 20
 """Bytes by which the process may grow: what an allocator keeps."""
-PER_CALL = 32
+GROWTH_PER_CALL = 32
 """Bytes by which the process may grow with each transfer."""
 STATM = "/proc/self/statm"
 
@@ -44,7 +44,7 @@ class LongRun:
         self.outputs = tuple(probe.channel(each.channel) for each in trial.subject.outputs)
         self._out = np.zeros(len(self.readable), np.int64)
         outputs = trial.subject.outputs
-        table = [[each.other(i + 3 * number) for i, each in enumerate(outputs)] for number in range(TABLE - 1)]
+        table = [[each.other(i + 3 * number) for i, each in enumerate(outputs)] for number in range(LEVEL_SETS - 1)]
         self._table = [np.array(raws, np.int64) for raws in (*table, [each.default for each in outputs])]
         self._turn = 0
         self._shown = {i: each for i, each in enumerate(outputs) if each in trial.viewed}
@@ -56,11 +56,11 @@ class LongRun:
         self._before: dict[str, int] = {}
         self.failing = self._failing()
         self.per_cycle = 2 * bool(self.readable) + 2 * bool(self.outputs)
-        self.most = CALLS if trial.cycles is None else self.per_cycle * trial.cycles
+        self.most = LONG_RUN_TRANSFERS if trial.cycles is None else self.per_cycle * trial.cycles
         self._grown = 0
         self.early = inf
-        """s of the quickest of the first cycles."""
-        self._took: deque[float] = deque(maxlen=WARM)
+        """Duration in s of the quickest of the first cycles."""
+        self._took: deque[float] = deque(maxlen=WARMING_CYCLES)
 
     def cycle(self) -> None:
         """One read and one write of every channel, as a block; then of one of them."""
@@ -70,7 +70,7 @@ class LongRun:
         driver, turn = self.probe.driver, self._turn
         self._turn += 1
         if self.outputs:
-            raws = self._table[turn % TABLE]
+            raws = self._table[turn % LEVEL_SETS]
             driver.write_many(self.outputs, raws)
             one = turn % len(self.outputs)
             driver.write(self.outputs[one], int(raws[one]))
@@ -87,22 +87,22 @@ class LongRun:
     def go(self, most: int | None = None) -> None:
         """So many cycles; default: until there were enough transfers, or the time is up."""
         number, early = 0, 0
-        while (self.per_cycle and number < FEWEST) or (self.calls < self.most and self.trial.budget.more):
+        while (self.per_cycle and number < FEWEST_CYCLES) or (self.calls < self.most and self.trial.budget.more):
             if number == most:
                 return
             self.trial.share = self.calls / self.most
             self.cycle()
             self._took.append(self.trial.watch.took)
-            if number < WARM:
+            if number < WARMING_CYCLES:
                 self.early = min(self._took)
             self.calls += self.per_cycle
             self._look(number)
             number += 1
-            if self.failing and number % WARM == 0:
+            if self.failing and number % WARMING_CYCLES == 0:
                 self.fail()
-            if number == max(WARM, self.most // self.per_cycle // 4):
+            if number == max(WARMING_CYCLES, self.most // self.per_cycle // 4):
                 early = _resident()
-        if early and (grown := _resident() - early) > FREE + PER_CALL * self.calls:
+        if early and (grown := _resident() - early) > FREE_GROWTH + GROWTH_PER_CALL * self.calls:
             raise RuleBroken(
                 f"the process grew by {grown / 1e6:.1f} MB in the last three quarters of {self.calls:,} transfers"
             )
@@ -110,16 +110,16 @@ class LongRun:
 
     @property
     def late(self) -> float:
-        """s of the quickest of the last cycles."""
+        """Duration in s of the quickest of the last cycles."""
         return min(self._took)
 
     @property
     def slow(self) -> bool:
         """Whether the last cycles took much longer than the first ones."""
-        return self.calls > 2 * WARM * self.per_cycle and self.slower_than(self.early)
+        return self.calls > 2 * WARMING_CYCLES * self.per_cycle and self.slower_than(self.early)
 
     def slower_than(self, quickest: float) -> bool:
-        return self.late > SLOWER * quickest + SLOW
+        return self.late > SLOW_FACTOR * quickest + SLOW_TIME
 
     @property
     def remark(self) -> str:
@@ -146,10 +146,10 @@ class LongRun:
             for now in (found[text], alone.get(text, expected)):
                 if now != expected:
                     self._wrong(text, now, expected, f"reading of {text}")
-        raws = self._table[(self._turn - 1) % TABLE]
+        raws = self._table[(self._turn - 1) % LEVEL_SETS]
         for i, output in self._shown.items():
             view, raw = self.trial.view(output), int(raws[i])
-            if view in self._lags and number % WARM:
+            if view in self._lags and number % WARMING_CYCLES:
                 continue
             for now in (found[view], alone.get(view, found[view])):
                 if now != raw and not self.trial.same(output, raw, now):
@@ -163,7 +163,7 @@ class LongRun:
         low, high = sorted((raw, self._before.get(view, output.default)))
         there = self.trial.is_read(self.probe, output, raw)
         on_its_way = low <= now <= high or view in self._lags or self.trial.subject.agree is not None
-        if not there or (not on_its_way and number > WARM):
+        if not there or (not on_its_way and number > WARMING_CYCLES):
             recorded = self.trial.subject.levels is not None
             self._wrong(view, now, raw, f"reading of {view}" if recorded else f"level of {output.channel}")
         self._lags.add(view)
@@ -192,7 +192,7 @@ class LongRun:
 def fails_at_once(trial: Trial, call: DriverCall) -> bool:
     """Whether a call fails, and not by waiting."""
     error = trial.failure(call)
-    return error is not None and not isinstance(error, TimeoutError) and trial.watch.took < QUICK
+    return error is not None and not isinstance(error, TimeoutError) and trial.watch.took < QUICK_FAILURE
 
 
 def _resident() -> int:

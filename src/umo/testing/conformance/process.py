@@ -28,7 +28,7 @@ def threads() -> dict[int, tuple[float, float]]:
 
 
 State = dict[str, object]
-"""What a driver has no business with, by name."""
+"""Settings of a process that a driver has no business with, by name."""
 
 
 def change(before: State, now: State) -> str:

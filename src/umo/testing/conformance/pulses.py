@@ -11,8 +11,8 @@ from umo.testing.conformance.rules import RuleBroken
 from umo.testing.conformance.subject import Output
 from umo.testing.conformance.trial import Trial
 
-WRITES = 32
-"""Writes at least whose requests are compared: enough of them to change every bit of a number or checksum."""
+FEWEST_WRITES = 32
+"""Writes whose requests are compared, at least: enough of them to change every bit of a number or checksum."""
 
 
 def looks_for_pulses(trial: Trial, output: Output) -> bool:
@@ -61,7 +61,7 @@ def _levels(output: Output) -> list[int]:
 def _order(levels: list[int]) -> list[int]:
     """Each several times, in changing orders, none twice in turn."""
     random, found = Random(1998), list[int]()
-    while len(found) < WRITES // 2:
+    while len(found) < FEWEST_WRITES // 2:
         turn = random.sample(levels, len(levels))
         found += turn[::-1] if found[-1:] == turn[:1] else turn
     return found

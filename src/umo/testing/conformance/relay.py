@@ -1,7 +1,7 @@
 """What passes between a driver and its device: a thread moves the bytes of both directions, and spoils answers.
 
 It knows no protocol. In a mode that spoils, an answer is what comes from the device until nothing more has come for
-`QUIET` s.
+`ANSWER_GAP` s.
 """
 
 from __future__ import annotations
@@ -18,28 +18,30 @@ from typing import Self
 
 from umo.testing.conformance.traffic import HOLDING, PASSING, Tapped, Traffic
 
-QUIET = 0.005
-PIECE = 0.003
-"""s between the pieces of an answer."""
-SETTLE = 5.0
-"""s that the thread is waited for."""
-KEPT = 64
+ANSWER_GAP = 0.005
+"""Time in s without a byte that ends an answer."""
+PIECE_INTERVAL = 0.003
+"""Time in s between the pieces of an answer."""
+MAX_SETTLING_TIME = 5.0
+"""Time in s for which the thread is waited for."""
+KEPT_EXCHANGES = 64
 """Exchanges that are remembered."""
-SIZE = 65536
+MAX_RECEIVED = 65536
+"""Bytes that are received at once, at most."""
 
 
 class Relay(ABC):
     """Base of the taps."""
 
     def __init__(self) -> None:
-        self.exchanges: deque[tuple[bytes, bytes]] = deque(maxlen=KEPT)
+        self.exchanges: deque[tuple[bytes, bytes]] = deque(maxlen=KEPT_EXCHANGES)
         """The last requests, each with what the device answered."""
         self.connections = 0
         """Connections that a driver has made so far."""
         self.spoiled = 0
         """Answers that were spoiled so far."""
         self.missing = ""
-        """Why the device could not be reached when a driver connected last; empty if it could."""
+        """Cause why the device could not be reached when a driver connected last; empty if it could."""
         self._traffic: Traffic | None = None
         self._mode = PASSING
         self._open: list[Tapped] = []
@@ -48,8 +50,8 @@ class Relay(ABC):
         self._wake, self._waker = os.pipe()
         self._selector.register(self._wake, selectors.EVENT_READ)
         self._end = False
-        self._asked = self._settled = 0
-        """How often it was asked to settle, and up to which of these it has."""
+        self._asked_to_settle = self._settled = 0
+        """Number of the last request to settle, and of the last one that was met."""
         self._turn = threading.Condition()
         self._thread = threading.Thread(target=self._work, name="umo tap", daemon=True)
 
@@ -79,9 +81,9 @@ class Relay(ABC):
     def settle(self) -> None:
         """Returns when everything has been dealt with that waits now."""
         with self._turn:
-            self._asked = asked = self._asked + 1
+            self._asked_to_settle = asked = self._asked_to_settle + 1
             self._nudge()
-            self._turn.wait_for(lambda: self._settled >= asked, SETTLE)
+            self._turn.wait_for(lambda: self._settled >= asked, MAX_SETTLING_TIME)
 
     @property
     def descriptors(self) -> int:
@@ -110,7 +112,7 @@ class Relay(ABC):
 
     def _work(self) -> None:
         while not self._end:
-            asked = self._asked  # before the look: whatever happened before it was asked is seen
+            asked = self._asked_to_settle  # before the look: whatever happened before it was asked is seen
             ready = self._selector.select(self._pause() if self._settled == asked else 0)
             with self._lock:
                 for key, _ in ready:
@@ -125,7 +127,7 @@ class Relay(ABC):
         if self._mode.endless:
             return self._mode.endless
         dues = [each.due for each in tuple(self._open) if each.due is not None]
-        dues += [each.next for each in tuple(self._open) if each.trickle]
+        dues += [each.next_due for each in tuple(self._open) if each.trickle]
         return max(0.0, min(dues) - monotonic()) if dues else None
 
     def _nudge(self) -> None:
@@ -133,14 +135,14 @@ class Relay(ABC):
 
     def _serve(self, ready: int) -> None:
         if ready == self._wake:
-            os.read(ready, SIZE)
+            os.read(ready, MAX_RECEIVED)
             return
         tapped = next((each for each in self._open if ready in (each.driver, each.device)), None)
         if tapped is None:
             self._accept()
             return
         try:
-            data = os.read(ready, SIZE)
+            data = os.read(ready, MAX_RECEIVED)
         except OSError:
             data = b""
         if not data:
@@ -165,7 +167,7 @@ class Relay(ABC):
             self._traffic.answer += data
         tapped.answer += data
         if self._mode.spoils or tapped.due is not None:
-            tapped.due = monotonic() + QUIET
+            tapped.due = monotonic() + ANSWER_GAP
             return
         self._put(tapped, tapped.driver, tapped.held + data)
         tapped.held = b""
@@ -177,8 +179,8 @@ class Relay(ABC):
                 self._finish(each)
             if self._mode.endless and each.request:
                 self._put(each, each.driver, b"\xff")
-            if each.trickle and now >= each.next:
-                byte, each.trickle, each.next = each.trickle[:1], each.trickle[1:], now + self._mode.step
+            if each.trickle and now >= each.next_due:
+                byte, each.trickle, each.next_due = each.trickle[:1], each.trickle[1:], now + self._mode.step
                 self._put(each, each.driver, byte)
 
     # Answers -----------------------------------------------------------------------------------------
@@ -207,11 +209,11 @@ class Relay(ABC):
             if mode.hangup:
                 self._close(tapped)
         elif mode.step:
-            tapped.trickle, tapped.next = answer, monotonic() + mode.step
+            tapped.trickle, tapped.next_due = answer, monotonic() + mode.step
         elif mode.splitting:
             for piece in (answer[:1], answer[1 : len(answer) // 2], answer[max(1, len(answer) // 2) :]):
                 self._put(tapped, tapped.driver, piece)
-                sleep(PIECE)
+                sleep(PIECE_INTERVAL)
         elif not mode.endless:  # it began before the mode ended
             self._put(tapped, tapped.driver, answer)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Sequence
 
-MOST = 6
+MAX_WRITES = 6
 """Writes that the requests of one call may consist of."""
 
 
@@ -36,7 +36,7 @@ class Writes:
     def levels(self, sent: bytes, allowed: Collection[int]) -> list[int] | None:
         """The levels of the writes that these requests are, one after the other; those that are allowed if there is
         more than one way to read them. None if they are not the same as writes."""
-        ways = list(self._ways(sent, MOST))
+        ways = list(self._ways(sent, MAX_WRITES))
         return next((way for way in ways if set(way) <= set(allowed)), ways[0] if ways else None)
 
     def _ways(self, sent: bytes, most: int) -> Iterator[list[int]]:

@@ -14,19 +14,21 @@ from umo.testing.conformance.rules import NotTried, RuleBroken
 from umo.testing.conformance.subject import Output
 from umo.text import some
 
-LOOK = 0.001
-"""s between two looks at a level that has not come yet."""
-STEPS = 0.02
-"""Part of a range: a level that is no further off may be a step of the device."""
+LOOK_INTERVAL = 0.001
+"""Time in s between two looks at a level that has not come yet."""
+STEP_SHARE = 0.02
+"""Share of a range: a level that is no further off may be a step of the device."""
 NO_VIEW = "the level of no output can be seen: it needs a loop-back, or a channel that can be read back"
-CONFIRMED = "every call succeeded, but no level can be seen: it needs a loop-back, or a channel that can be read back"
+ONLY_CONFIRMED = (
+    "every call succeeded, but no level can be seen: it needs a loop-back, or a channel that can be read back"
+)
 
 
 class Sight(Clients):
     """What can be seen of the levels."""
 
     last_level = 0
-    """What `is_at` or `is_read` found last."""
+    """Level that `is_at` or `is_read` found last."""
 
     @cached_property
     def loops(self) -> dict[str, str]:
@@ -76,7 +78,7 @@ class Sight(Clients):
     def looked(self) -> str | None:
         """As `remark`, at the end of a rule whose calls succeeded; NotTried if it could see none of the outputs."""
         if self.subject.outputs and not self.visible:
-            raise NotTried(CONFIRMED)
+            raise NotTried(ONLY_CONFIRMED)
         return self.remark()
 
     # Levels -------------------------------------------------------------------------------------------
@@ -100,7 +102,7 @@ class Sight(Clients):
         while not right(found := look()):
             if monotonic() >= end:
                 return False, found
-            sleep(LOOK)
+            sleep(LOOK_INTERVAL)
         return True, found
 
     def is_at(self, probe: Probe, output: Output, raw: int) -> bool:
@@ -145,7 +147,7 @@ class Sight(Clients):
     def _hint(self, output: Output, raw: int) -> str:
         """For a device that has steps."""
         off, width = abs(self.last_level - raw), output.greatest - output.least
-        if self.subject.agree is None and width >= 1 / STEPS and off <= max(1.0, STEPS * width):
+        if self.subject.agree is None and width >= 1 / STEP_SHARE and off <= max(1.0, STEP_SHARE * width):
             return " (if the device has steps or noise, say what agrees: `agree` of the subject, --tolerance)"
         return ""
 
@@ -204,7 +206,7 @@ class Sight(Clients):
                 yield found
                 end = monotonic() + self.subject.settle
                 while found and not self.same(output, until, found[-1]) and monotonic() < end:
-                    sleep(LOOK)
+                    sleep(LOOK_INTERVAL)
         else:
             yield found
 

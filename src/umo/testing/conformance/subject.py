@@ -73,16 +73,16 @@ class Subject:
     loopbacks: tuple[tuple[str, str], ...] = ()
     """Pairs of channels: the level of the output is what the input reads."""
     timeout: float = 0.1
-    """s: `Driver.timeout` in calls that must time out; shorter where the device answers much quicker. In all other
-    calls it is 3 s at least."""
+    """Timeout in s (`Driver.timeout`) of calls that must time out; shorter where the device answers much quicker. In
+    all other calls it is 3 s at least."""
     settle: float = 1.0
-    """s until a level has come through a loop-back at the latest."""
+    """Time in s until a level has come through a loop-back at the latest."""
     device: str = ""
-    """What the driver is connected to, for the certificate. Default: the driver's `devices()`."""
+    """Name of the device for the certificate. Default: the driver's `devices()`."""
     line: Tap | None = None
     """A TcpTap or PtyTap between driver and device, which spoils answers."""
     direct: Callable[[], Driver[Any]] | None = None
-    """As `make`, without the line: for times and for many cycles. Default: `make`."""
+    """A new driver as by `make`, without the line: for times and for many cycles. Default: `make`."""
     gone: Callable[[], AbstractContextManager[object]] | None = None
     """`with gone():` takes the device away and brings it back. Default: the line does."""
     levels: Callable[[str], Sequence[int]] | None = None
@@ -98,7 +98,7 @@ class Subject:
     sole_writer: bool = False
     """The driver says that nobody else may write while it is open: it keeps a copy of what its outputs share."""
     period: float = 0.001
-    """s: `Driver.period`."""
+    """Period in s (`Driver.period`)."""
     agree: Callable[[str, int, str, int], bool] | None = None
     """Whether an output at this raw level and an input with this reading are the same level of a loop-back, for those
     with another scale or noise. Default: both raw values are equal."""

@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from time import monotonic, sleep
 
-from umo.testing.conformance.relay import QUIET, Relay
+from umo.testing.conformance.relay import ANSWER_GAP, Relay
 from umo.testing.conformance.traffic import HOLDING, PASSING, AnswerMode, Change, Tapped, Traffic
 
-LAST = 0.5
-"""s in which an answer that is to be late must have come."""
+MAX_LATENESS = 0.5
+"""Time in s in which an answer that is to be late must have come."""
 
 
 class Tap(Relay):
@@ -86,9 +86,9 @@ class Tap(Relay):
         try:
             yield traffic
             self.settle()
-            end = monotonic() + LAST
+            end = monotonic() + MAX_LATENESS
             while answers and traffic.asked and not traffic.answer and self.spoiled == spoiled and monotonic() < end:
-                sleep(QUIET)
+                sleep(ANSWER_GAP)
         finally:
             with self._lock:
                 self._traffic = None
@@ -96,9 +96,9 @@ class Tap(Relay):
     def await_answer(self, spoiled: int) -> bool:
         """Waits for the answer to a request that is under way; whether one was spoiled since `spoiled` was counted."""
         self.settle()
-        end = monotonic() + LAST
+        end = monotonic() + MAX_LATENESS
         while self.spoiled == spoiled and any(each.request for each in tuple(self._open)) and monotonic() < end:
-            sleep(QUIET)
+            sleep(ANSWER_GAP)
         return self.spoiled > spoiled
 
     @contextmanager

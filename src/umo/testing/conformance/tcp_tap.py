@@ -10,8 +10,8 @@ from contextlib import contextmanager, suppress
 
 from umo.testing.conformance.taps import Tap
 
-DIAL = 1.0
-"""s that connecting to the device may take."""
+MAX_CONNECTING = 1.0
+"""Time in s that connecting to the device may take."""
 
 
 class TcpTap(Tap):
@@ -33,7 +33,10 @@ class TcpTap(Tap):
         self._go()
         address = self.host, self.port
         try:
-            self._full = [socket.create_server(address, backlog=0), socket.create_connection(address, DIAL)]
+            self._full = [
+                socket.create_server(address, backlog=0),
+                socket.create_connection(address, MAX_CONNECTING),
+            ]
             yield True
         finally:
             self._return()
@@ -56,7 +59,7 @@ class TcpTap(Tap):
         driver, _ = self._listener.accept()
         self.connections += 1
         try:
-            device = socket.create_connection(self._device, DIAL)
+            device = socket.create_connection(self._device, MAX_CONNECTING)
             self.missing = ""
         except OSError as error:
             self.missing = f"{self._device[0]}:{self._device[1]}: {error.strerror or error}"

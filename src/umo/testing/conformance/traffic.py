@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 Change = Callable[[bytes], bytes]
-"""Makes what the driver gets out of what the device answered; nothing: no answer."""
+"""Function that makes what the driver gets out of what the device answered; nothing: no answer."""
 
 
 @dataclass(frozen=True)
@@ -15,15 +15,15 @@ class AnswerMode:
 
     change: Change | None = None
     hangup: bool = False
-    """After a changed answer the connection is closed."""
+    """Whether the connection is closed after a changed answer."""
     holding: bool = False
-    """They are kept, to be delivered late."""
+    """Whether they are kept, to be delivered late."""
     splitting: bool = False
-    """Each comes in three pieces."""
+    """Whether each comes in three pieces."""
     step: float = 0.0
-    """s between the bytes of an answer that trickles."""
+    """Time in s between the bytes of an answer that trickles."""
     endless: float = 0.0
-    """s between bytes that come without an end, in place of an answer."""
+    """Time in s between bytes that come without an end, in place of an answer."""
 
     @property
     def spoils(self) -> bool:
@@ -40,7 +40,7 @@ class Traffic:
         self.requests: list[bytes] = []
         """Pieces that the driver sent: each is what was there when the tap looked."""
         self.answer = b""
-        """What the device sent."""
+        """Bytes that the device sent."""
 
     @property
     def asked(self) -> int:
@@ -57,8 +57,8 @@ class Tapped:
         self.held = b""
         """Late answers."""
         self.due: float | None = None
-        """When the answer counts as complete."""
+        """Time at which the answer counts as complete."""
         self.trickle = b""
         """The rest of an answer that is delivered byte by byte."""
-        self.next = 0.0
-        """When the next byte of it is due."""
+        self.next_due = 0.0
+        """Time at which the next byte is due."""

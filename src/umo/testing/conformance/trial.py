@@ -23,12 +23,12 @@ from umo.testing.conformance.traffic import Change, Traffic
 DriverCall = Callable[[], object]
 """A call of the driver."""
 T = TypeVar("T")
-MEASURED = 3
+MEASURED_CALLS = 3
 """Calls of each kind from which the time of a call is measured."""
-HASTE_LEAST = 0.2
-"""s: no shorter timeout is chosen by the kit itself."""
-HASTE = 10
-"""Answers, by the time that the slowest of a few took, which a call that must time out waits for at least."""
+MIN_HASTE = 0.2
+"""Timeout in s: no shorter one is chosen by the kit itself."""
+HASTE_FACTOR = 10
+"""Factor: a call that must time out waits so many times as long as the slowest of a few answers took."""
 NO_LINE = "there is no line between driver and device that the kit can disturb"
 
 
@@ -41,10 +41,10 @@ class Trial(Sight):
         self.budget = budget if budget is not None else Budget(inf, ())
         self.pace = CallTime()
         self.haste = subject.timeout
-        """s: the timeout of calls that must time out."""
+        """Timeout in s of calls that must time out."""
         self.share = 0.0
         self.left_out: list[str] = []
-        """What the present rule left out for want of time, in words."""
+        """Parts of the present rule that were left out for want of time, in words."""
         self.times: dict[str, TransferTime] = {}
         self.kept: dict[str, Any] = {}
         """Results that several rules share."""
@@ -63,11 +63,11 @@ class Trial(Sight):
         began = monotonic()
         taken = []
         with self.opened() as probe:
-            for call in self.transfers(probe) * MEASURED:
+            for call in self.transfers(probe) * MEASURED_CALLS:
                 call()
                 taken.append(self.watch.took)
         opening = monotonic() - began - sum(taken)
-        self.haste = min(self.subject.timeout, max(HASTE_LEAST, HASTE * max(taken, default=0.0)))
+        self.haste = min(self.subject.timeout, max(MIN_HASTE, HASTE_FACTOR * max(taken, default=0.0)))
         mean = sum(taken) / max(1, len(taken))
         self.pace = CallTime(opening, mean, self.haste, max(1, len(self.channels)))
 
