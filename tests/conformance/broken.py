@@ -608,7 +608,7 @@ BREAKS: dict[type[Careful], str] = {
     GivesUp: "vanish",
     SharesItsConnection: "two clients",
     LeaksSockets: "descriptors",
-    LeaksThreads: "threads",
+    LeaksThreads: "descriptors",
     Grows: "memory",
     RaisesKeyErrors: "kind of errors",
     TakesAPartForTheWhole: "answer in pieces",

@@ -92,18 +92,18 @@ def _found(host: str, port: int | None, seconds: float) -> Found:
 def _looked_up(host: str, port: int | None, seconds: float) -> Found:
     """Look up in a thread, as `getaddrinfo` has no timeout."""
     outcome: Future[Found] = Future()
-    Thread(target=_look_up, args=(outcome, host, port), name="umo look-up", daemon=True).start()
+
+    def look_up(outcome: Future[Found]) -> None:
+        try:
+            outcome.set_result(socket.getaddrinfo(host, port, type=socket.SOCK_STREAM))
+        except Exception as error:
+            outcome.set_exception(error.with_traceback(None))
+
+    Thread(target=look_up, args=(outcome,), name="umo look-up", daemon=True).start()
     try:
         return outcome.result(max(seconds, 0.0))
     finally:
         del outcome  # it holds the error, which holds this frame
-
-
-def _look_up(outcome: Future[Found], host: str, port: int | None) -> None:
-    try:
-        outcome.set_result(socket.getaddrinfo(host, port, type=socket.SOCK_STREAM))
-    except Exception as error:
-        outcome.set_exception(error.with_traceback(None))
 
 
 def _normal(text: str, scope: tuple[object, ...]) -> str:

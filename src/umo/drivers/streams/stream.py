@@ -57,19 +57,19 @@ class Stream:
     def waiting(self) -> bytes:
         """What has come in so far, at most 4096 bytes. Raises Gone."""
         try:
-            return os.read(self._fd, _MAX_RECEIVED) or self._ended()
+            data = os.read(self._fd, _MAX_RECEIVED)
         except OSError as error:
             return _nothing(error)
+        if not data:
+            raise Gone(self._end)
+        return data
 
     def receive(self, deadline: float) -> bytes:
         """What has come in, at most 4096 bytes, after waiting for the first byte. Raises TimedOut or Gone."""
         left = deadline - monotonic()
         if left <= 0 or not self._in.poll(left * 1000):
             raise TimedOut
-        try:
-            return os.read(self._fd, _MAX_RECEIVED) or self._ended()
-        except OSError as error:
-            return _nothing(error)
+        return self.waiting()
 
     def send(self, data: bytes, deadline: float) -> None:
         """Send all of it. Raises TimedOut or Gone."""
@@ -84,9 +84,6 @@ class Stream:
             left = deadline - monotonic()
             if left <= 0 or not self._out.poll(left * 1000):
                 raise TimedOut
-
-    def _ended(self) -> bytes:
-        raise Gone(self._end)
 
 
 def _nothing(error: OSError) -> bytes:

@@ -39,44 +39,22 @@ PER_LOST_CONNECTION = Allowed(fewest=FEWEST_OPENINGS, size=1024.0, circular=50.0
 
 @rule(
     "descriptors",
-    "No descriptor is left open over many openings, lost connections, and calls without an answer.",
+    "No descriptor is left open and no thread is left over, by many openings, lost connections, and calls without an "
+    "answer.",
     Cost(opens=9, each=18, waits=16, more=600),
 )
 def descriptors(trial: Trial) -> str:
-    if not os.path.isdir(DESCRIPTORS):
-        raise NotTried("the open descriptors can be counted on Linux only")
-    before, after, openings = _churned(trial)["descriptors"]
-    if after > before:
-        raise RuleBroken(f"{after - before} more descriptors are open after {openings} openings")
+    most = OPENINGS if trial.cycles is None else max(FEWEST_OPENINGS, trial.cycles // OPENINGS)
+    _open_often(trial, 2, 2, 1)  # imports, caches
+    before = _counts(trial, None)
+    # The closed drivers are kept: closing is not left to the garbage collector.
+    closed = _open_often(trial, FEWEST_OPENINGS, most, SILENT_OPENINGS)
+    after, openings = _counts(trial, before), len(closed) - SILENT_OPENINGS
+    trial.left_out += [f"{openings} of {most} openings"] if openings < most else []
+    for what, number in before.items():
+        if after[what] > number:
+            raise RuleBroken(f"{after[what] - number} {what} more than before are there after {openings} openings")
     return f"{openings} openings"
-
-
-@rule("threads", "No thread is left over.", Cost(opens=0, each=0))
-def threads(trial: Trial) -> str:
-    """Counted together with the descriptors."""
-    if "descriptors" in trial.budget.left_out:
-        trial.budget.left_out.append("threads")
-        raise NotTried("left out with the rule descriptors (--minutes)")
-    before, after, openings = _churned(trial)["threads"]
-    if after > before:
-        raise RuleBroken(f"{after - before} more threads run after {openings} openings")
-    return f"{openings} openings"
-
-
-def _churned(trial: Trial) -> dict[str, tuple[int, int, int]]:
-    """Counts before and after the driver was opened, used, cut off and closed many times, and how often; once for both
-    rules."""
-    if "churned" not in trial.kept:
-        most = OPENINGS if trial.cycles is None else max(FEWEST_OPENINGS, trial.cycles // OPENINGS)
-        _open_often(trial, 2, 2, 1)  # imports, caches
-        before = _counts(trial, None)
-        # The closed drivers are kept: closing is not left to the garbage collector.
-        closed = _open_often(trial, FEWEST_OPENINGS, most, SILENT_OPENINGS)
-        after, openings = _counts(trial, before), len(closed) - SILENT_OPENINGS
-        trial.kept["churned"] = {key: (before[key], after[key], openings) for key in before}
-        trial.left_out += [f"{openings} of {most} openings"] if openings < most else []
-    found: dict[str, tuple[int, int, int]] = trial.kept["churned"]
-    return found
 
 
 def _open_often(trial: Trial, least: int, most: int, silent: int) -> list[Probe]:
@@ -120,7 +98,7 @@ def _counts(trial: Trial, goal: dict[str, int] | None) -> dict[str, int]:
     end = monotonic() + MAX_CLOSING_TIME
     while True:
         gc.collect()  # each time: a call that still runs may leave a cycle behind when it ends
-        found = {"descriptors": _descriptors(trial), "threads": threading.active_count()}
+        found = {"open descriptors": _descriptors(trial), "threads": threading.active_count()}
         if goal is None or monotonic() >= end or all(found[key] <= goal[key] for key in found):
             return found
         sleep(0.01)
@@ -130,7 +108,7 @@ def _descriptors(trial: Trial) -> int:
     line = trial.subject.line
     with suppress(OSError):
         return len(os.listdir(DESCRIPTORS)) - (line.descriptors if line is not None else 0)
-    return 0
+    return 0  # they can be counted on Linux only
 
 
 @rule("time", "The median time per transfer is within the timeout; the certificate has the times.", Cost(each=20))

@@ -107,16 +107,14 @@ class Sight(Clients):
 
     def is_at(self, probe: Probe, output: Output, raw: int) -> bool:
         """Whether the output comes to this level within `settle`; sets `last_level`."""
-        there, self.last_level = self.comes_to(
-            lambda: self.level(probe, output), lambda level: self.same(output, raw, level)
-        )
-        return there
+        return self._comes_to(self.level, probe, output, raw)
 
     def is_read(self, probe: Probe, output: Output, raw: int) -> bool:
         """As `is_at`, of what the driver reads; sets `last_level`."""
-        there, self.last_level = self.comes_to(
-            lambda: self.reading(probe, output), lambda level: self.same(output, raw, level)
-        )
+        return self._comes_to(self.reading, probe, output, raw)
+
+    def _comes_to(self, look: Callable[[Probe, Output], int], probe: Probe, output: Output, raw: int) -> bool:
+        there, self.last_level = self.comes_to(lambda: look(probe, output), lambda level: self.same(output, raw, level))
         return there
 
     def arrive(self, other: Probe | None, output: Output, raw: int) -> None:

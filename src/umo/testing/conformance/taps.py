@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from time import monotonic, sleep
 
 from umo.testing.conformance.relay import ANSWER_GAP, Relay
@@ -27,17 +27,13 @@ class Tap(Relay):
     """Whether a connection that the driver opens again begins without what was sent to the one before."""
     _gone = False
 
-    @contextmanager
-    def spoiling(self, change: Change, *, hangup: bool = False) -> Iterator[None]:
+    def spoiling(self, change: Change, *, hangup: bool = False) -> AbstractContextManager[None]:
         """Each answer is changed; `hangup`: then the connection is closed."""
-        with self._in(AnswerMode(change=change, hangup=hangup)):
-            yield
+        return self._in(AnswerMode(change=change, hangup=hangup))
 
-    @contextmanager
-    def silent(self) -> Iterator[None]:
+    def silent(self) -> AbstractContextManager[None]:
         """Requests reach the device, answers get lost."""
-        with self.spoiling(lambda answer: b""):
-            yield
+        return self.spoiling(lambda answer: b"")
 
     @contextmanager
     def late(self, *, behind: bool = False) -> Iterator[None]:
@@ -54,28 +50,22 @@ class Tap(Relay):
             yield
             self.await_answer(spoiled)
 
-    @contextmanager
-    def split(self) -> Iterator[None]:
+    def split(self) -> AbstractContextManager[None]:
         """Each answer comes in three pieces."""
-        with self._in(AnswerMode(splitting=True)):
-            yield
+        return self._in(AnswerMode(splitting=True))
 
-    @contextmanager
-    def trickling(self, step: float) -> Iterator[None]:
+    def trickling(self, step: float) -> AbstractContextManager[None]:
         """Each answer comes byte by byte, one every `step` s. What is left at the end comes at once."""
 
         def deliver(tapped: Tapped) -> None:
             self._put(tapped, tapped.driver, tapped.trickle)
             tapped.trickle = b""
 
-        with self._in(AnswerMode(step=step), deliver):
-            yield
+        return self._in(AnswerMode(step=step), deliver)
 
-    @contextmanager
-    def endless(self, step: float = 0.001) -> Iterator[None]:
+    def endless(self, step: float = 0.001) -> AbstractContextManager[None]:
         """In place of an answer, bytes come without an end, one every `step` s."""
-        with self._in(AnswerMode(endless=step)):
-            yield
+        return self._in(AnswerMode(endless=step))
 
     @contextmanager
     def counting(self, answers: bool = False) -> Iterator[Traffic]:

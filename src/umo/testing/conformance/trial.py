@@ -46,8 +46,6 @@ class Trial(Sight):
         self.left_out: list[str] = []
         """Parts of the present rule that were left out for want of time, in words."""
         self.times: dict[str, TransferTime] = {}
-        self.kept: dict[str, Any] = {}
-        """Results that several rules share."""
         self.threads: frozenset[int] = frozenset()
         """Threads of the process that are older than the first driver."""
         self.before: State = {}
