@@ -24,7 +24,7 @@ from umo.errors import StandsStopped
 from umo.process.station import StationError
 from umo.system.custody import Custody
 from umo.system.hold import Hold
-from umo.testing.conformance import Certificate, PtyTap, growth, leak_rules, long_run
+from umo.testing.conformance import Certificate, PtyTap, leak_rules, long_run
 
 Umo = Callable[..., Result]
 OBJECTS = """
@@ -72,7 +72,7 @@ def few_transfers(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where they are many in the search for what adds up."""
     monkeypatch.setattr(long_run, "LONG_RUN_TRANSFERS", 80)
     monkeypatch.setattr(leak_rules, "OPENINGS", 3)
-    monkeypatch.setattr(growth, "CYCLES", 10)
+    monkeypatch.setattr(leak_rules, "CYCLES", 10)
 
 
 @pytest.fixture

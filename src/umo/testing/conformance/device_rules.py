@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from functools import partial
 from itertools import pairwise
+from typing import Any
 
 from umo.cycle import connect
 from umo.errors import DriverError, text_of
+from umo.objects import Compound, DigitalActuator, DigitalSensor
 from umo.system.custody import Custody
-from umo.testing.conformance.connected import machine_of
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.recovery import rewrite
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
@@ -20,6 +21,8 @@ MAX_ALONE = 8
 """Channels that are read alone while the device is away."""
 FRESH_LEVELS = 3
 """Levels of each output that are read afresh."""
+MAX_LEVEL = 1 << 40
+"""Raw level of an object at most, up and down."""
 SOLE_WRITER = "(if it must be alone: `sole_writer` of the subject, --sole-writer)"
 
 
@@ -247,7 +250,7 @@ def _is_fresh(trial: Trial, probe: Probe, second: Probe | None, output: Output) 
 )
 def errors_named(trial: Trial) -> None:
     loss = trial.subject.line.silent if trial.subject.line is not None else trial.loss
-    machine, wiring = machine_of(trial)
+    machine, wiring = _machine_of(trial)
     connection = connect(machine, wiring)
     connection.custody = Custody((), "conformance")
     connection.pause = lambda seconds: None
@@ -273,3 +276,37 @@ def _check_names(error: DriverError, texts: dict[str, str]) -> None:
     for failure in error.failures:
         if texts.get(failure.path) != failure.channel:
             raise RuleBroken(f"the error names {failure.path} (channel {failure.channel}), which was not transferred")
+
+
+class Machine(Compound):
+    """What the kit makes of a subject."""
+
+    outputs: list[DigitalActuator]
+    inputs: list[DigitalSensor]
+
+
+def _machine_of(trial: Trial) -> tuple[Machine, dict[str, Any]]:
+    """A machine with an object of each channel and its wiring, without outputs of one level or of very wide ranges."""
+    outputs = [
+        each
+        for each in trial.subject.outputs
+        if each.least < each.greatest and max(abs(each.least), abs(each.greatest)) <= MAX_LEVEL
+    ]
+    inputs = [text for text in trial.readable if text not in {each.channel for each in outputs}]
+    machine = Machine(
+        outputs=[
+            DigitalActuator("count", default=o.default, minimum=o.least, maximum=o.greatest, resolution=1)
+            for o in outputs
+        ],
+        inputs=[_sensor(trial, text) for text in inputs],
+    )
+    wire = {f"outputs.{i}": {"driver": "subject", "channel": each.channel} for i, each in enumerate(outputs)}
+    wire |= {f"inputs.{i}": {"driver": "subject", "channel": text} for i, text in enumerate(inputs)}
+    drivers = {"subject": {"type": trial.new().driver, "timeout": trial.patience}}
+    return machine, {"drivers": drivers, "wire": wire}
+
+
+def _sensor(trial: Trial, text: str) -> DigitalSensor:
+    channel = trial.new().channel(text)
+    low, high = max(channel.lowest, -MAX_LEVEL), min(channel.highest, MAX_LEVEL)
+    return DigitalSensor("count", minimum=low, maximum=high, resolution=1)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import gc
 import os
 import threading
-from collections.abc import Callable
-from contextlib import nullcontext, suppress
+import tracemalloc
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext, suppress
+from dataclasses import dataclass
 from itertools import cycle
 from time import monotonic, perf_counter, sleep
 from typing import Any
@@ -15,7 +17,6 @@ import numpy as np
 
 from umo.presentation.durations import duration
 from umo.testing.conformance.certificate import TransferTime
-from umo.testing.conformance.growth import Allowed, grows
 from umo.testing.conformance.long_run import WARMING_CYCLES, LongRun, fails_at_once
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
@@ -33,6 +34,28 @@ MAX_CLOSING_TIME = 5.0
 """s until what was closed has ended at the other end too."""
 TIMED_CALLS = 300
 """Calls of each kind that are timed at most."""
+ROUNDS, MAX_ROUNDS = 3, 9
+"""Measurements of memory: a cache may still fill in the first ones. There are more if it grew in each of them."""
+CACHE_FILLING_CALLS = 5000
+"""Calls after which a cache is full, if there is time for so many."""
+CYCLES = 1000
+"""Cycles of one measurement at most."""
+FREE_GROWTH = 4096
+"""Bytes by which the memory may grow at any rate."""
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """Memory that may be left over each time."""
+
+    fewest: int = 30
+    """Repetitions that are made at any rate."""
+    size: float = 4.0
+    """Bytes: less than one entry of a list."""
+    circular: float = 0.5
+    """Objects that only the garbage collector frees."""
+
+
 PER_LOST_CONNECTION = Allowed(fewest=FEWEST_OPENINGS, size=1024.0, circular=50.0)
 """Memory that may be left over by each lost connection: one is lost seldom."""
 
@@ -189,7 +212,7 @@ def memory(trial: Trial) -> str:
             if what == "failed calls" and not run.failing:
                 words.append("no call can be made to fail at once")
                 continue
-            words.append(grows(trial, repeat, what))
+            words.append(_grows(trial, repeat, what))
     if trial.subject.line is not None:
         words.append(_over_lost_connections(trial, trial.subject.line))
         words.append(_without_a_device(trial, trial.subject.line))
@@ -197,7 +220,7 @@ def memory(trial: Trial) -> str:
 
 
 def _over_lost_connections(trial: Trial, line: Tap) -> str:
-    """As `grows`, of calls that connect again."""
+    """As `_grows`, of calls that connect again."""
     with trial.opened() as probe:
         call = trial.transfers(probe)[0]
 
@@ -206,15 +229,68 @@ def _over_lost_connections(trial: Trial, line: Tap) -> str:
             for _ in range(2):  # the first may find the end of the connection
                 trial.failure(call)
 
-        return grows(trial, lose, "lost connections", PER_LOST_CONNECTION)
+        return _grows(trial, lose, "lost connections", PER_LOST_CONNECTION)
 
 
 def _without_a_device(trial: Trial, line: Tap) -> str:
-    """As `grows`, of calls that fail as the device is away."""
+    """As `_grows`, of calls that fail as the device is away."""
     with trial.opened() as probe, line.gone():
         trial.hurry(probe)
         calls = [call for call in trial.transfers(probe) if fails_at_once(trial, call)]
         if not calls:
             return "calls without the device do not fail at once"
         turns = cycle(calls)
-        return grows(trial, lambda: trial.failure(next(turns)), "calls without the device")
+        return _grows(trial, lambda: trial.failure(next(turns)), "calls without the device")
+
+
+def _grows(trial: Trial, repeat: Callable[[], object], what: str, each: Allowed = Allowed()) -> str:
+    """RuleBroken if memory is left over; else what was measured."""
+    most = CYCLES if trial.cycles is None else max(10, min(CYCLES, trial.cycles // ROUNDS))
+    began, count = monotonic(), 0
+    while count < min(each.fewest, most) or (count < most and trial.budget.more and monotonic() - began < 1.0):
+        repeat()  # warm, and how many fit
+        count += 1
+    allowed = FREE_GROWTH + each.size * count
+    growths: list[int] = []
+    circular = 1 << 60
+    with _traced():
+        while len(growths) < ROUNDS or (min(growths) > allowed and _may_fill(trial, len(growths), count)):
+            trial.share = len(growths) / max(ROUNDS, len(growths) + 1)
+            gc.collect()
+            gc.disable()
+            before = tracemalloc.get_traced_memory()[0]
+            for _ in range(count):
+                repeat()
+            circular = min(circular, gc.collect())
+            growths.append(tracemalloc.get_traced_memory()[0] - before)
+    if circular >= each.circular * count:
+        raise RuleBroken(
+            f"{circular / count:.3g} objects are left in a circle of references by each of {count} {what}: only the "
+            "garbage collector frees them, and it is off in the control process"
+        )
+    if (growth := min(growths)) > allowed:
+        raise RuleBroken(f"the memory grew by {growth} bytes in each {count} {what}, {growth / count:.0f} each time")
+    return f"{len(growths)} rounds of {count} {what}"
+
+
+def _may_fill(trial: Trial, rounds: int, count: int) -> bool:
+    return rounds < MAX_ROUNDS or (rounds * count < CACHE_FILLING_CALLS and trial.budget.more)
+
+
+@contextmanager
+def _traced() -> Iterator[None]:
+    """What is allocated is counted, and no garbage is collected by itself."""
+    own, on = not tracemalloc.is_tracing(), gc.isenabled()
+    if own:
+        tracemalloc.start()
+    if frozen := not gc.get_freeze_count():
+        gc.freeze()  # what is there already need not be looked at again and again
+    try:
+        yield
+    finally:
+        if frozen:
+            gc.unfreeze()
+        if on:
+            gc.enable()
+        if own:
+            tracemalloc.stop()
