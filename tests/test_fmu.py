@@ -427,7 +427,7 @@ def test_a_fixed_step_of_the_model_that_does_not_divide_the_period_is_refused(fo
     file = tank_fmu(folder, 3, attributes='fixedInternalStepSize="0.04"')
     driver = Fmu(model=file)
     driver.period = 0.1
-    with pytest.raises(DriverError, match=r"multiples of 0.04 s; the period with its substeps is 0.1 s"):
+    with pytest.raises(DriverError, match=r"multiples of 40 ms; the period with its substeps is 100 ms"):
         driver.open()
     driver.close()
     driver.period = 0.12

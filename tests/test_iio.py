@@ -14,7 +14,7 @@ from umo.drivers import ChannelError, ChannelsFailed, Direction, DriverError, Wi
 from umo.drivers.contract import PhysicalScale
 from umo.drivers.iio import Iio
 from umo.drivers.iio import sysfs as kernels_files
-from umo.drivers.iio.scan import LENGTH, ScanLayout, ScanType
+from umo.drivers.iio.scan import BUFFER_LENGTH, ScanLayout, ScanType
 
 FILES = {
     "name": "adc",
@@ -277,7 +277,7 @@ def test_the_newest_record_is_taken_again_while_it_is_not_too_old(sysfs, records
 def test_records_of_a_full_buffer_are_not_the_newest(sysfs, records):
     """The kernel drops new records while its buffer is full."""
     driver = started(records)
-    records(*[OTHER] * LENGTH)
+    records(*[OTHER] * BUFFER_LENGTH)
 
     class Late:
         """The next record comes while the driver waits for it."""

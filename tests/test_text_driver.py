@@ -176,7 +176,7 @@ def test_a_device_that_echoes_is_checked_by_its_echo() -> None:
 def test_a_value_that_does_not_fit_leaves_the_device_alone() -> None:
     tables = {"a": {"set": "A {}"}, "b": {"set": "B {}", "bits": 4}}
     with device(channels=tables) as (driver, server):
-        with pytest.raises(DriverError, match="8 does not fit channel b: -8 to 7"):
+        with pytest.raises(DriverError, match="8 does not fit b: it takes -8 to 7"):
             write(driver, a=1, b=8)
         write(driver, b=7)
         driver.close()

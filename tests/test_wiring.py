@@ -459,7 +459,7 @@ def test_a_period_longer_than_a_controller_allows():
         "2.1 ms is longer than `max_period` of Law (2 ms)",
     )
     both = Both(timer=timer(), fast=Fast(motor=actuator()))
-    assert "1 ms is longer than `max_period` of fast (0.5 ms)" in one_fault(both, simulated(both))[1]
+    assert "1 ms is longer than `max_period` of fast (500 µs)" in one_fault(both, simulated(both))[1]
 
 
 def test_a_timer_is_an_asynchronous_sensor_in_sampling_periods_that_does_not_hold():

@@ -138,7 +138,7 @@ def test_a_thousand_wrong_names_are_reported_without_a_search_for_each(
     gains = "\n".join(f'"zones.{i}.gain" = 1.0' for i in range(1000))
     found = faults(written(tmp_path, f"{wrong}\n[parameters]\n{gains}\n"))
     assert len(found) == 2000
-    assert len(asked) == source.SUGGESTIONS
+    assert len(asked) == source.MAX_SUGGESTIONS
 
 
 def test_import_umo_leaves_what_it_does_not_need_for_later() -> None:

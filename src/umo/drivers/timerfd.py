@@ -11,6 +11,7 @@ from typing import NoReturn
 
 from umo.drivers.contract import Channel, Direction, Driver, WaitEnded
 from umo.errors import DriverError
+from umo.presentation.durations import duration
 
 CLOCK_MONOTONIC = 1
 TFD_TIMER_ABSTIME = 1
@@ -124,7 +125,7 @@ class Ticker:
         libc = ctypes.CDLL(None, use_errno=True)
         self._fd = libc.timerfd_create(CLOCK_MONOTONIC, TFD_CLOEXEC)
         if not self._nanoseconds:  # which timerfd takes for "never"
-            raise DriverError(f"timerfd: the period is {self.period:g} s; give the timer a period in its wiring")
+            raise DriverError(f"timerfd: the period is {duration(self.period)}; give the timer a period in its wiring")
         self._next = self._clock() + self._nanoseconds
         if self._fd < 0 or self._arm(self._next) < 0:
             self._refused()
@@ -198,7 +199,7 @@ class Ticker:
         return int(libc.timerfd_settime(self._fd, TFD_TIMER_ABSTIME, ctypes.byref(spec), None))
 
     def _refused(self) -> NoReturn:
-        raise DriverError(f"timerfd: {os.strerror(ctypes.get_errno())} (period {self.period:g} s)")
+        raise DriverError(f"timerfd: {os.strerror(ctypes.get_errno())} (period {duration(self.period)})")
 
     def _read(self) -> None:
         os.read(self._fd, 8)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from umo.errors import DriverError, WiringError
+from umo.presentation.durations import duration
 from umo.process.outcome import plain
 from umo.wiring import Wired
 
@@ -59,7 +60,7 @@ async def serve(
     """
     for each in maps:
         if not 0 <= each.watchdog <= MAX_WATCHDOG:
-            raise WiringError(f"the watchdog takes 0 (off) to {MAX_WATCHDOG} s, not {each.watchdog:g} s")
+            raise WiringError(f"the watchdog takes 0 (off) to {duration(MAX_WATCHDOG)}, not {duration(each.watchdog)}")
     file = None if report is None else ReportFile(report)
     simulation = Simulation(plant, asyncio.get_running_loop().time)
     boxes = [Box(simulation, each) for each in maps]

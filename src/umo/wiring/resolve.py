@@ -27,6 +27,9 @@ from umo.objects.linearization import fitted
 from umo.objects.numbers import MachineNumber, numbers_of
 from umo.objects.scaling import to_raw
 from umo.objects.units import check_unit
+from umo.presentation.digits import number_text
+from umo.presentation.durations import duration
+from umo.presentation.in_words import measure, span
 from umo.signature import signature_of
 from umo.system.packages import station_of
 from umo.wiring.fault_binding import inject
@@ -124,7 +127,7 @@ class _Resolver:
             if watchdog is not None and type(driver).watchdog is Driver.watchdog:
                 self.source.mistake(f"drivers.{name}.watchdog", f"{table['type']} has no watchdog of its own")
             elif watchdog is not None and watchdog <= (period or 0.0):
-                text = f"{watchdog * 1e3:g} ms is not longer than the period, {driver.period * 1e3:g} ms"
+                text = f"{duration(watchdog)} is not longer than the period, {duration(driver.period)}"
                 self.source.mistake(f"drivers.{name}.watchdog", text)
             elif watchdog is not None:
                 watchdogs[name] = watchdog
@@ -261,12 +264,13 @@ class _Resolver:
         for name in ("minimum", "maximum"):
             value = getattr(calibration, name)
             if not declared.minimum <= value <= declared.maximum:
-                text = f"{value:g} widens the declared range {declared.minimum:g} to {declared.maximum:g} {item.units}"
-                self.source.mistake(f"{key}.{name}", text)
+                range_text = span(declared.minimum, declared.maximum, item.units)
+                self.source.mistake(f"{key}.{name}", f"{number_text(value)} widens the declared range {range_text}")
         if calibration.minimum >= calibration.maximum:
-            self.source.mistake(key, f"minimum {calibration.minimum:g} is not below maximum {calibration.maximum:g}")
+            low, high = (measure(each, item.units) for each in (calibration.minimum, calibration.maximum))
+            self.source.mistake(key, f"minimum {low} is not below maximum {high}")
         if isinstance(item, DigitalActuator) and not calibration.minimum <= item.default <= calibration.maximum:
-            self.source.mistake(key, f"the default {item.default:g} {item.units} is outside the narrowed range")
+            self.source.mistake(key, f"the default {measure(item.default, item.units)} is outside the narrowed range")
         return calibration
 
     def _linearization(self, key: str, item: Digital, given: dict[str, Any], calibration: Calibration) -> Any:
@@ -285,15 +289,14 @@ class _Resolver:
 
     def _check_raws(self, key: str, item: Digital, wire: Wire) -> None:
         calibration, channel = item.calibration if wire.calibration is None else wire.calibration, wire.channel
+        resolution = f"resolution {number_text(calibration.resolution)}"
         try:
             ends = [to_raw(x, *wire.scale) for x in wire.ends]
         except OverflowError:
-            self.source.mistake(
-                key, f"the resolution {calibration.resolution:g} makes raw values too large for any channel"
-            )
+            self.source.mistake(key, f"the {resolution} makes raw values too large for any channel")
             return
         if isinstance(item, DigitalActuator) and operator.gt(*wire.raw_bounds):
-            self.source.mistake(key, f"no multiple of the resolution {calibration.resolution:g} lies within the range")
+            self.source.mistake(key, f"no multiple of the {resolution} lies within the range")
         lowest, highest = channel.lowest, channel.highest
         if not lowest <= min(ends) <= max(ends) <= highest:
             self.source.mistake(
@@ -389,7 +392,7 @@ class _Resolver:
             return
         for node in [self.root, *walk(self.root)]:
             if why := _fault_of_period(period, node):
-                self.source.mistake('wire."timer".period', f"{period * 1e3:g} ms is {why}")
+                self.source.mistake('wire."timer".period', f"{duration(period)} is {why}")
 
     def _check_time(self, wired: Wired) -> None:
         """Virtual time runs as fast as possible: it is refused together with hardware."""
@@ -448,11 +451,11 @@ def _fault_of_period(period: float, node: Node) -> str:
     if isinstance(node, Compound) and node._settings.max_period is not None:
         longest = seconds(node._settings.max_period)
         if period > longest * (1 + 1e-9):
-            return f"longer than `max_period` of {node._path or type(node).__name__} ({longest * 1e3:g} ms)"
+            return f"longer than `max_period` of {node._path or type(node).__name__} ({duration(longest)})"
     if isinstance(node, BinaryActuator | DigitalActuator):
         expires = node.expires or math.inf  # it must outlast the way from one write to the next
         if period > expires * (1 - 1e-9):
-            return f"not shorter than `expires` of {node.path} ({expires * 1e3:g} ms)"
+            return f"not shorter than `expires` of {node.path} ({duration(expires)})"
     return ""
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from umo.drivers.contract import UNREAD, Channel, Driver, IntArray
 from umo.drivers.faults.effects import MARK, Effect
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError
+from umo.presentation.digits import number_text
 from umo.presentation.durations import duration
 
 log = logging.getLogger("umo")
@@ -268,4 +269,4 @@ def _text(effect: Effect) -> str:
 
 def _log(what: str, effect: Effect, now: float) -> None:
     where = "" if effect.channel is None else f" (channel {effect.channel.text})"
-    log.warning("injected fault %s at %s s: %s%s", what, f"{now:.6g}", effect.text, where)
+    log.warning("injected fault %s at %s s: %s%s", what, number_text(now), effect.text, where)

@@ -15,6 +15,7 @@ from umo.drivers.contract import Direction, IntArray, PhysicalScale
 from umo.drivers.fmu.variables import TICK, FmuChannel, channel_of, check_start, described, variables_of
 from umo.drivers.option_checks import within
 from umo.errors import ChannelsFailed, DriverError
+from umo.presentation.durations import duration
 
 if TYPE_CHECKING:
     from umo.drivers.fmu.instance import FmuInstance
@@ -103,9 +104,8 @@ class Fmu(BlockDriver[FmuChannel]):
         fixed, size = self._description.coSimulation.fixedInternalStepSize, self.period / self._substeps
         fixed = float(fixed or 0.0)
         if fixed and size and (size < fixed / 2 or abs(size / fixed - round(size / fixed)) > 1e-6):
-            raise DriverError(
-                f"the model steps by multiples of {fixed:g} s; the period with its substeps is {size:g} s"
-            )
+            step = f"the model steps by multiples of {duration(fixed)}"
+            raise DriverError(f"{step}; the period with its substeps is {duration(size)}")
 
     # Transfers -----------------------------------------------------------------------------------
 

@@ -21,6 +21,7 @@ from fmpy.logging import addLoggerProxy
 
 from umo.drivers.fmu.variables import FLOATS, INTEGERS, kind_of, variables_of
 from umo.errors import DriverError
+from umo.presentation.digits import number_text
 
 WARNING, DISCARD, ERROR, FATAL = 1, 2, 3, 4
 STATUS = {DISCARD: "discard", ERROR: "error", FATAL: "fatal", 5: "pending"}
@@ -85,7 +86,7 @@ class FmuInstance:
         self.time = start + size
         if ended is not None and (ended[1] or ended[2]):  # FMI 3.0: terminateSimulation, earlyReturn
             self.time = ended[3]
-            self.lost = f"the model has ended its simulation at {self.time:g} s"
+            self.lost = f"the model has ended its simulation at {number_text(self.time)} s"
             raise DriverError(self.lost)
 
     def close(self) -> None:
@@ -150,7 +151,7 @@ class FmuInstance:
 
     def _failed(self, error: FMICallException) -> DriverError:
         status = STATUS.get(error.status, f"status {error.status}")
-        text = f"{error.function} at {self.time:g} s: {status}{self._said()}"
+        text = f"{error.function} at {number_text(self.time)} s: {status}{self._said()}"
         self._fatal = error.status == FATAL
         if error.status != DISCARD or error.function.endswith("DoStep"):
             self.lost = text

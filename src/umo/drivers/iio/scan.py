@@ -17,6 +17,7 @@ from typing import Literal, NamedTuple
 from umo.drivers._device_file import numbered, one_named, opening, put, text_in
 from umo.drivers.iio import sysfs
 from umo.errors import DeviceTimeout, DriverError
+from umo.presentation.durations import duration
 
 BUFFER_LENGTH = 256
 """Records that the kernel's buffer holds: those of one period must fit."""
@@ -139,7 +140,7 @@ class Scan:
         while full or not self._values or self._clock() - self._taken > oldest:
             left = deadline - self._clock()
             if left <= 0 or not self._waiting.poll(left * 1000):
-                raise DeviceTimeout(f"the trigger has not fired within {oldest * 1000:g} ms")
+                raise DeviceTimeout(f"the trigger has not fired within {duration(oldest)}")
             full = self._drain()
         return self._values
 

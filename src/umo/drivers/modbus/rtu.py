@@ -23,6 +23,7 @@ from umo.drivers.modbus.answer import Recovering, answer_size
 from umo.drivers.modbus.rtu_frame import CHECKSUM_SIZE, answer_end, has_come, is_answer
 from umo.drivers.streams import Gone, Lost, Serial, Stream, TimedOut
 from umo.errors import DriverError
+from umo.presentation.durations import duration
 
 _MAX_STRAY = 256
 """Stray bytes that are kept."""
@@ -239,7 +240,7 @@ class Rtu:
             if left <= 0:
                 line.settle(asked)
             elif owed.since + self._recovery > latest and line.owed(asked) is not None:
-                raise Recovering(f"a late answer may still come, for {left * 1000:.0f} ms")
+                raise Recovering(f"a late answer may still come, for {duration(round(left, 3))}")
             else:
                 sleep(min(left, _LOOK_INTERVAL))
 

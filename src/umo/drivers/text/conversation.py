@@ -10,6 +10,7 @@ from umo.drivers.streams.stream import Dial
 from umo.drivers.text.channel import Query
 from umo.drivers.text.pattern import BLANKS, NoValue, Pattern, UnexpectedAnswer, shown, stripped
 from umo.errors import DeviceTimeout, DriverError
+from umo.presentation.durations import duration
 
 _MAX_DOUBLINGS = 4
 """Doublings of the quiet time at most: a device that answered late once is given longer."""
@@ -160,7 +161,7 @@ class TextLink:
         while (ready := max(self._heard + quiet, self._started)) > (now := monotonic()):
             if now >= self._deadline:
                 what = "the device has not started yet" if now < self._started else "the line is not quiet"
-                raise _StillStarting(f"{what}: timed out ({self._timeout * 1000:g} ms)")
+                raise _StillStarting(f"{what}: timed out ({duration(self._timeout)})")
             try:
                 data = stream.receive(min(ready, self._deadline))
             except TimedOut:
@@ -258,7 +259,7 @@ class TextLink:
             raise self.dropped(DriverError(f"waiting for the answer to {shown(request)}: {error}")) from None
 
     def _late(self, request: str) -> DriverError:
-        limit = f"{self._timeout * 1000:g} ms"
+        limit = duration(self._timeout)
         if self._data:
             sent, end = bytes(self._data).decode(self._dialogue.encoding, "replace"), self._dialogue.answer_terminator
             text = f"the device sent {shown(sent)} without the terminator {end!r}: timed out ({limit})"

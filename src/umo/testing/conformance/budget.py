@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import monotonic
 
+from umo.presentation.durations import duration, lasting
 from umo.testing.conformance.rules import LINE, NOTHING, Rule
 
 LATE_SHARE, LATE_TIME = 0.1, 5.0
@@ -61,20 +62,16 @@ class TimePlan:
 
     def __str__(self) -> str:
         text = (
-            f"a transfer takes {self.pace.transfer * 1e3:.3g} ms: about {_duration(min(self.full, self.budget))} "
-            f"of the {_duration(self.budget)} that are allowed"
+            f"a transfer takes {duration(round(self.pace.transfer, 6))}: about {lasting(min(self.full, self.budget))} "
+            f"of the {lasting(self.budget)} that are allowed"
         )
         if self.left_out:
-            enough = _duration(sum(self.least.values()))
+            enough = lasting(sum(self.least.values()))
             text += f". Of {len(self.least)} rules {len(self.left_out)} will not fit ({enough} would be enough): "
             text += ", ".join(self.left_out)
         elif self.full > self.budget:
-            text += f"; everything would take {_duration(self.full)}"
+            text += f"; everything would take {lasting(self.full)}"
         return f"{text}. Left out first: transfers of the long run, levels and openings"
-
-
-def _duration(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.1f} min"
 
 
 class Budget:

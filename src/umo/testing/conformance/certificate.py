@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from umo.presentation.durations import duration
 from umo.testing.conformance.rules import LINE
 from umo.text import in_brackets, some
 
@@ -37,6 +38,11 @@ class Finding:
     verdict: Judgement
     why: str = ""
     theme: str = ""
+
+
+def time_text(seconds: float) -> str:
+    """A measured time, to a tenth of a microsecond."""
+    return duration(round(seconds, 7))
 
 
 @dataclass(frozen=True)
@@ -119,7 +125,7 @@ class Certificate:
             about = Text.assemble((each.text, "dim"), f" [{each.why}]" if each.why else "")
             table.add_row(each.rule, Text(each.verdict.value, STYLES[each.verdict]), about)
         for kind, time in self.times.items():
-            figures = f"median {time.median * 1e6:.0f} us, p99 {time.p99 * 1e6:.0f} us, {time.count} calls"
+            figures = f"median {time_text(time.median)}, p99 {time_text(time.p99)}, {time.count} calls"
             table.add_row(f"time of {kind}", "", figures)
         if self.left_out:
             table.add_row("left out", "", "for want of time: " + "; ".join(self.left_out))

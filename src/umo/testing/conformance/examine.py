@@ -229,7 +229,7 @@ def _check_hang(trial: Trial) -> None:
     began, limit = watch.began, watch.limit
     if began is not None and (took := monotonic() - began) > 4 * limit + HANG:
         watch.over = True
-        raise Hangs(f"{watch.doing} did not end within {took:.1f} s; its timeout is {duration(limit)}")
+        raise Hangs(f"{watch.doing} did not end within {duration(round(took, 1))}; its timeout is {duration(limit)}")
 
 
 def _bring_to_defaults(trial: Trial) -> tuple[str, ...]:

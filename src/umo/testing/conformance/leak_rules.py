@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from umo.presentation.digits import number_text
 from umo.presentation.durations import duration
-from umo.testing.conformance.certificate import TransferTime
+from umo.testing.conformance.certificate import TransferTime, time_text
 from umo.testing.conformance.long_run import WARMING_CYCLES, LongRun, fails_at_once
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
@@ -151,8 +152,8 @@ def time_per_transfer(trial: Trial) -> str:
         raise NotTried("the subject has no channels")
     for kind, each in trial.times.items():
         if each.median > trial.subject.timeout:
-            raise RuleBroken(f"{kind} takes {duration(each.median)}, its timeout is {duration(trial.subject.timeout)}")
-    return ", ".join(f"{kind} {each.median * 1e6:.0f} µs" for kind, each in trial.times.items())
+            raise RuleBroken(f"{kind} takes {time_text(each.median)}, its timeout is {duration(trial.subject.timeout)}")
+    return ", ".join(f"{kind} {time_text(each.median)}" for kind, each in trial.times.items())
 
 
 def _kinds(trial: Trial, probe: Probe) -> dict[str, Callable[[], Any]]:
@@ -194,7 +195,7 @@ def _compare_with_a_new_one(trial: Trial, run: LongRun) -> None:
         new = LongRun(trial, probe)
         new.go(WARMING_CYCLES)
     if run.slower_than(new.early):
-        took = f"{duration(run.late)} after {run.calls:,} transfers, {duration(new.early)} with a new driver"
+        took = f"{time_text(run.late)} after {run.calls:,} transfers, {time_text(new.early)} with a new driver"
         raise RuleBroken(f"a cycle takes {took}")
 
 
@@ -264,10 +265,8 @@ def _grows(trial: Trial, repeat: Callable[[], object], what: str, each: Allowed 
             circular = min(circular, gc.collect())
             growths.append(tracemalloc.get_traced_memory()[0] - before)
     if circular >= each.circular * count:
-        raise RuleBroken(
-            f"{circular / count:.3g} objects are left in a circle of references by each of {count} {what}: only the "
-            "garbage collector frees them, and it is off in the control process"
-        )
+        left = f"{number_text(circular / count)} objects are left in a circle of references by each of {count} {what}"
+        raise RuleBroken(f"{left}: only the garbage collector frees them, and it is off in the control process")
     if (growth := min(growths)) > allowed:
         raise RuleBroken(f"the memory grew by {growth} bytes in each {count} {what}, {growth / count:.0f} each time")
     return f"{len(growths)} rounds of {count} {what}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from umo.errors import text_of
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rules import RuleBroken
 from umo.testing.conformance.subject import Output
@@ -35,7 +36,7 @@ def recovers(trial: Trial, probe: Probe, expected: Mapping[str, int | None], aft
                 found = probe.read(text)
             except OSError as error:
                 if not left:
-                    raise RuleBroken(f"read of {text} still fails after {after}: {error}") from error
+                    raise RuleBroken(f"read of {text} still fails after {after}: {text_of(error)}") from error
                 continue
             if raw is not None and not (trial.alike(text, raw, found) or trial.fallen(text, found)):
                 raise RuleBroken(f"{text} read {found} after {after}; it is at {raw}", f"reading of {text}")
@@ -50,4 +51,4 @@ def rewrite(trial: Trial, probe: Probe, output: Output, raw: int, after: str) ->
         if error is None:
             return
         if not left:
-            raise RuleBroken(f"{trial.watch.doing} still fails after {after}: {error}")
+            raise RuleBroken(f"{trial.watch.doing} still fails after {after}: {text_of(error)}")

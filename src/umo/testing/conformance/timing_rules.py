@@ -7,6 +7,7 @@ from functools import partial
 from time import sleep
 from typing import Any
 
+from umo.errors import text_of
 from umo.presentation.durations import duration
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
@@ -41,7 +42,9 @@ def timeout(trial: Trial) -> None:
             if error is None and lost:
                 raise RuleBroken(f"{trial.watch.doing} succeeded without an answer")
             if error is not None and not isinstance(error, TimeoutError):
-                raise RuleBroken(f"{trial.watch.doing} raised {type(error).__name__}, not a TimeoutError: {error}")
+                raise RuleBroken(
+                    f"{trial.watch.doing} raised {type(error).__name__}, not a TimeoutError: {text_of(error)}"
+                )
         with line.endless(trial.haste / 4):
             for call in trial.transfers(probe)[1::2]:  # the blocks
                 in_time(trial, probe, call)
@@ -157,7 +160,7 @@ def patience(trial: Trial) -> str | None:
                 probe.timeout = trial.patience
                 if (error := trial.failure(call)) is not None:
                     times = f"a timeout of {duration(trial.patience)} and an answer after {duration(delay)}"
-                    raise RuleBroken(f"{trial.watch.doing} failed with {times}: {error}")
+                    raise RuleBroken(f"{trial.watch.doing} failed with {times}: {text_of(error)}")
     return None if hurried else f"open needs more than {duration(quick)}: it was opened with the longer timeout"
 
 
