@@ -212,21 +212,22 @@ def test_a_template_writes_the_number(template: str, scale: str | None, raw: int
         ("{} {}", None, "needs one {}"),
         ("{x}", None, "needs one {}"),
         ("{", None, "a brace of the request is written twice"),
-        ("{:.1f}", "0.001", "does not show a step of the scale 0.001"),
-        ("{:d}", "0.5", "writes whole numbers"),
+        ("{:.1f}", "0.001", "for 9223372036854775.807; use {:.3f}"),
+        ("{:d}", "0.5", "writes '4611686018427387903' for 4611686018427387903.5; use {:.1f}"),
         ("{:q}", None, "is not the format of a number"),
-        ("{:,}", None, "groups the digits"),
+        ("{:,}", None, "writes '9,223,372,036,854,775,807' for 9223372036854775807; use {}"),
         ("{:%}", None, "is not the format of a number"),
-        ("{:_x}", None, "groups the digits"),
-        ("{:0>8}", None, "fills up with '0', which changes the number"),
-        ("{:=6}", "0.001", "fills up with ' '"),
+        ("{:_x}", None, "writes '7fff_ffff_ffff_ffff'"),
+        ("{:0>8}", None, "writes '000000-1' for -1; use {}"),
+        ("{:=8}", "0.001", "writes '-  0.001'"),
         ("VOLT {:.3f}", None, "writes decimals, and the channel has no scale; set scale"),
         ("VOLT {:e}", None, "writes decimals"),
     ],
 )
 def test_a_template_that_loses_the_number_is_refused(template: str, scale: str | None, why: str) -> None:
     with pytest.raises(WiringError, match=re.escape(why)):
-        Template.parse(template, "set", Decimal(scale) if scale else None)
+        made = Template.parse(template, "set", Decimal(scale) if scale else None)
+        made.check(-(2**63), 2**63 - 1, "set")
 
 
 FORMATS = st.builds(
@@ -260,11 +261,11 @@ def test_every_raw_integer_of_a_channel_that_is_taken_is_sent_as_its_number_and_
 @pytest.mark.parametrize(
     ("text", "bits", "why"),
     [
-        ("{:.3e}", 64, "writes 4 digits of up to 19; use {:e} for all of them, or set bits for a narrower channel"),
+        ("{:.3e}", 64, "writes '9.223e+15' for 9223372036854775.807; use {:.3f}"),
         ("{:.3e}", 14, ""),
-        ("{:.4g}", 15, "writes 4 digits of up to 5; use {:g}"),
+        ("{:.4g}", 15, "writes '16.38' for 16.383; use {:.3f}"),
         ("{:.4G}", 14, ""),
-        ("{:.2f}", 8, "does not show a step of the scale 0.001; use {:.3f}"),
+        ("{:.2f}", 8, "writes '0.13' for 0.127; use {:.3f}"),
         ("{:.3f}", 64, ""),
         ("{}", 64, ""),
     ],

@@ -192,9 +192,8 @@ class Channels:
         channel = TextChannel(text, direction, bits, signed, reading, setting, physical)
         if levels and max(levels) > channel.highest:
             raise WiringError(f"{where}: level {max(levels)} does not fit its {bits} bits")
-        template = setting.template if setting else None
-        if template and (why := template.loss(max(-channel.lowest, channel.highest))):
-            raise WiringError(f"{where}.set: {why}")
+        if setting is not None and setting.template is not None:
+            setting.template.check(channel.lowest, channel.highest, f"{where}.set")
         return channel
 
     def _setting(self, table: ChannelOptions, where: str, scale: Decimal | None) -> WriteCommand | None:

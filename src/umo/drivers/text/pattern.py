@@ -11,7 +11,8 @@ from umo.errors import DriverError, WiringError
 BLANKS = " \t\r"
 _SHOWN_CHARACTERS = 60
 _WILD = re.compile(r"(\{\}|\*)")
-_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+"""Form of a number in a text."""
 _NONE = re.compile(r"[+-]?(?:nan|n?inf(?:inity)?)", re.IGNORECASE)
 _WHOLE_LINE = ("", "{}", "")
 _OVERFLOW = Decimal("9.9E37")
@@ -136,7 +137,7 @@ def raw_of(text: str, scale: Decimal | None) -> int:
     of SCPI-1999, volume 1, section 7.2.1.
     """
     text = text.strip(BLANKS)
-    if not _NUMBER.fullmatch(text):
+    if not NUMBER.fullmatch(text):
         if _NONE.fullmatch(text):
             raise NoValue(f"the device answers {text}, which is not a finite number")
         raise UnexpectedAnswer(f"{shown(text)} is not a number")

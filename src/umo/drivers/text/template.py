@@ -8,19 +8,17 @@ from decimal import Decimal
 from string import Formatter
 from typing import Any
 
-from umo.drivers.text.pattern import EXACT
+from umo.drivers.text.pattern import BLANKS, EXACT, NUMBER
 from umo.errors import WiringError
 
 _N = re.compile(r"\{n(?::([^{}]*))?\}")
-_NUMBER = re.compile(r"0?[0-9]{0,2}[bdoxX]?")
-_FORMAT = re.compile(
-    r"(?:(?P<fill>.)?(?P<align>[<>=^]))?[-+ ]?z?#?(?P<zeros>0)?[0-9]*(?P<groups>[,_])?(?:\.(?P<digits>[0-9]+))?"
-    r"(?P<kind>[a-zA-Z%]?)"
-)
-_WHOLE = ("d", "x", "X", "o", "b")
-_SIGNIFICANT = ("e", "E", "g", "G")
-"""Kinds of formats whose digits are counted from the first one of the number that is not 0."""
-_KINDS = ("", *_WHOLE, *_SIGNIFICANT, "f", "F")
+_CHANNEL_NUMBER = re.compile(r"0?[0-9]{0,2}[bdoxX]?")
+_BASES = {"d": 10, "x": 16, "X": 16, "o": 8, "b": 2}
+"""Bases of the formats of whole numbers."""
+_KINDS = ("", *_BASES, "e", "E", "f", "F", "g", "G")
+_CHECKED_RAWS = 10
+"""Raw integers at each end of a channel's range, and on each side of 0, whose texts are read back: as many as there are
+last digits."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +32,7 @@ class Template:
 
     @classmethod
     def parse(cls, text: str, where: str, scale: Decimal | None) -> Template:
-        """WiringError if there is not exactly one {}, or its format cannot show one step of the scale."""
+        """WiringError if there is not exactly one {}."""
         try:
             parts = list(Formatter().parse(text))
         except ValueError as error:
@@ -44,85 +42,61 @@ class Template:
             raise WiringError(f"{where}: {text!r} needs one {{}} for the number, such as {{:.3f}}")
         at = next(i for i, part in enumerate(parts) if part[1] is not None)
         before, after = ("".join(part[0] for part in piece) for piece in (parts[: at + 1], parts[at + 1 :]))
-        spec = fields[0][1]
-        if why := _faulty(spec) or _too_coarse(spec, scale):
-            raise WiringError(f"{where}: {text!r} {why}")
-        return cls(before, _complete(spec), after, scale)
+        return cls(before, fields[0][1], after, scale)
 
     def filled(self, raw: int) -> str:
-        return f"{self.before}{_written(raw, self.scale, self.spec)}{self.after}"
+        return f"{self.before}{self._written(raw)}{self.after}"
 
-    def loss(self, largest: int) -> str:
-        """Why the text of some raw integer of this magnitude or a smaller one is another number; empty if none is."""
-        kind, digits = self.spec[-1], _parts(self.spec)["digits"]
-        if kind not in _SIGNIFICANT or digits is None:
-            return ""  # fixed decimals, or all digits of a Decimal
-        has = int(digits) + 1 if kind in "eE" else max(int(digits), 1)
-        needs = len(str(largest * _digits_of(self.scale)))
-        if has >= needs:
-            return ""
-        fewer = (
-            f"writes {has} digits of up to {needs}; use {{:{kind}}} for all of them, or set bits for a narrower channel"
-        )
-        return f"{f'{self.before}{{:{self.spec}}}{self.after}'!r} {fewer}"
+    def check(self, lowest: int, highest: int, where: str) -> None:
+        """WiringError if some raw integer of this range is written as another number, or with decimals although there
+        is no scale."""
+        what = f"{where}: {f'{self.before}{{:{self.spec}}}{self.after}'!r}"
+        near = [each for i in range(_CHECKED_RAWS) for each in (highest - i, i, lowest + i, -i)]
+        for raw in (each for each in near if lowest <= each <= highest):
+            try:
+                written = self._written(raw)
+            except (ValueError, TypeError):
+                raise WiringError(f"{what} has {{:{self.spec}}}, which is not the format of a number") from None
+            if self.scale is None and self._base is None and set(".eE") & set(written):
+                step = "set scale, the step of one raw integer, such as 0.001"
+                raise WiringError(f"{what} writes decimals, and the channel has no scale; {step}")
+            number = self._number(raw)
+            if self._read(written) != number:
+                fixed = "" if self.scale is None else f":.{max(0, -int(self.scale.normalize().as_tuple().exponent))}f"
+                raise WiringError(f"{what} writes {written!r} for {number:f}; use {{{fixed}}}")
 
+    @property
+    def _base(self) -> int | None:
+        """The base of a format of whole numbers."""
+        return _BASES.get(self.spec[-1:])
 
-def _parts(spec: str) -> dict[str, str | None]:
-    found = _FORMAT.fullmatch(spec)
-    return found.groupdict() if found else {"kind": "?"}
+    def _number(self, raw: int) -> Decimal:
+        return Decimal(raw) if self.scale is None else EXACT.multiply(raw, self.scale)
 
+    def _written(self, raw: int) -> str:
+        """The number in the format; one without a kind is written with all of its digits and no exponent."""
+        kind = self.spec[-1:] if self.spec[-1:].isalpha() else ""
+        if kind not in _KINDS:
+            raise ValueError(kind)
+        number = self._number(raw)
+        return format(number if self._base is None else int(number), self.spec if kind else f"{self.spec}f")
 
-def _faulty(spec: str) -> str:
-    """Why a format is not that of a number; empty if it is."""
-    parts = _parts(spec)
-    if parts["kind"] not in _KINDS:
-        return f"has {{:{spec}}}, which is not the format of a number"
-    if parts["groups"]:
-        return "groups the digits, which no device reads"
-    pad = parts["fill"] or ("0" if parts["zeros"] else " ")
-    behind_sign = parts["align"] == "=" or (parts["zeros"] is not None and parts["align"] is None)
-    if pad not in "0 " or (pad == "0") is not behind_sign:
-        return f"fills up with {pad!r}, which changes the number; {{:08.3f}} and {{:>8.3f}} do not"
-    try:
-        _written(1, None, _complete(spec))
-    except (ValueError, TypeError) as error:
-        return f"has {{:{spec}}}, which is not the format of a number: {error}"
-    return ""
-
-
-def _too_coarse(spec: str, scale: Decimal | None) -> str:
-    """Why a format does not show one step of the scale; empty if it does."""
-    kind, digits = _parts(spec)["kind"], _parts(spec)["digits"]
-    decimals = 0 if scale is None else max(0, -int(scale.normalize().as_tuple().exponent))
-    if kind in _WHOLE:
-        return f"writes whole numbers, and the scale is {scale}" if decimals else ""
-    if scale is None and (digits or kind) not in ("", "0"):
-        return "writes decimals, and the channel has no scale; set scale, the step of one raw integer, such as 0.001"
-    if kind in _SIGNIFICANT or digits is None or int(digits) >= decimals:
-        return ""
-    return f"does not show a step of the scale {scale}; use {{:.{decimals}f}}"
-
-
-def _digits_of(scale: Decimal | None) -> int:
-    """The digits of the scale as a whole number: 25 of 0.0025."""
-    return 1 if scale is None else int("".join(map(str, scale.normalize().as_tuple().digits)))
-
-
-def _complete(spec: str) -> str:
-    """The format with its kind: a number without one is written with all of its digits and no exponent."""
-    return spec if spec[-1:].isalpha() else f"{spec}f"
-
-
-def _written(raw: int, scale: Decimal | None, spec: str) -> str:
-    number = Decimal(raw) if scale is None else EXACT.multiply(raw, scale)
-    return format(int(number) if spec[-1] in _WHOLE else number, spec)
+    def _read(self, written: str) -> Decimal | None:
+        """The number that a device reads in this text; None if there is none."""
+        text = written.strip(BLANKS)
+        if self._base in (None, 10):
+            return Decimal(text) if NUMBER.fullmatch(text) else None
+        try:
+            return Decimal(int(text, self._base or 10)) if "_" not in text else None
+        except ValueError:
+            return None
 
 
 def numbered(thing: Any, n: int, where: str) -> Any:
     """The texts within with `{n}`, `{n:02d}` replaced by the number of the channel; WiringError for another format."""
 
     def written(found: re.Match[str]) -> str:
-        if not _NUMBER.fullmatch(found[1] or ""):
+        if not _CHANNEL_NUMBER.fullmatch(found[1] or ""):
             raise WiringError(f"{where}: {found[0]} is not the number of a channel; it is {{n}}, or such as {{n:02d}}")
         return format(n, found[1] or "")
 
