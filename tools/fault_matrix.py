@@ -32,7 +32,7 @@ from umo.cycle import connect, drive
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Channel, Direction
 from umo.drivers.faults.effects import Effect
-from umo.drivers.faults.words import OF_DRIVERS, InjectedFault
+from umo.drivers.faults.words import KINDS_OF_DRIVERS, InjectedFault
 from umo.drivers.faults.wrapper import Faulty
 from umo.errors import StopError, WiringError
 from umo.objects import Binary, atoms
@@ -55,7 +55,7 @@ NO_ROOM = "out of range"
 """Refused where the channel has no level beyond the range of the object."""
 DRIFTS = ("drift", SLOW)
 """Binary objects have none."""
-LOUD = OF_DRIVERS
+LOUD = KINDS_OF_DRIVERS
 """Kinds that make a call fail; tried at the first moment only."""
 AGAIN = ("stuck", "wrong length")
 """Kinds that depend on the level at the moment. The others are tried at a later moment only if the run ended before it:
@@ -448,7 +448,7 @@ def cells(station: str, *paths: str) -> Iterator[Cell]:
     items = {item.path: item for item in atoms(machine)}
     for path in paths or [*items, DRIVER]:
         item = items.get(path)
-        for kind in COLUMNS if item else OF_DRIVERS:
+        for kind in COLUMNS if item else KINDS_OF_DRIVERS:
             if isinstance(item, Binary) and kind in DRIFTS:
                 continue
             if kind == NO_ROOM and _refused(trial, f"{path} {kind}"):

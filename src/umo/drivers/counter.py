@@ -146,7 +146,9 @@ class Counter(Driver[CounterChannel]):
         if default is not None:
             self.write(channel, default)
         if channel.attribute == "count" and channel.count not in self._wired_enables:
-            self._enable(channel.count)
+            enable = self._count_folder(channel.count) / "enable"
+            if text_in(enable) == "0":
+                put(enable, "1")
         self._used[channel] = default
 
     def _set_function(self, count: int) -> None:
@@ -161,11 +163,6 @@ class Counter(Driver[CounterChannel]):
             )
         if text_in(folder / "function") != self._function:
             put(folder / "function", self._function)
-
-    def _enable(self, count: int) -> None:
-        file = self._count_folder(count) / "enable"
-        if text_in(file) == "0":
-            put(file, "1")
 
     def _transfer(self, channel: CounterChannel, text: str | None = None) -> str:
         """Write the file, or read it."""

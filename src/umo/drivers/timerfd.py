@@ -94,7 +94,7 @@ class Ticker:
     ) -> None:
         self.period = period
         self._clock = clock
-        self._sleep = sleep or self._read
+        self._sleep = sleep or (lambda: os.read(self._fd, 8))
         self._nap = nap
         self._used = used
         self._fd = -1
@@ -200,9 +200,6 @@ class Ticker:
 
     def _refused(self) -> NoReturn:
         raise DriverError(f"timerfd: {os.strerror(ctypes.get_errno())} (period {duration(self.period)})")
-
-    def _read(self) -> None:
-        os.read(self._fd, 8)
 
 
 class TimerFd(Driver):

@@ -83,8 +83,11 @@ def _write_many(function: int, body: bytes, cells: RegisterCells) -> bytes:
     table, most, size = ("coil", 1968, (count + 7) // 8) if function == 15 else ("holding", 123, 2 * count)
     if not 1 <= count <= most or body[4] != size or len(packed) != size:
         raise ExceptionAnswer(ILLEGAL_VALUE)
-    bitwise = function == 15
-    values = _unpack_bits(packed, count) if bitwise else list(struct.unpack(f">{count}H", packed))
+    if function == 15:
+        whole = int.from_bytes(packed, "little")
+        values = [whole >> i & 1 for i in range(count)]
+    else:
+        values = list(struct.unpack(f">{count}H", packed))
     cells.write(table, address, values)
     return body[:4]
 
@@ -114,11 +117,6 @@ def _two_words(body: bytes, length: int) -> tuple[int, int]:
 def _pack_bits(values: Sequence[int]) -> bytes:
     packed = sum(value << i for i, value in enumerate(values))
     return packed.to_bytes((len(values) + 7) // 8, "little")
-
-
-def _unpack_bits(packed: bytes, count: int) -> list[int]:
-    whole = int.from_bytes(packed, "little")
-    return [whole >> i & 1 for i in range(count)]
 
 
 class Connection(asyncio.Protocol):

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from umo.drivers.contract import Channel, Direction
+from umo.drivers.contract import Direction
 from umo.drivers.faults.wrapper import bare
 from umo.drivers.modbus import Host, Modbus, ModbusChannel
 from umo.errors import WiringError
@@ -51,7 +51,9 @@ class Point:
     def _converted(self, raw: int, here: Wire, there: Wire) -> int:
         if not self._equal:
             raw = there.nearest(here.value(raw))
-        return _fitting(raw, there.channel)
+        if not there.channel.lowest <= raw <= there.channel.highest:
+            raise OverflowError(f"{raw} does not fit {there.channel.text}")
+        return raw
 
     def words(self, raw: int) -> list[int]:
         """The raw integer in this point's cells, in the order of their addresses."""
@@ -79,12 +81,6 @@ class Point:
             return ">f" if self.cells == 2 else ">d"
         code = "i" if self.cells == 2 else "q"
         return ">" + (code if self._bus.channel.signed else code.upper())
-
-
-def _fitting(raw: int, channel: Channel) -> int:
-    if not channel.lowest <= raw <= channel.highest:
-        raise OverflowError(f"{raw} does not fit {channel.text}")
-    return raw
 
 
 @dataclass(frozen=True)

@@ -23,26 +23,23 @@ class Pace:
     def __init__(self, period: float, start: float) -> None:
         self._period = period
         self._start = start
-        self._taken = 0
+        self._passed = 0
         self.given_up = 0
 
     def due(self, now: float) -> int:
         """Take the periods that have passed, at most `MAX_PERIODS`."""
-        passed = int((now - self._start) / self._period) - self._taken
+        passed = int((now - self._start) / self._period) - self._passed
         if passed > MAX_LAG:
-            self._give_up(passed - MAX_PERIODS)
+            self.given_up += passed - MAX_PERIODS
+            self._passed += passed - MAX_PERIODS
             passed = MAX_PERIODS
-        take = max(0, min(passed, MAX_PERIODS))
-        self._taken += take
-        return take
+        due = max(0, min(passed, MAX_PERIODS))
+        self._passed += due
+        return due
 
     def left(self, now: float) -> float:
         """Seconds until the next period is due; 0 when it is already."""
-        return max(0.0, self._start + (self._taken + 1) * self._period - now)
-
-    def _give_up(self, periods: int) -> None:
-        self.given_up += periods
-        self._taken += periods
+        return max(0.0, self._start + (self._passed + 1) * self._period - now)
 
 
 class Simulation:

@@ -114,15 +114,16 @@ class _Binding:
         if kind == "out of range":
             return effects.Stuck(**about, given=self._no_state(wire) if binary else self._beyond(wire))
         if kind == "noise" and binary:
-            return effects.Chatter(**about, share=self._share())
+            share = self._share()
+            return Effect(**about, change=lambda raw, since, random: raw ^ (random.random() < share))
         if binary:
             raise DeclarationError(f"{wire.item.path} is binary: it cannot {kind}")
         amount, shift = self._amount(wire)
         if kind == "noise":
             if amount < 0:
                 raise DeclarationError(f"a standard deviation is not negative: {self.given!r}")
-            return effects.Noise(**about, deviation=amount, shift=shift)
-        return effects.Drift(**about, rate=amount, shift=shift)
+            return Effect(**about, change=lambda raw, since, random: shift(raw, random.gauss(0.0, amount)))
+        return Effect(**about, change=lambda raw, since, random: shift(raw, amount * since))
 
     # Amounts -------------------------------------------------------------------------------------------
 

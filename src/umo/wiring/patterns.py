@@ -100,7 +100,8 @@ def collapsed(faults: Iterable[Mistake], origin: Mapping[str, str]) -> list[Mist
     """Faults of entries that a pattern has made, under the key of the pattern: one for all that say the same."""
     grouped: dict[tuple[str, str], list[Mistake]] = {}
     for fault in faults:
-        path, rest = _path_of(fault.key)
+        found = re.fullmatch(r'wire\."(.*)"(.*)', fault.key)  # such as `wire."z.motor".channel`
+        path, rest = found.groups() if found else ("", "")
         if path in origin:
             fault = Mistake(fault.file, f'wire."{origin[path]}"{rest}', f"{path}: {fault.message}")
         alike = re.sub(r"\d+", "0", fault.message) if path in origin else f"{fault.message} {len(grouped)}"
@@ -131,12 +132,6 @@ def _is_below(path: str, name: str) -> bool:
         return name == path or name.startswith(f"{path}.")
     depth = path.count(".") + 1
     return matches(path, ".".join(name.split(".")[:depth]))
-
-
-def _path_of(key: str) -> tuple[str, str]:
-    """The path and the rest of a key such as `wire."z.motor".channel`."""
-    found = re.fullmatch(r'wire\."(.*)"(.*)', key)
-    return (found[1], found[2]) if found else ("", "")
 
 
 def counted(message: str, more: int) -> str:

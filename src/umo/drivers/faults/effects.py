@@ -10,14 +10,15 @@ from random import Random
 from umo.drivers.contract import Channel
 
 MARK = "(injected fault)"
+LevelChange = Callable[[int, float, Random], int]
 Shift = Callable[[int, float], int]
-"""The raw integer that is so much (in the object's units, or in raw steps) above another."""
+"""Function that makes the raw integer that is so much (in the object's units, or in raw steps) above another."""
 
 
 @dataclass(eq=False, kw_only=True)
 class Effect:
     """One fault on one channel, or on every call of a driver. It acts from `begin` until `end`, s of machine time.
-    Here are those of whole calls and transfers; classes that derive from it change raw integers."""
+    `change` makes the raw integer that another one becomes, so many s after the fault began."""
 
     text: str
     channel: Channel | None = None
@@ -30,11 +31,12 @@ class Effect:
     loss: str = ""
     """Why transfers of the channel fail; empty: they do not."""
     share: float = 1.0
-    """Share of the transfers that fail, or have the other level."""
+    """Share of the transfers that fail."""
     short: bool = False
     """A block transfer ends before the channel: this one and those behind it are not read, or not written."""
     mistake: bool = False
     """The code of the driver raises what is not an error of a device."""
+    change: LevelChange = lambda raw, since, random: raw
     random: Random = field(default_factory=Random)
 
     def start(self, seed: int, again: int = 0) -> None:
@@ -52,7 +54,7 @@ class Effect:
 
     def changed(self, raw: int, since: float) -> int:
         """The raw integer that another one becomes, `since` s after the fault began."""
-        return raw
+        return self.change(raw, since, self.random)
 
 
 @dataclass(eq=False, kw_only=True)
@@ -68,36 +70,6 @@ class Stuck(Effect):
         if self._level is None:
             self._level = raw
         return self._level
-
-
-@dataclass(eq=False, kw_only=True)
-class Noise(Effect):
-    """Noise with a normal distribution of this standard deviation."""
-
-    deviation: float
-    shift: Shift
-
-    def changed(self, raw: int, since: float) -> int:
-        return self.shift(raw, self.random.gauss(0.0, self.deviation))
-
-
-@dataclass(eq=False, kw_only=True)
-class Chatter(Effect):
-    """The noise of a binary channel: a share of the transfers has the other level."""
-
-    def changed(self, raw: int, since: float) -> int:
-        return raw ^ (self.random.random() < self.share)
-
-
-@dataclass(eq=False, kw_only=True)
-class Drift(Effect):
-    """A change by so much in a second."""
-
-    rate: float
-    shift: Shift
-
-    def changed(self, raw: int, since: float) -> int:
-        return self.shift(raw, self.rate * since)
 
 
 @dataclass(eq=False, kw_only=True)

@@ -31,8 +31,8 @@ class Single(NamedTuple):
     place: int
     offset: int
     sign: int
-    least: int
-    most: int
+    lowest: int
+    highest: int
 
 
 @dataclass(frozen=True)
@@ -77,19 +77,14 @@ class Request:
     def encode(self, raws: Sequence[int]) -> list[int]:
         """The cells that carry these values; a value that does not fit is an error, never cut off."""
         cells = [0] * self.count
-        for place, offset, _, least, most in self.singles:
+        for place, offset, _, lowest, highest in self.singles:
             raw = raws[place]
-            if not least <= raw <= most:
-                self._refuse(place, raw)
+            if not lowest <= raw <= highest:
+                next(item for item in self.items if item.place == place).channel.fit(raw)  # says why
             cells[offset] = raw & 0xFFFF
         for item in self.wides:
             cells[item.within] = item.channel.words(raws[item.place])
         return cells
-
-    def _refuse(self, place: int, raw: int) -> None:
-        for item in self.items:
-            if item.place == place:
-                item.channel.words(raw)  # says why
 
     def check_taken(self, cells: Sequence[int], read_back: Sequence[int]) -> None:
         """ChannelsFailed names the channels whose cells were read back other than written."""
@@ -123,7 +118,8 @@ def plan_writes(channels: Sequence[ModbusChannel], *, most_registers: int = 123)
     for channel in channels:
         if not channel.table.most_written:
             raise DriverError(f"{channel.text} is an input")
-    if _overlap(channels):
+    ordered = [channel for _, channel in _by_place(enumerate(channels))]
+    if any(one.table is other.table and other.address < one.end for one, other in pairwise(ordered)):
         return tuple(_request([placed]) for placed in enumerate(channels))
 
     def most(table: Table) -> int:
@@ -157,14 +153,12 @@ def _request(run: Sequence[_Placed]) -> Request:
     end = max(channel.end for _, channel in run)
     items = tuple(Item(index, channel.address - start, channel) for index, channel in run)
     narrow = [item for item in items if item.channel.cells == 1]
-    singles = tuple(map(_single, narrow))
+    singles = tuple(
+        Single(item.place, item.offset, 1 << 15 if channel.signed else 0, channel.lowest, channel.highest)
+        for item, channel in ((each, each.channel) for each in narrow)
+    )
     wides = tuple(item for item in items if item.channel.cells > 1)
     return Request(run[0][1].table, start, end - start, items, singles, _places(narrow), wides)
-
-
-def _single(item: Item) -> Single:
-    channel = item.channel
-    return Single(item.place, item.offset, 1 << 15 if channel.signed else 0, channel.lowest, channel.highest)
 
 
 def _places(items: Sequence[Item]) -> slice | list[int]:
@@ -177,8 +171,3 @@ def _places(items: Sequence[Item]) -> slice | list[int]:
 
 def _by_place(placed: Iterable[_Placed]) -> list[_Placed]:
     return sorted(placed, key=lambda each: (each[1].table.name, each[1].address, each[0]))
-
-
-def _overlap(channels: Sequence[ModbusChannel]) -> bool:
-    ordered = [channel for _, channel in _by_place(enumerate(channels))]
-    return any(one.table is other.table and other.address < one.end for one, other in pairwise(ordered))

@@ -71,16 +71,13 @@ def plan(channels: Sequence[RegisterChannel], *, joined: bool, max_size: int) ->
     runs: list[list[Register]] = []
     for register in sorted(of, key=lambda each: (-1 if each.page is None else each.page, each.address)):
         run = runs[-1] if runs else []
-        if joined and run and _follows(register, run) and register.address + register.size - run[0].address <= max_size:
+        follows = run and (register.page, register.address) == (run[-1].page, run[-1].address + run[-1].size)
+        if joined and follows and register.address + register.size - run[0].address <= max_size:
             run.append(register)
         else:
             runs.append([register])
     blocks = [_block(run, of, joined) for run in runs]
     return tuple(sorted(blocks, key=lambda block: block.first))
-
-
-def _follows(register: Register, run: list[Register]) -> bool:
-    return register.page == run[-1].page and register.address == run[-1].address + run[-1].size
 
 
 def places_of(page: int | None, address: int, size: int, *, joined: bool) -> tuple[Hashable, ...]:
@@ -91,14 +88,13 @@ def places_of(page: int | None, address: int, size: int, *, joined: bool) -> tup
 def _block(run: list[Register], of: dict[Register, list[tuple[int, RegisterChannel]]], joined: bool) -> RegisterBlock:
     first, last = run[0], run[-1]
     size = last.address - first.address + last.size
-    parts = tuple(_part(register, register.address - first.address, tuple(of[register])) for register in run)
+    parts = tuple(
+        BlockPart(each, each.address - first.address, tuple(of[each]), any(channel.whole for _, channel in of[each]))
+        for each in run
+    )
     return RegisterBlock(
         first.page, first.address, size, parts, places_of(first.page, first.address, size, joined=joined), _like(parts)
     )
-
-
-def _part(register: Register, start: int, channels: tuple[tuple[int, RegisterChannel], ...]) -> BlockPart:
-    return BlockPart(register, start, channels, any(channel.whole for _, channel in channels))
 
 
 def _like(parts: Sequence[BlockPart]) -> LikeRegisters | None:

@@ -105,7 +105,8 @@ class RegisterDriver(BlockDriver[RegisterChannel]):
     def _put_block(self, block: RegisterBlock, raws: Sequence[int]) -> None:
         like = block.like
         data = b"".join([self._packed(part, raws) for part in block.parts]) if like is None else like.encode(raws)
-        self._write_block(block.page, block.address, data)
+        self._turn_to(block.page)
+        self._transfer("writing", self._put, block.address, data)
         self._shadow.update(zip(block.places, data, strict=True))
 
     def _packed(self, part: BlockPart, raws: Sequence[int]) -> bytes:
@@ -187,10 +188,6 @@ class RegisterDriver(BlockDriver[RegisterChannel]):
             self._broken = True
             raise DriverError(f"reading {address:#04x}: {len(data)} bytes in place of {size}")
         return data
-
-    def _write_block(self, page: int | None, address: int, data: bytes) -> None:
-        self._turn_to(page)
-        self._transfer("writing", self._put, address, data)
 
     def _turn_to(self, page: int | None) -> None:
         """Select a page, once in a call: the chip may have been reset since the call before."""

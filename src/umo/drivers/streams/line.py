@@ -89,7 +89,8 @@ class _File(io.FileIO):
 
 def _open(place: Serial) -> _File:
     serial: Any = import_module("serial")  # it has no types
-    pseudo = _is_pseudo(place.path)
+    # A pseudo-terminal has 8 bits and no parity, and refuses anything else from the second time on.
+    pseudo = os.path.realpath(place.path).startswith("/dev/pts/")
     line = serial.Serial(
         baudrate=place.baudrate,
         bytesize=8 if pseudo else place.data_bits,
@@ -114,11 +115,6 @@ def _open(place: Serial) -> _File:
         raise DriverError(f"{place.path} cannot be used as a serial line at {place}: {error}") from None
     finally:
         line.close()
-
-
-def _is_pseudo(path: str) -> bool:
-    """A pseudo-terminal has 8 bits and no parity, and refuses anything else from the second time on."""
-    return os.path.realpath(path).startswith("/dev/pts/")
 
 
 def _switch_rs485(line: Any, place: Serial) -> None:

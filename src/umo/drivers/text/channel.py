@@ -225,8 +225,10 @@ def _reading(table: ChannelOptions, where: str, scale: Decimal | None) -> ReadCo
         return None
     answer = Pattern(table.get("answer", "{}"), f"{where}.answer", has_value=True)
     states: dict[str, int] = {}
-    for level, texts in (_levels(table["states"], f"{where}.states", _texts) if "states" in table else {}).items():
-        for text in texts:
+    given = _levels(table["states"], f"{where}.states", lambda value, _: value) if "states" in table else {}
+    for level, texts in given.items():
+        for text in texts if isinstance(texts, list | tuple) else [texts]:
+            _text(text, f"{where}.states.{level}")
             if states.setdefault(text, level) != level:
                 raise WiringError(f"{where}.states: {text!r} stands for {states[text]} and for {level}")
     return ReadCommand(ask, answer, states, RawOf(scale))
@@ -246,10 +248,6 @@ def _text(value: Any, where: str) -> str:
     if not isinstance(value, str):
         raise WiringError(f"{where} must be a text, not {value!r}")
     return value
-
-
-def _texts(value: Any, where: str) -> list[str]:
-    return [_text(each, where) for each in (value if isinstance(value, list | tuple) else [value])]
 
 
 def _scale(value: Any, where: str) -> Decimal:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from itertools import combinations, cycle, islice
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -177,17 +178,13 @@ def block_failures(trial: Trial) -> str | None:
                 missing.append(f"{what}: no other channel that can be seen")
             elif bad is None:
                 missing.append(f"{what}: no channel of this direction is known that the device refuses")
-            elif trial.failure(*_alone(probe, direction, bad)) is None:
+            elif trial.failure(partial(probe.read, bad) if what == "reads" else partial(probe.write, bad, 0)) is None:
                 missing.append(f"{what}: one of {bad} alone succeeds")
             else:
                 check(trial, probe, bad)
     if len(missing) == 2:
         raise NotTried("; ".join(missing))
     return trial.remark(*(f"not tried with {each}" for each in missing))
-
-
-def _alone(probe: Probe, direction: Direction, text: str) -> tuple[Any, ...]:
-    return (probe.read, text) if direction is Direction.INPUT else (probe.write, text, 0)
 
 
 def _read_with(trial: Trial, probe: Probe, bad: str) -> None:

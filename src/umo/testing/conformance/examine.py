@@ -74,7 +74,8 @@ def conform(
         examination.run()
     except BaseException as error:
         if unreached := _bring_to_defaults(trial):
-            raise _stop_error(subject, unreached) from error
+            failures = [Failure(text, text, "not reset", subject.name) for text in unreached]
+            raise StopError("not brought to their defaults", failures) from error
         raise
     unreached = _bring_to_defaults(trial)
     certificate = _certificate(trial, driver, examination.findings, unreached)
@@ -164,11 +165,6 @@ class _Examination:
 
 def _told(rule: Rule, verdict: Judgement, why: str) -> Finding:
     return Finding(rule.id, rule.text, verdict, why, rule.theme)
-
-
-def _stop_error(subject: Subject, unreached: Iterable[str]) -> StopError:
-    failures = [Failure(text, text, "not reset", subject.name) for text in unreached]
-    return StopError("not brought to their defaults", failures)
 
 
 def _tried(trial: Trial, rule: Rule, causes: dict[str, str]) -> Finding:

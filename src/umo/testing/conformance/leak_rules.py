@@ -255,8 +255,11 @@ def _grows(trial: Trial, repeat: Callable[[], object], what: str, each: Allowed 
     growths: list[int] = []
     circular = 1 << 60
     with _traced():
-        while len(growths) < ROUNDS or (min(growths) > allowed and _may_fill(trial, len(growths), count)):
-            trial.share = len(growths) / max(ROUNDS, len(growths) + 1)
+        while (rounds := len(growths)) < ROUNDS or (
+            min(growths) > allowed
+            and (rounds < MAX_ROUNDS or (rounds * count < CACHE_FILLING_CALLS and trial.budget.more))
+        ):
+            trial.share = rounds / max(ROUNDS, rounds + 1)
             gc.collect()
             gc.disable()
             before = tracemalloc.get_traced_memory()[0]
@@ -270,10 +273,6 @@ def _grows(trial: Trial, repeat: Callable[[], object], what: str, each: Allowed 
     if (growth := min(growths)) > allowed:
         raise RuleBroken(f"the memory grew by {growth} bytes in each {count} {what}, {growth / count:.0f} each time")
     return f"{len(growths)} rounds of {count} {what}"
-
-
-def _may_fill(trial: Trial, rounds: int, count: int) -> bool:
-    return rounds < MAX_ROUNDS or (rounds * count < CACHE_FILLING_CALLS and trial.budget.more)
 
 
 @contextmanager

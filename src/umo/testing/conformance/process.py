@@ -55,15 +55,11 @@ def state() -> State:
         "number of handlers of the root logger": len(logging.getLogger().handlers),
         "locale": locale.setlocale(locale.LC_ALL),
         "processors and priority": _scheduling(),
-    } | {f"handler of {number.name}": signal.getsignal(number) for number in signal.valid_signals() if _named(number)}
-
-
-def _named(number: object) -> bool:
-    return isinstance(number, signal.Signals)
+    } | {f"handler of {number.name}": signal.getsignal(number) for number in signal.Signals}
 
 
 def _scheduling() -> str:
-    """Of this thread."""
+    """The processors and the priority of this thread."""
     processors = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else ""
     return f"{processors} {os.getpriority(os.PRIO_PROCESS, 0)}" if hasattr(os, "getpriority") else str(processors)
 

@@ -27,8 +27,12 @@ class Writes:
         sent: dict[int, list[bytes]] = defaultdict(list)
         for raw, request in samples:
             sent[raw].append(request)
-        self._forms = {raw: _Form(requests, _of_length(sent, len(requests[0]))) for raw, requests in sent.items()
-                       if len(requests) > 1 and constant(requests)}  # fmt: skip
+        every = [request for requests in sent.values() for request in requests]
+        self._forms = {
+            raw: _Form(requests, [each for each in every if len(each) == len(requests[0])])
+            for raw, requests in sent.items()
+            if len(requests) > 1 and constant(requests)
+        }
         for raw, form in tuple(self._forms.items()):
             if any(other.fits(request) for at, other in self._forms.items() if at != raw for request in sent[raw]):
                 form.tells = False
@@ -46,10 +50,6 @@ class Writes:
             for raw, form in self._forms.items():
                 if form.tells and form.fits(sent[: form.length]):
                     yield from ([raw, *rest] for rest in self._ways(sent[form.length :], most - 1))
-
-
-def _of_length(sent: dict[int, list[bytes]], length: int) -> list[bytes]:
-    return [request for requests in sent.values() for request in requests if len(request) == length]
 
 
 class _Form:

@@ -38,17 +38,13 @@ def late_answer(trial: Trial) -> str | None:
     return None if trial.line.ordered else "on a serial line: answers that come before the next request"
 
 
-def _reads(trial: Trial, probe: Probe) -> list[DriverCall]:
-    return [partial(probe.read, text) for text in trial.readable[:MAX_CHANNELS]]
-
-
 def _writes(trial: Trial, probe: Probe) -> list[DriverCall]:
     return [partial(probe.write, each.channel, each.other()) for each in trial.subject.outputs[:1]]
 
 
 def _calls(trial: Trial, probe: Probe) -> list[DriverCall]:
     """Reads of two channels, and a write."""
-    return _reads(trial, probe) + _writes(trial, probe)
+    return [*(partial(probe.read, text) for text in trial.readable[:MAX_CHANNELS]), *_writes(trial, probe)]
 
 
 def _comes_late(trial: Trial, probe: Probe, behind: bool, asked: DriverCall, later: DriverCall) -> bool:
