@@ -210,7 +210,6 @@ def _parse(item: Any, text: str, wired: Wired) -> float | TwoState:
         return states[state(item.path, text, list(states))]
     value = number(item.path, text, item.units)
     (calibration,) = (wire.calibration for wire in wired.wires if wire.item is item)
-    assert calibration is not None
     if not calibration.minimum <= value <= calibration.maximum and item.limits == "raise":
         outside = f"is outside {span(calibration.minimum, calibration.maximum)}"
         raise RangeError(f"{item.path}: {measure(value, item.units)} {outside}")

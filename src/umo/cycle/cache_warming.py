@@ -102,10 +102,10 @@ def _good_raw(wire: Wire) -> int:
     return next(raw for raw in count(sum(wire.raw_bounds) // 2) if raw not in wire.invalid_raws)
 
 
-def _calibration(wire: Wire) -> Calibration | None:
-    """The calibration, without a linearization of the user's own."""
-    calibration, own = wire.calibration, type(wire.linearization).__module__.startswith("umo.objects")
-    return calibration if calibration is None or own else calibration._replace(linearization=None)
+def _calibration(wire: Wire) -> Calibration:
+    """Without a linearization that is the user's own."""
+    users = wire.linearization is not None and not type(wire.linearization).__module__.startswith("umo.objects")
+    return wire.calibration._replace(linearization=None) if users else wire.calibration
 
 
 class _Copy(Compound):

@@ -173,7 +173,6 @@ class _Binding:
 
     def _amount(self, wire: Wire) -> tuple[float, Shift]:
         """A difference, and how it is added to a raw integer."""
-        assert wire.calibration is not None
         if not self.given:
             return PARTS[self.fault.kind] * (wire.calibration.maximum - wire.calibration.minimum), _by_value(wire)
         number, steps = self._difference(wire)
@@ -182,7 +181,6 @@ class _Binding:
     def _beyond(self, wire: Wire) -> int:
         """A raw integer of the channel whose value is above the range. Without an amount the next one that the channel
         has."""
-        assert wire.calibration is not None
         if not self.given:  # of the electrical range
             low, high = wire.ends
             top, wanted = (

@@ -37,7 +37,7 @@ from umo.wiring.linearized import from_table
 from umo.wiring.options import FAULT, FAULT_SEED, REALTIME, RESERVED, WIRING_OPTIONS
 from umo.wiring.patterns import collapsed, counted, expand, expand_parameters
 from umo.wiring.process_table import process_of
-from umo.wiring.resolved import Parameter, Wire, Wired, fault_of_parameters
+from umo.wiring.resolved import INVERTED, LEVEL, Parameter, Wire, Wired, fault_of_parameters
 from umo.wiring.source import SECTIONS, WiringSource, read
 
 if TYPE_CHECKING:
@@ -220,7 +220,7 @@ class _Resolver:
             for name in Calibration._fields:
                 if getattr(entry, name) is not None:
                     self.source.mistake(f"{key}.{name}", "is for digital objects; this one is binary")
-            return Wire(item, driver, channel, None, bool(entry.inverted))
+            return Wire(item, driver, channel, INVERTED if entry.inverted else LEVEL)
         if entry.inverted is not None:
             self.source.mistake(f"{key}.inverted", "is for binary objects; use a negative resolution")
         calibration = self._calibration(key, item, entry)
@@ -288,8 +288,7 @@ class _Resolver:
             return declared
 
     def _check_raws(self, key: str, item: Digital, wire: Wire) -> None:
-        calibration, channel = item.calibration if wire.calibration is None else wire.calibration, wire.channel
-        resolution = f"resolution {number_text(calibration.resolution)}"
+        channel, resolution = wire.channel, f"resolution {number_text(wire.calibration.resolution)}"
         try:
             ends = [to_raw(x, *wire.scale) for x in wire.ends]
         except OverflowError:

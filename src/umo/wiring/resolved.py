@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -19,36 +19,40 @@ from umo.objects.units import convert
 from umo.presentation.in_words import measure
 from umo.user_code import told_as
 
+LEVEL, INVERTED = Calibration(0.0, 1.0, 1.0, 0.0), Calibration(0.0, 1.0, -1.0, 1.0)
+"""Calibrations of binary objects: the value is the raw integer of the channel or, inverted, 1 - raw."""
+
 
 @dataclass(frozen=True, slots=True)
 class Wire:
-    """One object on one channel. `calibration` holds for digital objects, `inverted` for binary ones."""
+    """One object on one channel. The calibration of a binary object is `LEVEL`, or `INVERTED`."""
 
     item: Atomic
     driver: Driver
     channel: Channel
-    calibration: Calibration | None = None
-    inverted: bool = False
+    calibration: Calibration
 
     @property
     def scale(self) -> tuple[float, float]:
-        """Resolution and zero offset; a binary channel's level is its raw value or, inverted, 1 - raw."""
-        if self.calibration is not None:
-            return self.calibration.resolution, self.calibration.zero_offset
-        return (-1.0, 1.0) if self.inverted else (1.0, 0.0)
+        """Resolution and zero offset."""
+        return self.calibration.resolution, self.calibration.zero_offset
 
     @property
     def linearization(self) -> Linearization | None:
-        return None if self.calibration is None else self.calibration.linearization
+        return self.calibration.linearization
 
     @property
     def invalid_raws(self) -> tuple[int, ...]:
-        return () if self.calibration is None else self.calibration.invalid_raws
+        return self.calibration.invalid_raws
+
+    @property
+    def inverted(self) -> bool:
+        """Whether the electrical level of a binary object is inverted."""
+        return isinstance(self.item, Binary) and self.calibration == INVERTED
 
     @property
     def ends(self) -> tuple[float, float]:
-        """The electrical quantities at the minimum and at the maximum of a digital object."""
-        assert self.calibration is not None
+        """The electrical quantities at the minimum and at the maximum."""
         minimum, maximum, linearization = self.calibration.minimum, self.calibration.maximum, self.linearization
         if linearization is None:
             return minimum, maximum
@@ -57,24 +61,18 @@ class Wire:
     @property
     def raw_bounds(self) -> tuple[int, int]:
         """The least and the greatest raw integer of an actuator whose value lies within the range."""
-        if self.calibration is None:
-            return 0, 1
         return raw_bounds(*self.ends, *self.scale)
 
     @property
     def exact(self) -> bool:
         """Whether the raw integer nearest to any value of an actuator's range stands for a value in the range."""
-        if self.calibration is None:
-            return True
         return tuple(sorted(to_raw(end, *self.scale) for end in self.ends)) == self.raw_bounds
 
     @property
     def bounds(self) -> tuple[float, float]:
         """Range in which a sensor's value is GOOD: to half a resolution beyond the declared one; a binary level is
         exactly 0 or 1."""
-        if self.calibration is None:
-            return 0.0, 1.0
-        half = abs(self.calibration.resolution) / 2
+        half = 0.0 if isinstance(self.item, Binary) else abs(self.calibration.resolution) / 2
         low, high = sorted(self.ends)
         if (linearization := self.linearization) is None:
             return low - half, high + half
@@ -127,14 +125,13 @@ class Wire:
     def apply(self) -> Wire:
         """Set the object to this wire's calibration; returns the wire that restores what it had."""
         if isinstance(self.item, Digital):
-            before = Wire(self.item, self.driver, self.channel, self.item.calibration)
-            if self.calibration is not None:
-                self.item._calibrate(self.calibration)
-            return before
-        assert isinstance(self.item, Binary)
-        before = Wire(self.item, self.driver, self.channel, None, self.item._inverted)
-        self.item._inverted = self.inverted
-        return before
+            before = self.item.calibration
+            self.item._calibrate(self.calibration)
+        else:
+            assert isinstance(self.item, Binary)
+            before = INVERTED if self.item._inverted else LEVEL
+            self.item._inverted = self.inverted
+        return replace(self, calibration=before)
 
 
 class Parameter(NamedTuple):
