@@ -111,32 +111,31 @@ class Unit:
 
     def read(self, request: Request) -> Sequence[int]:
         """The cells of the answer, at least as many as were asked for."""
-        try:
-            answer = self._readers[request.table](request.address, count=request.count, device_id=self._unit)
-        except Lost as error:
-            raise self._broken(f"reading {request.what}", error) from None
-        if answer.isError():
-            raise self._refused(f"reading {request.what}", answer.exception_code)
+        answer = self._answer("reading", request, self._read)
         return answer.bits or answer.registers
 
     def write(self, request: Request, cells: list[int]) -> None:
         """Write; the device must confirm what it was sent."""
-        self._confirmed(request, self._write, cells)
+        self._answer("writing", request, lambda request: self._write(request, cells))
 
     def write_and_read(self, request: Request, cells: list[int]) -> Sequence[int]:
         """Write registers by function 23; what they hold afterwards."""
-        return self._confirmed(request, self._write_and_read, cells).registers
+        return self._answer("writing", request, lambda request: self._write_and_read(request, cells)).registers
 
-    def _confirmed(
-        self, request: Request, send: Callable[[Request, list[int]], ModbusPDU], cells: list[int]
-    ) -> ModbusPDU:
+    def _answer(self, doing: str, request: Request, send: Callable[[Request], ModbusPDU]) -> ModbusPDU:
+        """The answer to a request, if the device carried it out."""
         try:
-            answer = send(request, cells)
+            answer = send(request)
         except Lost as error:
-            raise self._broken(f"writing {request.what}", error) from None
-        if answer.isError():
-            raise self._refused(f"writing {request.what}", answer.exception_code)
+            raise self._broken(f"{doing} {request.what}", error) from None
+        if answer.isError():  # the connection stays as it is
+            code = answer.exception_code
+            what = f"exception {code}, {EXCEPTIONS.get(code, 'of an unknown kind')}"
+            raise Refused(f"{self._name}: {doing} {request.what}: {what}")
         return answer
+
+    def _read(self, request: Request) -> ModbusPDU:
+        return self._readers[request.table](request.address, count=request.count, device_id=self._unit)
 
     def _write(self, request: Request, cells: list[int]) -> ModbusPDU:
         """By function 5 or 6, by 15 or 16 where there is more than one cell."""
@@ -158,10 +157,6 @@ class Unit:
             values=cells,
             device_id=self._unit,
         )
-
-    def _refused(self, what: str, code: int) -> DriverError:
-        """An exception answer; the connection stays as it is."""
-        return Refused(f"{self._name}: {what}: exception {code}, {EXCEPTIONS.get(code, 'of an unknown kind')}")
 
     def _broken(self, what: str, error: Lost) -> DriverError:
         """A failure after which the connection cannot be trusted."""
