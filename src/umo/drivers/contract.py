@@ -29,7 +29,7 @@ the guardian wait for them."""
 
 
 class Direction(Flag):
-    """What a channel can do, seen from the computer."""
+    """Direction of a channel, seen from the computer."""
 
     INPUT = 1
     OUTPUT = 2
@@ -92,7 +92,7 @@ def _own_fields(cls: Any) -> list[str]:
 
 
 class PhysicalScale(NamedTuple):
-    """What a raw integer of a channel stands for, as the circuit itself knows it: raw * resolution + zero_offset."""
+    """Scale of a channel, as the circuit itself knows it: raw * resolution + zero_offset."""
 
     resolution: float
     zero_offset: float

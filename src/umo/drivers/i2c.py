@@ -196,7 +196,7 @@ def _open(bus: Any, path: str) -> None:
 
 
 def _set_timeout(bus: Any, seconds: float) -> None:
-    """Of the adapter."""
+    """Set the timeout of the adapter."""
     from fcntl import ioctl
 
     ioctl(bus.fd, _I2C_TIMEOUT, max(1, ceil(seconds * 100)))

@@ -45,7 +45,7 @@ def checked_table(name: str, value: Any, known: Collection[str], example: str) -
 
 
 def duration(name: str, value: str | float) -> float:
-    """s, from a number or a text such as "200 ms"; up to an hour."""
+    """Time in s, from a number or a text such as "200 ms"; up to an hour."""
     try:
         found = seconds(value)
     except DeclarationError:

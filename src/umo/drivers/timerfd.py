@@ -139,7 +139,7 @@ class Ticker:
             self._refused()
 
     def wait(self) -> int:
-        """As in the paper: return at once the ticks that have passed since the last call; if there were none, block
+        """Return at once the ticks that have passed since the last call, as in the paper; if there were none, block
         until the next tick and return 0. A missed tick does not shift the following ticks. WaitEnded after
         `stop_waiting`."""
         clock, due = self._clock, self._next

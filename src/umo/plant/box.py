@@ -130,7 +130,7 @@ class Box:
 
 
 def _raw_and_level(point: Point | None, cells: Sequence[int]) -> tuple[int, int]:
-    """What these cells mean to the box, and to the plant."""
+    """Raw integers that these cells hold for the box, and for the plant."""
     if point is None:
         return cells[0], 0
     try:

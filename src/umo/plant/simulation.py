@@ -18,7 +18,7 @@ MAX_LAG = 1000
 
 
 class Pace:
-    """How many periods of the plant are due, on a grid that begins at `start`."""
+    """Number of periods of the plant that are due, on a grid that begins at `start`."""
 
     def __init__(self, period: float, start: float) -> None:
         self._period = period

@@ -50,7 +50,7 @@ class Body:
         return [drive for drive in self.drives if isinstance(drive, kind)]
 
     def describe(self, values: Values) -> dict[str, Any]:
-        """For the page; the drives by what they do."""
+        """The description for the page; the drives by what they do."""
         try:
             driven = {
                 name: [drive.describe(values) for drive in self._all(kind)]
@@ -65,7 +65,7 @@ class Body:
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """From where the twin is first seen: the places of the eye and of what it looks at, in m."""
+    """Place from which the twin is first seen: those of the eye and of what it looks at, in m."""
 
     eye: Numbers
     target: Numbers

@@ -16,7 +16,7 @@ from umo.wiring.parameters import arguments_for
 
 
 def twin_of(layout: Layout) -> dict[str, Any] | None:
-    """What the twin.py of a running station declares, for the machine that runs; None if it declares no twin.
+    """Description of the twin that twin.py of a running station declares for its machine; None if there is none.
 
     The description of its frames names the station's folder and the options of its machine. StationError if twin.py
     cannot be imported or fails, DeclarationError if it does not fit the machine.

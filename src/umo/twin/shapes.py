@@ -51,7 +51,7 @@ class Shape:
         return {}
 
     def describe(self) -> dict[str, Any]:
-        """For the page."""
+        """The description for the page."""
         return {
             "kind": self.kind,
             "size": list(map(float, self.sizes().values())),

@@ -13,7 +13,7 @@ from umo.text import did_you_mean
 
 
 def from_table(given: Any) -> Linearization:
-    """From `{ thermocouple = "K" }`, `{ polynomial = [c0, c1, ...] }`, with
+    """The linearization of `{ thermocouple = "K" }`, `{ polynomial = [c0, c1, ...] }`, with
     `domain = [from, to]` where it is needed, or `{ table = [[inputs], [values]] }`. DeclarationError for anything
     else."""
     if not isinstance(given, Mapping) or not given:

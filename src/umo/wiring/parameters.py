@@ -17,20 +17,20 @@ def arguments_for(function: Callable[..., Any], taker: str, given: Mapping[str, 
     for name, parameter in parameters.items():
         if parameter.default is parameter.empty and name not in given:
             raise OptionError(f"{flag(name)} is missing: the {taker} requires it")
-    taken = {name: parameter for name, parameter in parameters.items() if name in given}
-    if not taken:
+    accepted = {name: parameter for name, parameter in parameters.items() if name in given}
+    if not accepted:
         return {}
     from pydantic import ValidationError
 
     from umo.wiring.entry import faults_of, options_of
 
     checked = {
-        name: each if is_converted(each.annotation) else each.replace(annotation=Any) for name, each in taken.items()
+        name: each if is_converted(each.annotation) else each.replace(annotation=Any) for name, each in accepted.items()
     }
     try:
-        return options_of(taker, checked, {name: given[name] for name in taken})
+        return options_of(taker, checked, {name: given[name] for name in accepted})
     except ValidationError as error:
-        name, message = next(faults_of(error, list(taken)))
+        name, message = next(faults_of(error, list(accepted)))
         raise OptionError(f"{flag(name)}: {message}") from None
 
 

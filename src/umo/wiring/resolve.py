@@ -84,7 +84,7 @@ class _Resolver:
         self.drivers: dict[str, Driver | None] = {}
         self.hardware: dict[str, tuple[str, ...]] = {}
         """The devices of each driver that has any."""
-        self.taken: dict[tuple[type, str, Hashable], str] = {}
+        self.used_places: dict[tuple[type, str, Hashable], str] = {}
 
     def run(self) -> tuple[Wired, list[Mistake]]:
         if not self.source.entries and self.source.mistakes and self.source.mistakes[0].key == "":
@@ -234,7 +234,7 @@ class _Resolver:
         driver = self.source.entries[path].driver
         circuits = self.hardware.get(driver, (driver,))  # two drivers of one device share its places
         for place, circuit in product(channel.places, circuits):
-            other = self.taken.setdefault((type(wire.driver), circuit, place), path)
+            other = self.used_places.setdefault((type(wire.driver), circuit, place), path)
             if other != path:
                 text = f"channel {channel.text!r} of {driver} is already used by {other}"
                 self.source.mistake(f'wire."{path}"', text)
@@ -438,10 +438,10 @@ class _Resolver:
             )
         number = known[path]
         try:
-            taken = number.checked(value) if number.is_field else number.of_its_type(value)
+            checked = number.checked(value) if number.is_field else number.of_its_type(value)
         except RangeError as error:
             return str(error).removeprefix(f"{path}: ")
-        found.append(Parameter(number, taken))
+        found.append(Parameter(number, checked))
         return ""
 
 

@@ -161,10 +161,10 @@ def apply_parameters(
         for path, (_, value) in zip(paths, rest, strict=True):
             if path not in known:
                 raise DeclarationError(f"{path}: with the fields that this wiring sets there is no such number")
-            number, taken = known[path], known[path].checked(value)
+            number, checked = known[path], known[path].checked(value)
             undo(partial(number.assign, number.value))
             with told_as(DeclarationError, f"{path} could not be set"):
-                number.assign(taken)
+                number.assign(checked)
         for path in paths:  # when all are set: they may depend on one another
             try:
                 check_settings(known[path].owner)
@@ -175,7 +175,7 @@ def apply_parameters(
 
 
 def fault_of_parameters(root: Compound, parameters: list[Parameter]) -> str:
-    """What the machine does not accept of them, tried on it without devices; "" if it accepts all, or is connected."""
+    """Fault that the machine finds in them, tried on it without devices; "" if it accepts all, or is connected."""
     restore: list[Callable[[], object]] = []
     before = root._parametrised
     if root.cycle.connected or not parameters:
@@ -247,7 +247,7 @@ class Wired:
         return sorted({device for devices in self.hardware.values() for device in devices})
 
     def text_of(self, wire: Wire) -> str:
-        """How an object is wired: `box:coil:3 inverted`."""
+        """Text of an object's wire: `box:coil:3 inverted`."""
         drivers = (wire.driver, getattr(wire.driver, "timer", None))  # a timer that is paced stands before its driver
         name = next((name for name, driver in self.drivers.items() if any(driver is each for each in drivers)), "timer")
         return f"{name}:{wire.channel.text}{' inverted' * wire.inverted}"

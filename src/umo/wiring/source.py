@@ -68,7 +68,7 @@ class WiringSource:
         return value
 
     def near(self, name: str, known: Iterable[str]) -> str:
-        """As `did_you_mean`, for the first `MAX_SUGGESTIONS` wrong names."""
+        """The nearest name (`did_you_mean`), for the first `MAX_SUGGESTIONS` wrong names."""
         self.suggested += 1
         return did_you_mean(name, known) if self.suggested <= MAX_SUGGESTIONS else ""
 
@@ -110,7 +110,7 @@ def _fill(source: WiringSource, data: Mapping[str, Any]) -> None:
 
 
 def _named(table: Mapping[Any, Any]) -> dict[str, Any]:
-    """With texts for keys throughout, as TOML has them: `{"axes": {0: ...}}`."""
+    """The table with texts for keys throughout, as TOML has them: `{"axes": {0: ...}}`."""
     return {str(key): _named(value) if isinstance(value, Mapping) else value for key, value in table.items()}
 
 

@@ -40,7 +40,7 @@ class Injection:
 
     @property
     def active(self) -> int:
-        """How many faults are in effect now, counted on each channel; shown as a signal."""
+        """Number of faults that are in effect now, counted on each channel; shown as a signal."""
         return sum(len(driver.active()) for driver in self.drivers)
 
     def end(self) -> bool:
@@ -51,7 +51,7 @@ class Injection:
 
 
 def _of_driver(name: str) -> Any:
-    """What the driver itself has of this name."""
+    """The attribute of this name that the driver itself has."""
     return property(attrgetter(f"driver.{name}"))
 
 

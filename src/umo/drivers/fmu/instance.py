@@ -47,7 +47,7 @@ class FmuInstance:
     def __init__(self, file: Path, description: Any) -> None:
         self.description = description
         self.time = 0.0
-        """s of the model, at the end of the last step."""
+        """Time of the model in s, at the end of the last step."""
         self.lost = ""
         """Why the instance cannot be used any more; empty if it can."""
         self._is3 = description.fmiVersion.startswith("3.")

@@ -114,9 +114,9 @@ def channel_of(description: Any, text: str) -> FmuChannel:
     name, scale = (text, None) if text in variables else _parted(text)
     variable = variables.get(name)
     if variable is None:
-        taken = {each: known for each, known in variables.items() if _is_channel(description, known)}
-        near, others = (list(taken), []) if text == ANY_CHANNEL else (_nearest(name, taken), _others(taken))
-        forms = [f"{each}:SCALE" if taken[each].type in FLOATS else each for each in near]
+        wireable = {each: known for each, known in variables.items() if _is_channel(description, known)}
+        near, others = (list(wireable), []) if text == ANY_CHANNEL else (_nearest(name, wireable), _others(wireable))
+        forms = [f"{each}:SCALE" if wireable[each].type in FLOATS else each for each in near]
         raise ChannelError(text, [*forms, *others, TICK])
     kind, bits, signed = _raw(description, variable, text)
     if kind in FLOATS and scale is None:
@@ -174,9 +174,9 @@ def check_start(description: Any, name: str, value: float | str) -> None:
     settable = variable.causality in SETTABLE or variable.initial in ("exact", "approx")
     if not settable or variable.causality == "structuralParameter":
         raise WiringError(f"start_values: {name} cannot be set, its causality is {variable.causality}")
-    takes = _unfit(description, variable, value)
-    if takes:
-        raise WiringError(f"start_values: {name} takes {takes}, not {value!r}")
+    needed = _unfit(description, variable, value)
+    if needed:
+        raise WiringError(f"start_values: {name} takes {needed}, not {value!r}")
 
 
 def _unfit(description: Any, variable: Any, value: float | str) -> str:

@@ -35,7 +35,7 @@ _MAX_DEBOUNCE = 2**32 - 1
 
 @dataclass(frozen=True)
 class Settings:
-    """How a line works, in the terms of the kernel's GPIO character device."""
+    """Settings of a line, in the terms of the kernel's GPIO character device."""
 
     bias: str = "as-is"
     drive: str = "push-pull"

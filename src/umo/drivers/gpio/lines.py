@@ -80,7 +80,7 @@ class LineTransfer:
 
 
 class Lines:
-    """What the driver holds of a chip."""
+    """The lines of a chip that the driver holds."""
 
     def __init__(self, chip: str) -> None:
         self.name = self._wanted = chip

@@ -26,7 +26,7 @@ class Bank:
         self.levels.update(levels)
 
     def configure(self, settings: dict[int, gpiod.LineSettings]) -> None:
-        """Only these lines change: the others are given as they are, as kernels before 6.11 want it."""
+        """Change these lines: the others are given as they are, as kernels before 6.11 want it."""
         for offset, each in self._settings.items():
             each.output_value = self.levels[offset]
         merged = self._settings | settings

@@ -94,7 +94,7 @@ class Iio(BlockDriver[IioChannel]):
     # Before open ---------------------------------------------------------------------------------------
 
     def channel(self, text: str) -> IioChannel:
-        """If the device is there, the channel must be one of its own."""
+        """The channel of this text; one of the device, if that is there."""
         match = _NAME.fullmatch(text)
         folder = self._there()
         known = FORMS if folder is None else sysfs.channels(folder)

@@ -26,7 +26,7 @@ _TYPE = re.compile(r"(be|le):([su])(\d+)/(\d+)(?:X(\d+))?>>(\d+)")
 
 
 class ScanType(NamedTuple):
-    """How a scan element stands in a record: `le:s12/16>>4` are 12 signed bits, above 4 others, in 16."""
+    """Form of a scan element in a record: `le:s12/16>>4` are 12 signed bits, above 4 others, in 16."""
 
     order: Literal["little", "big"]
     signed: bool
@@ -60,7 +60,7 @@ class ScanLayout:
 
     @classmethod
     def of(cls, elements: Iterable[tuple[str, int, ScanType]]) -> ScanLayout:
-        """From (channel, index, type) of each."""
+        """The layout of elements, each as (channel, index, type)."""
         places, end, widest = {}, 0, 1
         for name, _, kind in sorted(elements, key=lambda element: element[1]):
             size = kind.storage // 8
@@ -101,7 +101,7 @@ class Scan:
         self._clock = clock
         self._layout = ScanLayout.of(element(folder, channel) for channel in sorted(self.channels))
         self._values: dict[str, int] = {}
-        self._taken = self._drained = clock()
+        self._taken_at = self._drained_at = clock()
         with opening(self._file):
             self._fd = os.open(self._file, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         try:
@@ -111,7 +111,7 @@ class Scan:
             raise
         self._waiting = select.poll()
         self._waiting.register(self._fd, select.POLLIN)
-        self._drained = clock()
+        self._drained_at = clock()
 
     def _start(self, trigger: str, frequency: float | None) -> None:
         folder = self._folder
@@ -137,7 +137,7 @@ class Scan:
     def newest(self, oldest: float, deadline: float) -> dict[str, int]:
         """The values of the newest scan, no older than `oldest` s; a DeviceTimeout if there is none by the deadline."""
         full = self._drain()
-        while full or not self._values or self._clock() - self._taken > oldest:
+        while full or not self._values or self._clock() - self._taken_at > oldest:
             left = deadline - self._clock()
             if left <= 0 or not self._waiting.poll(left * 1000):
                 raise DeviceTimeout(f"the trigger has not fired within {duration(oldest)}")
@@ -148,7 +148,7 @@ class Scan:
         """Take the last of the records that are there. True: the buffer was full and its last one is not the newest,
         as the kernel then drops new records."""
         size = self._layout.size
-        before, self._drained = self._drained, self._clock()
+        before, self._drained_at = self._drained_at, self._clock()
         try:
             data = os.read(self._fd, size * BUFFER_LENGTH)
         except BlockingIOError:
@@ -156,7 +156,7 @@ class Scan:
         if not data or len(data) % size:
             raise DriverError(f"a record of {len(data) % size} bytes in place of {size}")
         self._values = self._layout.decode(data[-size:])
-        self._taken = before  # at the earliest: it was not there at the drain before
+        self._taken_at = before  # at the earliest: it was not there at the drain before
         return len(data) == size * BUFFER_LENGTH
 
 

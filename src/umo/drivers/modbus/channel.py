@@ -40,8 +40,7 @@ TABLES = {table.name: table for table in (COIL, DISCRETE, HOLDING, INPUT)}
 
 
 class Type(NamedTuple):
-    """What registers hold. `bits`: width of the raw integer; of a float, that of the whole numbers that it holds
-    exactly."""
+    """Type of what registers hold. `bits` are those of the raw integer: of a float those that it carries exactly."""
 
     cells: int
     bits: int
@@ -109,7 +108,7 @@ class ModbusChannel(Channel):
         return whole
 
     def words(self, raw: int) -> list[int]:
-        """What its registers hold for a raw integer. DriverError for one beyond its range."""
+        """Contents of its registers for a raw integer. DriverError for one beyond its range."""
         self.fit(raw)
         if self.scale:
             raw = int.from_bytes(struct.pack(self._packing, raw * self.scale), "big")

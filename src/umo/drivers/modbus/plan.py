@@ -162,7 +162,7 @@ def _request(run: Sequence[_Placed]) -> Request:
 
 
 def _places(items: Sequence[Item]) -> slice | list[int]:
-    """As a slice where they follow each other: numpy is then quicker."""
+    """Their places, as a slice where they follow each other: numpy is then quicker."""
     places = [item.place for item in items]
     if places and places == list(range(places[0], places[0] + len(places))):
         return slice(places[0], places[0] + len(places))

@@ -94,7 +94,7 @@ class SerialLine:
         return self._port
 
     def open(self, deadline: float) -> None:
-        """If it is not, or has failed since. DriverError, in words of its own."""
+        """Open the line if it is not open, or has failed since. DriverError, in words of its own."""
         if self._port is None:
             self._port = self._dial(deadline)
             self.opened_at = self._last_byte_at = monotonic()
@@ -107,7 +107,7 @@ class SerialLine:
         self._port = None
 
     def owed(self, asked: UnitFunction) -> Owed | None:
-        """What may be taken for the answer if this is asked now."""
+        """Answer that may be mistaken for the one to this function, if it is asked for now."""
         if asked[1] in _UNMISTAKABLE:
             return None
         return self._owed.get(asked, Owed(b"", self.opened_at))
@@ -150,7 +150,7 @@ class SerialLine:
                 self._owed[asked] = None
 
     def _wait_for_silence(self, deadline: float) -> None:
-        """Until nobody has sent anything for 3.5 characters."""
+        """Wait until nobody has sent anything for 3.5 characters."""
         self.discard()
         while (pause := self._last_byte_at + self._silence - monotonic()) > 0:
             if monotonic() + pause > deadline:
@@ -192,7 +192,7 @@ class SerialLine:
 
 
 def silence(place: Serial) -> float:
-    """s between two frames: 3.5 characters, above 19200 baud 1.75 ms (Modbus over Serial Line V1.02, 2.5.1.1)."""
+    """Time in s between two frames: 3.5 characters, or 1.75 ms above 19200 baud (Modbus over Serial Line, 2.5.1.1)."""
     return 3.5 * place.character if place.baudrate <= 19200 else 1.75e-3
 
 
@@ -232,7 +232,7 @@ class Rtu:
         return self._line.exchange(frame, self._deadline)
 
     def _recover(self, asked: UnitFunction) -> None:
-        """Until nothing is owed that may be taken for the answer, if that leaves half of the time that is left."""
+        """Wait until no other answer is owed that may be mistaken for this one, if that leaves half of the time."""
         line, latest = self._line, (monotonic() + self._deadline) / 2
         while (owed := line.owed(asked)) is not None:
             line.discard()

@@ -14,7 +14,7 @@ CHECKSUM_SIZE = 2
 
 
 def answer_end(request: bytes, data: bytes) -> int:
-    """Where the answer to the request ends that the data begins with; 0 while it is incomplete. Lost if the data begins
+    """End of the answer to the request with which the data begins; 0 while it is incomplete. Lost if the data begins
     with anything else. The request is without its check sum."""
     check_start(request, data[:EXCEPTION_SIZE])
     if len(data) < EXCEPTION_SIZE:
@@ -48,7 +48,7 @@ def has_come(request: bytes, data: bytes) -> bool:
 
 
 def _end(request: bytes, data: bytes) -> int:
-    """As `answer_end`; 0 also if the data begins with anything else."""
+    """The end of the answer (`answer_end`); 0 also if the data begins with anything else."""
     try:
         return answer_end(request, data)
     except Lost:

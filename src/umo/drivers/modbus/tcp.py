@@ -65,7 +65,7 @@ class Tcp:
         return answer
 
     def _answer(self, stream: Stream) -> bytes:
-        """What follows the header of the frame with this transaction's number; earlier answers are passed over."""
+        """The contents of the frame with this transaction's number; earlier answers are passed over."""
         passed_over = ""
         while True:
             while not (end := frame_end(self._data)):
@@ -84,7 +84,7 @@ class Tcp:
 
 
 def frame_end(data: bytes) -> int:
-    """Where the first frame of the data ends, 0 while it is incomplete; Lost if the data is not Modbus."""
+    """End of the first frame of the data, 0 while it is incomplete; Lost if the data is not Modbus."""
     if len(data) < _HEADER.size:
         return 0
     _, protocol, length = _HEADER.unpack_from(data)

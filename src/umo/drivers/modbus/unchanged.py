@@ -9,7 +9,7 @@ _MAX_REQUESTS = 256
 
 
 class Unchanged:
-    """What the device has confirmed, request by request. `keep`: s after which a write is repeated."""
+    """Cells that the device has confirmed, by request. `keep`: time in s after which a write is repeated."""
 
     def __init__(self, keep: float) -> None:
         self._keep = keep

@@ -138,7 +138,7 @@ class Unit:
         return self._readers[request.table](request.address, count=request.count, device_id=self._unit)
 
     def _write(self, request: Request, cells: list[int]) -> ModbusPDU:
-        """By function 5 or 6, by 15 or 16 where there is more than one cell."""
+        """Write by function 5 or 6, or by 15 or 16 where there is more than one cell."""
         client, unit, address = self._client, self._unit, request.address
         if request.table is COIL:
             bits = [bool(cell) for cell in cells]

@@ -116,7 +116,7 @@ class RegisterDriver(BlockDriver[RegisterChannel]):
         return part.register.pack(contents)
 
     def _before(self, register: Register) -> int:
-        """What the register holds, for its bits that are not written now."""
+        """Contents of the register, for its bits that are not written now."""
         places = places_of(register.page, register.address, register.size, joined=self._auto_increment)
         if self._shadow.keys() >= set(places):
             return register.unpack(bytes(self._shadow[place] for place in places))

@@ -177,7 +177,7 @@ class ChipRegisters:
 
 
 def _field(what: str, given: Any, width: int) -> tuple[int, int, bool]:
-    """From `7`, `"11:9"` or `{ bits = "11:9", signed = true }`."""
+    """Lowest bit, number of bits and sign of `7`, `"11:9"` or `{ bits = "11:9", signed = true }`."""
     signed = False
     if not _PLAIN_NAME.fullmatch(what.rpartition(".")[2]):
         raise WiringError(f"{what}: a field's name is made of letters, digits and _")

@@ -59,7 +59,7 @@ class Serial:
 
     @property
     def character(self) -> float:
-        """s that one character takes: start bit, data bits, parity and stop bits."""
+        """Time in s that one character takes: start bit, data bits, parity and stop bits."""
         return (1 + self.data_bits + (self.parity != "none") + self.stop_bits) / self.baudrate
 
     def __str__(self) -> str:

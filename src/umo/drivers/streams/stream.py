@@ -28,7 +28,7 @@ class TimedOut(Lost):
 
 
 class File(Protocol):
-    """What a stream owns: a socket or an open device file."""
+    """Thing that a stream owns: a socket or an open device file."""
 
     def fileno(self) -> int: ...
 
@@ -55,7 +55,7 @@ class Stream:
         return not self._in.poll(0)
 
     def waiting(self) -> bytes:
-        """What has come in so far, at most 4096 bytes. Raises Gone."""
+        """Bytes that have come in so far, at most 4096. Raises Gone."""
         try:
             data = os.read(self._fd, _MAX_RECEIVED)
         except OSError as error:
@@ -65,7 +65,7 @@ class Stream:
         return data
 
     def receive(self, deadline: float) -> bytes:
-        """What has come in, at most 4096 bytes, after waiting for the first byte. Raises TimedOut or Gone."""
+        """Bytes that have come in, at most 4096, after waiting for the first byte. Raises TimedOut or Gone."""
         left = deadline - monotonic()
         if left <= 0 or not self._in.poll(left * 1000):
             raise TimedOut
@@ -87,7 +87,7 @@ class Stream:
 
 
 def _nothing(error: OSError) -> bytes:
-    """What was transferred, b"": the stream is not ready. Any other error is Gone."""
+    """Nothing was transferred, as the stream is not ready. Any other error is Gone."""
     if isinstance(error, BlockingIOError):
         return b""
     raise Gone(reason_of(error)) from None

@@ -61,7 +61,7 @@ class Query:
 
 @dataclass(frozen=True)
 class ReadCommand:
-    """How a channel is read: the request, and how its answer becomes a raw integer."""
+    """Command that reads a channel: the request, and how its answer becomes a raw integer."""
 
     ask: str
     answer: Pattern
@@ -82,7 +82,7 @@ class ReadCommand:
 
 @dataclass(frozen=True)
 class WriteCommand:
-    """How a channel is written: the request for a raw integer, and how the device confirms it."""
+    """Command that writes a channel: the request for a raw integer, and how the device confirms it."""
 
     template: Template | None
     levels: Mapping[int, str]
@@ -119,7 +119,7 @@ class TextChannel(Channel):
 
     @property
     def done(self) -> tuple[Pattern | None, Query | None]:
-        """How a request that sets it is confirmed."""
+        """Patterns that confirm a request which sets it."""
         return (self.setting.acknowledge, self.setting.confirm) if self.setting else (None, None)
 
     def raw(self, line: str) -> int:
@@ -147,7 +147,7 @@ class Channels:
     """Pattern for channels that have none of their own, as `confirm` is the query for them."""
     confirm: Query | None
     _forms: list[tuple[re.Pattern[str], str]] = field(init=False, default_factory=list)
-    _made: dict[str, TextChannel] = field(init=False, default_factory=dict)
+    _known: dict[str, TextChannel] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         """Every table is tried, so that a fault is found before its channel is used."""
@@ -162,12 +162,12 @@ class Channels:
 
     def named(self, text: str) -> TextChannel:
         """The channel with this name; ChannelError with all of them."""
-        if text in self._made:
-            return self._made[text]
+        if text in self._known:
+            return self._known[text]
         for form, name in self._forms:
             if found := form.fullmatch(text):
                 n = int(found[1]) if form.groups else None
-                channel = self._made[text] = self._make(name, text, n)
+                channel = self._known[text] = self._make(name, text, n)
                 return channel
         raise ChannelError(text, self.tables)
 

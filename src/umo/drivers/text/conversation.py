@@ -18,7 +18,7 @@ _MAX_DOUBLINGS = 4
 
 @dataclass(frozen=True)
 class Dialogue:
-    """How the device is spoken to: the options of the driver that are not about a channel."""
+    """Rules of the conversation: the options of the driver that are not about a channel."""
 
     terminator: str
     answer_terminator: str
@@ -210,7 +210,7 @@ class TextLink:
             raise self.dropped(UnexpectedAnswer(text))
 
     def _pause(self, request: str) -> None:
-        """Until the device takes the next request."""
+        """Wait until the device takes the next request."""
         if (wait := self._free + self._dialogue.pause - monotonic()) > 0:
             if wait > self._deadline - monotonic():
                 raise self._late(request)

@@ -12,7 +12,7 @@ from umo.drivers.streams import Host, Serial, place_of
 from umo.drivers.streams.line import Flow, Parity
 from umo.drivers.text.channel import ChannelOptions, Channels, Query, QueryOptions, TextChannel
 from umo.drivers.text.conversation import Dialogue, TextLink
-from umo.drivers.text.exchange import Asked, Told, plan_reads, plan_writes
+from umo.drivers.text.exchange import QueryLine, RequestLine, plan_reads, plan_writes
 from umo.drivers.text.pattern import NoValue, Pattern
 from umo.errors import DriverError, WiringError
 from umo.presentation.durations import duration
@@ -25,7 +25,7 @@ Encoding = Literal["ascii", "latin-1", "utf-8"]
 _DEFAULT = Host("", 5025), Serial("", 9600, "none")
 
 
-Step = TypeVar("Step", Asked, Told)
+Step = TypeVar("Step", QueryLine, RequestLine)
 
 
 class Text(BlockDriver[TextChannel]):
@@ -154,8 +154,10 @@ class Text(BlockDriver[TextChannel]):
         self._watchdog_set = watchdog_set
         self._prepared = self.place.prepared()
         self._link: TextLink | None = None
-        self._reads = Plans[TextChannel, tuple[Asked, ...]](lambda some: plan_reads(some, together, longest_request))
-        self._writes = Plans[TextChannel, tuple[Told, ...]](lambda some: plan_writes(some, together))
+        self._reads = Plans[TextChannel, tuple[QueryLine, ...]](
+            lambda some: plan_reads(some, together, longest_request)
+        )
+        self._writes = Plans[TextChannel, tuple[RequestLine, ...]](lambda some: plan_writes(some, together))
 
     def channel(self, text: str) -> TextChannel:
         return self._channels.named(text)
@@ -201,11 +203,11 @@ class Text(BlockDriver[TextChannel]):
     def _write(self, channels: Sequence[TextChannel], raws: list[int]) -> None:
         # All requests are made before the first is sent: a value that does not fit leaves the device alone.
         requests = [channel.request(raw) for channel, raw in zip(channels, raws, strict=True)]
-        told: Sequence[Told] = self._writes.of(channels)
+        lines: Sequence[RequestLine] = self._writes.of(channels)
         if self._joins:
-            told = [line for each in told for line in each.lines(requests, self._longest)]
+            lines = [line for each in lines for line in each.lines(requests, self._longest)]
         link = self._begin()
-        _in_turn(told, channels, lambda each: each.write(link, requests))
+        _in_turn(lines, channels, lambda each: each.write(link, requests))
 
     def _begin(self) -> TextLink:
         if self._link is None:

@@ -13,7 +13,7 @@ from umo.drivers.text.pattern import NoValue, Pattern, UnexpectedAnswer, shown
 from umo.errors import ChannelsFailed, DriverError
 
 
-class Asked(NamedTuple):
+class QueryLine(NamedTuple):
     """One line that asks. `parts` has an element for each query in it: the channels that take a part of its answer,
     with their places in the block."""
 
@@ -50,7 +50,7 @@ class Asked(NamedTuple):
             raise ChannelsFailed(failed)
 
 
-class Told(NamedTuple):
+class RequestLine(NamedTuple):
     """Channels that are set, and how the device confirms it. `by` joins their requests in one line; None: it is one
     channel."""
 
@@ -59,8 +59,8 @@ class Told(NamedTuple):
     confirm: Query | None
     by: str | None
 
-    def lines(self, requests: Sequence[str], longest: int) -> list[Told]:
-        """As many as needed, so that none is longer than `longest` characters."""
+    def lines(self, requests: Sequence[str], longest: int) -> list[RequestLine]:
+        """Lines, as many as needed, so that none is longer than `longest` characters."""
         if self.by is None:
             return [self]
         groups = joined([requests[i] for i in self.places], self.by, longest)
@@ -72,7 +72,7 @@ class Told(NamedTuple):
         link.tell(request, self.acknowledge, self.confirm)
 
 
-def plan_reads(channels: Sequence[TextChannel], by: str | None, longest: int) -> tuple[Asked, ...]:
+def plan_reads(channels: Sequence[TextChannel], by: str | None, longest: int) -> tuple[QueryLine, ...]:
     """Each request once, whatever number of channels takes a part of its answer."""
     readers: dict[str, list[tuple[int, TextChannel]]] = {}
     for i, channel in enumerate(channels):
@@ -81,21 +81,21 @@ def plan_reads(channels: Sequence[TextChannel], by: str | None, longest: int) ->
         readers.setdefault(channel.reading.ask, []).append((i, channel))
     asks = list(readers)
     return tuple(
-        Asked((by or "").join(asks[i] for i in group), by, tuple(tuple(readers[asks[i]]) for i in group))
+        QueryLine((by or "").join(asks[i] for i in group), by, tuple(tuple(readers[asks[i]]) for i in group))
         for group in joined(asks, by, longest)
     )
 
 
-def plan_writes(channels: Sequence[TextChannel], by: str | None) -> tuple[Told, ...]:
+def plan_writes(channels: Sequence[TextChannel], by: str | None) -> tuple[RequestLine, ...]:
     """Each channel by itself; those that follow each other and are not acknowledged together, if `by` joins them."""
-    told: list[Told] = []
+    lines: list[RequestLine] = []
     for (acknowledge, confirm), run in groupby(range(len(channels)), lambda i: channels[i].done):
         places = tuple(run)
         if by is not None and acknowledge is None:
-            told.append(Told(places, acknowledge, confirm, by))
+            lines.append(RequestLine(places, acknowledge, confirm, by))
         else:
-            told.extend(Told((i,), acknowledge, confirm, None) for i in places)
-    return tuple(told)
+            lines.extend(RequestLine((i,), acknowledge, confirm, None) for i in places)
+    return tuple(lines)
 
 
 def joined(requests: Sequence[str], by: str | None, longest: int) -> list[list[int]]:

@@ -31,7 +31,7 @@ class UnexpectedAnswer(DriverError):
 
 
 def shown(text: object) -> str:
-    """What the device sent, for a message: quoted, and not more than 60 characters of it."""
+    """Text of the device for a message: quoted, and not more than 60 characters of it."""
     whole = repr(text)
     return whole if len(whole) <= _SHOWN_CHARACTERS else f"{whole[:_SHOWN_CHARACTERS]}..."
 

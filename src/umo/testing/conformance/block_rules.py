@@ -71,7 +71,7 @@ def block_read(trial: Trial) -> str | None:
 
 
 def _compare(trial: Trial, probe: Probe, texts: tuple[str, ...]) -> None:
-    """Of channels that change meanwhile nothing is known."""
+    """RuleBroken if a block reads otherwise. Nothing is known of channels that change meanwhile."""
     for look in range(LOOKS):
         before = [probe.read(text) for text in texts]
         block = probe.read_many(texts)
@@ -91,7 +91,7 @@ def _compare(trial: Trial, probe: Probe, texts: tuple[str, ...]) -> None:
     Cost(each=20, more=300),
 )
 def block_write(trial: Trial) -> str | None:
-    outputs = trial.seen
+    outputs = trial.required_outputs
     with trial.opened() as probe:
         tasks = [*((outputs, raws) for raws in patterns(outputs)), *_parts(outputs)]
         for number, (part, raws) in enumerate(trial.as_time_allows(tasks, FEWEST_BLOCKS, "blocks")):
@@ -130,8 +130,8 @@ def block_buffers(trial: Trial) -> str | None:
 
 
 def _raws(trial: Trial, probe: Probe) -> None:
-    """As the image uses it: one array, of which a part is handed over, with other levels in every period."""
-    outputs = trial.seen
+    """One array, of which a part is handed over with other levels in every period, as the image does it."""
+    outputs = trial.required_outputs
     texts = [output.channel for output in outputs]
     whole = np.zeros(len(outputs) + 2, np.int64)
     part = whole[1:-1]
@@ -202,7 +202,7 @@ def _read_with(trial: Trial, probe: Probe, bad: str) -> None:
 
 
 def _write_with(trial: Trial, probe: Probe, bad: str) -> None:
-    outputs = trial.seen
+    outputs = trial.required_outputs
     for place in (0, len(outputs) // 2, len(outputs)):
         for output in outputs:
             probe.write(output.channel, output.default)

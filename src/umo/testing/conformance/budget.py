@@ -23,7 +23,7 @@ SPARE_SHARES = {"long run": 0.9, "memory": 1.0}
 
 @dataclass(frozen=True)
 class CallTime:
-    """What one call takes, in s; measured from a few calls."""
+    """Times in s of one call, measured from a few calls."""
 
     opening: float = 0.0
     """Time to open a driver, to initialise, reset and finalise its channels, and to close it."""
@@ -35,7 +35,7 @@ class CallTime:
 
 @dataclass(frozen=True)
 class TimePlan:
-    """What a run will take. `str` is a sentence for the user."""
+    """Time that a run will take. `str` is a sentence for the user."""
 
     pace: CallTime
     budget: float

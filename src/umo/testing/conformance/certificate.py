@@ -56,8 +56,8 @@ class TransferTime:
 
 @dataclass(frozen=True, repr=False)
 class Certificate:
-    """What the kit found. `str` is a table, `repr` a line with what is broken. Holds no paths or names of the computer,
-    except those of `devices`."""
+    """Findings of the kit. `str` is a table, `repr` a line with what is broken. It holds no paths or names of the
+    computer, except those of `devices`."""
 
     name: str
     driver: str
@@ -116,7 +116,7 @@ class Certificate:
         return f"{self.name}: {self.status}; {', '.join(f'{count} rules {what}' for count, what in counts)}"
 
     def table(self) -> Table:
-        """For a rich console."""
+        """The table for a rich console."""
         devices = ", ".join(self.devices) or "no device"
         table = Table(title=f"{self.name}: {self.status}, on {devices}", title_justify="left")
         for heading in ("rule", "verdict", "finding"):

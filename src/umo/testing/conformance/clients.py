@@ -38,7 +38,7 @@ class Clients:
 
     @property
     def patience(self) -> float:
-        """s that a call may take that is to succeed, as umo gives when it initialises and resets."""
+        """Time in s that a call may take that is to succeed, as umo gives when it initialises and resets."""
         return max(PATIENCE, self.subject.timeout)
 
     def bring_up(self, probe: Probe) -> None:
@@ -88,7 +88,7 @@ class Clients:
             raise errors[0]
 
     def restore(self, always: bool = False) -> None:
-        """With a new driver: every output to its default, if it may not be there."""
+        """A new driver brings every output to its default that may not be there."""
         if not (self._dirty or always) or not self.subject.outputs:
             return
         self._dirty = False

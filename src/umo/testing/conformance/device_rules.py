@@ -28,7 +28,7 @@ SOLE_WRITER = "(if it must be alone: `sole_writer` of the subject, --sole-writer
 
 @rule("reset after failure", "Reset reaches the default also after calls that failed.", Cost(each=12, waits=6))
 def reset_after_failure(trial: Trial) -> str | None:
-    outputs = trial.seen
+    outputs = trial.required_outputs
     with trial.opened() as probe:
         for output in outputs:
             probe.write(output.channel, output.other())
@@ -234,11 +234,11 @@ def _is_fresh(trial: Trial, probe: Probe, second: Probe | None, output: Output) 
         before, raw = levels if number % 2 else levels[::-1]
         mover.write(output.channel, before)
         trial.is_read(probe, output, before)
-        seen = probe.read(view)
+        earlier = probe.read(view)
         mover.write(output.channel, raw)
         trial.arrive(second if other else None, output, raw)
         found = probe.read_many((view,))[0] if number % 2 else probe.read(view)
-        old += trial.alike(view, seen, found) and not trial.same(output, raw, found)
+        old += trial.alike(view, earlier, found) and not trial.same(output, raw, found)
     if old >= FRESH_LEVELS - 1:
         raise RuleBroken(f"{trial.watch.doing} gave an earlier reading, {old} times of {FRESH_LEVELS}")
 
@@ -279,7 +279,7 @@ def _check_names(error: DriverError, texts: dict[str, str]) -> None:
 
 
 class Machine(Compound):
-    """What the kit makes of a subject."""
+    """Machine that the kit makes of a subject."""
 
     outputs: list[DigitalActuator]
     inputs: list[DigitalSensor]

@@ -31,7 +31,7 @@ OnProgress = Callable[[str, float], object]
 OnPlan = Callable[[TimePlan], object]
 """Function that is called with what the run will take, before the first rule."""
 LOOK_INTERVAL = 0.1
-"""s between two looks at a rule that is tried: for its progress, and whether a call hangs."""
+"""Time in s between two looks at a rule that is tried: for its progress, and whether a call hangs."""
 MINUTES = 2.0
 """Time budget of a run."""
 TIME_UP = "left out, as the time was up (--minutes)"
@@ -123,9 +123,9 @@ class _Examination:
     def _finding(self, number: int, rule: Rule) -> Finding:
         standing = rule.theme == "standing"
         if self.ended and not (standing and not self.trial.watch.over):
-            return _told(rule, Judgement.NOT_TRIED, self.ended)
+            return _finding_on(rule, Judgement.NOT_TRIED, self.ended)
         if not standing and not self.trial.budget.begin(rule):
-            return _told(rule, Judgement.NOT_TRIED, TIME_UP)
+            return _finding_on(rule, Judgement.NOT_TRIED, TIME_UP)
         part = self._part(number, rule)
         part(0.0)
         try:
@@ -137,13 +137,13 @@ class _Examination:
             )
         except Hangs as error:
             self.ended = f"the driver hangs in {self.trial.watch.doing}"
-            return _told(rule, Judgement.FAILED, str(error))
+            return _finding_on(rule, Judgement.FAILED, str(error))
         if finding.verdict is Judgement.FAILED and not self.ended:
             self._look_whether_it_lives(rule)
         return finding
 
     def _look_whether_it_lives(self, rule: Rule) -> None:
-        """After a rule that failed: whether there is any sense in going on."""
+        """See whether there is any sense in going on after a rule that failed."""
         if "dead" in self.causes:
             self.ended = f"as above: {self.causes['dead']}"
             return
@@ -163,7 +163,7 @@ class _Examination:
         return lambda share: progress(rule.id, before + share * own)
 
 
-def _told(rule: Rule, verdict: Judgement, why: str) -> Finding:
+def _finding_on(rule: Rule, verdict: Judgement, why: str) -> Finding:
     return Finding(rule.id, rule.text, verdict, why, rule.theme)
 
 
@@ -190,7 +190,7 @@ def _tried(trial: Trial, rule: Rule, causes: dict[str, str]) -> Finding:
     if verdict is Judgement.FAILED and cause and (first := causes.setdefault(cause, rule.id)) != rule.id:
         verdict, why = Judgement.NOT_TRIED, f"as above ({first}): {why}"
     trial.restore()
-    return _told(rule, verdict, why)
+    return _finding_on(rule, verdict, why)
 
 
 def _in_thread(trial: Trial, work: Callable[[], T], look: Callable[[], object] = lambda: None) -> T:

@@ -32,7 +32,7 @@ FEWEST_OPENINGS = 3
 SILENT_OPENINGS = 3
 """Openings on a line where nobody answers."""
 MAX_CLOSING_TIME = 5.0
-"""s until what was closed has ended at the other end too."""
+"""Time in s until what was closed has ended at the other end too."""
 TIMED_CALLS = 300
 """Calls of each kind that are timed at most."""
 ROUNDS, MAX_ROUNDS = 3, 9
@@ -205,7 +205,7 @@ def _compare_with_a_new_one(trial: Trial, run: LongRun) -> None:
     Cost(each=100, more=2000),
 )
 def memory(trial: Trial) -> str:
-    """As in the control process, the collector is off: an error that holds its own frame stays for ever."""
+    """The collector is off, as in the control process: an error that holds its own frame stays for ever."""
     with trial.opened(direct=True) as probe:
         run = LongRun(trial, probe)
         words = []
@@ -221,7 +221,7 @@ def memory(trial: Trial) -> str:
 
 
 def _over_lost_connections(trial: Trial, line: Tap) -> str:
-    """As `_grows`, of calls that connect again."""
+    """The measurement (`_grows`) of calls that connect again."""
     with trial.opened() as probe:
         call = trial.transfers(probe)[0]
 
@@ -234,7 +234,7 @@ def _over_lost_connections(trial: Trial, line: Tap) -> str:
 
 
 def _without_a_device(trial: Trial, line: Tap) -> str:
-    """As `_grows`, of calls that fail as the device is away."""
+    """The measurement (`_grows`) of calls that fail as the device is away."""
     with trial.opened() as probe, line.gone():
         trial.hurry(probe)
         calls = [call for call in trial.transfers(probe) if fails_at_once(trial, call)]
@@ -277,7 +277,7 @@ def _grows(trial: Trial, repeat: Callable[[], object], what: str, each: Allowed 
 
 @contextmanager
 def _traced() -> Iterator[None]:
-    """What is allocated is counted, and no garbage is collected by itself."""
+    """Memory is counted within the block, and no garbage is collected by itself."""
     own, on = not tracemalloc.is_tracing(), gc.isenabled()
     if own:
         tracemalloc.start()

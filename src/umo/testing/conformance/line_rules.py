@@ -18,7 +18,7 @@ from umo.testing.conformance.traffic import Change, Traffic
 from umo.testing.conformance.trial import DriverCall, Trial
 
 IDLE_TIME = 0.1
-"""s in which a driver that is left alone must send nothing to be judged."""
+"""Time in s in which a driver that is left alone must send nothing to be judged."""
 EQUAL_WRITES = 3
 """Writes of one level, whose requests are compared."""
 REFERENCE_CALLS = 2
@@ -70,7 +70,7 @@ def _opening(trial: Trial) -> list[int]:
 
 
 def _counted(trial: Trial, probe: Probe, number: int, fault: Callable[[], Any] | None = None) -> Traffic:
-    """What one kind of call sends, with a fault or without. The outputs are at other levels before it."""
+    """Traffic of one kind of call, with a fault or without. The outputs are at other levels before it."""
     probe.timeout = trial.patience
     if trial.subject.outputs:
         texts = [each.channel for each in trial.subject.outputs]
@@ -136,7 +136,7 @@ def _constant(writes: list[list[bytes]], number: int) -> dict[int, int]:
 
 
 def _usual_of(trial: Trial, probe: Probe, writes: bool) -> Traffic | None:
-    """What a single transfer that succeeds sends."""
+    """Traffic of a single transfer that succeeds."""
     if writes:
         output = trial.subject.outputs[0]
         probe.write(output.channel, output.other())

@@ -85,7 +85,7 @@ class LongRun:
         self.trial.failure(call)
 
     def go(self, most: int | None = None) -> None:
-        """So many cycles; default: until there were enough transfers, or the time is up."""
+        """Run so many cycles; default: until there were enough transfers, or the time is up."""
         number, early = 0, 0
         while (self.per_cycle and number < FEWEST_CYCLES) or (self.calls < self.most and self.trial.budget.more):
             if number == most:
@@ -123,7 +123,7 @@ class LongRun:
 
     @property
     def remark(self) -> str:
-        """What was looked at."""
+        """Words for what was looked at."""
         words = [f"{self.calls:,} transfers"]
         if not self._shown and not self._steady:
             words.append("no reading is known beforehand, so none was compared")

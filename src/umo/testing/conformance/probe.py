@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 
 class Watch:
-    """What the driver is doing now; read by another thread, which finds a call that hangs."""
+    """The call that the driver carries out now; another thread reads it and finds one that hangs."""
 
     def __init__(self) -> None:
         self.doing = "make the driver"
@@ -115,7 +115,7 @@ class Probe:
 
     @property
     def timeout(self) -> float:
-        """s: as it was set here. What the driver makes of it is not asked: it may keep to another one."""
+        """Timeout in s as it was set here. What the driver makes of it is not asked: it may keep to another one."""
         return self._timeout
 
     @timeout.setter

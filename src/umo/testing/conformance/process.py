@@ -17,7 +17,7 @@ TASKS = Path("/proc/self/task")
 
 
 def threads() -> dict[int, tuple[float, float]]:
-    """For each thread of the process: s that it has run, and that it was kept waiting for a processor."""
+    """Times in s that each thread of the process has run, and that it was kept waiting for a processor."""
     found = {}
     with suppress(OSError):
         for task in os.listdir(TASKS):

@@ -20,7 +20,7 @@ from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.trial import Trial
 
 IDLE_TIME = 0.25
-"""s for which processor time is measured."""
+"""Time in s for which processor time is measured."""
 MAX_SHARE = 0.5
 """Share of the time in which a thread could run that it uses at most while it waits."""
 TRIES = 2
@@ -161,8 +161,8 @@ def _resume(trial: Trial, probe: Probe) -> None:
 
 @contextmanager
 def _printed(trial: Trial) -> Iterator[list[str]]:
-    """What is printed within the block, but not by threads that are older than the drivers, such as the progress of the
-    kit. What goes to `logging` is not printed: where it ends is the program's own choice."""
+    """Texts that are printed within the block, but not by threads that are older than the drivers, such as the progress
+    of the kit. What goes to `logging` is not printed: where it ends is the program's own choice."""
     found: list[str] = []
 
     class Output(StringIO):

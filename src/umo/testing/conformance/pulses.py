@@ -35,12 +35,12 @@ def looks_for_pulses(trial: Trial, output: Output) -> bool:
                 found.append((trial.watch.doing, before, sent))
         samples += _written(trial, probe, output, levels)  # a number has had each of its bits before or after
     writes = Writes((raw, sent) for raw, sent in samples if sent)
-    told = [(doing, before, writes.levels(sent, (output.default, before))) for doing, before, sent in found]
-    for doing, before, way in told:
+    ways = [(doing, before, writes.levels(sent, (output.default, before))) for doing, before, sent in found]
+    for doing, before, way in ways:
         if way is not None and (odd := [raw for raw in way if raw not in (output.default, before)]):
             text = f"{doing} at {output.default} sends the requests of writes of {', '.join(map(str, way))}"
             raise RuleBroken(f"{text}; {output.channel} was at {before}, and must not go to {odd[0]}")
-    return all(way is not None for _, _, way in told)
+    return all(way is not None for _, _, way in ways)
 
 
 def _written(trial: Trial, probe: Probe, output: Output, levels: list[int]) -> list[tuple[int, bytes]]:

@@ -15,8 +15,8 @@ TRIES = 3
 
 
 def values(trial: Trial, probe: Probe) -> dict[str, int | None]:
-    """What the channels read, None for those that move by themselves. Every output is brought to another level than its
-    default; the inputs that read them are waited for."""
+    """Readings of the channels, None for those that move by themselves. Every output is brought to another level than
+    its default; the inputs that read them are waited for."""
     probe.timeout = trial.patience
     outputs = trial.subject.outputs
     for number, output in enumerate(outputs):

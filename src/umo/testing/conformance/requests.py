@@ -17,7 +17,7 @@ def constant(requests: Sequence[bytes]) -> dict[int, int]:
 
 
 class Writes:
-    """What writes of one output sent, by their levels.
+    """Requests of the writes of one output, by their levels.
 
     Bytes that differ between equal writes are numbers, checksums or times. Of these, the bits that no write changes are
     compared, as they may stand for the kind of the request.
@@ -53,7 +53,7 @@ class Writes:
 
 
 class _Form:
-    """What all writes of one level have in common."""
+    """Form that all writes of one level have in common."""
 
     def __init__(self, requests: Sequence[bytes], alike: Sequence[bytes]) -> None:
         """`alike`: writes of every level, of the same length."""

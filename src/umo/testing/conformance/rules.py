@@ -25,7 +25,7 @@ class NotTried(Exception):
 
 @dataclass(frozen=True)
 class Cost:
-    """What a rule takes at least, for the plan of a run."""
+    """Calls that a rule makes at least, for the plan of a run."""
 
     opens: float = 1
     """Drivers that are opened; each channel is initialised, reset and finalised."""

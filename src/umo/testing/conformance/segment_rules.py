@@ -34,14 +34,14 @@ def initialise(trial: Trial) -> str | None:
 
 def _left_levels(trial: Trial) -> Iterator[tuple[Output, int]]:
     """Each output, and the level at which a process that died has left it; the other outputs are at other levels."""
-    for output in trial.as_time_allows(trial.seen, FEWEST_OUTPUTS, "outputs"):
+    for output in trial.as_time_allows(trial.required_outputs, FEWEST_OUTPUTS, "outputs"):
         for left in dict.fromkeys((output.default, output.other())):
             _leave_at(trial, output, left)
             yield output, left
 
 
 def _leave_at(trial: Trial, output: Output, raw: int) -> None:
-    """As a process that died leaves it; the other outputs at other levels."""
+    """Leave the output as a process that died leaves it; the other outputs are at other levels."""
     trial.left_dirty()
     probe = trial.new()
     try:
@@ -78,7 +78,7 @@ def _check_the_rest(trial: Trial, probe: Probe, initialised: Output, others: Seq
 def reset(trial: Trial) -> str | None:
     with trial.opened() as probe:
         _check_inputs(trial, probe)
-        for output in trial.seen:
+        for output in trial.required_outputs:
             for raw in output.inner:
                 probe.write(output.channel, raw)
                 probe.reset(output.channel, output.default)
@@ -89,7 +89,7 @@ def reset(trial: Trial) -> str | None:
 
 def _check_others(trial: Trial, probe: Probe) -> None:
     """Outputs keep their levels while one after the other is reset."""
-    for order in (trial.seen, trial.seen[::-1]):
+    for order in (trial.required_outputs, trial.required_outputs[::-1]):
         for output in order:
             probe.write(output.channel, output.other())
         for number, gone in enumerate(order):
@@ -140,8 +140,8 @@ def _short_pulses(trial: Trial) -> list[str]:
     if trial.subject.line is None:
         return [each.channel for each in trial.visible]
     tried = trial.as_time_allows(trial.visible, FEWEST_OUTPUTS, "outputs watched for pulses")
-    seen = {output for output in tried if looks_for_pulses(trial, output)}
-    return [each.channel for each in trial.visible if each not in seen]
+    known = {output for output in tried if looks_for_pulses(trial, output)}
+    return [each.channel for each in trial.visible if each not in known]
 
 
 def _direct(trial: Trial, output: Output, levels: Sequence[int], left: int, doing: str) -> set[str]:

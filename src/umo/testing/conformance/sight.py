@@ -25,7 +25,7 @@ ONLY_CONFIRMED = (
 
 
 class Sight(Clients):
-    """What can be seen of the levels."""
+    """The levels of the outputs, as far as they can be seen."""
 
     last_level = 0
     """Level that `is_at` or `is_read` found last."""
@@ -45,8 +45,8 @@ class Sight(Clients):
         return tuple(each for each in self.subject.outputs if each.channel in by or each.channel in self.readable)
 
     @property
-    def seen(self) -> tuple[Output, ...]:
-        """As `visible`; NotTried if there is none."""
+    def required_outputs(self) -> tuple[Output, ...]:
+        """Outputs whose level can be seen; NotTried if there is none."""
         if not self.subject.outputs:
             raise NotTried("the driver has no outputs")
         if not self.visible:
@@ -70,13 +70,13 @@ class Sight(Clients):
         return tuple(dict.fromkeys((*(self.view(each) for each in self.viewed), *self.steady)))
 
     def remark(self, *more: str) -> str | None:
-        """Which outputs the rule could not see, and what else it says."""
+        """Words for the outputs that the rule could not see, and for what else it says."""
         unseen = [each.channel for each in self.subject.outputs if each not in self.visible]
         words = [f"except {some(unseen)}, whose level cannot be seen"] if unseen else []
         return "; ".join((*words, *more)) or None
 
     def looked(self) -> str | None:
-        """As `remark`, at the end of a rule whose calls succeeded; NotTried if it could see none of the outputs."""
+        """The remark at the end of a rule whose calls succeeded; NotTried if it could see none of the outputs."""
         if self.subject.outputs and not self.visible:
             raise NotTried(ONLY_CONFIRMED)
         return self.remark()
@@ -84,7 +84,7 @@ class Sight(Clients):
     # Levels -------------------------------------------------------------------------------------------
 
     def reading(self, probe: Probe, output: Output) -> int:
-        """What the driver reads of the level of an output."""
+        """Reading of the level of an output."""
         view = self.view(output)
         if view not in probe.opened:
             probe.initialize(view, self.default(view))
@@ -110,7 +110,7 @@ class Sight(Clients):
         return self._comes_to(self.level, probe, output, raw)
 
     def is_read(self, probe: Probe, output: Output, raw: int) -> bool:
-        """As `is_at`, of what the driver reads; sets `last_level`."""
+        """Whether the driver reads this level within `settle`; sets `last_level`."""
         return self._comes_to(self.reading, probe, output, raw)
 
     def _comes_to(self, look: Callable[[Probe, Output], int], probe: Probe, output: Output, raw: int) -> bool:
@@ -143,7 +143,7 @@ class Sight(Clients):
             raise RuleBroken(text + self._hint(output, raw), f"level of {output.channel}")
 
     def _hint(self, output: Output, raw: int) -> str:
-        """For a device that has steps."""
+        """A hint for devices that have steps."""
         off, width = abs(self.last_level - raw), output.greatest - output.least
         if self.subject.agree is None and width >= 1 / STEP_SHARE and off <= max(1.0, STEP_SHARE * width):
             return " (if the device has steps or noise, say what agrees: `agree` of the subject, --tolerance)"

@@ -35,7 +35,7 @@ def kind_of_errors(trial: Trial) -> None:
 
 @rule("end", "At the end every output is at its default. Closing a driver moves none.", NOTHING)
 def end(trial: Trial) -> str | None:
-    """By a new driver."""
+    """A new driver looks at the outputs."""
     if not trial.subject.outputs:
         raise NotTried("the driver has no outputs")
     trial.restore(always=True)

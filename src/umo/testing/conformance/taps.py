@@ -69,7 +69,7 @@ class Tap(Relay):
 
     @contextmanager
     def counting(self, answers: bool = False) -> Iterator[Traffic]:
-        """What passes within the block; `answers`: an answer that comes after it counts too."""
+        """The traffic within the block; `answers`: an answer that comes after it counts too."""
         traffic, spoiled = Traffic(), self.spoiled
         with self._lock:
             self._traffic = traffic

@@ -99,7 +99,7 @@ def in_time(trial: Trial, probe: Probe, call: Callable[..., object], *arguments:
 
 
 def allowed(timeout: float) -> float:
-    """s: half of the timeout more, and 50 ms for the computer."""
+    """Time in s: half of the timeout more, and 50 ms for the computer."""
     return 1.5 * timeout + 0.05
 
 

@@ -11,7 +11,7 @@ Change = Callable[[bytes], bytes]
 
 @dataclass(frozen=True)
 class AnswerMode:
-    """What happens to answers; by default they pass."""
+    """Treatment of answers; by default they pass."""
 
     change: Change | None = None
     hangup: bool = False

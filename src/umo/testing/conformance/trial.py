@@ -57,7 +57,7 @@ class Trial(Sight):
         self.threads = frozenset(threads())
 
     def measure(self) -> None:
-        """What a few calls take: sets `pace`, and `haste` for a device that answers much quicker than the timeout."""
+        """Time a few calls: sets `pace`, and `haste` for a device that answers much quicker than the timeout."""
         began = monotonic()
         taken = []
         with self.opened() as probe:
@@ -70,7 +70,7 @@ class Trial(Sight):
         self.pace = CallTime(opening, mean, self.haste, max(1, len(self.channels)))
 
     def hurry(self, probe: Probe) -> None:
-        """Its calls have a timeout that is waited for from now on."""
+        """Give its calls the short timeout, which is waited for, from now on."""
         probe.timeout = self.haste
 
     def as_time_allows(self, tasks: Sequence[T], fewest: int, what: str) -> Iterator[T]:
@@ -174,7 +174,7 @@ class Trial(Sight):
         return found, changed
 
     def traffic(self, call: Callable[..., object], *arguments: Any) -> Traffic:
-        """What a call that succeeds sends and gets."""
+        """Traffic of a call that succeeds."""
         with self.line.counting(answers=True) as traffic:
             call(*arguments)
         return traffic

@@ -21,7 +21,7 @@ FEWEST_LEVELS = 8
 
 @rule("answers", "The device answers: channels are initialised, inputs are read, outputs are written their defaults.")
 def answers(trial: Trial) -> None:
-    """If it does not, the other rules are not tried."""
+    """The other rules are not tried if it does not."""
     if why := trial.dead():
         raise RuleBroken(why, "dead")
 
@@ -34,9 +34,9 @@ def answers(trial: Trial) -> None:
 )
 def raw_range(trial: Trial) -> str | None:
     with trial.opened() as probe:
-        tasks = [(output, raw) for output in trial.seen for raw in output.samples[:FEWEST_LEVELS]]
+        tasks = [(output, raw) for output in trial.required_outputs for raw in output.samples[:FEWEST_LEVELS]]
         fewest = len(tasks)
-        tasks += [(output, raw) for output in trial.seen for raw in output.samples[FEWEST_LEVELS:]]
+        tasks += [(output, raw) for output in trial.required_outputs for raw in output.samples[FEWEST_LEVELS:]]
         for output, raw in trial.as_time_allows(tasks, fewest, "levels"):
             probe.write(output.channel, raw)
             trial.expect(probe, output, raw, f"write({raw})")
@@ -46,9 +46,9 @@ def raw_range(trial: Trial) -> str | None:
 @rule("one beyond", "A raw level beyond the channel's bits is refused by an OSError, and changes nothing.",
       Cost(each=18, more=18))  # fmt: skip
 def one_beyond(trial: Trial) -> str | None:
-    """Only where a driver that clamps or wraps would not leave the range that may be driven."""
+    """Outputs are tried where a driver that clamps or wraps would not leave the range that may be driven."""
     probe = trial.new()
-    wide = [output for output in trial.seen if _beyond(probe, output)]
+    wide = [output for output in trial.required_outputs if _beyond(probe, output)]
     if not wide:
         raise NotTried("no output may be driven over all of its bits: a driver that clamped would leave the range")
     with trial.opened() as probe:
@@ -115,7 +115,7 @@ def directions(trial: Trial) -> str | None:
 def reading(trial: Trial) -> str | None:
     if not trial.readable:
         raise NotTried("the driver has no inputs")
-    outputs = trial.seen
+    outputs = trial.required_outputs
     with trial.opened() as probe:
         for number, output in enumerate(outputs):
             probe.write(output.channel, output.other(number))
