@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from time import sleep
-from typing import Any
+from typing import Any, TypeVar
 
 from umo.errors import text_of
 from umo.presentation.durations import duration
@@ -13,6 +13,7 @@ from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.trial import DriverCall, Trial
 
+T = TypeVar("T")
 TRIES = 3
 """Calls of which the shortest counts: the computer may have been busy with something else."""
 TRICKLE_TIMEOUT = 0.3
@@ -38,7 +39,7 @@ def timeout(trial: Trial) -> None:
             partial(probe.initialize, each.channel, each.default) for each in trial.subject.outputs[:1]
         ]
         for call in (*first, *trial.transfers(probe)):
-            error, lost = _lost_in_time(trial, probe, call)
+            error, lost = _timed(trial, probe, partial(trial.unanswered, call))
             if error is None and lost:
                 raise RuleBroken(f"{trial.watch.doing} succeeded without an answer")
             if error is not None and not isinstance(error, TimeoutError):
@@ -52,14 +53,6 @@ def timeout(trial: Trial) -> None:
     with line.silent():
         _open_in_time(trial, probes)
     _without_a_connection(trial)
-
-
-def _lost_in_time(trial: Trial, probe: Probe, call: DriverCall) -> tuple[OSError | None, bool]:
-    for _ in range(TRIES):
-        found = trial.unanswered(call)
-        if trial.watch.took <= allowed(probe.timeout):
-            return found
-    raise RuleBroken(_slow(trial, probe.timeout))
 
 
 def _open_in_time(trial: Trial, probes: list[Probe]) -> None:
@@ -91,10 +84,15 @@ def _without_a_connection(trial: Trial) -> None:
 
 def in_time(trial: Trial, probe: Probe, call: Callable[..., object], *arguments: Any) -> OSError | None:
     """The error of a call that has to end within its timeout."""
+    return _timed(trial, probe, partial(trial.failure, call, *arguments))
+
+
+def _timed(trial: Trial, probe: Probe, attempt: Callable[[], T]) -> T:
+    """The result of an attempt at a call, which has to end within its timeout; the quickest of some counts."""
     for _ in range(TRIES):
-        error = trial.failure(call, *arguments)
+        found = attempt()
         if trial.watch.took <= allowed(probe.timeout):
-            return error
+            return found
     raise RuleBroken(_slow(trial, probe.timeout))
 
 

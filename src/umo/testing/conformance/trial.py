@@ -154,12 +154,8 @@ class Trial(Sight):
 
     def unanswered(self, call: Callable[..., object], *arguments: Any) -> tuple[OSError | None, bool]:
         """A call whose answer gets lost: its error, and whether there was an answer."""
-        line = self.line
-        before = line.spoiled
-        with line.silent():
-            error = self.failure(call, *arguments)
-            lost = line.await_answer(before) if error is None else line.spoiled > before
-        return error, lost
+        found, lost = self.spoiled(lambda answer: b"", False, call, *arguments)
+        return found if isinstance(found, OSError) else None, lost
 
     def spoiled(self, change: Change, hangup: bool, call: Callable[..., Any], *arguments: Any) -> tuple[Any, bool]:
         """A call whose answer is changed: what it returned or raised, and whether there was an answer to change."""
