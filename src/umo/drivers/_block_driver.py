@@ -1,18 +1,20 @@
-"""What drivers have in common whose transfers are blocks, with plans."""
+"""The parts that drivers of blocks have in common: plans of the blocks, and steps of which some may fail."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from typing import Generic, TypeVar
 
 import numpy as np
 
 from umo.drivers.contract import C, Driver, IntArray
+from umo.errors import ChannelsFailed, DriverError
 
 _MAX_PLANS = 256
 K = TypeVar("K", bound=Hashable)
 P = TypeVar("P")
+S = TypeVar("S")
 
 
 class Plans(Generic[K, P]):
@@ -63,3 +65,36 @@ class BlockDriver(Driver[C]):
     @abstractmethod
     def _write(self, channels: Sequence[C], raws: list[int]) -> None:
         """Write the channels of a block; every value is checked before the first is sent."""
+
+
+def in_turn(
+    steps: Sequence[S],
+    carry_out: Callable[[S], object],
+    texts_of: Callable[[S], Iterable[str]],
+    is_last: Callable[[DriverError], bool] = lambda error: False,
+) -> None:
+    """Carry out the steps of a block, one after the other; errors are raised at the end.
+
+    A step that fails does not stop the others: ChannelsFailed then has the texts of its channels. Where `is_last` says
+    so of an error, as of a lost connection, all later steps fail by it too. The error itself is raised if all steps
+    fail by it, and at once if it is a timeout or that of a single step.
+    """
+    if len(steps) == 1:
+        carry_out(steps[0])
+        return
+    failed: dict[str, str] = {}
+    for i, step in enumerate(steps):
+        try:
+            carry_out(step)
+        except ChannelsFailed as error:
+            failed.update(error.causes)
+        except DriverError as error:
+            ends = is_last(error)
+            if isinstance(error, TimeoutError) or (ends and i == 0):
+                raise
+            for each in steps[i:] if ends else (step,):
+                failed.update(dict.fromkeys(texts_of(each), str(error)))
+            if ends:
+                break
+    if failed:
+        raise ChannelsFailed(failed)

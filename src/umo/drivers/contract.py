@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from enum import Flag
 from functools import cache, cached_property
@@ -101,7 +101,6 @@ class PhysicalScale(NamedTuple):
 
 
 C = TypeVar("C", bound=Channel, default=Channel)
-S = TypeVar("S")
 
 
 class NoWatchdog(DriverError, NotImplementedError):
@@ -110,36 +109,6 @@ class NoWatchdog(DriverError, NotImplementedError):
 
 class WaitEnded(Exception):
     """Raised by the reading of a timer whose wait for its tick was ended (`Driver.stop_waiting`)."""
-
-
-def in_turn(
-    steps: Sequence[S],
-    carry_out: Callable[[S], object],
-    texts_of: Callable[[S], Iterable[str]],
-    is_last: Callable[[OSError], bool] = lambda error: False,
-) -> None:
-    """Carry out the steps of a block, one after the other; errors are raised at the end.
-
-    A step that fails does not stop the others: ChannelsFailed then has the texts of its channels. Where `is_last` says
-    so of an error, as of a lost connection, all later steps fail by it too. The error itself is raised if all steps
-    fail by it, and at once if it is a timeout.
-    """
-    failed: dict[str, str] = {}
-    for i, step in enumerate(steps):
-        try:
-            carry_out(step)
-        except ChannelsFailed as error:
-            failed.update(error.causes)
-        except OSError as error:
-            ends = is_last(error)
-            if isinstance(error, TimeoutError) or len(steps) == 1 or (ends and i == 0):
-                raise
-            for each in steps[i:] if ends else (step,):
-                failed.update(dict.fromkeys(texts_of(each), text_of(error)))
-            if ends:
-                break
-    if failed:
-        raise ChannelsFailed(failed)
 
 
 class Driver(ABC, Generic[C]):
@@ -207,17 +176,30 @@ class Driver(ABC, Generic[C]):
         `channels` is a tuple without repetitions, for the whole machine the same object in every period: a plan may be
         kept by it. Raises ChannelsFailed if only some channels failed. A place of `out` that is not filled counts as
         failed."""
-
-        def read(i: int) -> None:
-            out[i] = index(self.read(channels[i]))  # numpy alone would truncate a float
-
-        in_turn(range(len(channels)), read, lambda i: [channels[i].text])
+        failed: dict[str, str] = {}  # texts: a frame that keeps its own errors is never freed
+        for i, channel in enumerate(channels):
+            try:
+                out[i] = index(self.read(channel))  # numpy alone would truncate a float
+            except TimeoutError:  # the device does not answer: the others would only wait as long
+                raise
+            except OSError as error:
+                failed[channel.text] = text_of(error)
+        if failed:
+            raise ChannelsFailed(failed)
 
     def write_many(self, channels: Sequence[C], raws: IntArray) -> None:
         """Write all channels: the actuators of one period. Raises ChannelsFailed if only some channels failed. `raws`
         belongs to the caller: copy it, do not keep it."""
-        placed = list(zip(channels, raws.tolist(), strict=True))
-        in_turn(placed, lambda each: self.write(*each), lambda each: [each[0].text])
+        failed: dict[str, str] = {}
+        for channel, raw in zip(channels, raws.tolist(), strict=True):
+            try:
+                self.write(channel, raw)
+            except TimeoutError:
+                raise
+            except OSError as error:
+                failed[channel.text] = text_of(error)
+        if failed:
+            raise ChannelsFailed(failed)
 
     def open(self) -> None:
         """Open the circuit. Only `channel` and `devices` are called before."""

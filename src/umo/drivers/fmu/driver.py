@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from umo.drivers._block_driver import BlockDriver, Plans
-from umo.drivers.contract import Direction, IntArray, PhysicalScale, in_turn
+from umo.drivers._block_driver import BlockDriver, Plans, in_turn
+from umo.drivers.contract import Direction, IntArray, PhysicalScale
 from umo.drivers.fmu.variables import TICK, FmuChannel, channel_of, check_start, described, variables_of
 from umo.drivers.option_checks import within
 from umo.errors import ChannelsFailed, DriverError

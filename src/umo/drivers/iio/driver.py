@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
 
-from umo.drivers._block_driver import BlockDriver
+from umo.drivers._block_driver import BlockDriver, in_turn
 from umo.drivers._device_file import explained, text_in
-from umo.drivers.contract import Channel, Direction, IntArray, PhysicalScale, in_turn
+from umo.drivers.contract import Channel, Direction, IntArray, PhysicalScale
 from umo.drivers.iio import sysfs
 from umo.drivers.iio.scan import Scan, element, trigger_named
 from umo.errors import ChannelError, DeviceTimeout, DriverError, WiringError

@@ -7,9 +7,9 @@ from functools import partial
 from time import monotonic
 from typing import TYPE_CHECKING, Literal
 
-from umo.drivers._block_driver import BlockDriver, Plans
+from umo.drivers._block_driver import BlockDriver, Plans, in_turn
 from umo.drivers._library import library
-from umo.drivers.contract import IntArray, NoWatchdog, in_turn
+from umo.drivers.contract import IntArray, NoWatchdog
 from umo.drivers.modbus.answer import Refused
 from umo.drivers.modbus.channel import HIGHEST_ADDRESS, HOLDING, ModbusChannel, parse
 from umo.drivers.modbus.plan import Requests, plan_reads, plan_writes

@@ -9,8 +9,8 @@ from operator import le
 from time import monotonic
 from typing import Any, TypeVar
 
-from umo.drivers._block_driver import BlockDriver, Plans
-from umo.drivers.contract import Direction, IntArray, in_turn
+from umo.drivers._block_driver import BlockDriver, Plans, in_turn
+from umo.drivers.contract import Direction, IntArray
 from umo.drivers.option_checks import within
 from umo.drivers.registers.blocks import BlockPart, RegisterBlock, places_of, plan
 from umo.drivers.registers.map import FORMS, ChipRegisters, Register, RegisterChannel

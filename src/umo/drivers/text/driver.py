@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Literal, TypeVar, get_args
 
-from umo.drivers._block_driver import BlockDriver, Plans
-from umo.drivers.contract import IntArray, NoWatchdog, PhysicalScale, in_turn
+from umo.drivers._block_driver import BlockDriver, Plans, in_turn
+from umo.drivers.contract import IntArray, NoWatchdog, PhysicalScale
 from umo.drivers.option_checks import one_of, within
 from umo.drivers.streams import Host, Serial, place_of
 from umo.drivers.streams.line import Flow, Parity
