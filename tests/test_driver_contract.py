@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
@@ -128,3 +129,22 @@ def test_directions_contain_each_other():
 
 def test_the_simulated_driver_is_a_driver_like_any_other():
     assert issubclass(Simulated, Driver)
+
+
+def test_a_derived_channel_hashes_by_its_text_unless_it_has_a_hash_of_its_own():
+    @dataclass(frozen=True)
+    class Placed(Channel):
+        table: dict[str, int] = field(default_factory=dict)  # which has no hash
+
+    class Own(Channel):
+        def __hash__(self):
+            return 7
+
+    assert hash(Placed("a", Direction.INPUT, 8)) == hash(Channel("a", Direction.INPUT, 8)) == hash("a")
+    assert hash(Own("a", Direction.INPUT, 8)) == 7
+
+
+@pytest.mark.parametrize(("bits", "signed"), [(64, False), (64, True), (80, True), (80, False)])
+def test_the_limits_of_a_channel_are_those_of_a_transfer_at_most(bits, signed):
+    channel = Channel("a", Direction.BOTH, bits, signed)
+    assert (channel.lowest, channel.highest) == (-(2**63) if signed else 0, 2**63 - 1)

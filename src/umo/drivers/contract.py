@@ -61,7 +61,8 @@ class Channel:
         return hash(self.text)
 
     def __init_subclass__(cls) -> None:
-        cls.__hash__ = Channel.__hash__  # type: ignore[method-assign]  # dataclass would make another one
+        if "__hash__" not in vars(cls):  # dataclass would make another one
+            cls.__hash__ = Channel.__hash__  # type: ignore[method-assign]
 
     def check(self, raw: int) -> None:
         """DriverError if this cannot be written: the channel is an input, or the raw integer does not fit its bits."""
