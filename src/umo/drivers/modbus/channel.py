@@ -40,7 +40,7 @@ TABLES = {table.name: table for table in (COIL, DISCRETE, HOLDING, INPUT)}
 
 
 class Type(NamedTuple):
-    """Type of what registers hold. `bits` are those of the raw integer: of a float those that it carries exactly."""
+    """Type of what registers hold. `bits`: width of the raw integer; of a float, that of the integers it holds exactly."""
 
     cells: int
     bits: int
@@ -65,7 +65,7 @@ FORMS = (
 _NUMBER = r"(0|[1-9][0-9]{0,4})"
 _SCALE = r"[0-9]{1,13}(?:\.[0-9]{1,13})?(?:e-?[0-9]{1,2})?"
 _SCALES = 1e-12, 1e12
-"""Scales from and to which the raw integers of a float lie within the floats that carry all their digits."""
+"""Bounds of a float channel's scale: each of its raw integers is a normal float, with all its digits."""
 _TEXT = re.compile(
     rf"(coil|discrete):{_NUMBER}|(holding|input):{_NUMBER}(?::(u?int(?:16|32|64))|:(float(?:32|64)):({_SCALE}))?"
 )

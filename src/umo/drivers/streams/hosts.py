@@ -23,7 +23,7 @@ def addresses(host: str) -> tuple[str, ...]:
     """Every numeric address of the host, IPv6 in brackets, so that two names of one device compare equal. A name that
     cannot be looked up stands for itself.
 
-    "Any address" (0.0.0.0, ::) is reached on this computer's own, IPv4 within IPv6 is IPv4. Raises nothing and
+    "Any address" (0.0.0.0, ::) becomes the loopback address; IPv4 within IPv6 becomes IPv4. Raises nothing and
     ends within `MAX_LOOKUP_TIME`.
     """
     try:
