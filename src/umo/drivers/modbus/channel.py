@@ -40,7 +40,7 @@ TABLES = {table.name: table for table in (COIL, DISCRETE, HOLDING, INPUT)}
 
 
 class Type(NamedTuple):
-    """Type of what registers hold. `bits`: width of the raw integer; of a float, that of the integers it holds exactly."""
+    """Type of what registers hold. `bits`: width of the raw integer; of a float, of the integers it holds exactly."""
 
     cells: int
     bits: int
