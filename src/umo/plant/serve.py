@@ -12,6 +12,7 @@ from typing import Any
 
 from umo.errors import DriverError, WiringError
 from umo.presentation.durations import duration
+from umo.presentation.in_words import measure
 from umo.process.outcome import plain
 from umo.wiring import Wired
 
@@ -60,7 +61,9 @@ async def serve(
     """
     for each in maps:
         if not 0 <= each.watchdog <= MAX_WATCHDOG:
-            raise WiringError(f"the watchdog takes 0 (off) to {duration(MAX_WATCHDOG)}, not {duration(each.watchdog)}")
+            raise WiringError(
+                f"the watchdog takes 0 (off) to {duration(MAX_WATCHDOG)}, not {measure(each.watchdog, 's')}"
+            )
     file = None if report is None else ReportFile(report)
     simulation = Simulation(plant, asyncio.get_running_loop().time)
     boxes = [Box(simulation, each) for each in maps]
