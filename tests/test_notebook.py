@@ -267,7 +267,7 @@ def test_a_station_that_is_silent_says_for_how_long(monkeypatch: pytest.MonkeyPa
         assert "no frame for" not in shown(station).heading
         now = time.monotonic_ns()
         monkeypatch.setattr("umo.frames.reader.time.monotonic_ns", lambda: now + 5_000_000_000)
-        assert re.search(r"no frame for: [5-9]\.\d s", shown(station).heading)
+        assert re.search(r"no frame for: [5-9] s", shown(station).heading)
 
 
 def test_a_station_without_a_frame_and_one_that_is_detached_say_so() -> None:

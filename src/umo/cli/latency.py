@@ -16,6 +16,7 @@ from umo.errors import RangeError
 from umo.latency import Samples, judge, measure
 from umo.latency.measure import Measured
 from umo.latency.verdict import advice, recommend
+from umo.presentation.digits import number_text
 from umo.presentation.durations import duration
 from umo.process.start import LINUX
 
@@ -69,11 +70,13 @@ def _table(found: Measured, load: bool) -> Table:
     for title, pick in (("waking up", "wake"), ("working", "work"), ("together", "total")):
         for name, samples in found.loops.items():
             last = [str(samples.missed), f"{samples.busy:.0%}"] if pick == "total" else ["", ""]
-            table.add_row(f"{title}, {name}", *(f"{value:.1f}" for value in _quantiles(getattr(samples, pick))), *last)
+            table.add_row(
+                f"{title}, {name}", *(number_text(value, 1) for value in _quantiles(getattr(samples, pick))), *last
+            )
     for name, umo in (("", found.umo), (", busy waiting", found.umo_busy)):
         if found.c is not None and len(found.c.total) and len(umo.total):
             ratios = _quantiles(umo.total) / _quantiles(found.c.total)
-            table.add_row(f"umo{name} / C", *(f"{ratio:.2f}" for ratio in ratios), "", "", style="bold")
+            table.add_row(f"umo{name} / C", *(number_text(ratio, 2) for ratio in ratios), "", "", style="bold")
     return table
 
 

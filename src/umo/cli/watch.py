@@ -16,6 +16,7 @@ from rich.text import Text
 
 from umo.frames import Reader, Stage
 from umo.objects import Quality
+from umo.presentation.digits import number_text
 from umo.presentation.rows import TableRow, quality_of, raw_of, value_of, worst_of
 from umo.remote.search import reading
 from umo.scope.history import samples
@@ -147,16 +148,13 @@ class Picture:
         return text
 
     def _paces(self) -> str:
-        """Waking up and execution over the last second, in µs."""
+        """Waking up and execution over the last second."""
         if not self._times:
             return ""
         times = np.concatenate(list(self._times))
-        median, late = np.percentile(times["execution"], [50, 99]) * 1e-3
-        text = f"execution {median:.0f} µs, 99 % below {late:.0f} µs"
-        if (wakes := times["wake"][times["wake"] >= 0]).size:
-            median, late = np.percentile(wakes, [50, 99]) * 1e-3
-            text += f"; waking up {median:.0f} µs, 99 % below {late:.0f} µs"
-        return text
+        text = f"execution {_percentiles(times['execution'])}"
+        wakes = times["wake"][times["wake"] >= 0]
+        return f"{text}; waking up {_percentiles(wakes)}" if wakes.size else text
 
     def _table(self, lines: list[Line], cursor: Line | None, width: int) -> Table:
         """Table of the lines, with the columns that fit: the last ones go first."""
@@ -195,6 +193,11 @@ class Picture:
         found = [f"{note}: {some(names)}" for note, names in taken.items()]
         more = [f"and {len(found) - MAX_REASONS} other reasons"] if len(found) > MAX_REASONS else []
         return [Text(printable(text), "red", no_wrap=True) for text in found[:MAX_REASONS] + more]
+
+
+def _percentiles(ns: Any) -> str:
+    median, late = np.percentile(ns, [50, 99]) * 1e-3
+    return f"{number_text(median, 0)} µs, 99 % below {number_text(late, 0)} µs"
 
 
 def _value(line: list[TableRow]) -> Text:

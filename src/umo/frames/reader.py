@@ -41,6 +41,7 @@ from umo.frames.layout import (
 )
 from umo.frames.memory import Ends, mapped
 from umo.objects import Quality
+from umo.presentation.durations import lasting
 from umo.presentation.html_table import html_table, never_raises
 from umo.presentation.in_words import span, state_text
 from umo.presentation.rows import TableRow, restriction
@@ -306,7 +307,7 @@ class Reader:
             return facts | {"progress": "no period has ended yet"}
         silence = (time.monotonic_ns() - int(frame["began"])) * 1e-9
         if state is Stage.RUNNING and silence > max(SILENCE, 10 * self.about["period"]):
-            facts["no frame for"] = f"{silence:.1f} s"
+            facts["no frame for"] = lasting(silence)
         return facts | {"kept because": self.about.get("reason", "")}
 
     def rows(self, frame: Any, places: Iterable[int] | None = None) -> list[TableRow]:
