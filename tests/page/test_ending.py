@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import os
 import signal
 import time
@@ -26,7 +25,7 @@ from umo.page.watched import Watched
 from umo.system.record import Record
 from umo.testing import Scripted, VirtualTimer, periods
 
-from .conftest import eventually, opened, running, serving
+from .conftest import eventually, opened, running, search, serving
 
 
 class Strange(Exception):
@@ -43,7 +42,7 @@ def run_that(ends: Callable[[connect[Any]], None]) -> Ending | None:
     try:
         with connection, published(connection, "press", "rig"):
             periods(m, 5)
-            asyncio.run(feed.search())
+            search(feed)
             ends(connection)
     except Exception:  # it is what the test is about
         pass
@@ -103,7 +102,7 @@ def test_of_a_killed_run_the_page_says_so(tmp_path: Path, killed: str, text: str
     process_box.Cells(tmp_path / "box")
     run = Run(process_box.wiring(tmp_path / "box"), "forever").until_running()
     feed = Feed()
-    asyncio.run(feed.search())
+    search(feed)
     os.kill(getattr(run, killed), signal.SIGKILL)
     assert run.outcome().failure is not None
     ending = seen(feed)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -33,7 +32,7 @@ from umo.page.watched import Watched
 from umo.scope.history import History
 from umo.testing import Scripted
 
-from .conftest import PATIENCE, TOKEN, Client, eventually, opened, running, serving
+from .conftest import PATIENCE, TOKEN, Client, eventually, opened, running, search, serving
 
 
 @pytest.fixture
@@ -83,7 +82,7 @@ def test_a_page_that_comes_back_is_not_shown_another_station_of_that_name(client
 def test_of_two_runs_in_one_folder_the_one_of_the_pid_is_shown_first() -> None:
     with running(), running():
         looking = Feed()
-        asyncio.run(looking.search())
+        search(looking)
         one, other = looking.watched.values()
         one.about["pid"] = 7
         assert First("press", "", 7).among([one, other]) is one
@@ -95,7 +94,7 @@ def test_a_run_that_has_ended_gives_its_name_only_to_the_next_one_of_its_folder(
     looking = Feed()
     for place in ("/a/press", "/b/press", "/a/press"):
         with running(place=Path(place)):
-            asyncio.run(looking.search())
+            search(looking)
         looking.look(states=True)
     first, second = looking.watched.values()
     assert (first.place, second.place) == ("/b/press", "/a/press")
@@ -328,8 +327,8 @@ def test_a_ring_that_makes_no_sense_is_left_out_and_said_once(
 ) -> None:
     with running() as step, ring_about(**about):
         looking = Feed()
-        asyncio.run(looking.search())
-        asyncio.run(looking.search())
+        search(looking)
+        search(looking)
         assert list(looking.watched) == ["press"]
         step(3)
         looking.look(states=True)
@@ -402,10 +401,10 @@ def test_a_ring_that_could_not_be_opened_for_a_moment_is_shown_later(monkeypatch
     with running(), monkeypatch.context() as patch:
         looking = Feed()
         patch.setattr("umo.page.watched.Reader", full)
-        asyncio.run(looking.search())
+        search(looking)
         assert looking.watched == {}
         patch.undo()
-        asyncio.run(looking.search())
+        search(looking)
         assert list(looking.watched) == ["press"]
         looking.close()
 
