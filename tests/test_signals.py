@@ -112,7 +112,7 @@ def test_the_screen_shows_the_signals_below_the_objects() -> None:
         put(m.axes[0].encoder, 5.0)
         picture = Picture(reader, list(range(len(reader.paths) + len(reader.signals))))
         periods(m, 3)
-        picture.take()
+        picture.update()
         table = picture.whole().renderables[1]
         shown = dict(zip(table.columns[0]._cells, map(str, table.columns[1]._cells), strict=True))
         assert shown["axes.0.servo.error"] == "15 mm"

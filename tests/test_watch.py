@@ -189,7 +189,7 @@ def test_a_trace_follows_the_values() -> None:
     with running(count=0) as m, attach("press") as reader:
         picture = Picture(reader, chosen(reader.paths, ["encoder", "valve"], "press"))
         periods(m, 3000)
-        assert picture.take() is False
+        assert picture.update() is False
         assert picture._frame["number"] > 1000
         low, high = picture.traces.of([0])
         assert len(low) >= 3
@@ -264,7 +264,7 @@ def furnace(count: int = 40) -> Iterator[tuple[Furnace, Picture]]:
         periods(m, 2)
         with attach("furnace") as reader:
             picture = Picture(reader, list(range(len(reader.paths))))
-            picture.take()
+            picture.update()
             yield m, picture
 
 
@@ -284,7 +284,7 @@ def test_the_like_objects_of_a_list_are_one_line_with_range_and_worst_quality() 
 def test_a_family_is_unfolded_and_scrolled_by_keys() -> None:
     with furnace() as (_, picture):
         console, view = Console(height=24), picture.view
-        names = lambda: [line.name for line in view.seen(18)]  # noqa: E731
+        names = lambda: [line.name for line in view.visible(18)]  # noqa: E731
         while "temperature" not in view.lines[view.cursor].name:
             view.press("down", 18)
         at = view.cursor

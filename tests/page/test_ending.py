@@ -127,7 +127,7 @@ def test_an_end_that_nobody_could_tell_is_a_failure(monkeypatch: pytest.MonkeyPa
     with running():
         watched = Watched(Reader(rings()[0]))
         watched.read()
-    watched._seen -= 60.0  # a period of a minute
+    watched._heard -= 60.0  # a period of a minute
     watched.read()
     watched.look_around()
     assert watched.ending is None  # the guardian may still tell it

@@ -258,20 +258,15 @@ def set_running(reader: Reader, path: str, text: str, hold: float | None, over: 
         if not item.actuator:
             raise PathError(f"{path} is a sensor; only actuators can be set")
         value = state(path, text, item.states) if item.states else number(path, text, item.units)
-        return _take(station, item, value, hold, over)
-
-
-def _take(station: RemoteStation, item: RemoteObject, value: float | str, hold: float | None, over: bool) -> int:
-    path = item.path
-    with leased(station, over) as lease:
-        item.write(value)
-        _let_pass(station.reader)
-        (row,) = station.reader.rows(station.reader.latest(), [station.reader.index(path)])
-        out.print(f"{path}  {value_of([row])}  {quality_of([row])}")
-        status = _hold(lease, path, hold)
-        item.release()
-    out.print(f"{path}  reset to its default")
-    return status
+        with leased(station, over) as lease:
+            item.write(value)
+            _let_pass(reader)
+            (row,) = reader.rows(reader.latest(), [reader.index(path)])
+            out.print(f"{path}  {value_of([row])}  {quality_of([row])}")
+            status = _hold(lease, path, hold)
+            item.release()
+        out.print(f"{path}  reset to its default")
+        return status
 
 
 def _let_pass(reader: Reader) -> None:

@@ -64,14 +64,14 @@ class Choice:
 def conform_wiring(target: str, wiring: str | None, choice: Choice, arguments: Sequence[str] = ()) -> int:
     """Try the rules; status 0: none is broken, 1: one is, 3: the line was not tried or the time was short."""
     check_file("--json", choice.json)
-    made = None if choice.json is None else choice.json.absolute()  # whatever folder a driver changes to
+    certificate_file = None if choice.json is None else choice.json.absolute()  # whatever folder a driver changes to
     station, wiring = _station(target, wiring)
     machine = machine_of(station, arguments)
     with handling(interrupt_once):  # nothing interrupts the way to the defaults
         certificate = _proved(station, station.wiring(wiring), machine, choice)
     out.print(certificate.table())
-    if made is not None:
-        made.write_text(certificate.to_json(), encoding="utf-8")
+    if certificate_file is not None:
+        certificate_file.write_text(certificate.to_json(), encoding="utf-8")
     if not certificate.passed:
         return FAILED
     return 0 if certificate.whole else IN_PART
@@ -205,9 +205,9 @@ def _agree(wires: dict[str, Wire], tolerance: float, output: str, raw: int, back
         return raw == level
     if output == back:
         return abs(one.value(level) - one.value(raw)) <= tolerance
-    value, seen, half = one.value(raw), other.value(level), abs(other.scale[0]) / 2
+    value, read_back, half = one.value(raw), other.value(level), abs(other.scale[0]) / 2
     units = other.item.units, one.item.units
-    near = abs(convert(seen, *units) - value)
+    near = abs(convert(read_back, *units) - value)
     halves = abs(convert(half, *units) - convert(0.0, *units)) + abs(one.scale[0]) / 2
     return near < tolerance + halves * (1 - ROUNDING_SHARE)
 

@@ -33,14 +33,14 @@ class Traces:
         times, values = times[known], values[known]
         stretches = (times * (TRACE_BLOCKS / TRACE_SPAN)).astype(np.int64)
         for number in np.unique(stretches)[-TRACE_BLOCKS:]:
-            seen = values[stretches == number]
+            inside = values[stretches == number]
             passed = 1 if self._stretch is None else min(max(int(number) - self._stretch, 0), TRACE_BLOCKS)
             self._stretch = int(number)
             for kept in (self.low, self.high) if passed else ():
                 kept[:-passed] = kept[passed:]
                 kept[-passed:] = np.nan
-            np.fmin(self.low[-1], np.fmin.reduce(seen), out=self.low[-1])
-            np.fmax(self.high[-1], np.fmax.reduce(seen), out=self.high[-1])
+            np.fmin(self.low[-1], np.fmin.reduce(inside), out=self.low[-1])
+            np.fmax(self.high[-1], np.fmax.reduce(inside), out=self.high[-1])
 
     def of(self, rows: list[int]) -> tuple[Floats, Floats]:
         """The least and the greatest of some rows in each stretch in which there was a value."""

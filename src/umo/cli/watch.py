@@ -52,7 +52,7 @@ def watch(words: list[str], once: bool, seconds: float | None) -> None:
         rows = chosen(reader.paths + reader.signals, paths, reader.about["station"])
         picture = Picture(reader, rows)
         if once or not sys.stdout.isatty():
-            picture.take()
+            picture.update()
             out.print(picture.whole())
             return
         try:
@@ -69,7 +69,7 @@ def _live(picture: Picture, until: float | None) -> bool:
     with pressed() as wait, Live(console=out, auto_refresh=False, screen=True) as live:
         while until is None or time.monotonic() < until:
             began = time.monotonic()
-            ended = picture.take()
+            ended = picture.update()
             live.update(picture.screen(out, keys=wait is not None), refresh=True)
             if ended:
                 return True
@@ -103,7 +103,7 @@ class Picture:
         self.traces = Traces(len(rows))
         self._times: deque[Any] = deque(maxlen=PICTURES_PER_SECOND)
 
-    def take(self) -> bool:
+    def update(self) -> bool:
         """All frames since the last time; whether these were the last."""
         ended = self._reader.state is Stage.ENDED
         frames = self._reader.read()
@@ -123,7 +123,7 @@ class Picture:
         """Draw as much as fits the terminal; with keys, a cursor and what they do."""
         reasons = self._inhibited()
         height = max(1, console.size.height - OTHER_LINES - len(reasons))
-        lines, total = self.view.seen(height), len(self.view.lines)
+        lines, total = self.view.visible(height), len(self.view.lines)
         rest = f"{self._others} others not asked for; " if self._others else ""
         how = KEYS if keys else hint
         rest = f"lines {self.view.top + 1} to {self.view.top + len(lines)} of {total}; {rest}{how}".rstrip("; ")

@@ -59,7 +59,7 @@ class View:
         self.lines = self._lines()
         self.cursor = min(max(self.cursor, 0), len(self.lines) - 1)
 
-    def seen(self, height: int) -> list[Line]:
+    def visible(self, height: int) -> list[Line]:
         """The lines that fit, with the cursor among them."""
         self.top = min(max(self.top, self.cursor - height + 1), self.cursor, max(0, len(self.lines) - height))
         return self.lines[self.top : self.top + height]

@@ -39,14 +39,14 @@ class Ends(NamedTuple):
         """Empty memory: the writer's descriptors and the readers'. FramesError if there can be none."""
         if not hasattr(os, "memfd_create"):
             raise FramesError("frames can be published on Linux only; reading black boxes works everywhere")
-        made: list[int] = []
+        opened: list[int] = []
         try:
-            made.append(frames := os.memfd_create("umo-frames", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING))
-            made.append(cells := os.memfd_create("umo-cells", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING))
-            made.extend(pipe := os.pipe2(os.O_CLOEXEC | os.O_NONBLOCK))
+            opened.append(frames := os.memfd_create("umo-frames", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING))
+            opened.append(cells := os.memfd_create("umo-cells", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING))
+            opened.extend(pipe := os.pipe2(os.O_CLOEXEC | os.O_NONBLOCK))
             readers = cls(frames, cells, pipe[0]).again()
         except OSError as error:
-            for file in made:
+            for file in opened:
                 os.close(file)
             raise FramesError(f"no shared memory for frames: {error.strerror}") from None
         os.close(pipe[0])
@@ -54,15 +54,15 @@ class Ends(NamedTuple):
 
     def again(self) -> Ends:
         """Other descriptors of the same memory; OSError if there are no more."""
-        made: list[int] = []
+        opened: list[int] = []
         try:
             for file in self:
-                made.append(os.dup(file))  # noqa: PERF401  (those before are closed if one fails)
+                opened.append(os.dup(file))  # noqa: PERF401  (those before are closed if one fails)
         except OSError:
-            for file in made:
+            for file in opened:
                 os.close(file)
             raise
-        return Ends(*made)
+        return Ends(*opened)
 
     def close(self) -> None:
         for file in self:

@@ -32,8 +32,8 @@ def compiled() -> Iterator[Path | None]:
         if found is None:
             yield None
             return
-        made = subprocess.run([found, "-O2", "-o", str(program), str(SOURCE)], capture_output=True, check=False)
-        yield program if made.returncode == 0 else None
+        compiling = subprocess.run([found, "-O2", "-o", str(program), str(SOURCE)], capture_output=True, check=False)
+        yield program if compiling.returncode == 0 else None
 
 
 class Slice(NamedTuple):

@@ -25,7 +25,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
 
-from umo.page import strangers, twin
+from umo.page import strangers
 from umo.page.certified_names import names_in
 from umo.page.feed import Feed
 from umo.page.guard import Guard
@@ -33,6 +33,7 @@ from umo.page.live import HistoryPart, in_worker
 from umo.page.samples import csv_of
 from umo.page.session import First, Session
 from umo.page.strangers import visits
+from umo.page.watched import described_twin
 
 STATIC = Path(__file__).parent / "static"
 MAX_MESSAGE_BYTES = 1 << 16
@@ -98,7 +99,7 @@ def _twin(feed: Feed) -> Callable[[Request], object]:
     async def answer(request: Request) -> Response:
         watched = feed.watched.get(request.path_params["name"])
         if watched is not None:
-            found = await asyncio.to_thread(twin.describe, watched.reader.layout)
+            found = await asyncio.to_thread(described_twin, watched.reader.layout)
             if found is not None:
                 return JSONResponse(found)
         return PlainTextResponse("no twin\n", 404)

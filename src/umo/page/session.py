@@ -76,7 +76,7 @@ class Session:
         sending = asyncio.create_task(self._sending_until_closed())
         try:
             while True:
-                await self._take(await self._socket.receive_text())
+                await self._receive(await self._socket.receive_text())
         except (WebSocketDisconnect, KeyError, RuntimeError):  # KeyError: a binary message; RuntimeError: it is closed,
             pass  # because nothing could be sent any longer
         finally:
@@ -166,7 +166,7 @@ class Session:
 
     # From the page -------------------------------------------------------------------------------------
 
-    async def _take(self, text: str) -> None:
+    async def _receive(self, text: str) -> None:
         """Carry out a message of the page; one without meaning is answered by an error."""
         message: Any = None
         try:

@@ -12,7 +12,8 @@ import numpy as np
 
 from umo.cycle.columns import TAKEN_BY_CLIENT
 from umo.cycle.events import Event
-from umo.frames import Reader, Stage
+from umo.errors import UmoError
+from umo.frames import Layout, Reader, Stage
 from umo.frames.last_event import end_of
 from umo.objects import Quality
 from umo.page.box_words import BoxInWords, newest_box
@@ -23,7 +24,7 @@ from umo.presentation.qualities import SIGNS, WORDS
 from umo.presentation.rows import TableRow, declared_of
 from umo.scope.history import History
 from umo.text import printable
-from umo.twin import declares_twin
+from umo.twin import declares_twin, twin_of
 
 TOLD_FACTS = ("station", "wiring", "place", "pid", "period")
 """Facts of the run that a page is told."""
@@ -66,7 +67,7 @@ class Watched:
         """Time at which that was seen, s."""
         self._frame: Any = reader.latest()
         self._good = np.full(len(reader.layout.objects), np.nan)
-        self._seen = time.monotonic()
+        self._heard = time.monotonic()
         self._shown: list[Any] = []
         self._changed: dict[int, Any] = {}
         self._texts: dict[bool, str] = {}
@@ -97,7 +98,7 @@ class Watched:
             self._last_event = end_of(self.reader)
         if not len(frames):
             return
-        self._seen = time.monotonic()
+        self._heard = time.monotonic()
         self._frame = frames[-1]
         late = np.flatnonzero(frames["missed"])
         self._misses.extend(zip(frames["time"][late].tolist(), frames["missed"][late].tolist(), strict=True))
@@ -158,7 +159,7 @@ class Watched:
         told: dict[str, Any] = {
             "type": "state", "run": self.run, "number": self.number, "stage": stage, "box": self.box.text,
             "missed": self.reader.missed, "lost": self.reader.lost, "start": self.history.start,
-            "stop": self.history.stop, "silent": round(time.monotonic() - self._seen, 1), "ages": self._ages(),
+            "stop": self.history.stop, "silent": round(time.monotonic() - self._heard, 1), "ages": self._ages(),
             "ending": self.ending and self.ending._asdict(), "utc": self.utc,
         }  # fmt: skip
         if frame is not None:
@@ -243,6 +244,15 @@ class Watched:
 
     def close(self) -> None:
         self.reader.close()
+
+
+def described_twin(layout: Layout) -> dict[str, Any] | None:
+    """The twin of a station, or what is wrong with its declaration as `error`; None: the station declares none."""
+    try:
+        found = twin_of(layout)
+    except UmoError as error:
+        return {"error": str(error)}
+    return found and found | {"paths": list(map(as_shown, found["paths"]))}
 
 
 def _plain(numbers: Any) -> list[float | None]:

@@ -42,7 +42,7 @@ class Hold:
             return
         try:
             for device in self.devices:
-                self._take(device)
+                self._bind(device)
         except BaseException:
             self.release()
             raise
@@ -58,7 +58,7 @@ class Hold:
             for device, taken in zip(self.devices, self._sockets, strict=False):
                 self._listen(device, taken)
 
-    def _take(self, device: str) -> None:
+    def _bind(self, device: str) -> None:
         taken = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._sockets.append(taken)
         try:
