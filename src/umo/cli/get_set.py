@@ -14,7 +14,7 @@ from typing import Any
 from umo.cycle import connect
 from umo.errors import BadInput, FramesError, OptionError, PathError, RangeError
 from umo.frames import Reader
-from umo.objects import Atomic, Binary, BinaryActuator, Compound, DigitalActuator, DigitalSensor
+from umo.objects import Actuator, Atomic, Binary, Compound, DigitalActuator, DigitalSensor
 from umo.objects.description import converted, described, row_of
 from umo.objects.paths import children
 from umo.objects.paths import find as object_at
@@ -77,7 +77,7 @@ def set_value(
     station = _station(name)
     machine = machine_of(station, arguments)
     item = _atomic(machine, path)
-    if not isinstance(item, BinaryActuator | DigitalActuator):
+    if not isinstance(item, Actuator):
         raise PathError(f"{path} is a sensor; only actuators can be set")
     file = station.wiring(wiring)
     realtime = LINUX and "timer" in children(machine)

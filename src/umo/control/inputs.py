@@ -12,7 +12,7 @@ from typing import Any, TypeAlias, TypeVar, overload
 import numpy as np
 
 from umo.errors import BadInput
-from umo.objects import BinarySensor, DigitalSensor, Quality, Vector
+from umo.objects import BinarySensor, DigitalSensor, Quality, Sensor, Vector
 from umo.objects.scaling import BoolArray, FloatArray
 from umo.states import TwoState
 
@@ -55,7 +55,7 @@ def state_of(sensor: BinarySensor[S], accept: Accept = ()) -> S:
     return state
 
 
-def _check(sensor: DigitalSensor | BinarySensor[S], accept: Accept) -> None:
+def _check(sensor: Sensor, accept: Accept) -> None:
     quality = sensor.quality
     if not _accepts(accept, quality):
         raise BadInput(sensor.path, quality)

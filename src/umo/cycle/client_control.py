@@ -25,7 +25,7 @@ from umo.cycle.events import TEXT, CommandState, Event
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.sequences import Sequences, Task
 from umo.errors import CommandRefused, DriverError, PathError, StateError, TaskFailed, UmoError
-from umo.objects import Atomic, Binary, BinaryActuator, Compound, DigitalActuator, Range, atoms, find
+from umo.objects import Actuator, Atomic, Binary, Compound, Digital, Range, atoms, find
 from umo.presentation.digits import setting_text
 from umo.text import did_you_mean
 from umo.user_code import Raised, as_json, attempt
@@ -97,8 +97,7 @@ class ClientControl:
         """The client that has asked for a stop."""
         self._stopping = False
         self.lease = Lease()
-        actuators = (item for item in atoms(machine.root) if isinstance(item, BinaryActuator | DigitalActuator))
-        self._actuators: dict[str, BinaryActuator[Any] | DigitalActuator] = {item.path: item for item in actuators}
+        self._actuators = {item.path: item for item in atoms(machine.root) if isinstance(item, Actuator)}
         self.at_work: Sequences | None = None
         """An action of a client is being carried out at this moment: what it starts belongs here."""
         self._running: list[_Action] = []
@@ -413,14 +412,14 @@ def _known(table: Mapping[str, Any], path: str, what: str) -> Any:
     return table[path]
 
 
-def _level(item: BinaryActuator[Any] | DigitalActuator, value: Any) -> float:
+def _level(item: Actuator, value: Any) -> float:
     """The value of the image for what a client gave: the name of a state, or a number within the range."""
     if isinstance(item, Binary):
         names = {state.name: state for state in item.states}
         if not isinstance(value, str) or value not in names:
             raise StateError(f"{item.path} has no state {value!r}{did_you_mean(str(value), names)}: {', '.join(names)}")
         return float(item._level(names[value]))
-    return Range.of(item).check(item.path, value)
+    return Range.of(cast(Digital, item)).check(item.path, value)
 
 
 def _plain(result: Any) -> str:

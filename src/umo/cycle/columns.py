@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from umo.drivers.contract import UNREAD, Channel, Direction, Driver
-from umo.objects import BinaryActuator, DigitalActuator
+from umo.objects import Actuator, DigitalActuator
 from umo.objects.linearization import Linearization
 from umo.objects.scaling import IntArray
 from umo.wiring.resolved import Wire
@@ -94,7 +94,7 @@ def _rate(wire: Wire) -> float:
 
 
 def _default(wire: Wire) -> float:
-    return wire.item._default_value() if isinstance(wire.item, BinaryActuator | DigitalActuator) else nan
+    return wire.item._default_value() if isinstance(wire.item, Actuator) else nan
 
 
 class Block:

@@ -13,7 +13,6 @@ import logging
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import inf
-from typing import Any
 
 import numpy as np
 
@@ -24,7 +23,7 @@ from umo.cycle.inhibition import Inhibition, inhibitions_of, latched, unevaluate
 from umo.cycle.journal import Kind
 from umo.drivers.contract import Direction
 from umo.errors import Interlocked
-from umo.objects import Atomic, BinaryActuator, Compound, DigitalActuator, atoms
+from umo.objects import Actuator, Atomic, Compound, atoms
 from umo.objects.scaling import FloatArray
 from umo.objects.stop_order import stop_sequence
 
@@ -95,7 +94,7 @@ class Commands:
         self.events = Events()
         self._order = [image.slot_of[id(item)] for item in stop_sequence(root)]
         self._inhibitions = inhibitions_of(root, image.slot_of, self._order)
-        found = (self._command(item) for item in atoms(root) if isinstance(item, BinaryActuator | DigitalActuator))
+        found = (self._command(item) for item in atoms(root) if isinstance(item, Actuator))
         self.by_slot = {command.slot: command for command in found if command.guarded}
         """The guarded actuators, as declared."""
         commands = self.by_slot.values()
@@ -112,7 +111,7 @@ class Commands:
         self._unrestricted[[*asked, *(command.slot for command in self._expiring)]] = ASKED
         self._restrict()
 
-    def _command(self, item: BinaryActuator[Any] | DigitalActuator) -> Command:
+    def _command(self, item: Actuator) -> Command:
         slot, default = self._image.slot_of[id(item)], item._default_value()
         inhibitions = [each for each in self._inhibitions if slot in each.slots]
         return Command(slot, item.path, default, item.synchronous, item.expires or inf, inhibitions)

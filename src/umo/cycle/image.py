@@ -20,7 +20,13 @@ from umo.cycle.conversion import convert_inputs, convert_outputs, send
 from umo.cycle.transfer import FAILURES, Transfer, cause_of_failure
 from umo.drivers.contract import UNREAD, Direction, WaitEnded
 from umo.errors import BadInput, DriverError, Failure, RangeError
-from umo.objects import Binary, BinaryActuator, BinarySensor, DigitalActuator, DigitalSensor, Quality, link
+from umo.objects import (
+    Binary,
+    DigitalSensor,
+    Quality,
+    Sensor,
+    link,
+)
 from umo.objects.atomic import Digital
 from umo.objects.linearization import Linearizations
 from umo.objects.scaling import FloatArray, IntArray, to_raw, to_value
@@ -35,8 +41,6 @@ NO_TICK = -1.0
 """Result of reading the timer when a stop has ended the wait."""
 LARGEST_RAW = 2.0**62
 """Size of raw integers up to which a zero offset is one."""
-Actuator = BinaryActuator[Any] | DigitalActuator
-Sensor = BinarySensor[Any] | DigitalSensor
 
 
 class Gate(link.Commands, Protocol):

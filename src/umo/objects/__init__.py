@@ -1,7 +1,7 @@
 """The four atomic objects and Compound: the boundary between the electrical and the control subsystem."""
 
 from umo.objects.action import Action, action, actions_of
-from umo.objects.actuators import BinaryActuator, DigitalActuator
+from umo.objects.actuators import Actuator, BinaryActuator, DigitalActuator
 from umo.objects.atomic import Atomic, Binary, Digital
 from umo.objects.compound import Compound
 from umo.objects.description import described
@@ -12,12 +12,13 @@ from umo.objects.numbers import MachineNumber, numbers_of
 from umo.objects.paths import atoms, children, find, path_of, walk
 from umo.objects.quality import Quality
 from umo.objects.range import Number, Range
-from umo.objects.sensors import BinarySensor, DigitalSensor
+from umo.objects.sensors import BinarySensor, DigitalSensor, Sensor
 from umo.objects.thermocouple import Thermocouple
 from umo.objects.vector import Vector
 
 __all__ = [
     "Action",
+    "Actuator",
     "Atomic",
     "Binary",
     "BinaryActuator",
@@ -34,6 +35,7 @@ __all__ = [
     "Polynomial",
     "Quality",
     "Range",
+    "Sensor",
     "Thermocouple",
     "Vector",
     "action",

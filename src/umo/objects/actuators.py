@@ -7,22 +7,51 @@ from typing import Literal
 from umo.drivers.contract import Direction
 from umo.duration import seconds
 from umo.errors import DeclarationError, RangeError
-from umo.objects.atomic import Binary, Digital, S, _finite
+from umo.objects.atomic import Atomic, Binary, Digital, S, _finite
 from umo.objects.linearization import Linearization
 from umo.presentation.digits import number_text
 from umo.presentation.durations import duration
 from umo.presentation.in_words import measure, span
 
 
-class BinaryActuator(Binary[S]):
+class Actuator(Atomic):
+    """The common part of the two."""
+
+    __slots__ = ()
+
+    direction = Direction.OUTPUT
+    _expires: float | None
+
+    @property
+    def expires(self) -> float | None:
+        """Time in s without a write after which the default is sent; None: never."""
+        return self._expires
+
+    @property
+    def inhibited(self) -> str | None:
+        """Why writes of the program are not accepted: the reason of the interlock that keeps it at its default, or who
+        has taken it. None: they are accepted."""
+        return self._image.commands.inhibited(self._slot)
+
+    def update(self) -> bool:
+        """Synchronous: send the pending value; True when the driver accepted it. Asynchronous: True."""
+        return self._image.update_some((self._slot,)) if self._synchronous else True
+
+    def _default_value(self) -> float:
+        """The default as a number of the process image: of a state its level."""
+        raise NotImplementedError
+
+    def _expiry_text(self) -> str:
+        return "" if self._expires is None else f", expires after {duration(self._expires)}"
+
+
+class BinaryActuator(Actuator, Binary[S]):
     """One output bit: a valve, a relay, a step input. EPICS bo, Modbus coil, OPC UA TwoState, BACnet BO.
 
     `expires` (s, or a text such as "100 ms"): without a write for this time the default is sent. Default: never.
     """
 
     __slots__ = ("_default", "_expires")
-
-    direction = Direction.OUTPUT
 
     def __init__(
         self, states: type[S], *, one: S, default: S, synchronous: bool = True, expires: str | float | None = None
@@ -38,19 +67,8 @@ class BinaryActuator(Binary[S]):
         """The safe state: written on connect, on reset and when the connection ends."""
         return self._default
 
-    @property
-    def expires(self) -> float | None:
-        """Time in s without a write after which the default is sent; None: never."""
-        return self._expires
-
-    @property
-    def inhibited(self) -> str | None:
-        """Why writes of the program are not accepted: the reason of the interlock that keeps it at its default, or who
-        has taken it. None: they are accepted."""
-        return self._image.commands.inhibited(self._slot)
-
     def describe(self) -> str:
-        return super().describe() + _expiry_text(self._expires)
+        return super().describe() + self._expiry_text()
 
     @property
     def pending(self) -> S:
@@ -70,10 +88,6 @@ class BinaryActuator(Binary[S]):
         image.pending[slot] = level
         return True
 
-    def update(self) -> bool:
-        """Synchronous: send the pending state; True when the driver accepted it. Asynchronous: True."""
-        return self._image.update_some((self._slot,)) if self._synchronous else True
-
     def read(self) -> S:
         """The state last accepted by the hardware."""
         return self._one if self._image.values[self._slot] else self._zero
@@ -82,7 +96,7 @@ class BinaryActuator(Binary[S]):
         return float(self._level(self._default))
 
 
-class DigitalActuator(Digital):
+class DigitalActuator(Actuator, Digital):
     """A group of output bits: a DAC, a PWM duty cycle. EPICS ao, Modbus holding register, BACnet AO.
 
     `limits` sets what `write` does with a value outside the range. "raise" (default): RangeError, nothing changes.
@@ -94,8 +108,6 @@ class DigitalActuator(Digital):
     """
 
     __slots__ = ("_clamp", "_default", "_expires", "_slew_rate")
-
-    direction = Direction.OUTPUT
 
     def __init__(
         self,
@@ -132,24 +144,13 @@ class DigitalActuator(Digital):
         return self._default
 
     @property
-    def expires(self) -> float | None:
-        """Time in s without a write after which the default is sent; None: never."""
-        return self._expires
-
-    @property
-    def inhibited(self) -> str | None:
-        """Why writes of the program are not accepted: the reason of the interlock that keeps it at its default, or who
-        has taken it. None: they are accepted."""
-        return self._image.commands.inhibited(self._slot)
-
-    @property
     def slew_rate(self) -> float | None:
         """The largest rate of change of the value sent, in `units` per s; None: not limited."""
         return self._slew_rate
 
     def describe(self) -> str:
         rate = "" if self._slew_rate is None else f", at most {measure(self._slew_rate, self._units)}/s"
-        return super().describe() + rate + _expiry_text(self._expires)
+        return super().describe() + rate + self._expiry_text()
 
     @property
     def limits(self) -> Literal["raise", "clamp"]:
@@ -178,10 +179,6 @@ class DigitalActuator(Digital):
         image.pending[slot] = value
         return True
 
-    def update(self) -> bool:
-        """Synchronous: send the pending value; True when the driver accepted it. Asynchronous: True."""
-        return self._image.update_some((self._slot,)) if self._synchronous else True
-
     def read(self) -> float:
         """The value last accepted by the hardware, in `units`, as written (not as quantised)."""
         value: float = self._image.values[self._slot]
@@ -204,7 +201,3 @@ def _expiry(expires: str | float | None) -> float | None:
     if limit == 0:
         raise DeclarationError("expires must be above 0: it is the time for which a command is valid")
     return limit
-
-
-def _expiry_text(expires: float | None) -> str:
-    return "" if expires is None else f", expires after {duration(expires)}"

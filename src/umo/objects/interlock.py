@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from umo.errors import DeclarationError
-from umo.objects.actuators import BinaryActuator, DigitalActuator
+from umo.objects.actuators import Actuator
 from umo.objects.atomic import Atomic
 from umo.objects.node import Node
 from umo.objects.paths import atoms
@@ -37,7 +37,7 @@ class Interlock:
     """
 
     condition: Callable[[], bool]
-    forbids: Iterable[BinaryActuator | DigitalActuator | Node]  # type: ignore[type-arg]
+    forbids: Iterable[Actuator | Node]
     reason: str
     latched: bool = False
     effect: Literal["inhibit", "stop"] = "inhibit"
@@ -46,10 +46,10 @@ class Interlock:
         """All actuators in `forbids`, in declared order. Raises DeclarationError for anything else."""
         found: list[Atomic] = []
         for node in self.forbids:
-            if isinstance(node, BinaryActuator | DigitalActuator):
+            if isinstance(node, Actuator):
                 found.append(node)
             elif isinstance(node, Node) and not isinstance(node, Atomic):
-                found += [item for item in atoms(node) if isinstance(item, BinaryActuator | DigitalActuator)]
+                found += [item for item in atoms(node) if isinstance(item, Actuator)]
             else:
                 raise DeclarationError(f"interlock {self.reason!r} forbids {node!r}, which is not an actuator")
         return found

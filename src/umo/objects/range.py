@@ -5,23 +5,13 @@ from __future__ import annotations
 from dataclasses import KW_ONLY, dataclass
 from math import inf, isfinite
 from sys import float_info
-from typing import Any, Protocol
+from typing import Any
 
 from umo.errors import DeclarationError, RangeError
+from umo.objects.atomic import Digital
 from umo.objects.units import check_unit
 from umo.presentation.digits import number_text
 from umo.presentation.in_words import measure, span
-
-
-class Ranged(Protocol):
-    """A digital object, as far as its range needs it."""
-
-    @property
-    def units(self) -> str: ...
-    @property
-    def minimum(self) -> float: ...
-    @property
-    def maximum(self) -> float: ...
 
 
 @dataclass(frozen=True)
@@ -45,7 +35,7 @@ class Range:
             raise DeclarationError(f"no number is between {self.minimum!r} and {self.maximum!r}")
 
     @classmethod
-    def of(cls, item: Ranged) -> Range:
+    def of(cls, item: Digital) -> Range:
         """Unit and range of an object: of a position the encoder's, of an output the actuator's."""
         return cls(item.units, item.minimum, item.maximum)
 

@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias, get_args
 from umo.drivers.contract import Direction
 from umo.duration import seconds
 from umo.errors import BadInput, DeclarationError
-from umo.objects.atomic import Binary, Digital, S
+from umo.objects.atomic import Atomic, Binary, Digital, S
 from umo.objects.linearization import Linearization
 from umo.objects.quality import Quality
 
@@ -16,12 +16,26 @@ OnError: TypeAlias = Literal["raise", "hold", "mark"]
 """The effect of a failed reading."""
 
 
-class BinarySensor(Binary[S]):
+class Sensor(Atomic):
+    """The common part of the two."""
+
+    __slots__ = ()
+
+    direction = Direction.INPUT
+    _max_age: float | None
+    """Time in s for which the last value is held after a failure; None: not at all."""
+    _marks: bool
+    """Whether a failure marks the value BAD and raises nothing."""
+
+    def sample(self) -> bool:
+        """Synchronous: read the hardware and keep the value; True if its quality is GOOD. Asynchronous: True."""
+        return self._image.sample_some((self._slot,)) if self._synchronous else True
+
+
+class BinarySensor(Sensor, Binary[S]):
     """One input bit: a switch, a light barrier. EPICS bi, Modbus discrete input, OPC UA TwoState, BACnet BI."""
 
     __slots__ = ("_marks", "_max_age")
-
-    direction = Direction.INPUT
 
     def __init__(
         self,
@@ -35,10 +49,6 @@ class BinarySensor(Binary[S]):
         super().__init__(states, one, synchronous)
         self._max_age, self._marks = _on_error(on_error, max_age)
 
-    def sample(self) -> bool:
-        """Synchronous: read the hardware and keep the state; True if its quality is GOOD. Asynchronous: True."""
-        return self._image.sample_some((self._slot,)) if self._synchronous else True
-
     def read(self) -> S:
         """Synchronous: the state kept by the last `sample`. Asynchronous: reads the hardware now. BadInput for a sensor
         that was never read (`on_error="mark"`): it has no state."""
@@ -51,7 +61,7 @@ class BinarySensor(Binary[S]):
         raise BadInput(self.path, Quality.BAD, why="it was never read")
 
 
-class DigitalSensor(Digital):
+class DigitalSensor(Sensor, Digital):
     """A group of input bits: a counter, an ADC. EPICS ai, Modbus input register, OPC UA AnalogItem, BACnet AI.
 
     `incremental=True`: the value is UNREFERENCED until homing calls `referenced()`. `linearization`: a `Polynomial`,
@@ -67,8 +77,6 @@ class DigitalSensor(Digital):
     """
 
     __slots__ = ("_incremental", "_marks", "_max_age")
-
-    direction = Direction.INPUT
 
     def __init__(
         self,
@@ -92,10 +100,6 @@ class DigitalSensor(Digital):
     @property
     def incremental(self) -> bool:
         return self._incremental
-
-    def sample(self) -> bool:
-        """Synchronous: read the hardware and keep the value; True if its quality is GOOD. Asynchronous: True."""
-        return self._image.sample_some((self._slot,)) if self._synchronous else True
 
     def read(self) -> float:
         """The value in `units`; NaN if it was never read. Synchronous: kept by the last `sample`. Asynchronous: reads

@@ -12,6 +12,7 @@ from umo.drivers.contract import Direction
 from umo.drivers.faults.wrapper import bare
 from umo.drivers.modbus import Host, Modbus, ModbusChannel
 from umo.errors import WiringError
+from umo.objects import Actuator
 from umo.wiring import Wire, Wired
 
 
@@ -30,7 +31,7 @@ class Point:
         self.path = plant.item.path
         self.table, self.address, self.cells = channel.table.name, channel.address, channel.cells
         self.output = plant.item.direction is Direction.OUTPUT
-        default: Any = plant.item._default_value() if self.output else None  # type: ignore[attr-defined]
+        default: Any = plant.item._default_value() if isinstance(plant.item, Actuator) else None
         self.default = bus.raw(default) if self.output else 0
         """The raw integer of an output's register at power-up."""
         self.plant_default = plant.raw(default) if self.output else 0

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Protocol, cast, runtime_checkable
 
 from umo.drivers.faults.wrapper import bare
 from umo.errors import DeclarationError
-from umo.objects import Atomic, Binary, BinarySensor, Compound, DigitalSensor, children
+from umo.objects import Atomic, Binary, Compound, Digital, Sensor, children
 from umo.states import TwoState
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ class _Settable(Protocol):
     def set(self, channel: str, reading: int, /) -> None: ...
 
 
-def put(sensor: BinarySensor[Any] | DigitalSensor, value: float | TwoState) -> None:
+def put(sensor: Sensor, value: float | TwoState) -> None:
     """Set the value (in units) or state that a sensor on a simulated or scripted channel measures from now on.
 
     The wired scaling applies. A value outside the range is allowed (`OUT_OF_RANGE`). A synchronous sensor takes it
@@ -29,7 +29,10 @@ def put(sensor: BinarySensor[Any] | DigitalSensor, value: float | TwoState) -> N
     driver = bare(wire.driver)
     if not isinstance(driver, _Settable):
         raise DeclarationError(f"{sensor.path}: put() cannot set a {type(driver).__name__} channel")
-    level = sensor._level(cast(Any, value)) if isinstance(sensor, Binary) else sensor._number(cast(float, value))
+    if isinstance(sensor, Binary):
+        level: float = sensor._level(cast(Any, value))
+    else:
+        level = cast(Digital, sensor)._number(cast(float, value))
     driver.set(wire.channel.text, image.nearest(sensor._slot, level))
 
 

@@ -21,7 +21,17 @@ from umo.drivers.faults.words import InjectedFault
 from umo.drivers.faults.wrapper import Injection
 from umo.duration import seconds
 from umo.errors import DeclarationError, Mistake, RangeError, WiringError, text_of
-from umo.objects import Atomic, BinaryActuator, Compound, Digital, DigitalActuator, DigitalSensor, Node, atoms, walk
+from umo.objects import (
+    Actuator,
+    Atomic,
+    Compound,
+    Digital,
+    DigitalActuator,
+    DigitalSensor,
+    Node,
+    atoms,
+    walk,
+)
 from umo.objects.atomic import Calibration
 from umo.objects.linearization import fitted
 from umo.objects.numbers import MachineNumber, numbers_of
@@ -451,7 +461,7 @@ def _fault_of_period(period: float, node: Node) -> str:
         longest = seconds(node._settings.max_period)
         if period > longest * (1 + 1e-9):
             return f"longer than `max_period` of {node._path or type(node).__name__} ({duration(longest)})"
-    if isinstance(node, BinaryActuator | DigitalActuator):
+    if isinstance(node, Actuator):
         expires = node.expires or math.inf  # it must outlast the way from one write to the next
         if period > expires * (1 - 1e-9):
             return f"not shorter than `expires` of {node.path} ({duration(expires)})"

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, NamedTuple
 
-from umo.drivers.contract import Channel, Direction, Driver, PhysicalScale
+from umo.drivers.contract import Channel, Driver, PhysicalScale
 from umo.drivers.faults.wrapper import Injection
 from umo.errors import DeclarationError, RangeError, UmoError
-from umo.objects import Compound
+from umo.objects import Actuator, Compound
 from umo.objects.atomic import Atomic, Binary, Calibration, Digital
 from umo.objects.linearization import Linearization
 from umo.objects.numbers import MachineNumber, check_settings, numbers_of
@@ -87,9 +87,7 @@ class Wire:
     @property
     def default(self) -> int | None:
         """The raw integer of an actuator's default; None for a sensor."""
-        if self.item.direction is not Direction.OUTPUT:
-            return None
-        return self.raw(self.item._default_value())  # type: ignore[attr-defined]
+        return self.raw(self.item._default_value()) if isinstance(self.item, Actuator) else None
 
     def nearest(self, value: float) -> int:
         """The raw integer nearest to a value, also outside the range."""
