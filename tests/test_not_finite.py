@@ -17,7 +17,7 @@ import pytest
 import umo.control
 from helpers.machines import stations, timer
 from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, Vector, connect
-from umo.control import Axis, Hysteresis, Profile, Servo, VectorPID, move_together, synchronize
+from umo.control import Axis, Hysteresis, Profile, Servo, VectorPID, move_together
 from umo.errors import BadInput, DeclarationError, RangeError
 from umo.objects import actions_of, atoms, walk
 from umo.states import OnOff, Rotation, UpDown
@@ -238,14 +238,6 @@ def test_a_value_that_is_not_finite_switches_nothing(bad: float) -> None:
         with pytest.raises(RangeError, match="no value to regulate by"):
             law.control()
         assert m.valve.pending is before
-
-
-@BAD
-def test_profiles_that_begin_together_are_planned_all_or_none(bad: float) -> None:
-    first, second = (Profile(velocity=1.0, acceleration=1.0, jerk=1.0) for _ in range(2))
-    with pytest.raises(RangeError):
-        synchronize((first, 5.0), (second, bad))
-    assert first.done
 
 
 @pytest.mark.parametrize("settings", [{"integral_time": 0.0}, {"filter_time": -0.001}])

@@ -6,7 +6,7 @@ from umo.control.claim import Claim
 from umo.control.homing import EndStop, HomeSwitch, IndexPulse
 from umo.control.inputs import HOMING, Accept, state_of, value_of
 from umo.control.pid import PID, VectorPID
-from umo.control.profile import Profile, Setpoint, synchronize
+from umo.control.profile import Profile, Setpoint
 from umo.control.regulation import Hysteresis
 from umo.control.servo import Servo, VectorServo
 from umo.control.servo_axis import ServoAxis
@@ -38,7 +38,6 @@ __all__ = [
     "move_together",
     "next_period",
     "state_of",
-    "synchronize",
     "timeout",
     "together",
     "until",

@@ -69,7 +69,7 @@ class Profile:
         """Plan a profile from the current setpoint to standstill at the target. Returns its duration in s.
 
         `velocity` lowers the largest speed for this profile. `duration` is the least time in s that it takes: several
-        axes with the duration of the slowest arrive together (`synchronize`). RangeError if the target is not finite, a
+        axes with the duration of the slowest arrive together. RangeError if the target is not finite, a
         limit is not positive, or the duration is negative or not finite.
         """
         if not velocity > 0.0:
@@ -78,15 +78,12 @@ class Profile:
             raise RangeError(
                 f"no profile to {target!r}: the duration must be finite and not negative, not {duration!r}"
             )
-        plan, scale = self._plan_to(target)
+        plan, scale = self._plan()
+        plan.target_position = [target * scale]
         plan.max_velocity = [min(velocity, self.velocity) * scale]
         if duration:
             plan.minimum_duration = duration
         return self._follow(plan, scale, f"to {target!r}")
-
-    def duration_to(self, target: float) -> float:
-        """The duration in s of a profile to the target, which is not begun. RangeError as `to`."""
-        return self._calculate(self._plan_to(target)[0], f"to {target!r}")
 
     def at(self, velocity: float) -> float:
         """Plan a profile from the current setpoint to a constant velocity, at most the largest speed; 0: to standstill.
@@ -95,11 +92,6 @@ class Profile:
         plan.control_interface = _ruckig().ControlInterface.Velocity
         plan.target_velocity = [min(max(velocity, -self.velocity), self.velocity) * scale]
         return self._follow(plan, scale, f"at {velocity!r} per s")
-
-    def _plan_to(self, target: float) -> tuple[Any, float]:
-        plan, scale = self._plan()
-        plan.target_position = [target * scale]
-        return plan, scale
 
     def _plan(self) -> tuple[Any, float]:
         """For ruckig: the current setpoint and the limits, and the scale of their lengths."""
@@ -115,8 +107,8 @@ class Profile:
         plan.max_jerk = [self.jerk * scale]
         return plan, scale
 
-    def _calculate(self, plan: Any, what: str) -> float:
-        """The duration in s of this plan, which is in `_next` then: what is under way stays."""
+    def _follow(self, plan: Any, scale: float, what: str) -> float:
+        """Begin a plan; its duration in s. If there is no such profile, what is under way goes on."""
         ruckig = _ruckig()
         try:
             result = self._planner.calculate(plan, self._next)
@@ -124,11 +116,7 @@ class Profile:
             raise RangeError(f"no profile {what}: {str(error).strip().partition(' input:')[0]}") from None
         if result not in (ruckig.Result.Working, ruckig.Result.Finished):
             raise RangeError(f"no profile {what} within the limits of {self!r}: {result.name}")
-        return float(self._next.duration)
-
-    def _follow(self, plan: Any, scale: float, what: str) -> float:
-        """Begin a plan; its duration in s."""
-        self._duration = self._calculate(plan, what)
+        self._duration = float(self._next.duration)
         self._trajectory, self._next = self._next, self._trajectory
         self._elapsed, self._origin, self._scale = 0.0, 0.0, scale
         self._final = plan.target_velocity[0] / scale
@@ -162,15 +150,6 @@ class Profile:
         self._duration = 0.0
         self.setpoint = Setpoint(position / self._scale + self._origin + self._final * beyond, self._final, 0.0)
         return self.setpoint
-
-
-def synchronize(*moves: tuple[Profile, float]) -> float:
-    """Plan profiles to their targets, `(profile, target)` each, that begin and end together: with the duration of the
-    slowest. Returns it in s. RangeError as `Profile.to`; then none of them has changed."""
-    longest = max(profile.duration_to(target) for profile, target in moves)
-    for profile, target in moves:
-        profile.to(target, duration=longest)
-    return longest
 
 
 def _check_time(time: float) -> None:

@@ -24,7 +24,7 @@ class Clock:
         """Ticks since connecting."""
         self.now = 0.0
         self.dt = period
-        self.on_tick: Callable[[], None] = _nothing
+        self.on_tick: Callable[[], None] = lambda: None
         """Called when the timer has returned, while the clock still shows the period before."""
 
     def advance(self, missed: int) -> None:
@@ -37,10 +37,6 @@ class Clock:
         self.number += self.ticks
         self.now = self.number * self.period
         self.dt = self.ticks * self.period
-
-
-def _nothing() -> None:
-    pass
 
 
 class WallClock(Clock):

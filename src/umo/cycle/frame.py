@@ -35,10 +35,13 @@ def signals_of(numbers: Mapping[str, MachineNumber]) -> tuple[Signal, ...]:
 class Frame:
     """The data of one period: a view of the live image, valid only during the call of the observer."""
 
-    __slots__ = ("began", "execution", "image", "missed", "number", "progress", "signal_values", "signals", "time")
-
     def __init__(self, image: Image, signals: Sequence[Signal] = ()) -> None:
-        self.image = image
+        self.items: list[Atomic] = image.items
+        """The objects, in the order of the values."""
+        self.values: Any = image.values
+        """The value of each object."""
+        self.raws: Any = image.raws
+        self.quality: Any = image.quality
         self.signals = signals
         """Numbers of the control code that are shown beside the objects."""
         self.signal_values: list[float] = []
@@ -55,24 +58,6 @@ class Frame:
         """s of wall-clock time from the timer's return to the end of `update`."""
         self.progress = Progress()
         """The progress that the machine told last."""
-
-    @property
-    def items(self) -> list[Atomic]:
-        """The objects, in the order of the values."""
-        return self.image.items
-
-    @property
-    def values(self) -> Any:
-        """The value of each object."""
-        return self.image.values
-
-    @property
-    def raws(self) -> Any:
-        return self.image.raws
-
-    @property
-    def quality(self) -> Any:
-        return self.image.quality
 
 
 Observer = Callable[[Frame], None]

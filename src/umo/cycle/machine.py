@@ -71,6 +71,8 @@ class ConnectedMachine:
         self.tunables = {path: each for path, each in numbers.items() if each.declared.tunable}
         """The numbers that may be changed from outside, by path."""
         self.commands = Commands(root, image)
+        self.events: Events = self.commands.events
+        """The last 1,000 actions of guards and clients."""
         self.stop_order = [image.slot_of[id(item)] for item in stop_sequence(root)]
         self._slots: dict[int, _PartSlots] = {}
         self._acts: dict[int, list[Callable[[], None]]] = {}
@@ -141,11 +143,6 @@ class ConnectedMachine:
             _go_on(unread, self.commands.evaluate, "could not be read or reset")
         self.commands.evaluate()
         return good
-
-    @property
-    def events(self) -> Events:
-        """The last 1,000 actions of guards and clients."""
-        return self.commands.events
 
     def control(self, part: Node) -> None:
         """Sequences first (the root's alone), then each overridden `control`, a parent before its parts."""

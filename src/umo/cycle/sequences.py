@@ -12,22 +12,13 @@ import math
 import sys
 from collections.abc import Awaitable, Callable, Coroutine, Generator
 from types import CoroutineType, coroutine
-from typing import Any, Protocol
+from typing import Any
 
+from umo.cycle.clock import Clock
 from umo.duration import seconds as in_seconds
 from umo.errors import Cancelled, TaskFailed, TimeExpired, text_of
 from umo.text import add_note, in_brackets, place_among, shown_path, str_of
 from umo.user_code import refuse_exit
-
-
-class Tick(Protocol):
-    """The news of a period for the sequences."""
-
-    @property
-    def period(self) -> float: ...
-    @property
-    def ticks(self) -> int: ...
-
 
 Sequence = Coroutine[Any, Any, Any]
 
@@ -40,8 +31,8 @@ _ADVANCING: list[Task] = []
 
 
 @coroutine
-def next_period() -> Generator[object, Tick, Tick]:
-    """Wait for the next period. Returns its tick: `period` in s and `ticks` consumed (1, or more after a miss)."""
+def next_period() -> Generator[object, Clock, Clock]:
+    """Wait for the next period. Returns the clock: `period` in s, `ticks` consumed (1, or more after a miss)."""
     return (yield _PERIOD)
 
 
@@ -64,7 +55,7 @@ async def until(condition: Callable[[], bool], timeout: str | float | None = Non
 @coroutine
 def _pass(
     limit: float, condition: Callable[[], bool] | None = None, stays: float = 0.0
-) -> Generator[object, Tick, bool]:
+) -> Generator[object, Clock, bool]:
     """Let periods pass until the condition has stayed true (True) or the limit in s is over (False)."""
     passed, since = 0.0, math.inf  # whole periods: until now, and until the condition came true
     last, required = (math.inf if time else 0.0 for time in (limit, stays))  # known with the first tick
@@ -137,10 +128,10 @@ class timeout:
             place = f"{shown_path(file)}:{line}"
             raise TimeExpired(f"the block did not end within {self._limit:g} s ({place})") from None
 
-    def pass_(self, tick: Tick) -> None:
+    def pass_(self, tick: Clock) -> None:
         self._passed += tick.ticks
 
-    def expires(self, tick: Tick) -> Cancelled | None:
+    def expires(self, tick: Clock) -> Cancelled | None:
         """The error to cancel the block with, if the time is over for the first time."""
         if self._expiry is not None or self._passed < _whole_periods(self._limit, tick.period):
             return None
@@ -148,29 +139,26 @@ class timeout:
         return self._expiry
 
 
-class _Together:
-    def __init__(self, sequences: tuple[Sequence, ...]) -> None:
-        self._tasks = [Task(sequence) for sequence in sequences]
-
-    def __await__(self) -> Generator[object, Tick, tuple[Any, ...]]:
-        running, tick = self._tasks, None
-        try:
-            while True:
-                running = [task for task in running if not task.advance(tick)]
-                if not running:
-                    return tuple(task.result for task in self._tasks)
-                tick = yield _PERIOD
-        except BaseException as failure:
-            errors = _cancel_all(self._tasks)
-            if errors and isinstance(failure, Cancelled | GeneratorExit):
-                raise _with_notes(errors[0], errors[1:]) from None
-            _with_notes(failure, errors)
-            raise
-
-
 def together(*sequences: Sequence) -> Awaitable[tuple[Any, ...]]:
     """Run sequences in parallel and return their results. The first error cancels the others and is raised."""
-    return _Together(sequences)
+    return _together([Task(sequence) for sequence in sequences])
+
+
+@coroutine
+def _together(tasks: list[Task]) -> Generator[object, Clock, tuple[Any, ...]]:
+    running, tick = tasks, None
+    try:
+        while True:
+            running = [task for task in running if not task.advance(tick)]
+            if not running:
+                return tuple(task.result for task in tasks)
+            tick = yield _PERIOD
+    except BaseException as failure:
+        errors = _cancel_all(tasks)
+        if errors and isinstance(failure, Cancelled | GeneratorExit):
+            raise _with_notes(errors[0], errors[1:]) from None
+        _with_notes(failure, errors)
+        raise
 
 
 class Task:
@@ -191,7 +179,7 @@ class Task:
         self.limits: list[timeout] = []
         """The time limits of the blocks that it is in, the outermost first."""
 
-    def __await__(self) -> Generator[object, Tick, Any]:
+    def __await__(self) -> Generator[object, Clock, Any]:
         """Wait for its end in another sequence. Returns its result; TaskFailed if it failed or was cancelled. If the
         other one is cancelled meanwhile, so is this one (as in asyncio)."""
         if self in _ADVANCING:
@@ -208,7 +196,7 @@ class Task:
             raise TaskFailed(f"{self._name} was cancelled")
         return self.result
 
-    def advance(self, tick: Tick | None) -> bool:
+    def advance(self, tick: Clock | None) -> bool:
         """One step; whether that was the last. The first needs no tick. What the sequence raises comes out here."""
         if self.done:
             return True
@@ -223,7 +211,7 @@ class Task:
             self.cancel()
         return self.done
 
-    def _step_within_limits(self, tick: Tick) -> None:
+    def _step_within_limits(self, tick: Clock) -> None:
         for each in self.limits:
             each.pass_(tick)
         self._step(self._sequence.send, tick)
@@ -332,7 +320,7 @@ class Sequences:
         self._tasks.append(task)
         return task
 
-    def advance(self, tick: Tick) -> None:
+    def advance(self, tick: Clock) -> None:
         """One step of each, in the order started; the first error cancels nothing else and is raised."""
         if not self._tasks or self.paused:
             return

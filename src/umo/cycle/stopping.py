@@ -6,7 +6,9 @@ import signal
 import threading
 from collections.abc import Callable
 from types import FrameType
-from typing import Any, Protocol
+from typing import Any
+
+from umo.cycle.frame import Frame
 
 SIGNALS = [signal.SIGINT, signal.SIGTERM]
 if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # ignored: under nohup
@@ -37,7 +39,7 @@ class StopFlag:
         self.signal: int | None = None
         self.time_over = False
         """Whether a `TimeLimit` has requested it."""
-        self.end_wait: Callable[[], object] = _nothing
+        self.end_wait: Callable[[], object] = lambda: None
         """Called at each request: the machine's timer does not wait any longer."""
 
     def install(self) -> None:
@@ -68,17 +70,10 @@ class TimeLimit:
         self._seconds = seconds
         self._stop = stop
 
-    def __call__(self, frame: Timed) -> None:
+    def __call__(self, frame: Frame) -> None:
         if frame.time >= self._seconds and not self._stop.requested:
             self._stop.time_over = True
             self._stop.request()
-
-
-class Timed(Protocol):
-    """A finished period."""
-
-    @property
-    def time(self) -> float: ...
 
 
 def request_stop(number: int | None = None) -> None:
@@ -89,10 +84,6 @@ def request_stop(number: int | None = None) -> None:
 
 def _caught(number: int, frame: FrameType | None) -> None:
     request_stop(number)
-
-
-def _nothing() -> None:
-    pass
 
 
 def _in_main_thread() -> bool:

@@ -37,10 +37,6 @@ T = TypeVar("T")
 _DONE = {"initialize": Kind.INITIALIZE, "reset": Kind.RESET}
 
 
-def _nothing(*_: object) -> None:
-    pass
-
-
 def _refuse_write(*_: object) -> NoReturn:
     raise DriverError("the machine has been reset; nothing is written any more")
 
@@ -78,7 +74,7 @@ class Transfer:
         """The raw value that each object last had at the hardware."""
         self.journal: Journal | None = None
         """The journal of transfers of single objects; None if it is not used."""
-        self.on_call: Callable[[], object] = _nothing
+        self.on_call: Callable[[], object] = lambda: None
         """Called before each call that is not part of a period: a sign of life."""
         self.tick: Callable[[Channel], int]
         """The read of the timer."""
@@ -229,7 +225,7 @@ class Transfer:
         self,
         slots: Iterable[int],
         segment: Literal["initialize", "reset"] = "reset",
-        begin: Callable[[int], object] = _nothing,
+        begin: Callable[[int], object] = lambda slot: None,
         patient: bool = True,
     ) -> Iterator[tuple[int, Failure | None]]:
         """Reset (or initialise) each in turn; one failure never stops the rest. The slots of a driver that does not

@@ -159,8 +159,7 @@ class DigitalActuator(Actuator, Digital):
     @property
     def pending(self) -> float:
         """The value last written, sent by the next `update`."""
-        value: float = self._image.pending[self._slot]
-        return value
+        return self._image.pending[self._slot]
 
     def write(self, value: float) -> bool:
         """Set a new value in `units`. Synchronous: sent by the next `update`. Asynchronous: sent at once.
@@ -181,8 +180,7 @@ class DigitalActuator(Actuator, Digital):
 
     def read(self) -> float:
         """The value last accepted by the hardware, in `units`, as written (not as quantised)."""
-        value: float = self._image.values[self._slot]
-        return value
+        return self._image.values[self._slot]
 
     def _write_beyond(self, value: float) -> bool:
         value = self._number(value)

@@ -56,12 +56,12 @@ class Atomic(Node):
     def raw(self) -> int:
         """The raw value at the hardware: of a sensor as last read (0 before the first reading), of an actuator as last
         accepted."""
-        return cast(int, self._image.raws[self._slot])
+        return self._image.raws[self._slot]
 
     @property
     def time(self) -> float:
         """Time at which the value was read or accepted, in s on the cycle's clock."""
-        return cast(float, self._image.times[self._slot])
+        return self._image.times[self._slot]
 
     @property
     def quality(self) -> Quality:
@@ -255,7 +255,7 @@ class Digital(Atomic):
 
     def _shown(self) -> str:
         digits = digits_of(self._resolution, self._zero_offset) if self._linearization is None else None
-        value: float = self._image.values[self._slot]
+        value = self._image.values[self._slot]
         return measure(value, self._units, digits) if math.isfinite(value) else NO_VALUE
 
 

@@ -14,12 +14,6 @@ from umo.objects.scaling import ByteArray, FloatArray, IntArray
 if TYPE_CHECKING:
     from umo.objects.node import Node
 
-    class Live(Protocol):
-        """A flat sequence of plain numbers, one for each object."""
-
-        def __getitem__(self, slot: int, /) -> Any: ...
-        def __setitem__(self, slot: int, value: Any, /) -> None: ...
-
 
 class Commands(Protocol):
     """The command stage."""
@@ -39,17 +33,17 @@ class Columns(Protocol):
 class Image(Protocol):
     """The process image: an object's slot is an index into each of these."""
 
-    restrictions: Live
+    restrictions: memoryview
     """Actuators: 0 if a value within the range may be stored in `pending`; otherwise `command` is to be asked."""
 
-    values: Live
+    values: memoryview[float]
     """Sensors: the value last kept. Actuators: the value last accepted by the hardware."""
-    pending: Live
+    pending: memoryview[float]
     """Actuators: the value written and not yet sent."""
-    raws: Live
+    raws: memoryview
     """The raw integers that belong to `values`."""
-    quality: Live
-    times: Live
+    quality: memoryview
+    times: memoryview[float]
     """Seconds on the cycle's clock."""
     wire_texts: Sequence[str]
     """The wiring of each object, such as `box:coil:3 inverted`."""
