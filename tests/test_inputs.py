@@ -9,8 +9,8 @@ import pytest
 
 from helpers.machines import bench, wired
 from umo import BinarySensor, Compound, DigitalSensor, Quality, Vector, connect
-from umo.control import HOMING, Claim, state_of, value_of
-from umo.errors import BadInput, Busy, DriverError
+from umo.control import HOMING, state_of, value_of
+from umo.errors import BadInput, DriverError
 from umo.states import PassFail
 from umo.testing import Scripted, put
 
@@ -158,15 +158,3 @@ def test_held_values_of_a_vector_are_accepted() -> None:
         assert m.sample() is False
         assert np.all(Vector(m.levels).quality == Quality.STALE)
         assert value_of(Vector(m.levels)).tolist() == [0.0, 7.0, 0.0, 0.0]
-
-
-def test_a_second_motion_on_a_busy_axis_is_refused_and_the_claim_ends_with_the_motion() -> None:
-    m = sensors()
-    claim = Claim(m)
-    with claim.of("home"):
-        with pytest.raises(Busy, match="busy with home; move_to was not started"), claim.of("move_to"):
-            pass
-        assert claim.holder == "home"
-    with pytest.raises(ZeroDivisionError), claim.of("move_to"):
-        raise ZeroDivisionError
-    assert claim.holder is None

@@ -148,7 +148,7 @@ def strange(things: object) -> list[str]:
 
 def test_nothing_of_the_package_is_left_out() -> None:
     rest = {kind.__name__ for kind in classes()} - {kind.__name__ for kind in (*LAWS, *STRATEGIES, *AXES)}
-    assert rest == {"Axis", "Claim", "Homing", "Met", "Setpoint"}
+    assert rest == {"Axis", "Homing", "Met", "Setpoint"}
 
 
 # Laws ---------------------------------------------------------------------------------------------------
@@ -308,7 +308,7 @@ def test_an_axis_refuses_what_is_not_finite_and_does_not_move(
             periods(m, 3)
         except REFUSED:
             assert m.x.enabled is enabled
-            assert m.x.claim.holder is None
+            assert m.x._motion is None
             assert pending(m) == before
         except umo.errors.AxisError:
             assert not enabled

@@ -24,7 +24,9 @@ _SECONDS = {
 def seconds(duration: str | float) -> float:
     """A duration in s; finite and not negative. DeclarationError for anything else."""
     try:
-        value = _of_text(duration) if isinstance(duration, str) else _of_number(duration)
+        if isinstance(duration, bool):
+            raise TypeError
+        value = _of_text(duration) if isinstance(duration, str) else float(duration)
     except (TypeError, ValueError, OverflowError):
         raise DeclarationError(f'{duration!r} is not a duration; write for example "20 ms"') from None
     if not math.isfinite(value) or value < 0:
@@ -36,13 +38,6 @@ def _of_text(text: str) -> float:
     match = _TEXT.fullmatch(text)
     if match is None or (unit := match[2]) not in (*_PER_SECOND, *_SECONDS):
         raise ValueError
-    number = float(match[1])
-    return (
-        number * _SECONDS[unit] if unit in _SECONDS else number / _PER_SECOND[unit]
-    )  # 9 us: not 8.999999999999999e-06
-
-
-def _of_number(number: float) -> float:
-    if isinstance(number, bool):
-        raise TypeError
-    return float(number)
+    if unit in _SECONDS:
+        return float(match[1]) * _SECONDS[unit]
+    return float(match[1]) / _PER_SECOND[unit]  # 9 us: not 8.999999999999999e-06

@@ -2,7 +2,6 @@
 `PID` and `Profile` calculate with plain numbers."""
 
 from umo.control.axis import Axis, Homing, Met, move_together
-from umo.control.claim import Claim
 from umo.control.homing import EndStop, HomeSwitch, IndexPulse
 from umo.control.inputs import HOMING, Accept, state_of, value_of
 from umo.control.pid import PID, VectorPID
@@ -20,7 +19,6 @@ __all__ = [
     "STEPS_PER_PERIOD",
     "Accept",
     "Axis",
-    "Claim",
     "EndStop",
     "HomeSwitch",
     "Homing",

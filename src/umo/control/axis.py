@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from enum import Enum
 from math import copysign, inf, isfinite, isnan, nan
 from typing import Protocol
 
 from umo.control.checks import check_numbers
-from umo.control.claim import Claim
 from umo.control.inputs import HOMING, Accept, value_of
 from umo.control.profile import Profile
 from umo.cycle.sequences import next_period, together
-from umo.errors import AxisError, DeclarationError, RangeError
+from umo.errors import AxisError, Busy, DeclarationError, RangeError
 from umo.objects import Compound, DigitalSensor, Number, Quality, Range, action
 from umo.presentation.digits import number_text
 from umo.presentation.in_words import measure, span
@@ -109,6 +109,8 @@ class Axis(Compound, numbers=_numbers):
         self._accept: Accept = ACCEPTED
         """The qualities of the encoder that are accepted besides GOOD and STALE."""
         self._replan: Callable[[], object] = self._stand
+        self._motion: str | None = None
+        """The motion that is under way: "home", "move_to" or "jog"."""
 
     # Motions -------------------------------------------------------------------------------------------
 
@@ -117,7 +119,7 @@ class Axis(Compound, numbers=_numbers):
         """Find the reference. Ends at standstill, with the encoder referenced. HomingError if it is not found."""
         if self.homing is None:
             raise DeclarationError(f"{self._path} does not declare how it is homed (`homing`)")
-        with self.claim.of("home"):
+        with self._claimed("home"):
             self.encoder.referenced(False)
             self._set_searching(True)
             try:
@@ -146,7 +148,7 @@ class Axis(Compound, numbers=_numbers):
         self.check_target(position)
         if not speed > 0.0 or not 0.0 <= duration < inf:
             raise RangeError(f"{self._path}: no motion at a speed of {speed} in {duration} s")
-        with self.claim.of("move_to"):
+        with self._claimed("move_to"):
             value_of(self.encoder, ACCEPTED)
             self._accept = ACCEPTED
             self.enable()
@@ -158,21 +160,21 @@ class Axis(Compound, numbers=_numbers):
         range. Busy during another motion, RangeError for NaN and infinity."""
         if not isfinite(velocity):
             raise RangeError(f"{self._path}: {velocity} is not a velocity")
-        if self.claim.holder not in (None, "jog"):
-            raise self.claim.busy("jog")
+        if self._motion not in (None, "jog"):
+            raise self._busy("jog")
         if not velocity:
             self.halt()
             return
         self._accept = HOMING if self.encoder.quality is Quality.UNREFERENCED else ACCEPTED
         self.enable()
         self._go(lambda: self._jog(velocity))
-        self.claim.holder = "jog"
+        self._motion = "jog"
 
     def halt(self) -> None:
         """End a jog: decelerate to standstill. An axis that is not enabled, or does something else, goes on so."""
-        if self.claim.holder == "jog":
+        if self._motion == "jog":
             self._go(lambda: self.profile.at(0.0))
-            self.claim.holder = None
+            self._motion = None
 
     def _jog(self, velocity: float) -> None:
         end = self.encoder.maximum if velocity > 0 else self.encoder.minimum
@@ -204,8 +206,8 @@ class Axis(Compound, numbers=_numbers):
     def disable(self) -> None:
         """Stop following: the actuators go to their defaults. A motion under way ends with AxisError."""
         self.enabled = False
-        if self.claim.holder == "jog":
-            self.claim.holder = None
+        if self._motion == "jog":
+            self._motion = None
 
     # For homing ----------------------------------------------------------------------------------------
 
@@ -326,7 +328,7 @@ class Axis(Compound, numbers=_numbers):
     def _disconnect(self) -> None:
         """The next connection begins with an axis that is not enabled."""
         super()._disconnect()
-        self.claim = Claim(self)
+        self._motion = None
         self.enabled = self.searching = self._interrupted = False
 
     def check_target(self, position: float) -> None:
@@ -336,6 +338,21 @@ class Axis(Compound, numbers=_numbers):
             raise RangeError(f"{self._path}: {measure(position, self.encoder.units)} is outside {span(low, high)}")
 
     # Inside --------------------------------------------------------------------------------------------
+
+    def _busy(self, what: str) -> Busy:
+        """The error for a motion that cannot be started now."""
+        return Busy(f"{self._path} is busy with {self._motion}; {what} was not started")
+
+    @contextmanager
+    def _claimed(self, what: str) -> Iterator[None]:
+        """One motion at a time: Busy while there is another one."""
+        if self._motion is not None:
+            raise self._busy(what)
+        self._motion = what
+        try:
+            yield
+        finally:
+            self._motion = None
 
     def _go(self, plan: Callable[[], object]) -> None:
         """Plan a motion, now and again after an interruption."""

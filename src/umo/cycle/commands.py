@@ -127,11 +127,13 @@ class Commands:
             command.written = self._image.clock.now
         return True
 
-    def accept_many(self, slots: Sequence[int], values: FloatArray, source: Source = Source.PROGRAM) -> list[bool]:
+    def accept_many(self, slots: Sequence[int], values: FloatArray) -> list[bool]:
         """The same for many at once, each with its answer; where it raises Interlocked, none was taken."""
         commands = [self.by_slot.get(slot) for slot in slots]
         numbers = values.tolist()
-        free = [each is None or each.admits(value, source) for each, value in zip(commands, numbers, strict=True)]
+        free = [
+            each is None or each.admits(value, Source.PROGRAM) for each, value in zip(commands, numbers, strict=True)
+        ]
         for command, admitted in zip(commands, free, strict=True):
             if command is not None and admitted:
                 command.written = self._image.clock.now

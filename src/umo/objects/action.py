@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache
+from itertools import starmap
 from math import inf
 from typing import Any, Literal, TypeVar, cast, get_args, get_origin, overload
 
@@ -155,12 +156,9 @@ class Action:
 
 def actions_of(root: Compound) -> dict[str, Action]:
     """Every action of a machine by its path; DeclarationError for an argument without a type or a range."""
-    return {each.path: each for node in (root, *walk(root)) if isinstance(node, Compound) for each in _of(node)}
-
-
-def _of(node: Compound) -> Iterator[Action]:
-    for name, mark in _marks(type(node)).items():  # type: ignore[arg-type]
-        yield _action(node, name, mark)
+    compounds = (node for node in (root, *walk(root)) if isinstance(node, Compound))
+    marked = ((node, name, mark) for node in compounds for name, mark in _marks(type(node)).items())  # type: ignore[arg-type]
+    return {each.path: each for each in starmap(_action, marked)}
 
 
 @cache

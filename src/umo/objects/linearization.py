@@ -20,7 +20,7 @@ from typing import Any, Self, cast
 import numpy as np
 
 from umo.errors import DeclarationError
-from umo.objects.interpolation import Cubics, Group, Segments, groups_of
+from umo.objects.interpolation import Cubics, Segments, groups_of
 from umo.objects.scaling import BoolArray, FloatArray
 from umo.objects.units import same_unit
 from umo.presentation.in_words import span
@@ -203,7 +203,14 @@ class Linearizations:
 
     def to_values(self, xs: FloatArray) -> FloatArray:
         """Electrical quantities to values, in a new array."""
-        return _by_groups(self._forward, xs)
+        found = xs
+        for function, places in self._forward:
+            if places is None:
+                return cast(FloatArray, function.many(xs))
+            if found is xs:
+                found = xs.copy()
+            found[places] = function.many(xs[places])
+        return found
 
     def to_inputs(self, values: FloatArray, where: BoolArray) -> FloatArray:
         """Values to electrical quantities, in a new array, at the places where it is True; the others are kept."""
@@ -233,17 +240,6 @@ def _forward_of(each: Linearization) -> Cubics | Segments | _OneByOne:
 
 def _inverse_of(each: Linearization) -> Cubics | Segments | _OneByOne:
     return each._inverse if type(each).to_input is Linearization.to_input else _OneByOne(each.to_input)
-
-
-def _by_groups(groups: Sequence[Group], xs: FloatArray) -> FloatArray:
-    found = xs
-    for function, places in groups:
-        if places is None:
-            return cast(FloatArray, function.many(xs))
-        if found is xs:
-            found = xs.copy()
-        found[places] = function.many(xs[places])
-    return found
 
 
 def _real_roots(coefficients: Sequence[float], value: float) -> list[float]:

@@ -27,7 +27,7 @@ from umo.process.job import Job, Plan
 from umo.process.life import Life, Who
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome
-from umo.process.reset import DEATH_TIMEOUT
+from umo.process.reset import DEATH_TIMEOUT, STOP_SIGNALS
 from umo.process.share import Share
 from umo.process.silence import LOOK, Silence, guardian_limit
 from umo.process.standby import Standby
@@ -265,5 +265,4 @@ class Guardian:
 
 def _signal(number: object) -> int:
     """A number that a message names, if it is a signal that asks to stop."""
-    known = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    return number if isinstance(number, int) and number in known else signal.SIGTERM
+    return number if isinstance(number, int) and number in STOP_SIGNALS else signal.SIGTERM

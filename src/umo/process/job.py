@@ -16,8 +16,8 @@ from typing import Any
 
 from umo.cycle.run import Application
 from umo.errors import DeclarationError
-from umo.objects import Compound, actions_of, numbers_of
-from umo.process.station import find
+from umo.objects import actions_of, numbers_of
+from umo.process.station import declared, find
 from umo.user_code import told_as
 from umo.wiring import Wired, resolve, share
 from umo.wiring.plain import as_plain
@@ -97,7 +97,7 @@ class Plan:
         if station is not None:
             self.machine, self.name, self.place = station.machine(**shares.machine), station.name, station.path
         else:
-            self.machine = _made(job, make, shares.machine)
+            self.machine = declared(make, str(job.machine), shares.machine)
             self.name, self.place = type(self.machine).__name__, Path(job.script or inspect.getfile(make))
         actions_of(self.machine), numbers_of(self.machine)  # DeclarationError
         self.wired: Wired = resolve(self.machine, self.wiring, shares.wiring)
@@ -113,14 +113,6 @@ def _functions_of(job: Job) -> tuple[Callable[..., Any], Callable[..., Any] | No
         raise DeclarationError("a job needs a station, or a function that returns the machine")
     make = _import(job.machine, job.script)
     return make, None if job.application is None else _import(job.application, job.script)
-
-
-def _made(job: Job, make: Callable[..., Any], options: dict[str, Any]) -> Compound:
-    with told_as(DeclarationError, f"{job.machine} failed"):
-        machine = make(**options)
-    if not isinstance(machine, Compound):
-        raise DeclarationError(f"{job.machine} returned {machine!r}, not a Compound")
-    return machine
 
 
 def _import(text: str, script: str | None) -> Any:

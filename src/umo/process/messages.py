@@ -72,8 +72,5 @@ class MessageSocket:
         end.register(self._socket, 0)  # POLLHUP and POLLERR come unasked
         return any(event & (select.POLLHUP | select.POLLERR) for _, event in end.poll(within * 1e3))
 
-    def fileno(self) -> int:
-        return self._socket.fileno()
-
     def close(self) -> None:
         self._socket.close()

@@ -37,7 +37,8 @@ DEATH_TIMEOUT = 5.0
 """Time in s that a killed process may take to end."""
 SPARES = 16
 """Descriptors that the child on standby keeps free for the drivers."""
-IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""The signals that ask a run to stop. A process that resets, or waits to do so, ignores them."""
 
 
 class Resetter:
@@ -45,6 +46,7 @@ class Resetter:
 
     def __init__(self, machine: Compound, wired: Wired, guard: Callable[[], object] = lambda: None) -> None:
         by_item = {id(wire.item): wire for wire in wired.wires}
+        self._names = {id(driver): name for name, driver in wired.drivers.items()}
         self._wires = [by_item[id(item)] for item in stop_sequence(machine)]
         self._wired = wired
         self._transfer = Transfer(self._wires, wired)
@@ -122,14 +124,9 @@ class Resetter:
                 said(f"not reached yet, retrying for up to {lasting:g} s: {summary(left)}")
             self._pause(is_dead)
         if untried := [number for number in numbers if number not in self._known]:
-            self._try_each(untried, is_dead, monotonic() + lasting)
+            self._each = True  # others of their drivers had timed out; once, with the timeout of the wiring
+            self._run(untried, is_dead, monotonic() + lasting)
         return self._left()
-
-    def _try_each(self, numbers: list[int], is_dead: Callable[[], bool], until: float) -> None:
-        """Try once, with the timeout of the wiring, those that no attempt came to, since others of their drivers had
-        timed out."""
-        self._each = True
-        self._run(numbers, is_dead, until)
 
     def _left(self) -> dict[str, str]:
         """The actuators that are not at their defaults, each with the cause."""
@@ -259,7 +256,7 @@ class Resetter:
         """It ends with the guardian, and not by a signal that asks the run to stop."""
         realtime.die_with_parent(guardian, signal.SIGKILL)
         name_process("umo reset")
-        for number in IGNORED:
+        for number in STOP_SIGNALS:
             signal.signal(number, signal.SIG_IGN)
         return work()
 
@@ -283,23 +280,22 @@ class Resetter:
         been carried out; then give all back."""
         state = self._state
         transfer = self._transfer
-        names = {id(driver): name for name, driver in self._wired.drivers.items()}
 
         def call() -> None:
             state.beat()
             look()
 
         transfer.on_call = call
-        opened = self._open(numbers, transfer, names)
-        ready = [number for number in numbers if names[id(self._wires[number].driver)] in opened]
-        reached = self._pass(transfer, ready, "initialize")
+        opened = self._open(numbers)
+        ready = [number for number in numbers if self._driver_of(number) in opened]
+        reached = self._pass(ready, "initialize")
         while not state.dead:
             call()
             sleep(LOOK)
-        reached = self._pass(transfer, reached, "reset")
+        reached = self._pass(reached, "reset")
         if reached:
             wait_for(settling(self._wired), sleep, call)
-            reached = self._pass(transfer, reached, "reset", Reached.YES)
+            reached = self._pass(reached, "reset", Reached.YES)
         state.begin(-1)  # whatever happens from here on, they are at their defaults
         for number in reversed(reached):
             transfer.finalize(number)
@@ -307,27 +303,29 @@ class Resetter:
             with suppress(BaseException):
                 transfer.close(name)
 
-    def _open(self, numbers: Sequence[int], transfer: Transfer, names: dict[int, str]) -> list[str]:
+    def _driver_of(self, number: int) -> str:
+        return self._names[id(self._wires[number].driver)]
+
+    def _open(self, numbers: Sequence[int]) -> list[str]:
         """The drivers that could be opened; the actuators of the others are noted."""
         opened = []
-        for name in dict.fromkeys(names[id(self._wires[number].driver)] for number in numbers):
-            mine = [number for number in numbers if names[id(self._wires[number].driver)] == name]
+        for name in dict.fromkeys(map(self._driver_of, numbers)):
+            mine = [number for number in numbers if self._driver_of(number) == name]
             self._wired.drivers[name].timeout = self._timeout(name)
             self._state.begin(mine[0])
             try:
-                transfer.open(name)
+                self._transfer.open(name)
             except BaseException as error:
                 for number in mine:
                     self._state.note(number, Reached.NO, text_of(error))
                 with suppress(BaseException):
-                    transfer.close(name)
+                    self._transfer.close(name)
                 continue
             opened.append(name)
         return opened
 
     def _pass(
         self,
-        transfer: Transfer,
         numbers: list[int],
         segment: Literal["initialize", "reset"],
         reached: Reached = Reached.ONCE,
@@ -335,7 +333,7 @@ class Resetter:
         """One segment for each; those that were reached. This counts only if the old process is dead. What was not
         tried, as its driver had timed out, stays so."""
         done = []
-        for number, failure in transfer.bring_to_default(numbers, segment, self._state.begin, patient=self._each):
+        for number, failure in self._transfer.bring_to_default(numbers, segment, self._state.begin, patient=self._each):
             if failure is not None:
                 self._state.note(number, Reached.NO, f"{failure.driver}: {failure.cause}")
                 continue

@@ -16,7 +16,7 @@ from time import monotonic, sleep
 from umo.errors import text_of
 from umo.process.life import Life, Who
 from umo.process.messages import MessageSocket
-from umo.process.reset import DEATH_TIMEOUT, IGNORED
+from umo.process.reset import DEATH_TIMEOUT, STOP_SIGNALS
 from umo.system.processes import ProcessHandle, carry_out, name_process
 
 LOOK = 0.1
@@ -92,7 +92,7 @@ class Standby:
 
     def _stand_by(self) -> int:
         name_process("umo standby")
-        for number in IGNORED:
+        for number in STOP_SIGNALS:
             signal.signal(number, signal.SIG_IGN)
         self._wait()
         self._make_sure()

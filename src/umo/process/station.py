@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -69,12 +69,7 @@ class Station:
 
     def machine(self, **options: Any) -> Compound:
         """A new machine, declared and not connected. The options are parameters of its `machine`."""
-        make = self.make
-        with told_as(StationError, f"machine() of {self.path / 'objects.py'} failed"):
-            root = make(**options)
-        if not isinstance(root, Compound):
-            raise DeclarationError(f"machine() of {self.path / 'objects.py'} returned {root!r}, not a Compound")
-        return root
+        return declared(self.make, f"machine() of {self.path / 'objects.py'}", options)
 
     @property
     def main(self) -> Callable[..., Any] | None:
@@ -104,6 +99,15 @@ class Station:
             return Path(name)
         known = ", ".join(self.wirings) or "none"
         raise StationError(f"no wiring {name!r}{did_you_mean(name, self.wirings)}; {self.name} has: {known}")
+
+
+def declared(make: Callable[..., Any], what: str, options: Mapping[str, Any]) -> Compound:
+    """The machine that a function declares; DeclarationError if it fails or returns something else."""
+    with told_as(DeclarationError, f"{what} failed"):
+        root = make(**options)
+    if not isinstance(root, Compound):
+        raise DeclarationError(f"{what} returned {root!r}, not a Compound")
+    return root
 
 
 def shipped() -> dict[str, Path]:
