@@ -319,7 +319,7 @@ def test_a_box_that_takes_for_ever_does_not_hold_up_the_end(monkeypatch: pytest.
         while True:
             signal.pause()
 
-    monkeypatch.setattr(watcher, "PATIENCE", 0.01)
+    monkeypatch.setattr(watcher, "BLACK_BOX_TIMEOUT", 0.01)
     monkeypatch.setattr(blackbox, "save", sticks)
     with watched() as (seen, m):
         periods(m, 3)

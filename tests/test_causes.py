@@ -29,7 +29,7 @@ pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="pr
 @pytest.fixture(autouse=True)
 def every_miss(monkeypatch: pytest.MonkeyPatch) -> None:
     """A box for every miss: on a busy computer there are others than the one provoked."""
-    monkeypatch.setattr("umo.process.watcher.AT_MOST_EVERY", 0.0)
+    monkeypatch.setattr("umo.process.watcher.BLACK_BOX_INTERVAL", 0.0)
     monkeypatch.setattr("umo.latency.blackbox.MAX_BOXES", 1000)
 
 

@@ -31,9 +31,9 @@ from umo import (
 )
 from umo.control import next_period, state_of, wait
 from umo.cycle.client_commands import ClientCommand, Mode
-from umo.cycle.client_control import DEAD_MAN_TIME, TAKEN_PER_PERIOD, ClientControl
+from umo.cycle.client_control import COMMANDS_PER_PERIOD, DEAD_MAN_TIME, ClientControl
 from umo.cycle.columns import ASKED, FREE, TAKEN_BY_CLIENT
-from umo.cycle.events import TEXT, CommandState, Event
+from umo.cycle.events import EVENT_TEXT_BYTES, CommandState, Event
 from umo.errors import DeclarationError
 from umo.objects import actions_of, find
 from umo.states import OnOff, PassFail
@@ -720,7 +720,7 @@ def test_a_long_result_is_cut_stays_json_and_says_so(result: Any) -> None:
         rig.m.deed = lambda: result  # type: ignore[attr-defined]
         rig.call("at_once")
         _, text = rig.last()
-        assert len(text.encode()) <= TEXT
+        assert len(text.encode()) <= EVENT_TEXT_BYTES
         whole = result if isinstance(result, str) else repr(result)
         assert json.loads(text).endswith(f"... (cut: {len(whole):,} characters)")
         assert json.loads(text)[:10] == whole[:10]
@@ -817,7 +817,7 @@ def test_the_machine_that_stops_cancels_what_hands_have_begun() -> None:
 
 def test_anybody_may_stop_the_machine() -> None:
     with Rig() as rig:
-        for _ in range(3 * TAKEN_PER_PERIOD):  # no queue delays it
+        for _ in range(3 * COMMANDS_PER_PERIOD):  # no queue delays it
             rig.send("tune", "speed", 1.0)
         rig.letters.asked[0] = 7  # garbage
         rig.periods()
@@ -833,10 +833,10 @@ def test_anybody_may_stop_the_machine() -> None:
 
 
 def test_no_more_than_a_few_commands_are_carried_out_in_one_period(rig: Rig) -> None:
-    for _ in range(3 * TAKEN_PER_PERIOD):
+    for _ in range(3 * COMMANDS_PER_PERIOD):
         rig.send("tune", "speed", 1.0)
     rig.periods()
-    assert len(rig.letters.waiting) == 2 * TAKEN_PER_PERIOD
+    assert len(rig.letters.waiting) == 2 * COMMANDS_PER_PERIOD
 
 
 @pytest.mark.parametrize("do", ["", "leese", "look", "__init__"])

@@ -27,13 +27,13 @@ from umo.process import life as life_module
 from umo.process import outcome as outcome_module
 from umo.process.control_process import Control
 from umo.process.job import Job, Plan
-from umo.process.life import MAX_TEXT, Life
+from umo.process.life import MAX_REPORT_BYTES, Life
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome, plain
 from umo.process.reset import Resetter
 from umo.process.reset_state import Reached, ResetState
 from umo.process.share import Share
-from umo.process.silence import LOOK, Silence
+from umo.process.silence import LOOK_INTERVAL, Silence
 from umo.process.start import vanished
 from umo.process.watcher import Watcher
 from umo.system import realtime
@@ -101,7 +101,7 @@ def test_an_exception_with_an_endless_message_is_reported_in_a_bounded_one(tmp_p
     outcome = Run(process_box.wiring(tmp_path / "box"), "fails_at_length").outcome()
     assert outcome.failure is not None
     assert outcome.failure.message.startswith("ValueError: xxxxx")
-    assert len(outcome.encode()) < MAX_TEXT
+    assert len(outcome.encode()) < MAX_REPORT_BYTES
     assert (outcome.status, outcome.unsafe) == (1, False)
 
 
@@ -114,7 +114,7 @@ def test_plain_results_pass_as_they_are() -> None:
 )
 def test_however_long_an_outcome_is_it_arrives_with_some_of_its_unreached_actuators(text: str, name: str) -> None:
     outcome = Outcome(Failed("StopError", text, 3, text), unreached=[name.format(i) for i in range(4000)], result=text)
-    assert len(outcome.encode()) <= outcome_module.MAX_BYTES < MAX_TEXT
+    assert len(outcome.encode()) <= outcome_module.MAX_BYTES < MAX_REPORT_BYTES
     assert len(json.dumps(outcome.dump())) <= outcome_module.MAX_BYTES
     again = Outcome.decode(outcome.encode())
     assert again is not None
@@ -208,7 +208,7 @@ def test_a_guardian_that_cannot_be_asked_to_stop_any_more_stops_the_machine(
 def test_a_driver_that_hangs_in_the_guardian_itself_is_interrupted(
     tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(reset, "GRACE", 0.1)
+    monkeypatch.setattr(reset, "CALL_MARGIN", 0.1)
     machine = process_box.machine()
     wired_up = resolve(machine, process_box.wiring(tmp_path / "box", at=2, action="hang"))
     resetter = Resetter(machine, wired_up)
@@ -416,7 +416,7 @@ class OfShare:
         self.kept_waiting = 0.0
 
     def look(self) -> None:
-        self.kept_waiting += self._part * LOOK
+        self.kept_waiting += self._part * LOOK_INTERVAL
 
 
 IDLE = cast(Share, OfShare())
@@ -448,10 +448,10 @@ def test_a_suspended_computer_is_not_taken_for_a_hanging_control_process(monkeyp
     life.enter(Stage.RUNNING)
     silence = Silence(life, IDLE, 0.1, 0.001)
     assert time.hung_after(silence, 3600.0, most=1)[0] == ""
-    assert time.hung_after(silence, LOOK, most=2)[0] == ""
+    assert time.hung_after(silence, LOOK_INTERVAL, most=2)[0] == ""
 
 
-@pytest.mark.parametrize(("every", "after"), [(LOOK, 0.12), (LOOK + 0.08, 0.6)])
+@pytest.mark.parametrize(("every", "after"), [(LOOK_INTERVAL, 0.12), (LOOK_INTERVAL + 0.08, 0.6)])
 def test_a_hang_is_noticed_also_by_a_guardian_whose_looks_come_late(
     monkeypatch: pytest.MonkeyPatch, every: float, after: float
 ) -> None:
@@ -475,7 +475,7 @@ def test_time_for_which_others_had_the_processor_is_not_counted_up_to_three_time
 ) -> None:
     time, life = Time(monkeypatch), Life()
     life.enter(Stage.RUNNING)
-    how, late = time.hung_after(Silence(life, cast(Share, OfShare(part)), 0.1, 0.001), LOOK)
+    how, late = time.hung_after(Silence(life, cast(Share, OfShare(part)), 0.1, 0.001), LOOK_INTERVAL)
     assert (how, late) == (what, pytest.approx(after))
     assert life.excused == pytest.approx(part * late, abs=0.03)
 
@@ -517,7 +517,7 @@ def test_a_driver_that_raises_what_is_not_an_exception_costs_its_own_actuator_on
 def test_what_does_not_answer_keeps_nothing_else_of_its_driver_from_being_reset(
     tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(reset, "PAUSE", 0.01)
+    monkeypatch.setattr(reset, "ATTEMPT_PAUSE", 0.01)
     wiring = process_box.wiring(tmp_path / "box", type="helpers.process_box:HalfDead", process={"reset_for": "1 s"})
     run = Run(wiring, "forever").until_running()
     cells.numbers[process_box.STRUCK] = 1
@@ -580,7 +580,12 @@ def test_a_write_that_failed_on_a_simulated_circuit_costs_no_waiting() -> None:
 
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, value in {"GRACE": 0.4, "PATIENCE": 0.05, "PAUSE": 0.01, "DEATH_TIMEOUT": 0.2}.items():
+    for name, value in {
+        "CALL_MARGIN": 0.4,
+        "UNCONTROLLED_TIMEOUT": 0.05,
+        "ATTEMPT_PAUSE": 0.01,
+        "DEATH_TIMEOUT": 0.2,
+    }.items():
         monkeypatch.setattr(reset, name, value)
 
 

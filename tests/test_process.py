@@ -43,7 +43,7 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
     """For drivers that never answer: the limits that end the waiting, as small as a shared machine allows. What the
     wiring's [process] has of them."""
     monkeypatch.setattr(silence, "STARTING_LIMIT", 0.5)
-    monkeypatch.setattr(reset, "GRACE", 0.2)
+    monkeypatch.setattr(reset, "CALL_MARGIN", 0.2)
     return {"hang_timeout": "100 ms"}
 
 
@@ -138,7 +138,7 @@ def test_an_exception_of_the_application_is_reported_with_its_place(tmp_path: Pa
 def test_an_endless_loop_in_user_code_is_ended_and_its_line_named(
     tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("umo.process.control_watch.TOLD_WITHIN", 5.0)  # on a busy computer it has to get a processor
+    monkeypatch.setattr("umo.process.control_watch.WHERE_TIMEOUT", 5.0)  # on a busy computer it has to get a processor
     wiring = process_box.wiring(tmp_path / "box", process={"hang_timeout": "100 ms"})
     outcome = Run(wiring, "loop_at").outcome()
     assert outcome.status == 1

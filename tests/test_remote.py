@@ -21,7 +21,7 @@ from helpers.patient import conveyor
 from helpers.publishing import running
 from helpers.waiting import until
 from umo.cycle.client_commands import Mode
-from umo.cycle.client_control import DEAD_MAN_TIME, TAKEN_PER_PERIOD, ClientControl
+from umo.cycle.client_control import COMMANDS_PER_PERIOD, DEAD_MAN_TIME, ClientControl
 from umo.errors import CommandRefused, FramesError, RangeError
 from umo.frames import Reader
 from umo.frames.cells import HEAD, QUEUE, SLOT, SLOTS, STOP, STOP_MARK, Cells
@@ -117,7 +117,7 @@ def test_garbage_is_counted_and_dropped_and_commands_come_through_again(queue: Q
         at = random.choice([HEAD, random.randrange(len(memory)), QUEUE + random.randrange(SLOTS) * SLOT])
         garbage = random.choice([random.randbytes(random.randint(1, 40)), b"\xff" * 8, bytes(8)])[: len(memory) - at]
         memory[at : at + len(garbage)] = garbage
-        for _ in range(TAKEN_PER_PERIOD):
+        for _ in range(COMMANDS_PER_PERIOD):
             queue.receiver.get()
         assert queue.cells.stop is None
         for path in ("", "motor", "valve"):
@@ -209,7 +209,7 @@ def test_a_flood_of_a_client_costs_a_few_commands_in_each_period() -> None:
             for _ in range(3):
                 periods(m)
                 taken.append(reader.taken)
-            assert taken == [TAKEN_PER_PERIOD, 2 * TAKEN_PER_PERIOD, 3 * TAKEN_PER_PERIOD]
+            assert taken == [COMMANDS_PER_PERIOD, 2 * COMMANDS_PER_PERIOD, 3 * COMMANDS_PER_PERIOD]
             assert {each.event.text for each in reader.events()} == {
                 "CommandRefused: nobody has the lease; take it first"
             }

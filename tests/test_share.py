@@ -19,7 +19,7 @@ from helpers.runs import Run
 from umo.process import share as share_module
 from umo.process.outcome import Outcome
 from umo.process.share import OVERLONG, Share
-from umo.process.silence import LOOK
+from umo.process.silence import LOOK_INTERVAL
 from umo.system import cores, processes
 from umo.system.cores import CorePlace
 
@@ -119,7 +119,7 @@ def look_until(share: Share, reached: Callable[[], bool], most: int = 500) -> No
         if reached():
             return
         share.look()
-        select.select([], [], [], LOOK)
+        select.select([], [], [], LOOK_INTERVAL)
     raise AssertionError("not within many looks")
 
 
@@ -177,7 +177,7 @@ def test_a_process_that_hangs_alone_on_its_core_was_not_kept_waiting(spinning) -
     share = Share(pid, core, lambda text: None)
     for _ in range(5):
         share.look()
-        select.select([], [], [], LOOK)
+        select.select([], [], [], LOOK_INTERVAL)
     assert share.kept_waiting == 0.0
 
 

@@ -21,7 +21,7 @@ INSTALLED = (f"{os.sep}site-packages{os.sep}", f"{os.sep}dist-packages{os.sep}")
 UMO = str(Path(__file__).parent) + os.sep
 STATIONS = f"{UMO}stations{os.sep}"
 """The shipped stations are code of a user's."""
-NAMED = 2
+MAX_NAMES = 2
 """Names that a list shows before the number of the others."""
 
 
@@ -107,9 +107,9 @@ def shown_path(file: str) -> str:
 
 def some(names: Sequence[str]) -> str:
     """`a, b and 38 others`; up to three are all named."""
-    if len(names) <= NAMED + 1:
+    if len(names) <= MAX_NAMES + 1:
         return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
-    return f"{', '.join(names[:NAMED])} and {len(names) - NAMED} others"
+    return f"{', '.join(names[:MAX_NAMES])} and {len(names) - MAX_NAMES} others"
 
 
 def printable(text: str) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 
 from rich.table import Table
 
-from umo.cycle.transfer import PATIENCE
+from umo.cycle.transfer import UNCONTROLLED_TIMEOUT
 from umo.drivers import Direction, Driver
 from umo.drivers.faults.wrapper import bare
 from umo.drivers.streams import Host, Serial
@@ -315,7 +315,7 @@ def _check_opens(subject: Subject, name: str) -> None:
         driver = subject.make()
     except Exception as error:
         raise DriverError(f"driver {name} cannot be made once more: {text_of(error)}") from error
-    driver.timeout, driver.period = max(PATIENCE, subject.timeout), subject.period
+    driver.timeout, driver.period = max(UNCONTROLLED_TIMEOUT, subject.timeout), subject.period
     inputs = [driver.channel(each.channel) for each in subject.inputs]
     for output in subject.outputs:
         driver.channel(output.channel)

@@ -19,10 +19,10 @@ from umo.objects import Compound, DigitalSensor, Number, Quality, Range, action
 from umo.presentation.digits import number_text
 from umo.presentation.in_words import measure, span
 
-ACCEPTED = Quality.OUT_OF_RANGE
+ACCEPTED_WHEN_REFERENCED = Quality.OUT_OF_RANGE
 """Accepted of a referenced encoder: at an end of its range an axis may stand a little outside. The setpoint is within
 the range, and the axis within `following_error` of it."""
-STILL = 1 / 20
+STANDSTILL_SHARE = 1 / 20
 """An axis that advances by less than this share of `stall` stands still."""
 
 
@@ -106,7 +106,7 @@ class Axis(Compound, numbers=_numbers):
         names = ("velocity", "acceleration", "jerk", "window", "following_error", "settling_time")
         check_numbers(self, above_0=(*names, "search_speed", "stall"), not_negative=("window_time",))
         self.profile = Profile(velocity=self.velocity, acceleration=self.acceleration, jerk=self.jerk)
-        self._accept: Accept = ACCEPTED
+        self._accept: Accept = ACCEPTED_WHEN_REFERENCED
         """The qualities of the encoder that are accepted besides GOOD and STALE."""
         self._replan: Callable[[], object] = self._stand
         self._motion: str | None = None
@@ -149,8 +149,8 @@ class Axis(Compound, numbers=_numbers):
         if not speed > 0.0 or not 0.0 <= duration < inf:
             raise RangeError(f"{self._path}: no motion at a speed of {speed} in {duration} s")
         with self._claimed("move_to"):
-            value_of(self.encoder, ACCEPTED)
-            self._accept = ACCEPTED
+            value_of(self.encoder, ACCEPTED_WHEN_REFERENCED)
+            self._accept = ACCEPTED_WHEN_REFERENCED
             self.enable()
             await self.travel(position, speed=speed, duration=duration)
 
@@ -165,7 +165,7 @@ class Axis(Compound, numbers=_numbers):
         if not velocity:
             self.halt()
             return
-        self._accept = HOMING if self.encoder.quality is Quality.UNREFERENCED else ACCEPTED
+        self._accept = HOMING if self.encoder.quality is Quality.UNREFERENCED else ACCEPTED_WHEN_REFERENCED
         self.enable()
         self._go(lambda: self._jog(velocity))
         self._motion = "jog"
@@ -192,7 +192,7 @@ class Axis(Compound, numbers=_numbers):
         """The duration of a motion from standstill to a position at the largest speed, in s."""
         self.check_target(position)
         ahead = replace(self.profile, velocity=self._speed(inf))
-        ahead.hold(self.setpoint if self.enabled else value_of(self.encoder, ACCEPTED))
+        ahead.hold(self.setpoint if self.enabled else value_of(self.encoder, ACCEPTED_WHEN_REFERENCED))
         return ahead.to(position)
 
     def enable(self) -> None:
@@ -250,7 +250,7 @@ class Axis(Compound, numbers=_numbers):
                 sign * self.profile.setpoint.velocity * self.cycle.period
             )  # below 0 until a motion before has ended
             driven, idle, last = driven + max(distance, 0.0), idle + distance, reading
-            if distance <= 0.0 or sign * (reading - best) > STILL * self.stall:
+            if distance <= 0.0 or sign * (reading - best) > STANDSTILL_SHARE * self.stall:
                 best, idle = reading, 0.0
             if idle > self.stall:
                 self._stand()
@@ -364,7 +364,7 @@ class Axis(Compound, numbers=_numbers):
             raise AxisError(f"{self._path} was disabled during its motion")
 
     def _set_searching(self, searching: bool) -> None:
-        self.searching, self._accept = searching, HOMING if searching else ACCEPTED
+        self.searching, self._accept = searching, HOMING if searching else ACCEPTED_WHEN_REFERENCED
 
     def _interrupt(self) -> None:
         """An interlock inhibits the axis: the setpoint stays where the axis is."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 from math import isinf
 from typing import Any
 
-from umo.control.axis import STILL, Axis, Met
+from umo.control.axis import STANDSTILL_SHARE, Axis, Met
 from umo.control.checks import check_numbers
 from umo.control.inputs import state_of
 from umo.errors import DeclarationError, HomingError
@@ -74,7 +74,7 @@ class IndexPulse:
         here = axis.reading
         if abs(at_stop - self.stop) <= self.tolerance and self.direction * (self.index - here) > 0:
             return
-        if abs(here - at_stop) <= STILL * axis.stall:
+        if abs(here - at_stop) <= STANDSTILL_SHARE * axis.stall:
             raise HomingError(f"{axis._path} does not move, or its encoder is dead: the count stood still both ways")
         raise HomingError(
             f"{axis._path} found no index pulse: the encoder read {measure(at_stop, units)} at the stop, "

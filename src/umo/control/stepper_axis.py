@@ -13,7 +13,7 @@ from umo.presentation.digits import number_text
 from umo.presentation.in_words import measure
 from umo.states import Rotation, UpDown
 
-CORRECTIONS = 3
+MAX_CORRECTIONS = 3
 """The largest number of times that a motion makes up lost steps."""
 
 
@@ -98,7 +98,7 @@ class StepperAxis(Axis):
 
     def _correct(self, position: float, corrections: int) -> None:
         lost = round(self.error / self.step_size)
-        if not lost or corrections > CORRECTIONS:
+        if not lost or corrections > MAX_CORRECTIONS:
             super()._correct(position, corrections)
         self._offset -= lost * self.step_size
         self.profile.hold(self.commanded)

@@ -21,7 +21,7 @@ from typing import Any, cast
 
 from umo.cycle.client_commands import ClientCommand, Inbox, Lease, Levels, Mode
 from umo.cycle.columns import Source
-from umo.cycle.events import TEXT, CommandState, Event
+from umo.cycle.events import EVENT_TEXT_BYTES, CommandState, Event
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.sequences import Sequences, Task
 from umo.errors import CommandRefused, DriverError, PathError, StateError, TaskFailed, UmoError
@@ -33,11 +33,11 @@ from umo.user_code import Raised, as_json, attempt
 DEAD_MAN_TIME = 0.5
 """Time without a sign of life after which a written actuator or a jog ends, s; shorter where the actuator expires
 sooner."""
-DEAD_MAN = "dead-man timeout"
+DEAD_MAN_REASON = "dead-man timeout"
 """Reason of such an end."""
-TAKEN_PER_PERIOD = 4
+COMMANDS_PER_PERIOD = 4
 """The most commands that are carried out in one period."""
-RUNNING = 32
+MAX_ACTIONS = 32
 """The most actions of clients that run at once."""
 
 
@@ -113,7 +113,7 @@ class ClientControl:
             self.look_for_stop()
         if self._active:
             self._look_for_life()
-        for _ in range(TAKEN_PER_PERIOD):
+        for _ in range(COMMANDS_PER_PERIOD):
             command = self.inbox.get()
             if command is None:
                 break
@@ -146,7 +146,7 @@ class ClientControl:
                 del self._held[path]
                 self._tell(held.command, CommandState.CANCELLED, commands.inhibited(held.slot) or "it was reset")
             elif now - held.signed > held.lasts:
-                self._release(path, DEAD_MAN)
+                self._release(path, DEAD_MAN_REASON)
 
     def _go_on(self) -> None:
         self._advance()
@@ -224,7 +224,7 @@ class ClientControl:
         may have died since it sent the command."""
         signed = self._levels.signed(path, self.lease.number)
         if not 0.0 <= self._clock() - signed <= lasts:
-            raise CommandRefused(f"{path}: {DEAD_MAN}: no sign of life from its client for {lasts:g} s")
+            raise CommandRefused(f"{path}: {DEAD_MAN_REASON}: no sign of life from its client for {lasts:g} s")
         return signed
 
     def _change_mode(self, command: ClientCommand) -> tuple[CommandState, str]:
@@ -273,8 +273,8 @@ class ClientControl:
         if not action.harmless:
             self._need_manual(f"{action.path} can be called")
         arguments = action.converted(command.arguments)
-        if len(self._running) >= RUNNING:
-            raise CommandRefused(f"{RUNNING} actions are running already")
+        if len(self._running) >= MAX_ACTIONS:
+            raise CommandRefused(f"{MAX_ACTIONS} actions are running already")
         begun = _Action(command)
         if action.release is not None:
             seen = self._last_sign(action.path, DEAD_MAN_TIME)
@@ -424,4 +424,4 @@ def _level(item: Actuator, value: Any) -> float:
 
 def _plain(result: Any) -> str:
     """A result as JSON that an event has room for; "" for None."""
-    return "" if result is None else as_json(result, TEXT)
+    return "" if result is None else as_json(result, EVENT_TEXT_BYTES)

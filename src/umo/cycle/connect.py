@@ -16,7 +16,7 @@ from umo.cycle.clock import Clock, WallClock
 from umo.cycle.image import Image
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.stopping import StopFlag
-from umo.cycle.transfer import PATIENCE, settling, wait_for
+from umo.cycle.transfer import UNCONTROLLED_TIMEOUT, settling, wait_for
 from umo.drivers.faults.wrapper import bare
 from umo.errors import DeclarationError, DriverError, Failure, StopError, text_of
 from umo.objects import Compound, atoms
@@ -196,7 +196,7 @@ class connect(Generic[C]):
         drivers = [self.wired.drivers[name] for name in self.wired.hardware]
         timeouts = [driver.timeout for driver in drivers]
         for driver in drivers:
-            driver.timeout = max(driver.timeout, PATIENCE)
+            driver.timeout = max(driver.timeout, UNCONTROLLED_TIMEOUT)
         try:
             yield
         finally:

@@ -6,9 +6,9 @@ from collections import deque
 from enum import IntEnum
 from typing import NamedTuple
 
-KEPT = 1000
+KEPT_EVENTS = 1000
 """The last ones that are kept."""
-TEXT = 448
+EVENT_TEXT_BYTES = 448
 """Bytes of an event's text that others see, UTF-8."""
 
 
@@ -50,7 +50,7 @@ class Events(deque[Event]):
     """The last ones; `number` counts all."""
 
     def __init__(self) -> None:
-        super().__init__(maxlen=KEPT)
+        super().__init__(maxlen=KEPT_EVENTS)
         self.number = 0
 
     def add(self, event: Event) -> None:

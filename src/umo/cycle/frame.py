@@ -12,7 +12,7 @@ from umo.objects import Atomic, MachineNumber
 from umo.user_code import as_json, attempt
 
 log = logging.getLogger("umo")
-SHOWN = 200
+MAX_OBSERVER_TEXT = 200
 """Characters of an observer in the log."""
 
 
@@ -69,4 +69,4 @@ def show(frame: Frame, observers: list[Observer]) -> None:
         _, error = attempt(observer, frame)
         if error is not None:
             observers[:] = [each for each in observers if each is not observer]
-            log.error("observer %s failed and was disabled: %s", as_json(observer, SHOWN), error.text)
+            log.error("observer %s failed and was disabled: %s", as_json(observer, MAX_OBSERVER_TEXT), error.text)

@@ -33,13 +33,13 @@ from umo.objects.scaling import FloatArray, IntArray, to_raw, to_value
 from umo.wiring.resolved import Wire, Wired
 
 log = logging.getLogger("umo")
-TELL_AGAIN = 10.0
+MARKED_LOG_INTERVAL = 10.0
 """Time in s for which a sensor that is marked BAD again is not logged again."""
-NONE: Set[int] = frozenset()
+NO_SLOTS: Set[int] = frozenset()
 """No slots."""
 NO_TICK = -1.0
 """Result of reading the timer when a stop has ended the wait."""
-LARGEST_RAW = 2.0**62
+MAX_OFFSET_RAW = 2.0**62
 """Size of raw integers up to which a zero offset is one."""
 
 
@@ -164,7 +164,7 @@ class Image:
         failures: list[Failure] = []
         now, dt = self.clock.now, self.clock.dt
         for block in self.outputs:
-            unconverted: Set[int] = NONE
+            unconverted: Set[int] = NO_SLOTS
             try:
                 block.give(now, dt)
             except Exception:  # of a linearization of the user's
@@ -245,7 +245,7 @@ class Image:
 
     def update_some(self, slots: Sequence[int]) -> bool:
         failures: list[Failure] = []
-        unconverted: Set[int] = NONE
+        unconverted: Set[int] = NO_SLOTS
         try:
             self._convert(slots)
         except Exception:  # of a linearization of the user's
@@ -345,7 +345,7 @@ class Image:
         resolution = float(self.scales.resolution[slot])
         raw = self.nearest(slot, self.values[slot])  # `raws` may be of a reading that failed
         zero_offset = value - raw * resolution
-        if not abs(zero_offset / resolution) < LARGEST_RAW:
+        if not abs(zero_offset / resolution) < MAX_OFFSET_RAW:
             raise RangeError(f"{item.path}: {value:g} {item.units} is no place that it can have")
         item._calibrate(item.calibration._replace(zero_offset=zero_offset))
         self.scales.zero_offset[slot] = zero_offset
@@ -453,7 +453,7 @@ class Image:
             if self.quality[slot] != Quality.BAD:
                 self._set_quality(slot, Quality.BAD)
                 if self.clock.now >= self._tell_again.get(slot, 0.0):
-                    self._tell_again[slot] = self.clock.now + TELL_AGAIN
+                    self._tell_again[slot] = self.clock.now + MARKED_LOG_INTERVAL
                     self._marked.append(self.transfer.failure(slot, cause))
         else:
             self._fail_output(slot, cause, failures)

@@ -25,7 +25,7 @@ Sequence = Coroutine[Any, Any, Any]
 
 _PERIOD = object()
 """The only object that a sequence may yield to the cycle; anything else, even None, is an error."""
-ONLY_OURS = "a sequence can await only the functions of umo.control"
+AWAITABLE_HINT = "a sequence can await only the functions of umo.control"
 _ADVANCING: list[Task] = []
 """The sequences that take a step just now, the innermost last."""
 
@@ -128,7 +128,7 @@ class timeout:
             place = f"{shown_path(file)}:{line}"
             raise TimeExpired(f"the block did not end within {self._limit:g} s ({place})") from None
 
-    def pass_(self, tick: Clock) -> None:
+    def count(self, tick: Clock) -> None:
         self._passed += tick.ticks
 
     def expires(self, tick: Clock) -> Cancelled | None:
@@ -213,7 +213,7 @@ class Task:
 
     def _step_within_limits(self, tick: Clock) -> None:
         for each in self.limits:
-            each.pass_(tick)
+            each.count(tick)
         self._step(self._sequence.send, tick)
         while expiry := next(filter(None, (each.expires(tick) for each in self.limits)), None):
             self._step(self._sequence.throw, expiry)
@@ -229,13 +229,13 @@ class Task:
             self.done = True
             refuse_exit(error, self._name)
             if isinstance(error, RuntimeError) and str_of(error) == "no running event loop":  # asyncio.sleep, for one
-                mistake = TypeError(f"asyncio cannot be used in a sequence; {ONLY_OURS}")
+                mistake = TypeError(f"asyncio cannot be used in a sequence; {AWAITABLE_HINT}")
                 raise mistake.with_traceback(error.__traceback__) from error
             raise
         finally:
             _ADVANCING.pop()
         if awaited is not _PERIOD:
-            text = f"a sequence awaited {awaited!r}; {ONLY_OURS}"
+            text = f"a sequence awaited {awaited!r}; {AWAITABLE_HINT}"
             raise _with_notes(TypeError(f"{text}{in_brackets(self._place)}"), _cancel_all([self]))
 
     @property

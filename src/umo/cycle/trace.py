@@ -15,10 +15,10 @@ from umo.objects import Atomic, Binary, Digital, Quality
 from umo.objects.description import described
 from umo.presentation.in_words import file_form
 
-ROWS = 100_000
+MAX_ROWS = 100_000
 MAX_BYTES = 32_000_000
 """Size of a trace at most, with the copy that is made while it grows or is thinned."""
-NOTES = 4096
+MAX_NOTES = 4096
 """The most texts of the progress that are kept; of more, every second one is dropped."""
 HALVINGS = 6
 """Number of times that its room is doubled: it begins with a 64th of its rows."""
@@ -53,7 +53,7 @@ class Trace:
     those would take more than `MAX_BYTES` bytes.
     """
 
-    def __init__(self, rows: int = ROWS) -> None:
+    def __init__(self, rows: int = MAX_ROWS) -> None:
         self._capacity = rows
         self._rows: npt.NDArray[np.float64] | None = None
         self._used = 0
@@ -69,7 +69,7 @@ class Trace:
         rows = self._begin(frame) if self._rows is None else self._rows
         if (text := frame.progress.text) != (self.notes[-1][1] if self.notes else ""):
             self.notes.append((frame.time, text))
-            if len(self.notes) > NOTES:
+            if len(self.notes) > MAX_NOTES:
                 del self.notes[1:-1:2]
         self._seen += 1
         if self._used == len(rows):

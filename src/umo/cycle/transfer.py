@@ -24,17 +24,17 @@ from umo.wiring.resolved import Wire, Wired
 
 SETTLE = 0.25
 """Minimum time in s for a device to carry out requests that are still pending."""
-LONGEST_SETTLE = 1.0
+MAX_SETTLE = 1.0
 FAILURES = (Exception, SystemExit)
 """Errors of a driver's call: a SystemExit would end the program as if all were well."""
-PATIENCE = 3.0
+UNCONTROLLED_TIMEOUT = 3.0
 """s that a driver may take for a call while nothing is controlled: when connecting, and for the guardian's resets. A
 device that serves one connection at a time may need long to let go of the one before."""
-SLICE = 0.05
-RECENT = 0.5
+WAIT_SLICE = 0.05
+LATE_TIME = 0.5
 """Time in s, plus twice its timeout, for which a driver that timed out is served last."""
 T = TypeVar("T")
-_DONE = {"initialize": Kind.INITIALIZE, "reset": Kind.RESET}
+_JOURNAL_KINDS = {"initialize": Kind.INITIALIZE, "reset": Kind.RESET}
 
 
 def _refuse_write(*_: object) -> NoReturn:
@@ -256,8 +256,8 @@ class Transfer:
             self._note_failure(slot, Kind.FAILED_RESET, ErrorKind.of(error), default[0] if default else None)
             return self.failure(slot, cause_of_failure(error))
         self._late.pop(id(wire.driver), None)
-        if segment in _DONE:
-            self._moved(slot, self.raws[slot] if default[0] is None else default[0], _DONE[segment])
+        if segment in _JOURNAL_KINDS:
+            self._moved(slot, self.raws[slot] if default[0] is None else default[0], _JOURNAL_KINDS[segment])
         return None
 
     # What every call has in common ---------------------------------------------------------------------
@@ -292,7 +292,7 @@ class Transfer:
         return Failure(wire.item.path, wire.channel.text, cause, self._names[id(wire.driver)])
 
     def _is_late(self, driver: Driver[Any]) -> bool:
-        return monotonic() - self._late.get(id(driver), -inf) < RECENT + 2 * driver.timeout
+        return monotonic() - self._late.get(id(driver), -inf) < LATE_TIME + 2 * driver.timeout
 
     def _moved(self, slot: int, raw: int, kind: Kind) -> None:
         if self.journal is not None:
@@ -329,12 +329,12 @@ def cause_of_failure(error: BaseException) -> str:
 
 def settling(wired: Wired) -> float:
     """The time in s that a device may take to carry out what was still under way when it began to answer again."""
-    return max([SETTLE, *(min(wired.drivers[name].timeout, LONGEST_SETTLE) for name in wired.hardware)])
+    return max([SETTLE, *(min(wired.drivers[name].timeout, MAX_SETTLE) for name in wired.hardware)])
 
 
 def wait_for(seconds: float, pause: Callable[[float], object], on_call: Callable[[], object]) -> None:
     """In slices, each with a sign of life."""
     while seconds > 0:
         on_call()
-        pause(min(SLICE, seconds))
-        seconds -= SLICE
+        pause(min(WAIT_SLICE, seconds))
+        seconds -= WAIT_SLICE

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from umo.cycle.events import TEXT
+from umo.cycle.events import EVENT_TEXT_BYTES
 from umo.cycle.frame import Signal
 from umo.cycle.journal import ErrorKind, Kind
 from umo.errors import FramesError
@@ -79,7 +79,7 @@ EVENT_ROW = np.dtype(
         ("who", f"S{NAME}"),
         ("path", "S96"),
         ("asked", "S128"),
-        ("text", f"S{TEXT}"),
+        ("text", f"S{EVENT_TEXT_BYTES}"),
     ]
 )
 """An event (`umo.cycle.events`): texts are UTF-8 and cut to their places."""

@@ -32,7 +32,7 @@ def settings_of(cls: type, given: Mapping[str, Any]) -> ClassSettings:
     own = {name: value for name, value in given.items() if value is not None}
     for name, value in own.items():
         if name not in KEYWORDS:
-            near = f" (did you mean {FORMER[name]!r}?)" if name in FORMER else did_you_mean(name, KEYWORDS)
+            near = f" (did you mean {FORMER_NAMES[name]!r}?)" if name in FORMER_NAMES else did_you_mean(name, KEYWORDS)
             known = ", ".join(KEYWORDS)
             raise DeclarationError(f"class {cls.__name__}: no class keyword {name!r}{near}; there are: {known}")
         if not _is_valid(name, value):
@@ -49,9 +49,9 @@ KEYWORDS = {
     "numbers": "a mapping by names of attributes, or a function of the object that returns one",
 }
 """The class keywords, and what each of them is."""
-FORMER = {"stopping": "stop_order", "longest_period": "max_period", "signals": "numbers", "tunable": "numbers"}
+FORMER_NAMES = {"stopping": "stop_order", "longest_period": "max_period", "signals": "numbers", "tunable": "numbers"}
 """Former names of class keywords."""
-SIMILAR = 0.8
+MISSPELT_RATIO = 0.8
 """Similarity (difflib's ratio) from which a name in a class body is taken for a misspelt keyword."""
 
 
@@ -61,9 +61,9 @@ def refuse_in_body(cls: type, fields: Collection[str]) -> None:
     for name, value in vars(cls).items():
         if name.startswith("_") or name in fields or isinstance(value, type):
             continue
-        if hasattr(value, "__get__") and not (isinstance(value, property) and name in {*KEYWORDS, *FORMER}):
+        if hasattr(value, "__get__") and not (isinstance(value, property) and name in {*KEYWORDS, *FORMER_NAMES}):
             continue
-        meant = name if name in KEYWORDS else FORMER.get(name) or _similar(name, value)
+        meant = name if name in KEYWORDS else FORMER_NAMES.get(name) or _similar(name, value)
         if meant:
             raise DeclarationError(
                 f"{cls.__name__}.{name}: give `{meant}` as a class keyword: class {cls.__name__}(..., {meant}=...)"
@@ -82,8 +82,8 @@ def _is_valid(name: str, value: Any) -> bool:
 
 def _similar(name: str, value: Any) -> str:
     """The keyword of which this is a misspelling, "" if it is none."""
-    near = get_close_matches(name, [*KEYWORDS, *FORMER], n=1, cutoff=SIMILAR)
-    meant = FORMER.get(near[0], near[0]) if near else ""
+    near = get_close_matches(name, [*KEYWORDS, *FORMER_NAMES], n=1, cutoff=MISSPELT_RATIO)
+    meant = FORMER_NAMES.get(near[0], near[0]) if near else ""
     if meant == "numbers":
         declared = isinstance(value, Mapping) and any(isinstance(each, Range | str) for each in value.values())
     else:

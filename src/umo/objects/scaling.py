@@ -16,7 +16,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-NEAR = 1e-6
+BOUND_TOLERANCE = 1e-6
 """Bounds of a bit."""
 
 FloatArray = npt.NDArray[np.float64]
@@ -37,7 +37,7 @@ def raw_bounds(minimum: float, maximum: float, resolution: float, zero_offset: f
     """The least and the greatest raw integer whose value lies within the range; the least is above the greatest where
     there is none. A value that misses a bound by a rounding error of the division lies at it."""
     ends = sorted(((minimum - zero_offset) / resolution, (maximum - zero_offset) / resolution))
-    return math.ceil(ends[0] - NEAR), math.floor(ends[1] + NEAR)
+    return math.ceil(ends[0] - BOUND_TOLERANCE), math.floor(ends[1] + BOUND_TOLERANCE)
 
 
 def to_raws(

@@ -37,7 +37,7 @@ _UNIT = re.compile(rf"\s*(?:{_PRODUCT}(?:\s*/\s*\({_PRODUCT}\))?)?\s*")
 """Names, their products and quotients and small powers: pint would calculate "9**9**9 mm" for hours."""
 MAX_LENGTH = 100
 """Length of a unit at most, characters."""
-DIGITS = 12
+LOGARITHMIC_DIGITS = 12
 """Number of digits to which a way over logarithms is good: 30 dBm are 1000 mW, not 1000.0000000000007."""
 
 
@@ -103,4 +103,4 @@ def convert(value: float, source: str, target: str) -> float:
         raise DeclarationError(f"{source!r} cannot be expressed in {target!r} ({text_of(error)})") from None
     if math.isfinite(value) and not math.isfinite(converted):
         raise RangeError(f"{measure(value, source)} cannot be expressed in {target}")
-    return float(f"{converted:.{DIGITS}g}")
+    return float(f"{converted:.{LOGARITHMIC_DIGITS}g}")

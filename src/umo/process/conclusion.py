@@ -20,7 +20,7 @@ from umo.system.custody import Custody
 from umo.text import in_brackets
 
 STANDBY = "standby guardian"
-SPARES = 16
+SPARE_DESCRIPTORS = 16
 """Descriptors kept free for the end: the drivers need them."""
 
 
@@ -35,7 +35,7 @@ class Conclusion:
         self._watcher = watcher
         self.title = "guardian"
         self.resetter = Resetter(plan.machine, plan.wired, self._begin_reset)
-        self._spares = [os.open(os.devnull, os.O_RDONLY) for _ in range(SPARES)]
+        self._spares = [os.open(os.devnull, os.O_RDONLY) for _ in range(SPARE_DESCRIPTORS)]
 
     def hand_over(self) -> None:
         """Work for the standby guardian from now on, which calls this."""

@@ -27,13 +27,13 @@ from umo.frames.frame_server import FrameServer
 from umo.frames.last_event import tell
 from umo.frames.memory import Ends
 from umo.objects.stop_order import stop_sequence
-from umo.process.control_watch import WHERE
+from umo.process.control_watch import WHERE_SIGNAL
 from umo.process.final_message import tell_final_message
 from umo.process.job import Plan
 from umo.process.life import Life, Who
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome, plain, plain_reports, status_of
-from umo.process.silence import LOOK, STARVED, guardian_limit
+from umo.process.silence import LOOK_INTERVAL, STARVED_LIMITS, guardian_limit
 from umo.remote.queue import Receiver
 from umo.system import realtime
 from umo.system.custody import Custody
@@ -41,10 +41,10 @@ from umo.system.processes import adjust_oom_score, name_process
 from umo.system.streams import say_without_waiting
 from umo.text import Moment, in_brackets
 
-RESUMING = 0.1
+RESUMING_TIMEOUT = 0.1
 """s in which a guardian gives a sign of life when a suspended computer goes on: five looks."""
 
-SOONER = 100
+OOM_SCORE_CHANGE = 100
 """Change of the control process's score for the kernel's choice when memory runs out: a guardian is left to reset."""
 
 
@@ -73,7 +73,7 @@ class Control:
         self._watchdog = min(plan.wired.watchdogs.values(), default=inf)
         """s without a period after which a circuit may have reset its outputs by itself."""
         self._gap = min(self._hang, self._watchdog)
-        self._most_excused = (STARVED - 1) * self._hang
+        self._most_excused = (STARVED_LIMITS - 1) * self._hang
         """s for which others may keep this process from running."""
         self._alarm = ""
         self._order = stop_sequence(plan.machine)
@@ -174,11 +174,11 @@ class Control:
     def _guardian_lost(self) -> bool:
         """Whether the guardian has ended or hangs. After the whole computer stood still it needs a moment for its next
         sign of life."""
-        until = monotonic() + RESUMING
+        until = monotonic() + RESUMING_TIMEOUT
         while not self.orphaned and self._life.unwatched > self._unwatched_limit:
             if monotonic() > until:
                 return True
-            sleep(LOOK)
+            sleep(LOOK_INTERVAL)
         return self.orphaned
 
     @property
@@ -314,12 +314,12 @@ def drive_and_report(control: Control, traces: IO[bytes]) -> int:
     """The control process, from its fork to its exit status. It writes down in `traces` where it stands when it is
     asked."""
     name_process("umo control")
-    adjust_oom_score(SOONER)
+    adjust_oom_score(OOM_SCORE_CHANGE)
     os.register_at_fork(after_in_child=control.stand_aside)
     for number in SIGNALS:  # until the machine is connected
         signal.signal(number, control.take_note)
     control.wait_for_admission()
-    faulthandler.register(WHERE, file=traces, all_threads=False)
+    faulthandler.register(WHERE_SIGNAL, file=traces, all_threads=False)
     outcome = control.run()
     control.say_how_it_ended(outcome)
     return outcome.status

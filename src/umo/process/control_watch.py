@@ -14,11 +14,11 @@ from umo.process.reset import DEATH_TIMEOUT
 from umo.system.processes import ProcessHandle, is_stopped, state
 from umo.text import in_brackets, place_among
 
-WHERE = signal.SIGUSR2
+WHERE_SIGNAL = signal.SIGUSR2
 """Signal at which the control process writes down where its Python code stands."""
-UNABLE = "TtDX"
+UNABLE_STATES = "TtDX"
 """States in which it cannot: stopped, in a call of the kernel that no signal ends, gone."""
-TOLD_WITHIN = 0.05
+WHERE_TIMEOUT = 0.05
 """Timeout in s for that; a process that has a processor needs 0.1 ms. The machine is reset afterwards."""
 
 
@@ -73,17 +73,17 @@ class ControlWatch:
 
     def _where(self) -> str:
         """Where its Python code stands, as far as it can still tell."""
-        if state(self.process.pid) in UNABLE:
+        if state(self.process.pid) in UNABLE_STATES:
             return ""
         with suppress(OSError):
-            self.process.send(WHERE)
+            self.process.send(WHERE_SIGNAL)
             frames = re.findall(r'^  File "(.+)", line (\d+) in (.+)$', self._told(), re.MULTILINE)  # innermost first
             return place_among((file, int(line), function) for file, line, function in reversed(frames))
         return ""
 
     def _told(self) -> str:
         """What it writes down, once no more is added between two looks."""
-        text, until = b"", monotonic() + TOLD_WITHIN
+        text, until = b"", monotonic() + WHERE_TIMEOUT
         while monotonic() < until:
             sleep(0.0005)
             before, text = text, os.pread(self._traces, 1 << 16, 0)

@@ -9,7 +9,7 @@ from umo.process.outcome import Outcome
 from umo.system.streams import say_without_waiting
 from umo.text import printable
 
-DYING = 0.3
+STARTER_END_TIMEOUT = 0.3
 """Time in s that a starter which is killed together with another process may take to end: its memory is given back
 before its end of the channel is closed."""
 MAX_LENGTH = 1000
@@ -20,7 +20,7 @@ def tell_final_message(channel: MessageSocket, name: str, outcome: Outcome) -> N
     """If the process that started the run has ended, say on stderr how the run did. It waits for no terminal, and is
     called when the machine has been reset and everything is recorded; no error of it changes how the run ended."""
     with suppress(Exception):
-        if channel.peer_is_gone(DYING if outcome.unsafe else 0.0):
+        if channel.peer_is_gone(STARTER_END_TIMEOUT if outcome.unsafe else 0.0):
             text = f"umo: {name}: the process that started it is gone; {how(outcome)}"
             say_without_waiting(printable(text.replace("\n", "; "))[:MAX_LENGTH])
 

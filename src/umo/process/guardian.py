@@ -29,7 +29,7 @@ from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome
 from umo.process.reset import DEATH_TIMEOUT, STOP_SIGNALS
 from umo.process.share import Share
-from umo.process.silence import LOOK, Silence, guardian_limit
+from umo.process.silence import LOOK_INTERVAL, Silence, guardian_limit
 from umo.process.standby import Standby
 from umo.process.watcher import Watcher
 from umo.system import realtime
@@ -40,9 +40,9 @@ from umo.system.record import INSPECT
 from umo.system.streams import keep_open, log_on_lines
 from umo.text import some
 
-SPARED = -500
+OOM_SCORE_CHANGE = -500
 """Change of the guardian's score for the kernel's choice when memory runs out, where that is permitted."""
-DEAF = 3
+MAX_DEAF_LOOKS = 3
 """The number of looks in which listening failed before the machine is stopped."""
 
 
@@ -51,7 +51,7 @@ def main(file: int, job_file: int) -> int:
     keep_open()  # what is printed, here or in the control process, cannot end a run
     log_on_lines()
     name_process("umo guardian")
-    adjust_oom_score(SPARED)
+    adjust_oom_score(OOM_SCORE_CHANGE)
     channel = MessageSocket(socket.socket(fileno=file))
     custody = guardian = None
     name = "the run"
@@ -199,7 +199,7 @@ class Guardian:
         """Watch until the control process is gone (""), or hangs: then how, in words."""
         share = Share(control.process.pid, self._core, self._say)
         silence = Silence(self._life, share, self._process.hang_timeout, self._plan.wired.period or 0.0)
-        while not self._life.gone(LOOK):
+        while not self._life.gone(LOOK_INTERVAL):
             self._life.watch()
             self._look_around()
             if hung := silence.look():
@@ -210,7 +210,7 @@ class Guardian:
         """The steps between two looks at the control process, which is watched on whatever fails in them. If nobody can
         ask for a stop any more, the guardian does."""
         self._deaf = 0 if self._try(self._listen) else self._deaf + 1
-        if self._deaf == DEAF:
+        if self._deaf == MAX_DEAF_LOOKS:
             self._stop = self._stop or signal.SIGTERM
             self._try(self._pass_on)
         self._try(self._watcher.look)

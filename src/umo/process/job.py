@@ -22,7 +22,7 @@ from umo.user_code import told_as
 from umo.wiring import Wired, resolve, share
 from umo.wiring.plain import as_plain
 
-MAIN = "__umo_main__"
+MAIN_MODULE = "__umo_main__"
 """The user's own script, imported again in the new process under this name."""
 
 
@@ -76,7 +76,7 @@ def reference(function: Callable[..., Any]) -> tuple[str, str | None]:
             f"{name} was defined interactively: the control process cannot import it; "
             "put machine and application into a module or a station (`umo new DIR`)"
         )
-    return f"{MAIN}:{name}", str(Path(script).resolve())
+    return f"{MAIN_MODULE}:{name}", str(Path(script).resolve())
 
 
 class Plan:
@@ -118,10 +118,10 @@ def _functions_of(job: Job) -> tuple[Callable[..., Any], Callable[..., Any] | No
 def _import(text: str, script: str | None) -> Any:
     name, _, attribute = text.partition(":")
     with told_as(DeclarationError, f"{text} cannot be imported"):
-        if name == MAIN and MAIN not in sys.modules:
-            module = ModuleType(MAIN)
-            sys.modules[MAIN] = module
-            module.__dict__.update(runpy.run_path(str(script), run_name=MAIN))
+        if name == MAIN_MODULE and MAIN_MODULE not in sys.modules:
+            module = ModuleType(MAIN_MODULE)
+            sys.modules[MAIN_MODULE] = module
+            module.__dict__.update(runpy.run_path(str(script), run_name=MAIN_MODULE))
         found = getattr(importlib.import_module(name), attribute)
     if not callable(found):
         raise DeclarationError(f"{text} is not a function")

@@ -17,7 +17,7 @@ from enum import IntEnum
 
 from umo.cycle.stage import Stage
 
-MUTEX = 64
+MUTEX_BYTES = 64
 """Bytes set aside for a pthread_mutex_t: 40 on x86-64, 48 on AArch64."""
 CLOCK_MONOTONIC = 1
 PROCESS_SHARED = ROBUST = 1
@@ -37,14 +37,14 @@ class Who(IntEnum):
 
 STAGE, BEAT, ASKED, WATCH, ADMITTED, CONCLUDING, REPORT_LENGTH, OUTCOME_LENGTH, EXCUSED = range(9)
 CELLS = 16
-TABLE = MUTEX * len(Who)
-MAX_TEXT = 1 << 16
+TABLE = MUTEX_BYTES * len(Who)
+MAX_REPORT_BYTES = 1 << 16
 """Bytes of a report."""
 HOLD_LIMIT = 1.0
 """Timeout in s for the process's own lock, which others take for microseconds to test it."""
 REPORT_AT = TABLE + 8 * CELLS
-OUTCOME_AT = REPORT_AT + MAX_TEXT
-LENGTH = OUTCOME_AT + MAX_TEXT
+OUTCOME_AT = REPORT_AT + MAX_REPORT_BYTES
+LENGTH = OUTCOME_AT + MAX_REPORT_BYTES
 
 
 class _Timespec(ctypes.Structure):
@@ -62,7 +62,7 @@ class Life:
     def __init__(self) -> None:
         self._libc = ctypes.CDLL(None, use_errno=True)
         self._memory = mmap.mmap(-1, LENGTH)  # anonymous and shared
-        self._locks = [ctypes.c_char.from_buffer(self._memory, MUTEX * who) for who in Who]
+        self._locks = [ctypes.c_char.from_buffer(self._memory, MUTEX_BYTES * who) for who in Who]
         self._cells = memoryview(self._memory)[TABLE:REPORT_AT].cast("q")
         attributes = ctypes.create_string_buffer(64)
         self._libc.pthread_mutexattr_init(attributes)
@@ -229,8 +229,8 @@ class Life:
         return self._get(OUTCOME_AT, OUTCOME_LENGTH)
 
     def _put(self, at: int, length: int, text: bytes) -> None:
-        self._memory[at : at + min(len(text), MAX_TEXT)] = text[:MAX_TEXT]
+        self._memory[at : at + min(len(text), MAX_REPORT_BYTES)] = text[:MAX_REPORT_BYTES]
         self._cells[length] = len(text)
 
     def _get(self, at: int, length: int) -> bytes:
-        return bytes(self._memory[at : at + min(max(self._cells[length], 0), MAX_TEXT)])
+        return bytes(self._memory[at : at + min(max(self._cells[length], 0), MAX_REPORT_BYTES)])

@@ -18,7 +18,7 @@ from types import FrameType
 from typing import Literal
 
 from umo.cycle.stopping import SIGNALS, signal_name
-from umo.cycle.transfer import PATIENCE, Transfer, settling, wait_for
+from umo.cycle.transfer import UNCONTROLLED_TIMEOUT, Transfer, settling, wait_for
 from umo.errors import DeviceTimeout, text_of
 from umo.objects import Compound
 from umo.objects.stop_order import stop_sequence
@@ -28,14 +28,14 @@ from umo.system.processes import carry_out, name_process
 from umo.text import some
 from umo.wiring import Wired
 
-GRACE = 1.0
+CALL_MARGIN = 1.0
 """Time in s that a call of a driver may take in addition to twice its timeout."""
-PAUSE = 0.2
+ATTEMPT_PAUSE = 0.2
 """s between two attempts."""
-LOOK = 0.0005
+LOOK_INTERVAL = 0.0005
 DEATH_TIMEOUT = 5.0
 """Time in s that a killed process may take to end."""
-SPARES = 16
+SPARE_DESCRIPTORS = 16
 """Descriptors that the child on standby keeps free for the drivers."""
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """The signals that ask a run to stop. A process that resets, or waits to do so, ignores them."""
@@ -202,7 +202,7 @@ class Resetter:
                 why = f"a call did not return within {limit:g} s" if silent else "no time was left"
                 given_up = monotonic() + DEATH_TIMEOUT
                 os.kill(self._child, signal.SIGKILL)
-            sleep(LOOK)
+            sleep(LOOK_INTERVAL)
         self._child = 0
         if status and not why:
             why = _ending(os.WTERMSIG(status)) if os.WIFSIGNALED(status) else "the reset failed"
@@ -237,18 +237,18 @@ class Resetter:
             signal.signal(signal.SIGALRM, before)
 
     def _pause(self, is_dead: Callable[[], bool]) -> None:
-        until = monotonic() + PAUSE
+        until = monotonic() + ATTEMPT_PAUSE
         while monotonic() < until:
             is_dead()
             sleep(0.01)
 
     def _limit(self) -> float:
-        return GRACE + 2 * max(map(self._timeout, self._timeouts), default=0.0)
+        return CALL_MARGIN + 2 * max(map(self._timeout, self._timeouts), default=0.0)
 
     def _timeout(self, name: str) -> float:
-        """The timeout of a driver in this attempt, s: it grows, up to PATIENCE."""
+        """The timeout of a driver in this attempt, s: it grows, up to UNCONTROLLED_TIMEOUT."""
         timeout = self._timeouts[name]
-        return timeout if self._each else max(timeout, min(timeout * 4.0**self._attempt, PATIENCE))
+        return timeout if self._each else max(timeout, min(timeout * 4.0**self._attempt, UNCONTROLLED_TIMEOUT))
 
     # In the child --------------------------------------------------------------------------------------
 
@@ -262,7 +262,7 @@ class Resetter:
 
     def _wait_for_work(self) -> int:
         os.close(self._start)
-        spares = [os.open(os.devnull, os.O_RDONLY) for _ in range(SPARES)]
+        spares = [os.open(os.devnull, os.O_RDONLY) for _ in range(SPARE_DESCRIPTORS)]
         if not os.read(self._heard, 1):
             return 1
         for file in spares:
@@ -291,7 +291,7 @@ class Resetter:
         reached = self._pass(ready, "initialize")
         while not state.dead:
             call()
-            sleep(LOOK)
+            sleep(LOOK_INTERVAL)
         reached = self._pass(reached, "reset")
         if reached:
             wait_for(settling(self._wired), sleep, call)

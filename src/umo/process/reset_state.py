@@ -13,9 +13,9 @@ from umo.process.life import clock
 
 BEAT, AT, DEAD = range(3)
 HEADER = 64
-TEXT = 300
+CAUSE_BYTES = 300
 """Bytes for the cause of a failure."""
-ENTRY = 1 + TEXT
+CAUSE_ENTRY = 1 + CAUSE_BYTES
 
 
 class Reached(IntEnum):
@@ -34,14 +34,14 @@ class ResetState:
 
     def __init__(self, paths: Sequence[str]) -> None:
         self.paths = list(paths)
-        self._memory = mmap.mmap(-1, HEADER + ENTRY * max(len(paths), 1))  # anonymous and shared
+        self._memory = mmap.mmap(-1, HEADER + CAUSE_ENTRY * max(len(paths), 1))  # anonymous and shared
         self._cells = memoryview(self._memory)[:HEADER].cast("q")
         self.clear()
 
     def clear(self) -> None:
         """Before an attempt. Whether the old process is dead stays known."""
         for number in range(len(self.paths)):
-            self._memory[HEADER + number * ENTRY] = Reached.UNTRIED
+            self._memory[HEADER + number * CAUSE_ENTRY] = Reached.UNTRIED
         self.begin(-1)
 
     # The child -----------------------------------------------------------------------------------------
@@ -55,9 +55,9 @@ class ResetState:
         self.beat()
 
     def note(self, number: int, reached: Reached, cause: str = "") -> None:
-        at = HEADER + number * ENTRY
-        text = cause.encode(errors="replace")[:TEXT]
-        self._memory[at + 1 : at + ENTRY] = text.ljust(TEXT, b"\0")
+        at = HEADER + number * CAUSE_ENTRY
+        text = cause.encode(errors="replace")[:CAUSE_BYTES]
+        self._memory[at + 1 : at + CAUSE_ENTRY] = text.ljust(CAUSE_BYTES, b"\0")
         self._memory[at] = reached
 
     @property
@@ -81,8 +81,8 @@ class ResetState:
         return int(self._cells[AT])
 
     def reached(self, number: int) -> Reached:
-        return Reached(self._memory[HEADER + number * ENTRY])
+        return Reached(self._memory[HEADER + number * CAUSE_ENTRY])
 
     def cause(self, number: int) -> str:
-        at = HEADER + number * ENTRY
-        return bytes(self._memory[at + 1 : at + ENTRY]).rstrip(b"\0").decode(errors="replace")
+        at = HEADER + number * CAUSE_ENTRY
+        return bytes(self._memory[at + 1 : at + CAUSE_ENTRY]).rstrip(b"\0").decode(errors="replace")

@@ -7,11 +7,11 @@ from umo.presentation.durations import duration
 from umo.process.life import Life
 from umo.process.share import Share
 
-LOOK = 0.02
+LOOK_INTERVAL = 0.02
 """s between two looks of the guardian."""
-LOOKS = 3
+MIN_SILENT_LOOKS = 3
 """The minimum number of looks without a sign of life before the control process counts as hung."""
-STARVED = 3
+STARVED_LIMITS = 3
 """The number of hang limits after which a control process is ended that others kept from running: nobody controls the
 machine meanwhile."""
 STARTING_LIMIT = 30.0
@@ -19,18 +19,18 @@ STARTING_LIMIT = 30.0
 REPORTING_LIMIT = 5.0
 """s that the control process may take for its report when the machine has been reset."""
 
-LEAST = 0.5
+MIN_GUARDIAN_LIMIT = 0.5
 """Minimum time in s without a sign of life before a guardian counts as lost: a busy computer delays it."""
 
 
 def guardian_limit(hang: float) -> float:
     """Limit in s for a guardian's own signs of life. `hang`: the limit for those of its control process."""
-    return max(hang, LEAST)
+    return max(hang, MIN_GUARDIAN_LIMIT)
 
 
 class Silence:
     """How long the control process has given no sign of life. `hang`: limit in s while it runs; `period` in s. The
-    time for which other processes kept it from running is not counted, up to `STARVED` times the limit."""
+    time for which other processes kept it from running is not counted, up to `STARVED_LIMITS` times the limit."""
 
     def __init__(self, life: Life, share: Share, hang: float, period: float) -> None:
         self._life = life
@@ -40,7 +40,7 @@ class Silence:
         self._beat = self._looks = 0
 
     def look(self) -> str:
-        """One look, every `LOOK` s: empty, or in words that the control process hangs."""
+        """One look, every `LOOK_INTERVAL` s: empty, or in words that the control process hangs."""
         life, share = self._life, self._share
         if self._beat != life.last_beat:
             self._beat, self._looks = life.last_beat, 0
@@ -52,10 +52,10 @@ class Silence:
         life.excuse(share.kept_waiting)
         silence, limit = life.silence, self.limit
         # several looks: if the whole computer stood still, the control process gets time to report that itself
-        if silence <= limit or self._looks < max(LOOKS, limit / LOOK):
+        if silence <= limit or self._looks < max(MIN_SILENT_LOOKS, limit / LOOK_INTERVAL):
             return ""
         waited = share.kept_waiting
-        if silence - waited <= limit and silence <= STARVED * limit:
+        if silence - waited <= limit and silence <= STARVED_LIMITS * limit:
             return ""
         if waited > silence / 2:
             return f"was kept from running for {waited:.2f} s while {life.stage}: {share.by_whom}"

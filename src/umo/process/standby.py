@@ -19,12 +19,12 @@ from umo.process.messages import MessageSocket
 from umo.process.reset import DEATH_TIMEOUT, STOP_SIGNALS
 from umo.system.processes import ProcessHandle, carry_out, name_process
 
-LOOK = 0.1
+LOOK_INTERVAL = 0.1
 """s between two looks at the guardian's signs of life; its death is seen at once."""
 CONCLUDING_LIMIT = 30.0
 """Timeout in s for the guardian's signs of life while it resets the machine and records and tells its end: a call of a
 driver, or of a slow disk, may take long."""
-PAUSE = 1.0
+FORK_PAUSE = 1.0
 """s from one standby guardian that could not be forked to the next try."""
 
 
@@ -56,7 +56,7 @@ class Standby:
         try:
             self._pid = self._life.fork(Who.STANDBY)
         except OSError as error:
-            self._due = monotonic() + PAUSE
+            self._due = monotonic() + FORK_PAUSE
             self._say(
                 f"no standby guardian: {text_of(error)}; if the guardian is killed too, nothing resets the machine"
             )
@@ -76,7 +76,7 @@ class Standby:
             self._pid = 0
             self._say("the standby guardian was killed or stopped; another one takes its place")
         if monotonic() >= self._due:
-            self._due = monotonic() + PAUSE
+            self._due = monotonic() + FORK_PAUSE
             self.appoint()
 
     def dismiss(self) -> None:
@@ -103,10 +103,10 @@ class Standby:
         """Wait until the guardian is dead, or has given no sign of life in so many looks: the whole computer may stand
         still for a while."""
         seen = looks = 0
-        while not self._life.gone(LOOK, Who.GUARDIAN):
+        while not self._life.gone(LOOK_INTERVAL, Who.GUARDIAN):
             looks = looks + 1 if self._life.last_watch == seen else 0
             seen = self._life.last_watch
-            if looks * LOOK > (CONCLUDING_LIMIT if self._life.concluding else self._limit):
+            if looks * LOOK_INTERVAL > (CONCLUDING_LIMIT if self._life.concluding else self._limit):
                 return
 
     def _make_sure(self) -> None:

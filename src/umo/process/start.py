@@ -36,9 +36,9 @@ LINUX = sys.platform.startswith("linux")
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """The loop's process holds one thread; numpy's own would be started with it."""
 
-STOPPED_LOOK = 0.5
+STOPPED_LOOK_INTERVAL = 0.5
 """s between two looks for processes that were stopped by a signal."""
-ENDING = 1.0
+STANDBY_END_TIMEOUT = 1.0
 """Timeout in s for the end of a standby guardian that has told the outcome."""
 
 
@@ -175,14 +175,14 @@ class Started:
                 self._look_for_stopped()
             elif self._guardian.returncode is None:
                 self._guardian.wait()
-                self._channel.peer_is_gone(ENDING)  # the standby guardian holds the devices until it ends
+                self._channel.peer_is_gone(STANDBY_END_TIMEOUT)  # the standby guardian holds the devices until it ends
 
     def _look_for_stopped(self) -> None:
         """Say that no guardian can stop the machine: each has died or was stopped by a signal. Those that were stopped
         go on as soon as a stop is asked for."""
         if monotonic() < self._due:
             return
-        self._due = monotonic() + STOPPED_LOOK
+        self._due = monotonic() + STOPPED_LOOK_INTERVAL
         guardians = {"guardian": self.guardian, "standby guardian": self.standby}
         if any(pid and state(pid) not in STOPPED + ENDED for pid in guardians.values()):
             return

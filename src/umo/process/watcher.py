@@ -20,11 +20,11 @@ from umo.latency import blackbox
 from umo.system import realtime
 from umo.text import Moment
 
-AT_MOST_EVERY = 10.0
+BLACK_BOX_INTERVAL = 10.0
 """s from one black box of a missed period to the next."""
 AFTERMATH = 0.05
 """s of what followed that are kept as well."""
-PATIENCE = 5.0
+BLACK_BOX_TIMEOUT = 5.0
 """s that the end of a run waits for a black box that is being written."""
 
 
@@ -78,7 +78,7 @@ class Watcher:
             if now >= self._next:
                 self._due = self._due or now + AFTERMATH
         if self._due is not None and now >= self._due:
-            self._next = now + AT_MOST_EVERY
+            self._next = now + BLACK_BOX_INTERVAL
             self.keep(blackbox.MISSED_PERIOD)
 
     def keep(self, reason: str) -> None:
@@ -109,7 +109,7 @@ class Watcher:
 
     def finish(self) -> None:
         """At the end: finish the black boxes that are written or wanted, and remove a ring that is left."""
-        until = monotonic() + PATIENCE
+        until = monotonic() + BLACK_BOX_TIMEOUT
         if self._due is not None and not self._wanted:
             self.keep(blackbox.MISSED_PERIOD)
         while self._child and monotonic() < until:

@@ -7,7 +7,7 @@ from contextlib import contextmanager, suppress
 from functools import cached_property
 from typing import Any
 
-from umo.cycle.transfer import PATIENCE
+from umo.cycle.transfer import UNCONTROLLED_TIMEOUT
 from umo.drivers.contract import Direction, Driver
 from umo.testing.conformance.probe import Probe, Stopped, Watch
 from umo.testing.conformance.subject import Subject
@@ -39,7 +39,7 @@ class Clients:
     @property
     def patience(self) -> float:
         """Time in s that a call may take that is to succeed, as umo gives when it initialises and resets."""
-        return max(PATIENCE, self.subject.timeout)
+        return max(UNCONTROLLED_TIMEOUT, self.subject.timeout)
 
     def bring_up(self, probe: Probe) -> None:
         """Open it and initialise its channels."""
