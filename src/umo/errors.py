@@ -122,10 +122,10 @@ class Failure:
 
     path: str
     channel: str
-    """"-": it is not one object that failed, but the driver or the application."""
+    """Text of the channel; "-": it is not one object that failed, but the driver or the application."""
     cause: str
     driver: str = ""
-    """Its name in the wiring and its devices: `box (modbus tcp 127.0.0.1:502)`."""
+    """Name in the wiring and devices of the driver: `box (modbus tcp 127.0.0.1:502)`."""
 
     def __str__(self) -> str:
         return _together([self])

@@ -20,9 +20,9 @@ LIBRARY = os.path.dirname(os.__file__) + os.sep
 INSTALLED = (f"{os.sep}site-packages{os.sep}", f"{os.sep}dist-packages{os.sep}")
 UMO = str(Path(__file__).parent) + os.sep
 STATIONS = f"{UMO}stations{os.sep}"
-"""The shipped stations are code of a user's."""
+"""Folder of the shipped stations, which count as a user's code."""
 MAX_NAMES = 2
-"""Names that a list shows before the number of the others."""
+"""Number of names that a list shows before the number of the others."""
 
 
 class Moment(str):

@@ -20,10 +20,10 @@ from umo.presentation.digits import number_text
 from umo.presentation.in_words import measure, span
 
 ACCEPTED_WHEN_REFERENCED = Quality.OUT_OF_RANGE
-"""Accepted of a referenced encoder: at an end of its range an axis may stand a little outside. The setpoint is within
-the range, and the axis within `following_error` of it."""
+"""Quality that is accepted of a referenced encoder: at an end of its range an axis may stand a little outside. The
+setpoint is within the range, and the axis within `following_error` of it."""
 STANDSTILL_SHARE = 1 / 20
-"""An axis that advances by less than this share of `stall` stands still."""
+"""Share of `stall` by which an axis advances at least, or it stands still."""
 
 
 class Met(Enum):
@@ -31,7 +31,7 @@ class Met(Enum):
 
     CONDITION = "condition"
     JUMP = "jump"
-    """The reading changed more than the axis can move: the counter was loaded, or wrapped."""
+    """The reading has changed by more than the axis can move: the counter was loaded, or wrapped."""
     STOP = "stop"
     """The axis stands still although it is driven."""
     REACH = "reach"
@@ -81,8 +81,8 @@ class Axis(Compound, numbers=_numbers):
     jerk: float
     """Largest jerk, units per s cubed."""
     window: float
-    """A motion ends when the setpoint is at the target and the encoder has been within this distance of it for
-    `window_time`."""
+    """Distance from the target within which an axis has arrived: a motion ends when the setpoint is at the target and
+    the encoder has been so near for `window_time`."""
     following_error: float
     """Largest distance between setpoint and encoder. Beyond it AxisError is raised."""
     window_time: float = 0.02
@@ -92,7 +92,8 @@ class Axis(Compound, numbers=_numbers):
     search_speed: float = inf
     """Speed of homing, units per s. Default: the largest."""
     stall: float = inf
-    """During homing the axis stands at an end stop when it has been driven so far without moving. Default: never."""
+    """Distance for which an axis is driven without moving until it counts as standing at an end stop, during homing.
+    Default: never."""
     homing: Homing | None = None
     """The way in which the reference is found: `IndexPulse`, `HomeSwitch`, `EndStop`, or one of your own."""
 

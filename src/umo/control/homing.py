@@ -24,19 +24,19 @@ class IndexPulse:
     """
 
     enable: BinaryActuator[Any]
-    """Lets the index pulse load the counter. It does so while the actuator is not at its default."""
+    """Actuator that lets the index pulse load the counter. It does so while it is not at its default."""
     index: float
     """Position of the index pulse."""
     stop: float
     """Position of the end stop in this direction."""
     jump: float
-    """The axis cannot move so far in a period: the counter was loaded, or wrapped."""
+    """Distance that the axis cannot move in a period: the counter was loaded, or wrapped."""
     tolerance: float
-    """A position that is read is right within this distance."""
+    """Distance from the true position within which one that is read is right."""
     clearance: float
-    """Homing ends at this distance before the index."""
+    """Distance before the index at which homing ends."""
     direction: int = 1
-    """+1: to larger readings. -1: to smaller ones."""
+    """Direction of the search: +1: to larger readings, -1: to smaller ones."""
 
     def __post_init__(self) -> None:
         _check(self)
@@ -96,7 +96,7 @@ class HomeSwitch:
     direction: int = -1
     """The end at which the switch is active: -1 at the smaller readings, +1 at the larger ones."""
     clearance: float = 0.0
-    """Homing ends at this distance from the edge."""
+    """Distance from the edge at which homing ends."""
 
     def __post_init__(self) -> None:
         _check(self)
@@ -130,7 +130,7 @@ class EndStop:
     direction: int = -1
     """The end at which the stop is: -1 at the smaller readings, +1 at the larger ones."""
     clearance: float = 0.0
-    """Homing ends at this distance from the end stop."""
+    """Distance from the end stop at which homing ends."""
 
     def __post_init__(self) -> None:
         _check(self)

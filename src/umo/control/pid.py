@@ -32,12 +32,12 @@ class PID:
     gain: float
     """Units of the output for one unit of the measurement. Negative if a larger output makes the measurement fall."""
     integral_time: float = inf
-    """Default: no integral part."""
+    """Time constant of the integral part, s. Default: no integral part."""
     derivative_time: float = 0.0
     filter_time: float = 0.0
     """Time constant of the derivative's filter."""
     setpoint: float = field(default=nan, init=False)
-    """The last one; NaN before the first."""
+    """The last setpoint; NaN before the first."""
     error: float = field(default=0.0, init=False)
     """The last setpoint minus measurement."""
     integral: float = field(default=0.0, init=False)
@@ -163,7 +163,7 @@ class VectorPID:
 
     @property
     def numbers(self) -> Mapping[str, Number]:
-        """As of `PID`."""
+        """As `PID.numbers`."""
         return {"largest_error": Number(shown=True), **_times()}
 
     @property

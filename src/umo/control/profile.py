@@ -33,7 +33,7 @@ class Profile:
     _planner: Any = field(default_factory=lambda: _ruckig().Ruckig(1), init=False, repr=False)
     _trajectory: Any = field(default_factory=lambda: _ruckig().Trajectory(1), init=False, repr=False)
     _next: Any = field(default_factory=lambda: _ruckig().Trajectory(1), init=False, repr=False)
-    """The next one is calculated here: ruckig leaves wrong numbers in one that it does not find."""
+    """Place in which the next one is calculated: ruckig leaves wrong numbers in one that it does not find."""
     _elapsed: float = field(default=0.0, init=False)
     _duration: float = field(default=0.0, init=False)
     _origin: float = field(default=0.0, init=False)

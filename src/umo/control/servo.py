@@ -30,11 +30,11 @@ class Servo(PID):
     actuator: DigitalActuator
     _: KW_ONLY
     feed_forward: float = 0.0
-    """Actuator units for one sensor unit per second of setpoint velocity."""
+    """Output for the setpoint's velocity: actuator units for one sensor unit per second."""
     inertia: float = 0.0
-    """Actuator units for one sensor unit per second squared of setpoint acceleration."""
+    """Output for the setpoint's acceleration: actuator units for one sensor unit per second squared."""
     friction: float = 0.0
-    """Actuator units that overcome dry friction; given with the sign of the setpoint velocity."""
+    """Output that overcomes dry friction, actuator units; given with the sign of the setpoint's velocity."""
     limit: float = inf
     """Largest distance of the output from the actuator's default. Default: the range of the actuator."""
 

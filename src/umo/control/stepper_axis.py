@@ -14,7 +14,7 @@ from umo.presentation.in_words import measure
 from umo.states import Rotation, UpDown
 
 MAX_CORRECTIONS = 3
-"""The largest number of times that a motion makes up lost steps."""
+"""Number of times that a motion makes up lost steps at most."""
 
 
 class StepperAxis(Axis):

@@ -59,7 +59,7 @@ class Inbox(Protocol):
     """The commands that come in."""
 
     taken: int
-    """Commands that have come in, and were handed on or dropped."""
+    """Number of commands that have come in, and were handed on or dropped."""
     dropped: int
     """The number of these that were not commands."""
 
@@ -94,7 +94,7 @@ class Lease:
         self.holder = ""
         """The holder's name; empty: nobody has it."""
         self.number = 0
-        """Counts the leases."""
+        """Number of the lease: they are counted from 1."""
         self._key = ""
         self._seconds = 0.0
         self._seen = 0.0

@@ -34,11 +34,11 @@ DEAD_MAN_TIME = 0.5
 """Time without a sign of life after which a written actuator or a jog ends, s; shorter where the actuator expires
 sooner."""
 DEAD_MAN_REASON = "dead-man timeout"
-"""Reason of such an end."""
+"""Reason that is told when it has ended so."""
 COMMANDS_PER_PERIOD = 4
-"""The most commands that are carried out in one period."""
+"""Number of commands that are carried out in one period at most."""
 MAX_ACTIONS = 32
-"""The most actions of clients that run at once."""
+"""Number of actions of clients that run at once at most."""
 
 
 @dataclass(eq=False)
@@ -47,7 +47,7 @@ class _Action:
 
     command: ClientCommand
     task: Task | None = None
-    """None: it has ended, or it is no sequence itself."""
+    """The sequence that carries it out; None: it has ended, or it is no sequence itself."""
     started: Sequences = field(default_factory=Sequences)
 
     @property
@@ -74,7 +74,7 @@ class _Held:
     slot: int = -1
     """The actuator; -1 for an action."""
     is_running: bool = False
-    """A sequence that has not ended: its end is told by itself."""
+    """Whether it is a sequence that has not ended: the end of that is told by itself."""
 
 
 class ClientControl:
@@ -99,7 +99,7 @@ class ClientControl:
         self.lease = Lease()
         self._actuators = {item.path: item for item in atoms(machine.root) if isinstance(item, Actuator)}
         self.at_work: Sequences | None = None
-        """An action of a client is being carried out at this moment: what it starts belongs here."""
+        """The sequences of the action that is being carried out at this moment: what it starts belongs here."""
         self._running: list[_Action] = []
         self._held: dict[str, _Held] = {}
         self._active = False

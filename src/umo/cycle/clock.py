@@ -15,17 +15,17 @@ class Clock:
         self.period = period
         """The sampling period in s."""
         self.ticks = 1
-        """Ticks that the last read of the timer consumed."""
+        """Number of ticks that the last read of the timer consumed."""
         self.missed = 0
         """The result of the last reading of the timer."""
         self.missed_in_all = 0
-        """Periods missed since connecting."""
+        """Number of periods missed since connecting."""
         self.number = 0
-        """Ticks since connecting."""
+        """Number of ticks since connecting."""
         self.now = 0.0
         self.dt = period
         self.on_tick: Callable[[], None] = lambda: None
-        """Called when the timer has returned, while the clock still shows the period before."""
+        """Function that is called when the timer has returned, while the clock still shows the period before."""
 
     def advance(self, missed: int) -> None:
         """The timer was read: 0 after it blocked for one tick, else the ticks that had already passed."""

@@ -75,7 +75,7 @@ class Scales:
         self.defaults = np.array([_default(wire) for wire in wires], float)
         """The default of an actuator."""
         self.default_raws = np.array([raw or 0 for raw in default_raws], np.int64)
-        """Its raw integer."""
+        """Raw integer of the default."""
         self.linearizations: list[Linearization | None] = [wire.linearization for wire in wires]
 
 
@@ -116,7 +116,7 @@ class Block:
         self.view = self.buffer.data
         """The same as a memoryview: between two of these a copy takes a third of numpy's time."""
         self.unread = np.full(self.count, UNREAD).data
-        """Inputs: what the buffer has before a transfer."""
+        """Inputs: contents of the buffer before a transfer."""
         self.transfer: Callable[[Any, IntArray], None]
         """The driver's block transfer, as the transfer stage calls it."""
         self.convert: Callable[[float], list[tuple[int, float]]]

@@ -66,7 +66,7 @@ class connect(Generic[C]):
         self._acknowledge = acknowledge
         self.stop = StopFlag()
         self.on_step: Callable[[], object] = lambda: None
-        """Called before every call of a driver while connecting and disconnecting: a sign of life."""
+        """Function that is called before every call of a driver while connecting and disconnecting: a sign of life."""
         self.pause: Callable[[float], object] = time.sleep
         """The function that waits (in s) before the second reset."""
         self.reached = True
@@ -74,7 +74,7 @@ class connect(Generic[C]):
         self.reports: dict[str, Mapping[str, Any]] = {}
         """Reports of the drivers on their circuits or plants (Driver.report), by driver; empty before the end."""
         self.afterwards: list[Callable[[], object]] = []
-        """Called when the actuators have been reset and the last period has been shown."""
+        """Functions that are called when the actuators have been reset and the last period has been shown."""
         self.custody: Custody | None = None
         """The owner of the devices, if not the connection itself."""
         self.wired: Wired

@@ -23,12 +23,12 @@ from umo.objects.linearization import Linearizations
 from umo.objects.scaling import FloatArray, IntArray, to_raws
 
 extension: Any = None
-"""None: it was not built, and numpy does its work."""
+"""The extension in C; None: it was not built, and numpy does its work."""
 with suppress(ImportError):
     extension = import_module("umo.cycle._columns")
 ROUNDING = 1.5 * 2.0**52
-"""A number below 2**51 that is added to it is rounded to a whole number, half to even, which is then the difference of
-the two floats' bits: a fifth of the time of numpy's rint and its conversion to integers."""
+"""Number that rounds: one below 2**51 that is added to it becomes a whole number, half to even, which is then the
+difference of the two floats' bits: a fifth of the time of numpy's rint and its conversion to integers."""
 
 
 def convert_inputs(block: Block, columns: Columns, scales: Scales, hidden: Mapping[int, Sequence[int]]) -> None:

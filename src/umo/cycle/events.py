@@ -7,9 +7,9 @@ from enum import IntEnum
 from typing import NamedTuple
 
 KEPT_EVENTS = 1000
-"""The last ones that are kept."""
+"""Number of the last events that are kept."""
 EVENT_TEXT_BYTES = 448
-"""Bytes of an event's text that others see, UTF-8."""
+"""Length of an event's text that others see, bytes of UTF-8."""
 
 
 class CommandState(IntEnum):
@@ -21,9 +21,9 @@ class CommandState(IntEnum):
     """An action has begun; another event tells its end."""
     DONE = 2
     REFUSED = 3
-    """Not allowed, or not valid: nothing was changed."""
+    """The command is not allowed, or not valid: nothing was changed."""
     FAILED = 4
-    """It was carried out, and failed."""
+    """The command was carried out, and failed."""
     CANCELLED = 5
 
     def __str__(self) -> str:
@@ -47,7 +47,7 @@ class Event(NamedTuple):
 
 
 class Events(deque[Event]):
-    """The last ones; `number` counts all."""
+    """The last events; `number` counts all."""
 
     def __init__(self) -> None:
         super().__init__(maxlen=KEPT_EVENTS)

@@ -13,7 +13,7 @@ from umo.user_code import as_json, attempt
 
 log = logging.getLogger("umo")
 MAX_OBSERVER_TEXT = 200
-"""Characters of an observer in the log."""
+"""Length of an observer's name in the log at most, characters."""
 
 
 class Signal(NamedTuple):
@@ -27,7 +27,7 @@ class Signal(NamedTuple):
 
 
 def signals_of(numbers: Mapping[str, MachineNumber]) -> tuple[Signal, ...]:
-    """Those of a machine's numbers that are shown."""
+    """The numbers of a machine that are shown."""
     shown = (each for each in numbers.values() if each.declared.shown)
     return tuple(Signal(each.path, each.declared.unit, each.owner, each.name) for each in shown)
 
@@ -47,15 +47,15 @@ class Frame:
         self.signal_values: list[float] = []
         """The value of each signal."""
         self.number = 0
-        """Ticks since connecting."""
+        """Number of ticks since connecting."""
         self.time = 0.0
-        """s on the cycle's clock."""
+        """Time in s on the cycle's clock."""
         self.missed = 0
-        """Ticks that had already passed when the timer was read."""
+        """Number of ticks that had already passed when the timer was read."""
         self.began = 0
         """Time at which the timer returned, in ns of CLOCK_MONOTONIC."""
         self.execution = 0.0
-        """s of wall-clock time from the timer's return to the end of `update`."""
+        """Wall-clock time in s from the timer's return to the end of `update`."""
         self.progress = Progress()
         """The progress that the machine told last."""
 

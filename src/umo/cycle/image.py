@@ -34,13 +34,13 @@ from umo.wiring.resolved import Wire, Wired
 
 log = logging.getLogger("umo")
 MARKED_LOG_INTERVAL = 10.0
-"""Time in s for which a sensor that is marked BAD again is not logged again."""
+"""Least time in s between two lines of the log about one sensor that is marked BAD."""
 NO_SLOTS: Set[int] = frozenset()
 """No slots."""
 NO_TICK = -1.0
 """Result of reading the timer when a stop has ended the wait."""
 MAX_OFFSET_RAW = 2.0**62
-"""Size of raw integers up to which a zero offset is one."""
+"""Largest zero offset that is accepted, in raw integers."""
 
 
 class Gate(link.Commands, Protocol):
@@ -86,8 +86,9 @@ class Image:
         """Asynchronous actuators whose default the device did not accept. The defaults of the others are sent by every
         `update`."""
         self._marked: list[Failure] = []
-        """Sensors that were marked BAD and not logged yet."""
-        self._tell_again: dict[int, float] = {}
+        """Failures of the sensors that were marked BAD and not logged yet."""
+        self._next_log: dict[int, float] = {}
+        """Time in s from which a marked sensor is logged again, by slot."""
         self.invalid_raws = {slot: raws for slot in range(count) if (raws := self._invalid(slot))}
         self.base = [
             Quality.UNREFERENCED if isinstance(item, DigitalSensor) and item.incremental else Quality.GOOD
@@ -153,7 +154,7 @@ class Image:
             if outside or block.unsettled:
                 self._settle(block, outside, now, failures)
         if failures or self.sampled_good is None:
-            self._tell_marked()
+            self._log_marked()
             if failures:
                 raise DriverError("could not be read", failures)
             self.sampled_good = not any(self.quality[self.sampled])
@@ -225,7 +226,7 @@ class Image:
                 self._accept(slot, raw, failures)
             else:  # the clock must not jump: every law and every timeout counts on it
                 self._fail_input(slot, f"read {raw} missed periods, which is outside its range", failures)
-        self._tell_marked()
+        self._log_marked()
         if failures:
             raise DriverError("could not be read", failures)
         value: float = self.values[slot]
@@ -238,7 +239,7 @@ class Image:
                 self._fail_input(slot, found, failures)
             else:
                 self._accept(slot, found, failures)
-        self._tell_marked()
+        self._log_marked()
         if failures:
             raise DriverError("could not be read", failures)
         return all(self.quality[slot] == Quality.GOOD for slot in slots)
@@ -452,13 +453,13 @@ class Image:
         elif item._marks:
             if self.quality[slot] != Quality.BAD:
                 self._set_quality(slot, Quality.BAD)
-                if self.clock.now >= self._tell_again.get(slot, 0.0):
-                    self._tell_again[slot] = self.clock.now + MARKED_LOG_INTERVAL
+                if self.clock.now >= self._next_log.get(slot, 0.0):
+                    self._next_log[slot] = self.clock.now + MARKED_LOG_INTERVAL
                     self._marked.append(self.transfer.failure(slot, cause))
         else:
             self._fail_output(slot, cause, failures)
 
-    def _tell_marked(self) -> None:
+    def _log_marked(self) -> None:
         """Log together what was marked BAD together: a thousand lines would take longer than a period."""
         if self._marked:
             log.warning("%s", DriverError("marked BAD", self._marked))

@@ -14,7 +14,7 @@ from umo.objects.paths import atoms, walk
 from umo.user_code import as_json, told, told_as
 
 MAX_RESULT_TEXT = 100
-"""Characters of a result that is not one."""
+"""Length of a wrong result of a condition in its message at most, characters."""
 
 
 @dataclass(eq=False)

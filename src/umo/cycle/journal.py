@@ -11,11 +11,11 @@ import struct
 from enum import IntEnum
 
 ENTRY = struct.Struct("<IHHqq")
-"""Slot, kind, error, raw, before: 24 bytes."""
+"""An entry: slot, kind, error, raw, before; 24 bytes."""
 CAPACITY = 4096
-"""Entries of one period that are kept, beside one for each object: all may fail in a period."""
+"""Number of entries of one period that are kept, beside one for each object: all may fail in a period."""
 NEVER = -1
-"""The transfer of the whole machine did not take place in this period."""
+"""Number in the place of a count: the transfer of the whole machine did not take place in this period."""
 
 
 class Kind(IntEnum):
@@ -35,10 +35,10 @@ class Kind(IntEnum):
 
 
 class ErrorKind(IntEnum):
-    """What a call of a driver failed by; the numbers stand in frames."""
+    """The cause of a driver's failed call; the numbers stand in frames."""
 
     NONE = 0
-    """It did not fail."""
+    """The call did not fail."""
     OTHER = 1
     TIMEOUT = 2
     """The device did not answer in time."""
@@ -47,7 +47,7 @@ class ErrorKind(IntEnum):
 
     @classmethod
     def of(cls, error: BaseException) -> ErrorKind:
-        """That of a call that failed as a whole."""
+        """The kind of a call that failed as a whole."""
         return cls.TIMEOUT if isinstance(error, TimeoutError) else cls.OTHER
 
 
@@ -61,9 +61,9 @@ class Journal:
         self.capacity = capacity
         self.buffer = bytearray(capacity * ENTRY.size)
         self.count = 0
-        """Entries of this period so far."""
+        """Number of entries of this period so far."""
         self.lost = 0
-        """Entries of this period that were dropped because the journal was full."""
+        """Number of entries of this period that were dropped because the journal was full."""
         self.sampled = NEVER
         """Number of entries before the sample of the whole machine; NEVER before it took place."""
         self.updated = NEVER

@@ -36,7 +36,7 @@ class Commanding(Protocol):
     lease: Lease
     inbox: Inbox
     at_work: Sequences | None
-    """An action from outside is being carried out at this moment: what it starts belongs here."""
+    """The sequences of the action that is being carried out at this moment: what it starts belongs here."""
 
     def look(self) -> None:
         """Once per period, before the sequences: take what has come in, go on with what runs."""
@@ -78,9 +78,9 @@ class ConnectedMachine:
         self._acts: dict[int, list[Callable[[], None]]] = {}
         self._started = 0
         self._unsent = False
-        """An `update` waits for the next tick."""
+        """Whether an `update` waits for the next tick."""
         self.period_open = False
-        """A period has begun and its frame was not shown yet."""
+        """Whether a period has begun and its frame was not shown yet."""
         self.clock.on_tick = self._tick
         image.connect(self.commands)
         self._compounds = [root, *(node for node in walk(root) if isinstance(node, Compound))]

@@ -16,6 +16,7 @@ from umo.drivers.contract import Channel, Driver
 from umo.errors import ChannelsFailed
 
 UNKNOWN = -1
+"""Number in the place of a duration that is not known."""
 
 
 class Phases:

@@ -26,6 +26,7 @@ Sequence = Coroutine[Any, Any, Any]
 _PERIOD = object()
 """The only object that a sequence may yield to the cycle; anything else, even None, is an error."""
 AWAITABLE_HINT = "a sequence can await only the functions of umo.control"
+"""Words of a message: what a sequence can await."""
 _ADVANCING: list[Task] = []
 """The sequences that take a step just now, the innermost last."""
 
@@ -129,6 +130,7 @@ class timeout:
             raise TimeExpired(f"the block did not end within {self._limit:g} s ({place})") from None
 
     def count(self, tick: Clock) -> None:
+        """A period has passed for the block."""
         self._passed += tick.ticks
 
     def expires(self, tick: Clock) -> Cancelled | None:
@@ -303,7 +305,7 @@ class Sequences:
         self._tasks: list[Task] = []
         self._advancing = False
         self.paused = False
-        """They are not advanced; no time passes for them."""
+        """Whether they are not advanced: no time passes for them."""
 
     @property
     def running(self) -> bool:

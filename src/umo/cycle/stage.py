@@ -13,11 +13,11 @@ class Stage(IntEnum):
     """The stage of a run; the numbers stand in shared memory, so they keep their meaning."""
 
     STARTING = 0
-    """Its drivers are being opened, its objects initialised."""
+    """The drivers are being opened, the objects initialised."""
     RUNNING = 1
     """The loop runs."""
     STOPPING = 2
-    """Its actuators are being brought to their defaults, its drivers closed."""
+    """The actuators are being brought to their defaults, the drivers closed."""
     ENDED = 3
     """The run has ended, or its processes have."""
 
@@ -31,7 +31,7 @@ class Progress(NamedTuple):
     text: str = ""
     done: int = 0
     total: int = 0
-    """0: not known."""
+    """The whole of the work; 0: not known."""
 
     def then(self, text: str, done: int | None, total: int | None) -> Progress:
         """The next one; numbers that are None stay. RangeError unless they are whole and 0 or more."""

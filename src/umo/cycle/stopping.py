@@ -40,7 +40,7 @@ class StopFlag:
         self.time_over = False
         """Whether a `TimeLimit` has requested it."""
         self.end_wait: Callable[[], object] = lambda: None
-        """Called at each request: the machine's timer does not wait any longer."""
+        """Function that is called at each request: the machine's timer does not wait any longer."""
 
     def install(self) -> None:
         """Start listening."""

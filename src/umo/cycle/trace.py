@@ -16,10 +16,11 @@ from umo.objects.description import described
 from umo.presentation.in_words import file_form
 
 MAX_ROWS = 100_000
+"""Number of rows of a trace at most."""
 MAX_BYTES = 32_000_000
 """Size of a trace at most, with the copy that is made while it grows or is thinned."""
 MAX_NOTES = 4096
-"""The most texts of the progress that are kept; of more, every second one is dropped."""
+"""Number of texts of the progress that are kept at most; of more, every second one is dropped."""
 HALVINGS = 6
 """Number of times that its room is doubled: it begins with a 64th of its rows."""
 
@@ -31,7 +32,7 @@ class Statistics:
         self._times = np.empty(capacity, np.float32)
         self.periods = 0
         self.missed = 0
-        """Ticks that had passed when the timer was read: the periods that came too late."""
+        """Number of ticks that had passed when the timer was read: the periods that came too late."""
 
     def __call__(self, frame: Frame) -> None:
         self._times[self.periods % len(self._times)] = frame.execution * 1e6
@@ -57,11 +58,11 @@ class Trace:
         self._capacity = rows
         self._rows: npt.NDArray[np.float64] | None = None
         self._used = 0
-        self._seen = 0
+        self._periods = 0
         self.items: list[Atomic] = []
         self.signals: Sequence[Signal] = ()
         self.stride = 1
-        """Every how many periods a row was kept."""
+        """Number of periods for which one row was kept."""
         self.notes: list[tuple[float, str]] = []
         """The texts of the progress, each with the time in s at which it began."""
 
@@ -71,10 +72,10 @@ class Trace:
             self.notes.append((frame.time, text))
             if len(self.notes) > MAX_NOTES:
                 del self.notes[1:-1:2]
-        self._seen += 1
+        self._periods += 1
         if self._used == len(rows):
             rows = self._grow(rows) if self._used < self._capacity else self._thin(rows)
-        if (self._seen - 1) % self.stride:
+        if (self._periods - 1) % self.stride:
             rows[self._used - 1, 1] += frame.missed  # none is lost with the rows that are not kept
             return
         row = rows[self._used]
@@ -88,8 +89,8 @@ class Trace:
     def _begin(self, frame: Frame) -> npt.NDArray[np.float64]:
         self.items, self.signals = list(frame.items), frame.signals
         columns = 3 + len(self.items) + len(self.signals)
-        most = MAX_BYTES * 2 // 3 // (columns * 8)  # all rows and half as many again, which is the copy
-        self._capacity = max(2, min(self._capacity, most))
+        affordable = MAX_BYTES * 2 // 3 // (columns * 8)  # all rows and half as many again, which is the copy
+        self._capacity = max(2, min(self._capacity, affordable))
         self._rows = np.empty((max(1, self._capacity >> HALVINGS), columns))
         return self._rows
 

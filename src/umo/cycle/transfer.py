@@ -25,12 +25,14 @@ from umo.wiring.resolved import Wire, Wired
 SETTLE = 0.25
 """Minimum time in s for a device to carry out requests that are still pending."""
 MAX_SETTLE = 1.0
+"""Maximum of the same for a device with a long timeout."""
 FAILURES = (Exception, SystemExit)
 """Errors of a driver's call: a SystemExit would end the program as if all were well."""
 UNCONTROLLED_TIMEOUT = 3.0
-"""s that a driver may take for a call while nothing is controlled: when connecting, and for the guardian's resets. A
-device that serves one connection at a time may need long to let go of the one before."""
+"""Timeout in s of a driver's call while nothing is controlled: when connecting, and for the guardian's resets. A device
+that serves one connection at a time may need long to let go of the one before."""
 WAIT_SLICE = 0.05
+"""Time in s between two signs of life while waiting."""
 LATE_TIME = 0.5
 """Time in s, plus twice its timeout, for which a driver that timed out is served last."""
 T = TypeVar("T")
@@ -75,7 +77,7 @@ class Transfer:
         self.journal: Journal | None = None
         """The journal of transfers of single objects; None if it is not used."""
         self.on_call: Callable[[], object] = lambda: None
-        """Called before each call that is not part of a period: a sign of life."""
+        """Function that is called before each call that is not part of a period: a sign of life."""
         self.tick: Callable[[Channel], int]
         """The read of the timer."""
         self.defaults = [wire.default for wire in wires]
@@ -88,7 +90,7 @@ class Transfer:
         self._late: dict[int, float] = {}
         """Drivers (by id) that timed out, with the time of the timeout."""
         self.unsure = False
-        """True: a write to hardware failed, and the device may still carry it out."""
+        """Whether a write to hardware failed, which the device may still carry out."""
 
     # Whole drivers -------------------------------------------------------------------------------------
 

@@ -23,7 +23,9 @@ F = TypeVar("F", bound=Callable[..., Any])
 Declared = Range | Callable[[Any], Range]
 """Unit and range of an argument, or a function that takes the compound and returns them."""
 MARK = "__umo_action__"
+"""Attribute of a method that the decorator has marked."""
 KINDS: Mapping[Any, str] = {float: "number", int: "integer", bool: "bool", str: "text"}
+"""Kinds of arguments by their types."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,7 @@ class Argument:
 
     name: str
     kind: str
-    """"number", "integer", "bool", "text" or "choice"."""
+    """The kind of its values: "number", "integer", "bool", "text" or "choice"."""
     range: Range | None
     """Unit and bounds of a number; None for any other kind."""
     choices: Mapping[str, Any]
@@ -128,7 +130,7 @@ class Action:
     arguments: tuple[Argument, ...]
     harmless: bool
     release: Callable[[], Any] | None
-    """Ends what the action began, under dead-man control; None: the action ends by itself."""
+    """Method that ends what the action began, under dead-man control; None: the action ends by itself."""
     help: str
 
     def converted(self, given: Mapping[str, Any]) -> dict[str, Any]:

@@ -32,7 +32,7 @@ class Atomic(Node):
     __slots__ = ("_image", "_slot", "_synchronous")
 
     direction: ClassVar[Direction]
-    """OUTPUT: an actuator, with `write` and `update`. INPUT: a sensor, with `sample`."""
+    """Direction of the value: OUTPUT: an actuator, with `write` and `update`; INPUT: a sensor, with `sample`."""
     _image: Image
 
     def __init__(self, synchronous: bool) -> None:

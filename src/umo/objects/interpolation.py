@@ -16,6 +16,7 @@ import numpy as np
 from umo.objects.scaling import FloatArray, IntArray
 
 NEWTON_STEPS = 6
+"""Number of steps of Newton's method to the inverse."""
 Function = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Values and derivatives at an array of x."""
 

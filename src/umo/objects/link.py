@@ -34,17 +34,18 @@ class Image(Protocol):
     """The process image: an object's slot is an index into each of these."""
 
     restrictions: memoryview
-    """Actuators: 0 if a value within the range may be stored in `pending`; otherwise `command` is to be asked."""
+    """Restrictions of actuators: 0 if a value within the range may be stored in `pending`; otherwise `command` is to be
+    asked."""
 
     values: memoryview[float]
-    """Sensors: the value last kept. Actuators: the value last accepted by the hardware."""
+    """Values: of sensors as last kept, of actuators as last accepted by the hardware."""
     pending: memoryview[float]
-    """Actuators: the value written and not yet sent."""
+    """Values of actuators as written, to be sent."""
     raws: memoryview
     """The raw integers that belong to `values`."""
     quality: memoryview
     times: memoryview[float]
-    """Seconds on the cycle's clock."""
+    """Times of the values, s on the cycle's clock."""
     wire_texts: Sequence[str]
     """The wiring of each object, such as `box:coil:3 inverted`."""
     sampled_good: bool | None
@@ -82,7 +83,7 @@ class Clock(Protocol):
     period: float
     dt: float
     ticks: int
-    """Ticks that the last read of the timer consumed; above 1: periods were missed."""
+    """Number of ticks that the last read of the timer consumed; above 1: periods were missed."""
 
     @property
     def now(self) -> float: ...

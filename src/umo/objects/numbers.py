@@ -39,7 +39,7 @@ class MachineNumber(NamedTuple):
     owner: Any
     name: str
     kind: type | None
-    """bool, int, float, str or an Enum; None: a number without an annotation, which stays an int as long as it is
+    """Type: bool, int, float, str or an Enum; None: a number without an annotation, which stays an int as long as it is
     whole."""
     is_field: bool
     """Whether it is a field of a compound, of which `setup` may make others."""
@@ -276,3 +276,4 @@ def _kind_of(value: Any) -> type | None:
 
 
 ANY_NUMBER = Number()
+"""A number without a unit and bounds."""

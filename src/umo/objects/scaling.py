@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 BOUND_TOLERANCE = 1e-6
-"""Bounds of a bit."""
+"""Tolerance of the bounds of a range, in raw integers: rounding errors of the division."""
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]

@@ -68,6 +68,7 @@ _K = (
     ),
 )
 CELLS = 2048
+"""Number of cells in which a reference function is interpolated."""
 KINDS = {"K": (_K, 1372.0)}
 """Reference functions by ranges, and the end of the last one in degC."""
 

@@ -34,7 +34,7 @@ _POWER = r"(?:\s*(?:\*\*|\^)\s*[-+]?\d\d?(?:\.\d)?|⁻?[⁰¹²³⁴-⁹]{1,2})?
 _FACTOR = rf"(?:1|{_NAME}{_POWER})"
 _PRODUCT = rf"{_FACTOR}(?:(?:\s*[*/·⋅]\s*|\s+){_FACTOR})*"
 _UNIT = re.compile(rf"\s*(?:{_PRODUCT}(?:\s*/\s*\({_PRODUCT}\))?)?\s*")
-"""Names, their products and quotients and small powers: pint would calculate "9**9**9 mm" for hours."""
+"""Form of a unit: names, their products and quotients and small powers. pint would calculate "9**9**9 mm" for hours."""
 MAX_LENGTH = 100
 """Length of a unit at most, characters."""
 LOGARITHMIC_DIGITS = 12

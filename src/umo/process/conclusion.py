@@ -21,7 +21,7 @@ from umo.text import in_brackets
 
 STANDBY = "standby guardian"
 SPARE_DESCRIPTORS = 16
-"""Descriptors kept free for the end: the drivers need them."""
+"""Number of descriptors kept free for the end: the drivers need them."""
 
 
 class Conclusion:

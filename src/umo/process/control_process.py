@@ -42,7 +42,7 @@ from umo.system.streams import say_without_waiting
 from umo.text import Moment, in_brackets
 
 RESUMING_TIMEOUT = 0.1
-"""s in which a guardian gives a sign of life when a suspended computer goes on: five looks."""
+"""Timeout in s for a guardian's sign of life when a suspended computer goes on: five looks."""
 
 OOM_SCORE_CHANGE = 100
 """Change of the control process's score for the kernel's choice when memory runs out: a guardian is left to reset."""
@@ -71,10 +71,10 @@ class Control:
         self._hang = plan.wired.process.hang_timeout
         self._unwatched_limit = guardian_limit(self._hang)
         self._watchdog = min(plan.wired.watchdogs.values(), default=inf)
-        """s without a period after which a circuit may have reset its outputs by itself."""
+        """Time in s without a period after which a circuit may have reset its outputs by itself."""
         self._gap = min(self._hang, self._watchdog)
         self._most_excused = (STARVED_LIMITS - 1) * self._hang
-        """s for which others may keep this process from running."""
+        """Time in s for which others may keep this process from running."""
         self._alarm = ""
         self._order = stop_sequence(plan.machine)
         self._connection: connect[Any] | None = None

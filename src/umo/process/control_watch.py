@@ -17,9 +17,9 @@ from umo.text import in_brackets, place_among
 WHERE_SIGNAL = signal.SIGUSR2
 """Signal at which the control process writes down where its Python code stands."""
 UNABLE_STATES = "TtDX"
-"""States in which it cannot: stopped, in a call of the kernel that no signal ends, gone."""
+"""States of a process that cannot do that: stopped, in a call of the kernel that no signal ends, gone."""
 WHERE_TIMEOUT = 0.05
-"""Timeout in s for that; a process that has a processor needs 0.1 ms. The machine is reset afterwards."""
+"""Timeout in s for what it writes; a process that has a processor needs 0.1 ms. The machine is reset afterwards."""
 
 
 class ControlWatch:

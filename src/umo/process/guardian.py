@@ -91,9 +91,9 @@ class Guardian:
         self._life = Life()
         self._stop: int | None = None
         self._asked = False
-        self._deaf = 0
+        self._deaf_looks = 0
         """The number of looks one after the other in which listening failed."""
-        self._told: set[str] = set()
+        self._said: set[str] = set()
         self._is_standby = False
         self._control: ControlWatch | None = None
         self._traces = tempfile.TemporaryFile()  # noqa: SIM115  (as long as the process)
@@ -209,8 +209,8 @@ class Guardian:
     def _look_around(self) -> None:
         """The steps between two looks at the control process, which is watched on whatever fails in them. If nobody can
         ask for a stop any more, the guardian does."""
-        self._deaf = 0 if self._try(self._listen) else self._deaf + 1
-        if self._deaf == MAX_DEAF_LOOKS:
+        self._deaf_looks = 0 if self._try(self._listen) else self._deaf_looks + 1
+        if self._deaf_looks == MAX_DEAF_LOOKS:
             self._stop = self._stop or signal.SIGTERM
             self._try(self._pass_on)
         self._try(self._watcher.look)
@@ -233,8 +233,8 @@ class Guardian:
 
     def _say(self, text: str) -> None:
         """Tell the user once."""
-        if text not in self._told:
-            self._told.add(text)
+        if text not in self._said:
+            self._said.add(text)
             self._channel.send("notice", text=text)
 
     def _ask(self, number: int, frame: object) -> None:

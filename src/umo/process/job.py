@@ -23,7 +23,7 @@ from umo.wiring import Wired, resolve, share
 from umo.wiring.plain import as_plain
 
 MAIN_MODULE = "__umo_main__"
-"""The user's own script, imported again in the new process under this name."""
+"""Name under which the user's own script is imported again in the new process."""
 
 
 @dataclass
@@ -38,9 +38,9 @@ class Job:
     options: dict[str, Any] = field(default_factory=dict)
     acknowledge: bool = False
     manual: bool = False
-    """Start in manual mode: the application waits until the mode is automatic."""
+    """Whether it starts in manual mode: the application waits until the mode is automatic."""
     until: float | None = None
-    """s on the machine's clock at which it is stopped."""
+    """Time in s on the machine's clock at which it is stopped."""
     path: list[str] = field(default_factory=lambda: list(sys.path))
     script: str | None = None
     """The file that `__main__` came from, if a function of it is meant."""

@@ -18,11 +18,11 @@ from enum import IntEnum
 from umo.cycle.stage import Stage
 
 MUTEX_BYTES = 64
-"""Bytes set aside for a pthread_mutex_t: 40 on x86-64, 48 on AArch64."""
+"""Room for a pthread_mutex_t, bytes: it takes 40 on x86-64, 48 on AArch64."""
 CLOCK_MONOTONIC = 1
 PROCESS_SHARED = ROBUST = 1
 CLOCK = getattr(time, "CLOCK_BOOTTIME", getattr(time, "CLOCK_MONOTONIC", 0))
-"""Goes on while the computer is suspended."""
+"""Clock of the signs of life: it goes on while the computer is suspended."""
 
 
 class Who(IntEnum):
@@ -39,7 +39,7 @@ STAGE, BEAT, ASKED, WATCH, ADMITTED, CONCLUDING, REPORT_LENGTH, OUTCOME_LENGTH, 
 CELLS = 16
 TABLE = MUTEX_BYTES * len(Who)
 MAX_REPORT_BYTES = 1 << 16
-"""Bytes of a report."""
+"""Length of a report at most, bytes."""
 HOLD_LIMIT = 1.0
 """Timeout in s for the process's own lock, which others take for microseconds to test it."""
 REPORT_AT = TABLE + 8 * CELLS

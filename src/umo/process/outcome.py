@@ -57,7 +57,7 @@ class Failed:
     name: str
     message: str
     status: int
-    """1: the machine or its control code failed. 2: the user's mistake. 3: an output was not reached."""
+    """Exit status: 1: the machine or its control code failed. 2: the user's mistake. 3: an output was not reached."""
     traceback: str = ""
 
     def cut(self, longest: int) -> Failed:
@@ -86,12 +86,12 @@ class Outcome:
     driven: bool = False
     """Whether the machine was connected whole: every object initialised."""
     unsafe: bool = False
-    """True: the guardian had to reset the machine, or was lost. The next run must acknowledge this."""
+    """Whether the guardian had to reset the machine, or was lost. The next run must acknowledge this."""
     unreached: list[str] = field(default_factory=list)
     reports: dict[str, Any] = field(default_factory=dict)
     """Reports of the drivers on their circuits or plants, by the driver's name, as plain data."""
     simulated: float = 0.0
-    """Seconds on the cycle's clock."""
+    """Time on the cycle's clock at the end, s."""
     result: Any = None
     """The application's result, if it is plain data; else its text."""
 

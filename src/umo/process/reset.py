@@ -31,12 +31,13 @@ from umo.wiring import Wired
 CALL_MARGIN = 1.0
 """Time in s that a call of a driver may take in addition to twice its timeout."""
 ATTEMPT_PAUSE = 0.2
-"""s between two attempts."""
+"""Time in s between two attempts."""
 LOOK_INTERVAL = 0.0005
+"""Time in s between two looks at a process."""
 DEATH_TIMEOUT = 5.0
 """Time in s that a killed process may take to end."""
 SPARE_DESCRIPTORS = 16
-"""Descriptors that the child on standby keeps free for the drivers."""
+"""Number of descriptors that the child on standby keeps free for the drivers."""
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """The signals that ask a run to stop. A process that resets, or waits to do so, ignores them."""
 

@@ -14,7 +14,7 @@ from umo.process.life import clock
 BEAT, AT, DEAD = range(3)
 HEADER = 64
 CAUSE_BYTES = 300
-"""Bytes for the cause of a failure."""
+"""Room for the cause of a failure, bytes."""
 CAUSE_ENTRY = 1 + CAUSE_BYTES
 
 

@@ -15,7 +15,7 @@ from time import monotonic
 from umo.system.processes import running_on, state, title_of
 
 OVERLONG = 0.04
-"""s that a control process may work, or wait for a processor, before its guardian does something."""
+"""Time in s that a control process may work, or wait for a processor, before its guardian does something."""
 
 
 class Share:
@@ -33,7 +33,7 @@ class Share:
             self._file = os.open(f"/proc/{pid}/schedstat", os.O_RDONLY)
         self._last: tuple[float, float, float] | None = None
         self._priority = 0
-        """Its priority before it gave way; 0 if it has not."""
+        """Priority before it gave way; 0 if it has not."""
         self._ran = self._waited = 0.0
         self._other = ""
         """The process that had its core, and which that was, in words; empty if that is not known."""

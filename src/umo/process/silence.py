@@ -8,7 +8,7 @@ from umo.process.life import Life
 from umo.process.share import Share
 
 LOOK_INTERVAL = 0.02
-"""s between two looks of the guardian."""
+"""Time in s between two looks of the guardian."""
 MIN_SILENT_LOOKS = 3
 """The minimum number of looks without a sign of life before the control process counts as hung."""
 STARVED_LIMITS = 3
@@ -17,7 +17,7 @@ machine meanwhile."""
 STARTING_LIMIT = 30.0
 """Timeout in s of a step of connecting, in addition to two periods."""
 REPORTING_LIMIT = 5.0
-"""s that the control process may take for its report when the machine has been reset."""
+"""Timeout in s for the report of the control process when the machine has been reset."""
 
 MIN_GUARDIAN_LIMIT = 0.5
 """Minimum time in s without a sign of life before a guardian counts as lost: a busy computer delays it."""

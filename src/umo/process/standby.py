@@ -20,12 +20,12 @@ from umo.process.reset import DEATH_TIMEOUT, STOP_SIGNALS
 from umo.system.processes import ProcessHandle, carry_out, name_process
 
 LOOK_INTERVAL = 0.1
-"""s between two looks at the guardian's signs of life; its death is seen at once."""
+"""Time in s between two looks at the guardian's signs of life; its death is seen at once."""
 CONCLUDING_LIMIT = 30.0
 """Timeout in s for the guardian's signs of life while it resets the machine and records and tells its end: a call of a
 driver, or of a slow disk, may take long."""
 FORK_PAUSE = 1.0
-"""s from one standby guardian that could not be forked to the next try."""
+"""Time in s from one standby guardian that could not be forked to the next try."""
 
 
 class Standby:
@@ -102,10 +102,10 @@ class Standby:
     def _wait(self) -> None:
         """Wait until the guardian is dead, or has given no sign of life in so many looks: the whole computer may stand
         still for a while."""
-        seen = looks = 0
+        last = looks = 0
         while not self._life.gone(LOOK_INTERVAL, Who.GUARDIAN):
-            looks = looks + 1 if self._life.last_watch == seen else 0
-            seen = self._life.last_watch
+            looks = looks + 1 if self._life.last_watch == last else 0
+            last = self._life.last_watch
             if looks * LOOK_INTERVAL > (CONCLUDING_LIMIT if self._life.concluding else self._limit):
                 return
 

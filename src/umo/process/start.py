@@ -34,10 +34,10 @@ from umo.text import some
 
 LINUX = sys.platform.startswith("linux")
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-"""The loop's process holds one thread; numpy's own would be started with it."""
+"""Environment in which numpy starts no threads of its own: the loop's process holds one."""
 
 STOPPED_LOOK_INTERVAL = 0.5
-"""s between two looks for processes that were stopped by a signal."""
+"""Time in s between two looks for processes that were stopped by a signal."""
 STANDBY_END_TIMEOUT = 1.0
 """Timeout in s for the end of a standby guardian that has told the outcome."""
 

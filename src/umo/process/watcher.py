@@ -21,11 +21,11 @@ from umo.system import realtime
 from umo.text import Moment
 
 BLACK_BOX_INTERVAL = 10.0
-"""s from one black box of a missed period to the next."""
+"""Time in s from one black box of a missed period to the next at least."""
 AFTERMATH = 0.05
-"""s of what followed that are kept as well."""
+"""Time in s after a missed period that its black box holds as well."""
 BLACK_BOX_TIMEOUT = 5.0
-"""s that the end of a run waits for a black box that is being written."""
+"""Timeout in s at the end of a run for a black box that is being written."""
 
 
 class Watcher:
@@ -42,7 +42,7 @@ class Watcher:
         self._next = 0.0
         self._child = 0
         self._wanted = ""
-        """Why a black box is to be written as soon as the one before is finished."""
+        """Reason for which a black box is to be written as soon as the one before is finished; empty: none is."""
 
     def make(self) -> str:
         """Make the memory, which the control process inherits; why there is none, or ""."""
