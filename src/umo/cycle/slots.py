@@ -1,0 +1,279 @@
+"""The slots of the process image: the columns of a machine's numbers, their blocks, and what becomes of one object.
+
+Slot order: sampled inputs, updated outputs, then the asynchronous objects. A slot is judged here after its reading, or
+fails; what moves the slots is in `image.py`.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from math import inf, nan
+from typing import Any, cast
+
+import numpy as np
+
+from umo.cycle.clock import Clock
+from umo.cycle.columns import Block, Columns, Scales
+from umo.cycle.conversion import convert_inputs, convert_outputs
+from umo.cycle.transfer import Transfer, cause_of_failure
+from umo.drivers.contract import UNREAD, Direction
+from umo.errors import BadInput, DriverError, Failure, RangeError
+from umo.objects import Binary, DigitalSensor, Quality, Sensor
+from umo.objects.atomic import Digital
+from umo.objects.scaling import to_raw, to_value
+from umo.wiring.resolved import Wire, Wired
+
+log = logging.getLogger("umo")
+MARKED_LOG_INTERVAL = 10.0
+"""Least time in s between two lines of the log about one sensor that is marked BAD."""
+MAX_OFFSET_RAW = 2.0**62
+"""Largest zero offset that is accepted, in raw integers."""
+
+
+class Slots:
+    """The numbers of a machine's objects; an object holds its index, its slot."""
+
+    def __init__(self, wired: Wired, clock: Clock) -> None:
+        self.clock = clock
+        self.wires = sorted(wired.wires, key=_group_order(wired.wires))
+        self.items = [wire.item for wire in self.wires]
+        self.wire_texts: Sequence[str] = [wired.text_of(wire) for wire in self.wires]
+        self.slot_of = {id(item): slot for slot, item in enumerate(self.items)}
+        self.timer = -1 if wired.timer is None else self.slot_of[id(wired.timer)]
+        self._least_ticks, self._most_ticks = self.wires[self.timer].raw_bounds if wired.timer is not None else (0, 0)
+        count = len(self.wires)
+        self.columns = columns = Columns(count)
+        self.pending: Any = columns.pending.data
+        self.sent: Any = columns.sent.data
+        self.sent_raws: Any = columns.sent_raws.data
+        self.stepped: Any = columns.stepped.data
+        self.times: Any = columns.times.data
+        self.values: Any = columns.values.data
+        self.raws: Any = columns.raws.data
+        self.quality: Any = columns.quality.data
+        self.restrictions: Any = columns.restrictions.data
+        self.transfer = Transfer(self.wires, wired, self.timer, columns.raws)
+        self.scales = scales = Scales(self.wires, self.transfer.defaults)
+        self._low, self._high, self._defaults = scales.low.data, scales.high.data, scales.defaults.data
+        self.unsent: set[int] = set()
+        """Asynchronous actuators whose default the device did not accept. The defaults of the others are sent by every
+        `update`."""
+        self._marked: list[Failure] = []
+        """Failures of the sensors that were marked BAD and not logged yet."""
+        self._next_log: dict[int, float] = {}
+        """Time in s from which a marked sensor is logged again, by slot."""
+        self.invalid_raws = {slot: raws for slot in range(count) if (raws := self._invalid(slot))}
+        self.base = [
+            Quality.UNREFERENCED if isinstance(item, DigitalSensor) and item.incremental else Quality.GOOD
+            for item in self.items
+        ]
+        self.inputs = self._blocks(Direction.INPUT)
+        self.outputs = self._blocks(Direction.OUTPUT)
+        self.transfer.bind(self.inputs, self.outputs)
+        self.sampled_good: bool | None = None
+        """Whether all of `sampled` are GOOD; None: a quality has changed since the last check."""
+        self.sampled = slice(0, self.inputs[-1].stop if self.inputs else 0)
+        for block in self.inputs:
+            self._prepare(block)
+        for block in self.outputs:
+            convert_outputs(block, columns, scales)
+        for slot, item in enumerate(self.items):
+            if item.direction is Direction.OUTPUT:
+                self._set_quality(slot, Quality.GOOD)
+                self.set_default(slot)
+                self._give_default(slot)
+                self.values[slot] = self.sent[slot]  # a rate begins there
+            else:
+                self.values[slot] = nan  # nothing was read yet
+                self._set_quality(slot, Quality.BAD)
+
+    def _prepare(self, block: Block) -> None:
+        """An input block: a raw integer that the circuit reports as invalid gives a value that is out of bounds."""
+        hidden: dict[int, list[int]] = {}
+        for slot, raws in self.invalid_raws.items():
+            for raw in raws if block.start <= slot < block.stop else ():
+                if self._is_inside(slot, self.value_of(slot, raw)):
+                    hidden.setdefault(raw, []).append(slot - block.start)
+        convert_inputs(block, self.columns, self.scales, hidden)
+
+    def _blocks(self, direction: Direction) -> list[Block]:
+        inputs = direction is Direction.INPUT
+        slots = [s for s, item in enumerate(self.items) if item.synchronous and item.direction is direction]
+        blocks = []
+        for driver, group in self.transfer.by_driver(slots):
+            start, stop = group[0], group[-1] + 1
+            raws = np.zeros(len(group), np.int64) if inputs else self.columns.sent_raws[start:stop]
+            blocks.append(Block(driver, tuple(self.wires[slot].channel for slot in group), start, raws, inputs))
+        return blocks
+
+    def set_reading(self, slot: int, value: float) -> None:
+        """Change the zero offset of a digital sensor so that its last reading is this value."""
+        item = cast(Digital, self.items[slot])
+        if self.quality[slot] == Quality.BAD:
+            raise BadInput(item.path, Quality.BAD)
+        resolution = float(self.scales.resolution[slot])
+        raw = self.nearest(slot, self.values[slot])  # `raws` may be of a reading that failed
+        zero_offset = value - raw * resolution
+        if not abs(zero_offset / resolution) < MAX_OFFSET_RAW:
+            raise RangeError(f"{item.path}: {value:g} {item.units} is no place that it can have")
+        item._calibrate(item.calibration._replace(zero_offset=zero_offset))
+        self.scales.zero_offset[slot] = zero_offset
+        self.values[slot] = to_value(raw, resolution, zero_offset)
+        for block in self.inputs:
+            if block.start <= slot < block.stop:
+                self._prepare(block)
+
+    def set_referenced(self, slot: int, referenced: bool) -> None:
+        self.base[slot] = Quality.GOOD if referenced else Quality.UNREFERENCED
+        item, quality = cast(Sensor, self.items[slot]), self.quality[slot]
+        held = item._max_age is not None and item.synchronous and self.times[slot] < self.clock.now
+        if quality != Quality.BAD and not (held and referenced):
+            self._set_quality(slot, self._judge(slot, self.values[slot]))
+        elif quality == Quality.UNREFERENCED:  # the held value is referenced from now on, but it is still old
+            self._set_quality(slot, Quality.STALE)
+
+    def value_of(self, slot: int, raw: int) -> float:
+        """The value that a raw integer stands for."""
+        scales = self.scales
+        value = to_value(raw, scales.resolution.item(slot), scales.zero_offset.item(slot))
+        linearization = scales.linearizations[slot]
+        return value if linearization is None else linearization.to_value(value)
+
+    def nearest(self, slot: int, value: float) -> int:
+        """The raw integer nearest to a value, also outside the range."""
+        scales, linearization = self.scales, self.scales.linearizations[slot]
+        quantity = value if linearization is None else linearization.to_input(value)
+        return to_raw(quantity, scales.resolution.item(slot), scales.zero_offset.item(slot))
+
+    def set_default(self, slot: int) -> None:
+        """Its default is pending."""
+        self.pending[slot] = self._defaults[slot]
+
+    def _give_default(self, slot: int) -> None:
+        """Its default is what is sent next."""
+        self.sent[slot], self.sent_raws[slot] = self.pending[slot], self.transfer.defaults[slot]
+        self.stepped[slot] = self.clock.now
+
+    def _is_inside(self, slot: int, value: float) -> bool:
+        """Whether a sensor's value is GOOD."""
+        return self._low[slot] <= value <= self._high[slot]
+
+    def _judge(self, slot: int, value: float) -> Quality:
+        if self.base[slot] is not Quality.GOOD or self._is_inside(slot, value):
+            return self.base[slot]
+        return Quality.OUT_OF_RANGE
+
+    def _set_quality(self, slot: int, quality: Quality) -> None:
+        self.quality[slot] = int(quality)
+        self.sampled_good = None
+        if quality is not self.base[slot]:
+            for block in (*self.inputs, *self.outputs):
+                if block.start <= slot < block.stop:
+                    block.unsettled.add(slot)
+
+    def _settle(self, block: Block, outside: list[tuple[int, float]], now: float, failures: list[Failure]) -> None:
+        """The slow path of `sample`: something in the block is, or was, not as it should be."""
+        failed = {slot: (cause, self.times[slot]) for slot, _ in outside if (cause := self._refused(slot))}
+        for slot in block.unsettled - failed.keys():
+            self._set_quality(slot, self.base[slot])
+        block.unsettled &= failed.keys()
+        for slot, value in outside:
+            if slot not in failed:
+                self.values[slot] = value
+                self._set_quality(slot, self._judge(slot, value))
+        self.columns.times[block.slots] = now
+        for slot, (cause, time) in failed.items():
+            self.times[slot] = time
+            self._fail_input(slot, cause, failures)
+
+    def _invalid(self, slot: int) -> tuple[int, ...]:
+        """The raw integers that are not readings: those of the wiring, and the mark of a place that was not read where
+        it would lie within the range."""
+        unread = (UNREAD,) if self._is_inside(slot, self.value_of(slot, UNREAD)) else ()
+        return (*self.wires[slot].invalid_raws, *unread)
+
+    def _refused(self, slot: int) -> str:
+        """Why its raw value, which is in `raws`, is not a reading; empty if it is one."""
+        raw = self.raws[slot]
+        if raw == UNREAD:
+            return "the driver returned fewer values than channels"
+        if isinstance(self.items[slot], Binary):
+            return "" if raw in (0, 1) else f"read {raw}, but a binary channel reads 0 or 1"
+        return f"the circuit reports an invalid reading (raw {raw})" if raw in self.invalid_raws.get(slot, ()) else ""
+
+    def _accept(self, slot: int, raw: int, failures: list[Failure]) -> None:
+        """One sensor was read."""
+        try:
+            value = self.value_of(slot, raw)
+        except Exception as error:  # of a linearization of the user's
+            self._fail_input(slot, f"its linearization failed: {cause_of_failure(error)}", failures)
+            return
+        inside = self._is_inside(slot, value)
+        if (slot in self.invalid_raws or not inside) and (cause := self._refused(slot)):
+            self._fail_input(slot, cause, failures)
+            return
+        self.values[slot] = value
+        self.times[slot] = self.clock.now
+        if not inside or self.quality[slot] != self.base[slot]:
+            self._set_quality(slot, self._judge(slot, value))
+
+    def _accepted(self, slot: int) -> None:
+        """What was sent to one actuator is at the hardware."""
+        self.values[slot] = self.sent[slot]
+        self.times[slot] = self.clock.now
+        if self.stepped[slot] == inf:
+            self.stepped[slot] = self.clock.now
+        if self.quality[slot]:
+            self._set_quality(slot, Quality.GOOD)
+            self.unsent.discard(slot)
+
+    def _fail_input(self, slot: int, cause: str, failures: list[Failure]) -> None:
+        item = cast(Sensor, self.items[slot])
+        age = self.clock.now - self.times[slot]  # NaN before the first reading
+        if item._max_age is not None and age <= item._max_age:
+            if self.quality[slot] == Quality.GOOD:  # what was not good is no better for being held
+                self._set_quality(slot, Quality.STALE)
+        elif item._marks:
+            if self.quality[slot] != Quality.BAD:
+                self._set_quality(slot, Quality.BAD)
+                if self.clock.now >= self._next_log.get(slot, 0.0):
+                    self._next_log[slot] = self.clock.now + MARKED_LOG_INTERVAL
+                    self._marked.append(self.transfer.failure(slot, cause))
+        else:
+            self._fail_output(slot, cause, failures)
+
+    def _log_marked(self) -> None:
+        """Log together what was marked BAD together: a thousand lines would take longer than a period."""
+        if self._marked:
+            log.warning("%s", DriverError("marked BAD", self._marked))
+            self._marked = []
+
+    def _unconverted(self, slot: int, error: Exception, failures: list[Failure]) -> None:
+        """What is pending has no raw integer."""
+        self._fail_output(slot, f"its linearization failed: {cause_of_failure(error)}", failures)
+
+    def _fail_output(self, slot: int, cause: str, failures: list[Failure]) -> None:
+        self._keep_unsent(slot)
+        self._set_quality(slot, Quality.BAD)
+        failures.append(self.transfer.failure(slot, cause))
+
+    def _keep_unsent(self, slot: int) -> None:
+        """The device did not accept what is pending. A default is sent again, until it is accepted or another value is
+        written."""
+        item = self.items[slot]
+        if item.direction is Direction.OUTPUT and not item.synchronous:
+            at_default = self.pending[slot] == self._defaults[slot]
+            (self.unsent.add if at_default else self.unsent.discard)(slot)
+
+
+def _group_order(wires: Sequence[Wire]) -> Any:
+    """Sampled inputs, updated outputs, asynchronous; within each by driver, then as declared."""
+    drivers: dict[int, int] = {}
+    for wire in wires:
+        drivers.setdefault(id(wire.driver), len(drivers))
+
+    def key(wire: Wire) -> tuple[bool, bool, int]:
+        return not wire.item.synchronous, wire.item.direction is Direction.OUTPUT, drivers[id(wire.driver)]
+
+    return key
